@@ -1,0 +1,21 @@
+from . import estimators, laws, plants, signals
+from .controller import Controller
+from .errors import TarcError
+from .loop import simulate
+from .run import Run, Status
+from .scenario import Scenario
+from .version import __version__
+
+__all__ = [
+    "Controller",
+    "Run",
+    "Scenario",
+    "Status",
+    "TarcError",
+    "__version__",
+    "estimators",
+    "laws",
+    "plants",
+    "signals",
+    "simulate",
+]

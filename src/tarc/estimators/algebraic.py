@@ -1,0 +1,100 @@
+"""Algebraic (least-squares) derivative estimation over a sliding window."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import factorial
+from typing import Any
+
+import numpy as np
+
+from tarc import check
+from tarc.errors import TarcError
+from tarc.estimators.base import WindowedEstimator
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Algebraic(WindowedEstimator):
+    """Derivatives at the newest sample of the polynomial that fits the window best.
+
+    In continuous time q̂^(j)(t) = ∫_{−ς}^0 Ω_j(ψ) q(t+ψ) dψ with the kernel of `kernel`; in discrete time the exact
+    least-squares weights over the N + 1 newest samples, ς = N T, which tend to the kernel as N grows. Both are exact
+    on polynomials up to the degree Λ. No low-pass filter is needed: the window is one.
+
+    Parameters
+    ----------
+    window
+        ς [s], a whole multiple of the period.
+    degree
+        Λ; velocity needs 1, acceleration (and so every law that uses time-delay estimation) needs 2.
+
+    Raises
+    ------
+    TarcError
+        When the window holds fewer than degree + 1 samples or is no multiple of the period.
+
+    References
+    ----------
+    Paper, Lemma 2, with the sign of the kernel corrected; J. Reger and J. Jouffroy, 48th IEEE CDC, 2009.
+
+    Examples
+    --------
+    >>> from tarc.estimators import Algebraic
+    >>> Algebraic(window=0.002, degree=2).at(0.001).weights(2).round()   # second difference
+    array([ 1000000., -2000000.,  1000000.])
+    """
+
+    window: float
+    degree: int = 2
+
+    def __post_init__(self) -> None:
+        check.number("window", self.window, 0, strict=True)
+        if self.degree != int(self.degree) or not 1 <= self.degree <= 6:
+            raise TarcError(f"degree: got {self.degree!r}; needs a whole number from 1 to 6")
+        if self.period is not None and self.samples < self.degree + 1:
+            raise TarcError(
+                f"window: {self.window:g} s holds {self.samples} samples at a period of {self.period:g} s; degree "
+                f"{self.degree} needs {self.degree + 1}. Use window={self.degree * self.period:g} or more, or a "
+                "lower degree"
+            )
+
+    @property
+    def samples(self) -> int:
+        """N + 1, how many samples the window holds, both ends counted."""
+        return check.multiple("window", self.window, self.Ts) + 1
+
+    @property
+    def orders(self) -> int:
+        """Velocity, and acceleration from degree 2 on."""
+        return min(self.degree, 2)
+
+    def kernel(self, psi: Any, derivative: int = 1) -> np.ndarray:
+        """Continuous kernel Ω_j(ψ) [s^−(j+1)] for ψ in [−ς, 0].
+
+        Ω_j(ψ) = (Λ+1+j)! / (ς^{j+1} j! (Λ−j)!) Σ_k (Λ+1+k)! / ((j+k+1)(Λ−k)!(k!)²) (ψ/ς)^k. The factor (−1)^k that
+        the paper prints in the sum belongs to the convention with q(t−ψ) and is left out.
+        """
+        if derivative not in range(self.degree + 1):
+            raise TarcError(f"derivative: got {derivative!r}; a kernel of degree {self.degree} has 0 to {self.degree}")
+        n, j = self.degree, derivative
+        psi = np.asarray(psi, dtype=float)
+        scale = factorial(n + 1 + j) / (self.window ** (j + 1) * factorial(j) * factorial(n - j))
+        total = sum(
+            factorial(n + 1 + k) / ((j + k + 1) * factorial(n - k) * factorial(k) ** 2) * (psi / self.window) ** k
+            for k in range(n + 1)
+        )
+        return np.where((psi >= -self.window) & (psi <= 0), scale * total, 0.0)
+
+    def weights(self, derivative: int) -> np.ndarray:
+        """Least-squares weights [s^−j] of the N + 1 samples, newest first, for the derivative at the newest."""
+        return self._fit[derivative] * factorial(derivative) / self.window**derivative
+
+    @cached_property
+    def prediction(self) -> np.ndarray:
+        """Weights over the past window that give its polynomial's value one period on."""
+        return (1 / (self.samples - 1)) ** np.arange(self.degree + 1) @ self._fit
+
+    @cached_property
+    def _fit(self) -> np.ndarray:
+        """Rows: coefficients of the best polynomial in time over ς, from samples newest first."""
+        age = -np.linspace(0, 1, self.samples)
+        return np.linalg.pinv(np.vander(age, self.degree + 1, increasing=True))

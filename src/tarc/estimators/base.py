@@ -1,0 +1,211 @@
+"""What every estimator does: derivatives of a position from present and past samples of it."""
+
+from abc import abstractmethod
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
+
+import numpy as np
+
+from tarc import check, ops
+from tarc.errors import TarcError
+from tarc.system import System
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+class Estimate(NamedTuple):
+    """What an estimator makes of one more sample.
+
+    ``position`` is the measured one, or a prediction where the sample was missing; ``valid`` is 1 for each joint
+    whose sample came as a finite number, else 0.
+    """
+
+    position: Any
+    velocity: Any
+    acceleration: Any
+    valid: Any
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Estimator(System):
+    """A causal estimator of velocity and acceleration from positions, linear and time invariant.
+
+    It learns its period from the law it is given to, or by `at`. The analysis methods hold for any derivative
+    order that the estimator has: 0 position, 1 velocity, 2 acceleration.
+    """
+
+    period: float | None = None
+
+    def at(self, period: float) -> Self:
+        """The same estimator, running at this period [s]."""
+        if self.period is not None and abs(self.period - period) > 1e-9 * period:
+            raise TarcError(
+                f"estimator: it is set to a period of {self.period:g} s, the law runs at {period:g} s; leave the "
+                "estimator's period out"
+            )
+        return replace(self, period=check.number("period", period, 0, strict=True))
+
+    @property
+    def Ts(self) -> float:
+        """The period [s]; `TarcError` if it is not known yet."""
+        if self.period is None:
+            raise TarcError(
+                f"{type(self).__name__}: it has no period yet; use .at(1e-3), or hand it to a law, which sets it"
+            )
+        return self.period
+
+    @property
+    @abstractmethod
+    def orders(self) -> int:
+        """Highest derivative that it estimates."""
+
+    @abstractmethod
+    def transfer(self, derivative: int) -> tuple[np.ndarray, np.ndarray]:
+        """Numerator and denominator in powers of z⁻¹ from position to the derivative."""
+
+    @abstractmethod
+    def torque_average(self) -> "TorqueAverage":
+        """The filter that a torque must pass to be in step with the acceleration estimate (synchronised TDE)."""
+
+    @abstractmethod
+    def init(self, position: Any) -> Any:
+        """State with the window full of the first position [rad or m], shape (n,): assumes rest until then."""
+
+    @abstractmethod
+    def step(self, state: Any, value: Any) -> tuple[Any, Estimate]:
+        """Take the newest position, shape (n,); NaN or infinite elements are replaced by a prediction."""
+
+    def _transfer(self, derivative: int) -> tuple[np.ndarray, np.ndarray]:
+        if derivative not in range(self.orders + 1):
+            raise TarcError(
+                f"derivative: got {derivative!r}; {type(self).__name__} estimates orders 0 to {self.orders}"
+            )
+        return self.transfer(derivative)
+
+    def frequency_response(self, frequency: Any, derivative: int = 1) -> np.ndarray:
+        """Complex response H(e^{jωT}) from position to the derivative.
+
+        Parameters
+        ----------
+        frequency
+            ω [rad/s], any shape. The ideal is (jω)^derivative.
+        """
+        from scipy.signal import freqz
+
+        b, a = self._transfer(derivative)
+        omega = np.asarray(frequency, dtype=float)
+        _, response = freqz(b, a, worN=np.ravel(omega) * self.Ts)
+        return np.reshape(response, omega.shape)
+
+    def group_delay(self, derivative: int = 1) -> float:
+        """Group delay at low frequency [s]: how late a slow motion's derivative is seen.
+
+        With H(jω) = (jω)^j (1 − jωτ + …), τ = (−1)^j T^{j+1} Σ i^{j+1} w_i / (j+1)! for a window of weights w_i,
+        plus what a recursive part adds.
+        """
+        from math import factorial
+
+        b, a = self._transfer(derivative)
+        i = np.arange(len(b))
+        gain = b / a.sum()
+        delay = (-1) ** derivative * self.Ts ** (derivative + 1) * np.sum(i ** (derivative + 1) * gain)
+        return float(delay / factorial(derivative + 1) - self.Ts * np.sum(np.arange(len(a)) * a) / a.sum())
+
+    def noise_gain(self, derivative: int = 1) -> float:
+        """Standard deviation of the derivative for white position noise of standard deviation one.
+
+        The H2 norm (Σ w_i²)^½ of the filter's impulse response w.
+        """
+        from scipy.linalg import solve_discrete_lyapunov
+        from scipy.signal import tf2ss
+
+        b, a = self._transfer(derivative)
+        width = max(len(a), len(b))
+        A, B, C, D = tf2ss(np.pad(b, (0, width - len(b))), np.pad(a, (0, width - len(a))))
+        energy = (C @ solve_discrete_lyapunov(A, B @ B.T) @ C.T + D @ D.T).item() if A.size else (D @ D.T).item()
+        return float(np.sqrt(energy))
+
+    def plot(self) -> "Figure":
+        """Gain and delay of velocity and acceleration over frequency, against the ideal derivative."""
+        from tarc.report.figures import estimator_figure
+
+        return estimator_figure(self)
+
+
+class WindowState(NamedTuple):
+    """Past positions, newest first, shape (n, samples)."""
+
+    window: Any
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WindowedEstimator(Estimator):
+    """An estimator that is a fixed weighted sum over a window of samples, newest first."""
+
+    @abstractmethod
+    def weights(self, derivative: int) -> np.ndarray:
+        """Weights [s^−derivative] of the samples, newest first."""
+
+    @property
+    @abstractmethod
+    def prediction(self) -> np.ndarray:
+        """Weights over the past window that predict the sample to come."""
+
+    def transfer(self, derivative: int) -> tuple[np.ndarray, np.ndarray]:
+        """Numerator (the weights) and denominator one."""
+        return self.weights(derivative), np.ones(1)
+
+    def torque_average(self) -> "TorqueAverage":
+        """Synchronous weights c_j = T² Σ_{i≤j} w_i (j − i + ½) of the torques before this instant."""
+        return TorqueAverage(synchronous_weights(self.weights(2), self.Ts))
+
+    def init(self, position: Any) -> WindowState:
+        """State with the window full of the first position, shape (n,)."""
+        first = check.array("position", position)
+        return WindowState(np.repeat(first[:, None], len(self.prediction), axis=1))
+
+    def step(self, state: WindowState, value: Any) -> tuple[WindowState, Estimate]:
+        """q̂^(j) = Σ_i w_i^(j) q(k − i); a missing sample is the window polynomial's own prediction."""
+        valid = ops.finite(value)
+        window = ops.push(state.window, ops.where(valid, value, state.window @ self.prediction))
+        velocity = window @ self.weights(1)
+        acceleration = window @ self.weights(2) if self.orders > 1 else 0 * velocity
+        return WindowState(window), Estimate(window[:, 0], velocity, acceleration, valid)
+
+
+def synchronous_weights(acceleration_weights: np.ndarray, period: float) -> np.ndarray:
+    """Torque weights c_j, newest first, that pair with acceleration weights w_i under zero-order hold.
+
+    For q̈ held over each period, Σ_i w_i q(k−i) = Σ_j c_j q̈(k−1−j) with c_j = T² Σ_{i≤j} w_i (j − i + ½),
+    j = 0 … N−1; Σ c_j = 1.
+    """
+    w = np.asarray(acceleration_weights, dtype=float)
+    lag = np.arange(len(w) - 1)[:, None] - np.arange(len(w))[None, :]
+    return period**2 * np.where(lag >= 0, lag + 0.5, 0.0) @ w
+
+
+class AverageState(NamedTuple):
+    """Past values, newest first, shape (n, samples), and the filtered average, shape (n,)."""
+
+    history: Any
+    average: Any
+
+
+class TorqueAverage(System):
+    """Weighted average of past torques: the counterpart of an acceleration estimate in synchronised TDE."""
+
+    def __init__(self, weights: Any, pole: float = 0.0):
+        self.weights = check.array("weights", weights)
+        self.pole = pole
+
+    def init(self, torque: Any) -> AverageState:
+        """State as if this torque, shape (n,), had always been applied."""
+        torque = check.array("torque", torque)
+        return AverageState(np.repeat(torque[:, None], len(self.weights), axis=1), torque * self.weights.sum())
+
+    def step(self, state: AverageState, value: Any) -> tuple[AverageState, Any]:
+        """Take the newest past torque; the output is Σ_j c_j τ(k−1−j), low-passed where the estimate is."""
+        history = ops.push(state.history, value)
+        average = self.pole * state.average + (1 - self.pole) * (history @ self.weights)
+        return AverageState(history, average), average

@@ -1,0 +1,8 @@
+"""Control laws that see positions and the reference alone."""
+
+from tarc.laws.base import Law, LawInput, LawOutput
+from tarc.laws.tarc import TARC
+from tarc.laws.tdc import TDC
+from tarc.laws.tde import TDE
+
+__all__ = ["TARC", "TDC", "TDE", "Law", "LawInput", "LawOutput"]

@@ -1,0 +1,39 @@
+"""Time-delayed control."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from tarc.laws.base import Tracking
+from tarc.laws.tde import TDE
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TDC(TDE):
+    """Time-delayed control: time-delay estimation and pole placement, no robust term.
+
+        τ = M̂ (q̈ᵈ − K2 ė̂1 − K1 e1 − q̈̂_h) + τ_h
+
+    Takes the parameters of `TDE` and `Law`. With velocity and acceleration from an estimator, as everywhere in this
+    package, rather than measured.
+
+    References
+    ----------
+    Paper, Section II-A, equations (2), (3), (5); K. Youcef-Toumi and O. Ito, ASME J. Dyn. Syst. Meas. Control
+    112(1), 1990; T. Hsia and L. Gao, IEEE ICRA, 1990.
+
+    Examples
+    --------
+    >>> import tarc
+    >>> law = tarc.laws.TDC(inertia=[0.1, 0.05], bandwidth=20.0, period=1e-3,
+    ...                     estimator=tarc.estimators.Algebraic(window=0.010, degree=2))
+    >>> law.K1.diagonal()
+    array([400., 400.])
+    """
+
+    def robust_init(self) -> tuple[()]:
+        """No state."""
+        return ()
+
+    def robust(self, state: tuple[()], tracking: Tracking) -> tuple[tuple[()], Any, dict[str, Any]]:
+        """Δu = 0."""
+        return state, 0 * tracking.error, {}

@@ -1,0 +1,215 @@
+"""The closed loop: sensor, law, actuator, plant; and `simulate`, which runs it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tarc import ops
+from tarc.laws.base import Law, LawInput
+from tarc.plants.base import Plant
+from tarc.plants.euler_lagrange import EulerLagrange
+from tarc.run import Run
+from tarc.signals.references import Reference
+from tarc.signals.sensors import Encoder, EncoderInput
+from tarc.system import System
+
+
+class DriveInput(NamedTuple):
+    """True position, reference with two derivatives, sensor noise, each of shape (n,)."""
+
+    position: Any
+    reference: Any
+    velocity_reference: Any
+    acceleration_reference: Any
+    noise: Any
+
+
+class DriveState(NamedTuple):
+    """States of sensor and law, and torques under way to the joints, shape (n, delay + 1)."""
+
+    sensor: Any
+    law: Any
+    queue: Any
+
+
+class DriveOutput(NamedTuple):
+    """Measured position and torque on the joints, each (n,), and the law's signals."""
+
+    measured: Any
+    torque: Any
+    signals: Any
+
+
+@dataclass(frozen=True, eq=False)
+class Drive(System):
+    """All that runs on the controller's side of the joint: true position in, torque out."""
+
+    sensor: Encoder
+    law: Law
+    computation_delay: int = 0
+
+    def init(self, position: Any, torque: Any = 0.0) -> DriveState:
+        """At rest at a position (n,) with a torque (n,) applied."""
+        law = self.law.init(position, torque)
+        return DriveState(self.sensor.init(position), law, np.repeat(law.torque[:, None], self.computation_delay + 1, 1))
+
+    def step(self, state: DriveState, value: DriveInput) -> tuple[DriveState, DriveOutput]:
+        """Measure, compute, apply."""
+        sensor, measured = self.sensor.step(state.sensor, EncoderInput(value.position, value.noise))
+        reference = value.reference, value.velocity_reference, value.acceleration_reference
+        law, output = self.law.step(state.law, LawInput(measured, *reference))
+        queue = ops.push(state.queue, output.torque)
+        return DriveState(sensor, law, queue), DriveOutput(measured, queue[:, -1], output.signals)
+
+
+class LoopInput(NamedTuple):
+    """What comes from outside in one period: drive inputs (n,), disturbance (n, substeps), plant parameters."""
+
+    reference: Any
+    velocity_reference: Any
+    acceleration_reference: Any
+    noise: Any
+    disturbance: Any
+    parameters: dict[str, Any]
+
+
+class LoopState(NamedTuple):
+    """Drive state, position and velocity of the plant."""
+
+    drive: DriveState
+    position: Any
+    velocity: Any
+
+
+class LoopOutput(NamedTuple):
+    """True motion at the instant of sampling, the acceleration just after the torque was set, and the drive's."""
+
+    position: Any
+    velocity: Any
+    acceleration: Any
+    drive: DriveOutput
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedLoop(System):
+    """One control period: the drive at its start, then the plant under zero-order hold by Runge–Kutta substeps."""
+
+    plant: EulerLagrange
+    drive: Drive
+    substeps: int = 2
+
+    def init(self, position: Any, velocity: Any = 0.0, torque: Any = 0.0) -> LoopState:
+        """The robot at a position (n,) with a velocity, the drive at rest there."""
+        return LoopState(self.drive.init(position, torque), position, velocity + np.zeros(np.shape(position)))
+
+    def step(self, state: LoopState, value: LoopInput) -> tuple[LoopState, LoopOutput]:
+        """Measure and compute at t_k; hold the torque and integrate to t_k + T."""
+        q, dq = state.position, state.velocity
+        drive, output = self.drive.step(state.drive, DriveInput(q, *value[:4]))
+        dt = self.drive.law.period / self.substeps
+        first = None
+        for i in range(self.substeps):
+            torque = output.torque + value.disturbance[:, i]
+            q, dq, acceleration = runge_kutta(self.plant, q, dq, torque, dt, value.parameters)
+            first = acceleration if first is None else first
+        return LoopState(drive, q, dq), LoopOutput(state.position, state.velocity, first, output)
+
+
+def runge_kutta(
+    plant: EulerLagrange, q: Any, dq: Any, torque: Any, dt: float, parameters: dict[str, Any] | None = None
+) -> tuple[Any, Any, Any]:
+    """Position and velocity after dt by the classical fourth-order method, and the acceleration at its start."""
+
+    def slope(q: Any, dq: Any) -> Any:
+        return plant.evaluate("acceleration", q, dq, torque, parameters=parameters)
+
+    a1 = slope(q, dq)
+    v2 = dq + dt / 2 * a1
+    a2 = slope(q + dt / 2 * dq, v2)
+    v3 = dq + dt / 2 * a2
+    a3 = slope(q + dt / 2 * v2, v3)
+    v4 = dq + dt * a3
+    a4 = slope(q + dt * v3, v4)
+    return q + dt / 6 * (dq + 2 * v2 + 2 * v3 + v4), dq + dt / 6 * (a1 + 2 * a2 + 2 * a3 + a4), a1
+
+
+def simulate(
+    plant: Plant,
+    law: Law,
+    reference: Reference,
+    duration: float,
+    *,
+    sensor: Encoder | None = None,
+    disturbance: Any = (),
+    position: Any = None,
+    velocity: Any = 0.0,
+    torque: Any = 0.0,
+    computation_delay: int = 0,
+    substeps: int | None = None,
+    divergence: float = 100.0,
+    seed: int = 0,
+    progress: bool | None = None,
+) -> Run:
+    """Run a law on a robot along a reference.
+
+    The law is called once a period with the measured position and the reference; its torque is held until the next
+    call while the plant is integrated in substeps. Plants from energies run fused with the law in CasADi's virtual
+    machine, robots from files step by step in MuJoCo; the equations are the same.
+
+    Parameters
+    ----------
+    plant, law, reference
+        Of the same number of joints n. A law without a torque limit gets the robot's, if it has one.
+    duration
+        [s].
+    sensor
+        What the law sees; None for the true position.
+    disturbance
+        One or a list of `tarc.signals` disturbances, payloads and schedules.
+    position, velocity
+        Start of the robot, shape (n,); None for the reference's first position, at rest.
+    torque
+        Torque applied before the start, shape (n,), with which the law's memory is filled; ``"rest"`` for the one
+        that holds the robot, as a real arm's brakes or servo would have.
+    computation_delay
+        Periods between a measurement and its torque on the joints.
+    substeps
+        Plant steps a period; None for 2 with Runge–Kutta and 1 with MuJoCo.
+    divergence
+        Error [rad or m] beyond which the run ends as diverged.
+    seed
+        Of all noise.
+    progress
+        Show a progress bar when it takes more than two seconds; None for when standard error is a terminal.
+
+    Returns
+    -------
+    Run
+        Labelled trajectories, metrics, status, figures. A run that diverges ends early and says so in its status.
+
+    Raises
+    ------
+    TarcError
+        When the parts do not fit together.
+    """
+    from tarc import engines
+
+    sensor = Encoder() if sensor is None else sensor
+    events = list(disturbance) if isinstance(disturbance, Sequence) else [disturbance]
+    engines.fit(plant, law, reference)
+    limit = getattr(plant, "torque_limit", None)
+    if law.torque_limit is None and limit is not None and np.all(np.isfinite(limit)):
+        law = replace(law, torque_limit=limit)
+    drive = Drive(sensor, law, engines.whole("computation_delay", computation_delay, 0))
+    fused = isinstance(plant, EulerLagrange)
+    steps = engines.whole("substeps", (2 if fused else 1) if substeps is None else substeps, 1)
+    plan = engines.plan(plant, law, reference, duration, sensor, events, steps, seed)
+    begin = engines.start(plant, plan, position, velocity, torque)
+    watch = engines.Watch(plan, divergence, progress)
+    if isinstance(plant, EulerLagrange):
+        record = engines.run_fused(ClosedLoop(plant, drive, steps), begin, plan, watch)
+    else:
+        record = engines.run_stepping(plant, drive, begin, plan, watch)
+    return Run.from_record(plant, drive, reference, plan, record, watch, seed)

@@ -1,0 +1,84 @@
+"""Operations that mean the same on NumPy arrays and on CasADi symbols.
+
+Laws, estimators and sensors are written once with Python operators and these functions; NumPy runs them
+as they stand, CasADi traces them. Vectors have shape (n,) in NumPy and n-by-1 in CasADi; a history keeps one
+column per sample, newest first, so that every product is matrix times vector in both.
+"""
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+HUGE = 1e100
+"""Magnitude above which a number counts as not finite: its square still is."""
+
+
+def symbolic(*values: Any) -> bool:
+    """Whether any of the values is a CasADi matrix."""
+    return any(isinstance(value, ca.SX | ca.MX | ca.DM) for value in values)
+
+
+def where(condition: Any, yes: Any, no: Any) -> Any:
+    """``yes`` where the condition holds, else ``no``, element by element; a NaN not chosen does no harm."""
+    return ca.if_else(condition, yes, no) if symbolic(condition, yes, no) else np.where(condition, yes, no)
+
+
+def only(condition: Any, x: Any) -> Any:
+    """``x`` where the condition holds, else zero, element by element; a NaN not chosen does no harm."""
+    return ca.if_else(condition, x, 0) if symbolic(condition, x) else np.where(condition, x, 0.0)
+
+
+def finite(x: Any) -> Any:
+    """Element by element, whether x is a number of magnitude at most `HUGE` (so neither NaN nor infinite)."""
+    return ca.fabs(x) <= HUGE if symbolic(x) else np.abs(x) <= HUGE
+
+
+def all_finite(*vectors: Any) -> Any:
+    """Whether the vectors hold nothing but numbers, none of a magnitude near `HUGE` or above."""
+    return sum(ca.norm_1(x) if symbolic(x) else np.sum(np.abs(x)) for x in vectors) <= HUGE
+
+
+def both(x: Any, y: Any) -> Any:
+    """Logical and."""
+    return ca.logic_and(x, y) if symbolic(x, y) else np.logical_and(x, y)
+
+
+def either(x: Any, y: Any) -> Any:
+    """Logical or."""
+    return ca.logic_or(x, y) if symbolic(x, y) else np.logical_or(x, y)
+
+
+def negate(x: Any) -> Any:
+    """Logical not."""
+    return ca.logic_not(x) if symbolic(x) else np.logical_not(x)
+
+
+def maximum(x: Any, y: Any) -> Any:
+    """Larger of the two, element by element."""
+    return ca.fmax(x, y) if symbolic(x, y) else np.maximum(x, y)
+
+
+def clip(x: Any, low: Any, high: Any) -> Any:
+    """X limited to [low, high], element by element."""
+    return ca.fmin(ca.fmax(x, low), high) if symbolic(x, low, high) else np.clip(x, low, high)
+
+
+def floor(x: Any) -> Any:
+    """Largest integer not above x."""
+    return ca.floor(x) if symbolic(x) else np.floor(x)
+
+
+def norm(x: Any, least: float = 0.0) -> Any:
+    """Euclidean norm, not below ``least``; differentiable at x = 0 when ``least`` > 0."""
+    squares = ca.sumsqr(x) if symbolic(x) else np.sum(np.square(x))
+    if least > 0:
+        squares = maximum(squares, least**2)
+    return ca.sqrt(squares) if symbolic(x) else np.sqrt(squares)
+
+
+def push(history: Any, sample: Any) -> Any:
+    """Put a new sample before the first column of the history and drop the last column."""
+    if symbolic(history, sample):
+        return ca.horzcat(sample, history[:, :-1])
+    return np.concatenate([np.reshape(sample, (-1, 1)), history[:, :-1]], axis=1)

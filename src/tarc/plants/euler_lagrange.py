@@ -1,0 +1,138 @@
+"""Euler–Lagrange plants from their energies, by symbolic differentiation."""
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+from types import SimpleNamespace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from tarc import check, ops
+from tarc.errors import TarcError
+from tarc.plants.base import Plant
+
+Numbers = float | Sequence[float]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EulerLagrange(Plant):
+    """A plant given by kinetic energy T, potential energy V and forces that are not from either.
+
+        d/dt ∂T/∂q̇ − ∂T/∂q + ∂V/∂q + G(q, q̇) q̇ + F(q, q̇) = τ
+
+    so that M = ∂²T/∂q̇² and N = C q̇ + ∂V/∂q + G q̇ + F, with Christoffel's C, all by differentiation. A subclass is
+    a frozen dataclass whose numeric fields are the physical parameters p; it writes T and V, and F and the
+    skew-symmetric G where it has any. `q`, `q̇` and the fields of `p` arrive as CasADi symbols.
+    """
+
+    @abstractmethod
+    def kinetic_energy(self, q: Any, dq: Any, p: Any) -> Any:
+        """T(q, q̇) [J]."""
+
+    @abstractmethod
+    def potential_energy(self, q: Any, p: Any) -> Any:
+        """V(q) [J]."""
+
+    def dissipation(self, q: Any, dq: Any, p: Any) -> Any:
+        """Friction torque F(q, q̇) [N m or N], shape (n, 1); none unless overridden."""
+        return 0 * dq
+
+    def gyroscopic(self, q: Any, dq: Any, p: Any) -> Any:
+        """Skew-symmetric G(q, q̇), shape (n, n): forces that do no work; none unless overridden."""
+        return ca.SX(self.joints, self.joints)
+
+    def __post_init__(self) -> None:
+        self._validate()
+        q = np.linspace(0.1, 1.1, self.joints)
+        M = self.inertia(q)
+        if not np.all(np.isfinite(M)) or np.linalg.eigvalsh(M)[0] <= 0:
+            raise TarcError(
+                f"{type(self).__name__}: its inertia matrix is not positive definite at q = {q.round(2).tolist()}; "
+                "check masses, lengths and inertias"
+            )
+
+    @abstractmethod
+    def _validate(self) -> None:
+        """Check the fields, with a `TarcError` that names the one at fault."""
+
+    @property
+    def joint_names(self) -> list[str]:
+        """``joint1``, ``joint2``, …"""
+        return [f"joint{i + 1}" for i in range(self.joints)]
+
+    @cached_property
+    def parameters(self) -> dict[str, np.ndarray]:
+        """The numeric fields."""
+        return {field.name: np.array(getattr(self, field.name), dtype=float) for field in fields(self)}
+
+    @cached_property
+    def _model(self) -> dict[str, ca.Function]:
+        n = self.joints
+        q, dq, tau = ca.SX.sym("q", n), ca.SX.sym("dq", n), ca.SX.sym("tau", n)
+        symbols = [ca.SX.sym(name, max(value.size, 1)) for name, value in self.parameters.items()]
+        p = SimpleNamespace(**dict(zip(self.parameters, symbols, strict=True)))
+        T, V = self.kinetic_energy(q, dq, p), self.potential_energy(q, p)
+        M = ca.hessian(T, dq)[0]
+        slopes = [ca.reshape(ca.jacobian(ca.vec(M), q[k]), n, n) for k in range(n)]
+        C = ca.SX(n, n)
+        for i in range(n):
+            for j in range(n):
+                C[i, j] = sum((slopes[k][i, j] + slopes[j][i, k] - slopes[i][j, k]) * dq[k] for k in range(n)) / 2
+        coriolis = C + self.gyroscopic(q, dq, p)
+        gravity = ca.gradient(V, q)
+        friction = self.dissipation(q, dq, p)
+        N = coriolis @ dq + gravity + friction
+        D, L, order = ca.ldl(M)
+        acceleration = ca.ldl_solve(tau - N, D, L, order)
+
+        def function(name: str, inputs: list[Any], output: Any) -> ca.Function:
+            return ca.Function(name, [*inputs, *symbols], [ca.densify(output)], {"cse": True})
+
+        return {
+            "inertia": function("inertia", [q], M),
+            "coriolis": function("coriolis", [q, dq], coriolis),
+            "bias": function("bias", [q, dq], N),
+            "gravity": function("gravity", [q], gravity),
+            "friction": function("friction", [q, dq], friction),
+            "energy": function("energy", [q, dq], T + V),
+            "acceleration": function("acceleration", [q, dq, tau], acceleration),
+        }
+
+    def evaluate(self, what: str, *arguments: Any, parameters: dict[str, Any] | None = None) -> Any:
+        """One of the model's functions, on arrays or on CasADi symbols.
+
+        Parameters
+        ----------
+        what
+            ``inertia`` M(q), ``coriolis`` C + G (q, q̇), ``bias`` N(q, q̇), ``gravity`` ∂V/∂q (q), ``friction``
+            F(q, q̇), ``energy`` T + V (q, q̇), ``acceleration`` q̈(q, q̇, τ).
+        arguments
+            As in brackets, each of shape (n,).
+        parameters
+            Values that replace the plant's own, by name.
+        """
+        values = {**self.parameters, **(parameters or {})}
+        result = self._model[what](*arguments, *values.values())
+        if ops.symbolic(*arguments, *values.values()):
+            return result
+        numbers = np.array(result)
+        return numbers if what in ("inertia", "coriolis") else numbers[:, 0] if what != "energy" else numbers.item()
+
+    def inertia(self, position: Any) -> np.ndarray:
+        """M(q) [kg m² or kg], shape (n, n)."""
+        return self.evaluate("inertia", self._position(position))
+
+    def gravity_torque(self, position: Any) -> Any:
+        """∂V/∂q [N m or N], shape (n,); accepts CasADi symbols."""
+        return self.evaluate("gravity", position if ops.symbolic(position) else self._position(position))
+
+    def _spread(self, name: str, low: float = -np.inf, *, strict: bool = False) -> None:
+        """Check a field that has one number a joint; one number stands for all."""
+        numbers = check.vector(name, getattr(self, name), self.joints, low, strict=strict)
+        object.__setattr__(self, name, tuple(numbers.tolist()))
+
+    def _position(self, position: Any) -> np.ndarray:
+        return check.vector("position", position, self.joints)

@@ -1,0 +1,60 @@
+"""A chain of masses."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from tarc import check
+from tarc.plants.euler_lagrange import EulerLagrange, Numbers
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MassSpringDamper(EulerLagrange):
+    """Chain of masses on springs and dampers, a force on each: link i joins mass i to mass i−1, the first to a wall.
+
+        m_i q̈_i + k_i (q_i − q_{i−1}) − k_{i+1} (q_{i+1} − q_i) + (the same with dampers) = τ_i
+
+    Parameters
+    ----------
+    masses, springs, dampers
+        [kg], [N/m], [N s/m], one each a mass.
+    payload
+        Mass added to the last [kg].
+    """
+
+    masses: Numbers = (1.0,)
+    springs: Numbers = (100.0,)
+    dampers: Numbers = (1.0,)
+    payload: float = 0.0
+
+    def _validate(self) -> None:
+        self._spread("masses", 0, strict=True)
+        self._spread("springs", 0)
+        self._spread("dampers", 0)
+        check.number("payload", self.payload, 0)
+
+    @property
+    def joints(self) -> int:
+        """One a mass."""
+        return np.size(self.masses)
+
+    @property
+    def joint_units(self) -> list[str]:
+        """All slide."""
+        return ["m"] * self.joints
+
+    def kinetic_energy(self, q: Any, dq: Any, p: Any) -> Any:
+        """T = ½ Σ m_i q̇_i² [J]."""
+        return ca.dot(p.masses, dq**2) / 2 + p.payload * dq[-1] ** 2 / 2
+
+    def potential_energy(self, q: Any, p: Any) -> Any:
+        """V = ½ Σ k_i (q_i − q_{i−1})² [J]."""
+        stretch = q - ca.vertcat(0, q[:-1])
+        return ca.sum1(p.springs * stretch**2) / 2
+
+    def dissipation(self, q: Any, dq: Any, p: Any) -> Any:
+        """Damper forces [N]."""
+        force = p.dampers * (dq - ca.vertcat(0, dq[:-1]))
+        return force - ca.vertcat(force[1:], 0)

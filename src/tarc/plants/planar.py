@@ -1,0 +1,122 @@
+"""Planar serial arms: two links, or any number."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from tarc import check
+from tarc.errors import TarcError
+from tarc.plants.euler_lagrange import EulerLagrange, Numbers
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlanarArm(EulerLagrange):
+    """Energies of a planar serial arm in relative joint angles, the first from the horizontal.
+
+    With absolute angles φ_i = q_1 + … + q_i, link i has its centre of mass at p_{i−1} + c_i (cos φ_i, sin φ_i) and
+    its end at p_i = p_{i−1} + l_i (cos φ_i, sin φ_i):
+
+        T = ½ Σ (m_i |ċ_i|² + I_i φ̇_i²) + ½ m_L |ṗ_n|²,   V = g (Σ m_i c_{i,y} + m_L p_{n,y})
+
+    Friction torque: viscous q̇ + coulomb tanh(q̇ / coulomb_width).
+    """
+
+    masses: Numbers
+    lengths: Numbers
+    centres: Numbers
+    inertias: Numbers
+    viscous: Numbers = 0.0
+    coulomb: Numbers = 0.0
+    coulomb_width: float = 0.01
+    gravity: float = 9.81
+    payload: float = 0.0
+
+    def _validate(self) -> None:
+        for name in ("masses", "lengths"):
+            self._spread(name, 0, strict=True)
+        for name in ("inertias", "viscous", "coulomb"):
+            self._spread(name, 0)
+        self._spread("centres")
+        check.number("coulomb_width", self.coulomb_width, 0, strict=True)
+        check.number("gravity", self.gravity)
+        check.number("payload", self.payload, 0)
+
+    @property
+    def joints(self) -> int:
+        """One a link."""
+        return np.size(self.masses)
+
+    def kinetic_energy(self, q: Any, dq: Any, p: Any) -> Any:
+        """T [J]."""
+        angle, rate = ca.cumsum(q), ca.cumsum(dq)
+        energy = ca.SX(0)
+        vx = vy = ca.SX(0)
+        for i in range(self.joints):
+            swing = ca.vertcat(-ca.sin(angle[i]), ca.cos(angle[i])) * rate[i]
+            centre = ca.vertcat(vx, vy) + p.centres[i] * swing
+            energy += (p.masses[i] * ca.sumsqr(centre) + p.inertias[i] * rate[i] ** 2) / 2
+            vx, vy = vx + p.lengths[i] * swing[0], vy + p.lengths[i] * swing[1]
+        return energy + p.payload * (vx**2 + vy**2) / 2
+
+    def potential_energy(self, q: Any, p: Any) -> Any:
+        """V [J]."""
+        angle = ca.cumsum(q)
+        height = moment = ca.SX(0)
+        for i in range(self.joints):
+            moment += p.masses[i] * (height + p.centres[i] * ca.sin(angle[i]))
+            height += p.lengths[i] * ca.sin(angle[i])
+        return p.gravity * (moment + p.payload * height)
+
+    def dissipation(self, q: Any, dq: Any, p: Any) -> Any:
+        """Viscous and smoothed Coulomb friction [N m]."""
+        return p.viscous * dq + p.coulomb * ca.tanh(dq / p.coulomb_width)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TwoLinkArm(PlanarArm):
+    """Two-link planar arm in the vertical plane; by default two point masses of 1 kg on links of 1 m.
+
+    Parameters
+    ----------
+    masses, lengths, centres, inertias
+        Of each link: mass [kg], length [m], distance of the centre of mass from the joint [m], moment of inertia
+        about it [kg m²]. Point masses at the ends are ``centres=lengths, inertias=(0, 0)``.
+    viscous, coulomb, coulomb_width
+        Friction torque viscous·q̇ + coulomb·tanh(q̇/coulomb_width) [N m s/rad, N m, rad/s].
+    gravity
+        [m/s²]; 0 for an arm in the horizontal plane.
+    payload
+        Point mass at the tip [kg].
+
+    References
+    ----------
+    J.-J. Slotine and W. Li, Applied Nonlinear Control, 1991, Section 9.1.
+    """
+
+    masses: Numbers = (1.0, 1.0)
+    lengths: Numbers = (1.0, 1.0)
+    centres: Numbers = (1.0, 1.0)
+    inertias: Numbers = (0.0, 0.0)
+
+    def _validate(self) -> None:
+        if np.size(self.masses) != 2:
+            raise TarcError(f"masses: got {self.masses!r}; a two-link arm has 2. For more use NLinkArm")
+        super()._validate()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NLinkArm(PlanarArm):
+    """Planar arm of any number of links in the vertical plane; by default three uniform rods of 1 kg and 0.5 m.
+
+    Parameters
+    ----------
+    masses, lengths, centres, inertias, viscous, coulomb, coulomb_width, gravity, payload
+        As in `TwoLinkArm`, one a link.
+    """
+
+    masses: Numbers = (1.0, 1.0, 1.0)
+    lengths: Numbers = (0.5, 0.5, 0.5)
+    centres: Numbers = (0.25, 0.25, 0.25)
+    inertias: Numbers = (1 / 48, 1 / 48, 1 / 48)

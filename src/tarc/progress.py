@@ -1,0 +1,49 @@
+"""A progress bar that appears only when the work takes over two seconds."""
+
+import sys
+import time
+from typing import Any
+
+PATIENCE = 2.0
+
+
+class Progress:
+    """Counts steps of work; use as a context manager and call `advance`.
+
+    Parameters
+    ----------
+    label, total
+        What is done, and in how many steps.
+    show
+        Whether to show a bar at all; None for when standard error is a terminal.
+    """
+
+    def __init__(self, label: str, total: int, show: bool | None = None):
+        self.label, self.total, self.done = label, total, 0
+        self.show = sys.stderr.isatty() if show is None else show
+        self._start = time.monotonic()
+        self._bar: Any = None
+
+    def __enter__(self) -> "Progress":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def advance(self, steps: int = 1) -> None:
+        """So many more steps are done."""
+        self.done += steps
+        if not self.show:
+            return
+        if self._bar is None and time.monotonic() - self._start > PATIENCE:
+            from rich.console import Console
+            from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
+            from rich.progress import Progress as Bar
+
+            columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn()
+            self._bar = Bar(*columns, console=Console(stderr=True), transient=True)
+            self._bar.start()
+            self._bar.add_task(self.label, total=self.total)
+        if self._bar is not None:
+            self._bar.update(self._bar.task_ids[0], completed=self.done)

@@ -1,0 +1,164 @@
+"""What the robot meets: torques from outside, and parameters that change under way."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tarc import check
+from tarc.errors import TarcError
+
+Numbers = float | Sequence[float]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Disturbance(ABC):
+    """A torque on the joints beside the controller's [N m or N]."""
+
+    amplitude: Numbers
+
+    def __post_init__(self) -> None:
+        check.array("amplitude", self.amplitude)
+
+    def sample(self, times: np.ndarray, joints: int, rng: np.random.Generator) -> np.ndarray:
+        """Torque at evenly spaced times (k,), held until the next, shape (n, k)."""
+        amplitude = check.vector("disturbance amplitude", self.amplitude, joints)[:, None]
+        return amplitude * self.shape(times, joints, rng)
+
+    @abstractmethod
+    def shape(self, times: np.ndarray, joints: int, rng: np.random.Generator) -> np.ndarray:
+        """The torque for an amplitude of one, shape (k,) or (n, k)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Step(Disturbance):
+    """Constant torque from ``at`` on, until ``until`` if given [s]; amplitude [N m or N]."""
+
+    at: float = 0.0
+    until: float = np.inf
+
+    def shape(self, times: np.ndarray, joints: int, rng: np.random.Generator) -> np.ndarray:
+        """One inside the interval."""
+        return ((times >= self.at - 1e-9) & (times < self.until - 1e-9)).astype(float)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sine(Disturbance):
+    """Amplitude sin(frequency t + phase) from ``at`` on; amplitude [N m or N], frequency [rad/s]."""
+
+    frequency: float
+    phase: float = 0.0
+    at: float = 0.0
+
+    def shape(self, times: np.ndarray, joints: int, rng: np.random.Generator) -> np.ndarray:
+        """The sine."""
+        return np.where(times >= self.at - 1e-9, np.sin(self.frequency * times + self.phase), 0.0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Impulse(Disturbance):
+    """A blow at one instant; amplitude is the impulse [N m s or N s], spread over one plant step."""
+
+    at: float
+
+    def shape(self, times: np.ndarray, joints: int, rng: np.random.Generator) -> np.ndarray:
+        """1/step in the plant step that holds the instant, so that the integral is one."""
+        step = times[1] - times[0] if len(times) > 1 else 1.0
+        inside = (times <= self.at + 1e-9) & (self.at + 1e-9 < times + step)
+        return inside / step
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BandNoise(Disturbance):
+    """Gaussian noise between two frequencies; amplitude is its standard deviation [N m or N].
+
+    Parameters
+    ----------
+    low, high
+        Pass band [rad/s]; a fourth-order Butterworth band-pass, or low-pass if low is 0.
+    """
+
+    low: float = 0.0
+    high: float = 100.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0 <= check.number("low", self.low) < check.number("high", self.high):
+            raise TarcError(f"low, high: got {self.low:g} and {self.high:g}; needs 0 ≤ low < high")
+
+    def shape(self, times: np.ndarray, joints: int, rng: np.random.Generator) -> np.ndarray:
+        """Filtered white noise of unit standard deviation."""
+        from scipy.signal import butter, sosfiltfilt
+
+        step = times[1] - times[0] if len(times) > 1 else 1.0
+        nyquist = np.pi / step
+        if self.high >= nyquist:
+            raise TarcError(f"high: got {self.high:g} rad/s; the plant step {step:g} s allows up to {nyquist:.4g}")
+        kind, edges = ("lowpass", self.high) if self.low == 0 else ("bandpass", [self.low, self.high])
+        sections = butter(4, np.asarray(edges) / nyquist, kind, output="sos")
+        settle = int(np.ceil(20 / (self.high * step)))
+        noise = sosfiltfilt(sections, rng.standard_normal((joints, len(times) + 2 * settle)), axis=1)
+        noise = noise[:, settle : settle + len(times)]
+        return noise / noise.std(axis=1, keepdims=True)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Schedule:
+    """A plant parameter that changes while the robot runs: stepwise, or linearly between the times.
+
+    Parameters
+    ----------
+    parameter
+        Name, one of the plant's ``parameters``, such as ``payload`` or ``viscous``.
+    times
+        [s], increasing; before the first the plant's own value holds.
+    values
+        One number, or one list in the parameter's shape, a time.
+    linear
+        Interpolate between the times (from the first on) instead of stepping.
+    """
+
+    parameter: str
+    times: Sequence[float]
+    values: Sequence[Any]
+    linear: bool = False
+
+    def __post_init__(self) -> None:
+        times = np.atleast_1d(check.array("times", self.times))
+        if np.any(np.diff(times) <= 0) or len(times) != len(self.values):
+            raise TarcError(
+                f"schedule of {self.parameter!r}: got {len(times)} times and {len(self.values)} values; needs "
+                "increasing times, one value each"
+            )
+
+    def sample(self, times: np.ndarray, initial: np.ndarray) -> np.ndarray:
+        """Values at the times (k,), shape (size, k), starting from the plant's own."""
+        size = max(np.size(initial), 1)
+        label = f"schedule of {self.parameter!r}"
+        values = np.array([np.broadcast_to(check.array(label, v).ravel(), (size,)) for v in self.values])
+        knots = np.atleast_1d(np.asarray(self.times, dtype=float)) - 1e-9
+        after = np.searchsorted(knots, times, side="right")
+        steps = np.vstack([np.broadcast_to(np.ravel(initial), (size,)), values])[after].T
+        if not self.linear:
+            return steps
+        ramp = np.array([np.interp(times, knots, column) for column in values.T])
+        return np.where(after > 0, ramp, steps)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Payload:
+    """A mass [kg] that appears at the tool at an instant [s]: a schedule of the plant's ``payload``."""
+
+    mass: float
+    at: float = 0.0
+
+    def __post_init__(self) -> None:
+        check.number("mass", self.mass, 0)
+        check.number("at", self.at)
+
+    @property
+    def schedule(self) -> Schedule:
+        """The same as a `Schedule`."""
+        return Schedule(parameter="payload", times=[self.at], values=[self.mass])

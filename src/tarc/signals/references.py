@@ -1,0 +1,282 @@
+"""Reference trajectories with exact derivatives."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tarc import check
+from tarc.errors import TarcError
+
+Numbers = float | Sequence[float]
+Table = Sequence[Sequence[float]] | np.ndarray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reference(ABC):
+    """A trajectory qᵈ(t) with its first two derivatives."""
+
+    @property
+    @abstractmethod
+    def joints(self) -> int:
+        """How many joints."""
+
+    @abstractmethod
+    def sample(self, times: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Position, velocity and acceleration [rad or m, /s, /s²] at the times (k,), each of shape (n, k)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sinusoid(Reference):
+    """qᵈ = offset + amplitude sin(frequency t + phase), one number or one a joint each.
+
+    Parameters
+    ----------
+    amplitude, offset
+        [rad or m].
+    frequency
+        [rad/s].
+    phase
+        [rad]; π/2 starts at an extreme, at rest.
+    """
+
+    amplitude: Numbers
+    frequency: Numbers
+    phase: Numbers = 0.0
+    offset: Numbers = 0.0
+
+    def __post_init__(self) -> None:
+        _ = self._table
+
+    @cached_property
+    def _table(self) -> np.ndarray:
+        rows = [check.array(n, getattr(self, n)) for n in ("amplitude", "frequency", "phase", "offset")]
+        size = max(row.size for row in rows)
+        return np.array([check.vector(n, r, size) for n, r in zip(("amplitude", "frequency", "phase", "offset"), rows)])
+
+    @property
+    def joints(self) -> int:
+        """How many joints."""
+        return self._table.shape[1]
+
+    def sample(self, times: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Position, velocity, acceleration, each of shape (n, k)."""
+        amplitude, frequency, phase, offset = (row[:, None] for row in self._table)
+        angle = frequency * np.asarray(times, dtype=float) + phase
+        wave, slope = amplitude * np.sin(angle), amplitude * np.cos(angle)
+        return offset + wave, frequency * slope, -(frequency**2) * wave
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Multisine(Reference):
+    """qᵈ_i = offset_i + Σ_m amplitude_im sin(frequency_m t + phase_im).
+
+    Parameters
+    ----------
+    amplitude
+        [rad or m], shape (n, m) or, the same for each frequency, (n,).
+    frequency
+        [rad/s], shape (m,).
+    phase
+        [rad], shape (n, m); None for Schroeder's phases −π m²/M, shifted from joint to joint, which keep the crest low.
+    offset
+        [rad or m], one number or one a joint.
+    """
+
+    amplitude: Numbers | Table
+    frequency: Sequence[float]
+    phase: Table | None = None
+    offset: Numbers = 0.0
+
+    def __post_init__(self) -> None:
+        _ = self._tables
+
+    @cached_property
+    def _tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        frequency = np.atleast_1d(check.array("frequency", self.frequency))
+        tones = len(frequency)
+        amplitude = np.atleast_1d(check.array("amplitude", self.amplitude))
+        if amplitude.ndim == 1:
+            amplitude = np.repeat(amplitude[:, None], tones, axis=1)
+        if amplitude.shape[1] != tones:
+            raise TarcError(f"amplitude: got shape {amplitude.shape}; needs (joints, {tones}), a column a frequency")
+        n = len(amplitude)
+        if self.phase is None:
+            m = np.arange(1, tones + 1)
+            phase = -np.pi * m**2 / tones + np.arange(n)[:, None]
+        else:
+            phase = check.array("phase", self.phase)
+            if phase.shape != amplitude.shape:
+                raise TarcError(f"phase: got shape {phase.shape}; needs {amplitude.shape}, as the amplitude")
+        return amplitude, frequency, phase, check.vector("offset", self.offset, n)
+
+    @property
+    def joints(self) -> int:
+        """How many joints."""
+        return len(self._tables[0])
+
+    def sample(self, times: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Position, velocity, acceleration, each of shape (n, k)."""
+        amplitude, frequency, phase, offset = self._tables
+        angle = np.multiply.outer(frequency, np.asarray(times, dtype=float))[None] + phase[..., None]
+        sine, cosine = np.sin(angle), np.cos(angle)
+        position = offset[:, None] + np.einsum("nm,nmk->nk", amplitude, sine)
+        velocity = np.einsum("nm,nmk->nk", amplitude * frequency, cosine)
+        return position, velocity, -np.einsum("nm,nmk->nk", amplitude * frequency**2, sine)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Chirp(Reference):
+    """Sine whose frequency sweeps linearly from start to stop over the duration, then stays.
+
+    Parameters
+    ----------
+    amplitude, offset
+        [rad or m], one number or one a joint.
+    start, stop
+        [rad/s].
+    sweep
+        Duration of the sweep [s].
+    """
+
+    amplitude: Numbers
+    start: float
+    stop: float
+    sweep: float
+    offset: Numbers = 0.0
+
+    def __post_init__(self) -> None:
+        check.number("start", self.start, 0)
+        check.number("stop", self.stop, 0)
+        check.number("sweep", self.sweep, 0, strict=True)
+        check.vector("offset", self.offset, self.joints)
+
+    @property
+    def joints(self) -> int:
+        """How many joints."""
+        return np.atleast_1d(check.array("amplitude", self.amplitude)).size
+
+    def sample(self, times: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Position, velocity, acceleration, each of shape (n, k)."""
+        t = np.asarray(times, dtype=float)
+        inside = np.minimum(t, self.sweep)
+        rate = (self.stop - self.start) / self.sweep
+        angle = self.start * inside + rate * inside**2 / 2 + self.stop * (t - inside)
+        frequency, slope = self.start + rate * inside, np.where(t < self.sweep, rate, 0.0)
+        amplitude = check.vector("amplitude", self.amplitude, self.joints)[:, None]
+        offset = check.vector("offset", self.offset, self.joints)[:, None]
+        acceleration = slope * np.cos(angle) - frequency**2 * np.sin(angle)
+        return offset + amplitude * np.sin(angle), amplitude * frequency * np.cos(angle), amplitude * acceleration
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Quintic(Reference):
+    """Quintic spline through way-points, at rest at both ends; before and after, it holds the end points.
+
+    Parameters
+    ----------
+    points
+        Way-points [rad or m], shape (k, n), a row a point.
+    times
+        When each is passed [s], increasing, shape (k,).
+    stop
+        Come to rest at each way-point, instead of passing through with continuous derivatives up to the fourth.
+    """
+
+    points: Table
+    times: Sequence[float]
+    stop: bool = False
+
+    def __post_init__(self) -> None:
+        _ = self._curve
+
+    @cached_property
+    def _curve(self) -> Any:
+        from scipy.interpolate import BPoly, make_interp_spline
+
+        times = np.atleast_1d(check.array("times", self.times))
+        points = check.array("points", self.points)
+        if points.ndim != 2 or len(points) != len(times) or len(points) < 2:
+            raise TarcError(
+                f"points: got shape {points.shape} with {len(times)} times; needs (k, n), one row a time, two or more"
+            )
+        if np.any(np.diff(times) <= 0):
+            raise TarcError(f"times: got {times.tolist()}; must increase")
+        zero = np.zeros(points.shape[1])
+        if self.stop:
+            return BPoly.from_derivatives(times, [[point, zero, zero] for point in points])
+        rest = [(1, zero), (2, zero)]
+        return make_interp_spline(times, points, k=5, bc_type=(rest, rest))
+
+    @property
+    def joints(self) -> int:
+        """How many joints."""
+        return np.shape(self.points)[1]
+
+    def sample(self, times: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Position, velocity, acceleration, each of shape (n, k)."""
+        return _sample_spline(self._curve, np.asarray(times, dtype=float), self.times[0], self.times[-1])
+
+
+def _sample_spline(curve: Any, t: np.ndarray, first: float, last: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    inside = np.clip(t, first, last)
+    moving = ((t >= first) & (t <= last)).astype(float)
+    return curve(inside).T, curve(inside, 1).T * moving, curve(inside, 2).T * moving
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Recorded(Reference):
+    """Trajectory from a file: a quintic spline through its samples gives the derivatives.
+
+    Parameters
+    ----------
+    path
+        CSV with a header or without, or a NumPy ``.npy`` array: the first column time [s], then one a joint
+        [rad or m]. At least six rows.
+    """
+
+    path: str | Path
+
+    def __post_init__(self) -> None:
+        _ = self._curve
+
+    @cached_property
+    def _table(self) -> np.ndarray:
+        path = Path(self.path)
+        if not path.is_file():
+            raise TarcError(f"path: no trajectory file {str(self.path)!r}; looked in {path.resolve().parent}")
+        try:
+            if path.suffix == ".npy":
+                table = np.load(path)
+            else:
+                with path.open() as lines:
+                    head = lines.readline()
+                skip = 1 if any(c.isalpha() and c not in "eE" for c in head) else 0
+                table = np.loadtxt(path, delimiter="," if "," in head else None, skiprows=skip, ndmin=2)
+        except ValueError as error:
+            raise TarcError(f"path: {path} does not read as numbers ({error}); needs columns time, q1, q2, …") from None
+        table = check.array(f"path ({path})", table)
+        if table.ndim != 2 or table.shape[0] < 6 or table.shape[1] < 2:
+            raise TarcError(f"path: {path} has shape {table.shape}; needs six rows or more, columns time, q1, q2, …")
+        if np.any(np.diff(table[:, 0]) <= 0):
+            raise TarcError(f"path: the times in {path} do not increase")
+        return table
+
+    @cached_property
+    def _curve(self) -> Any:
+        from scipy.interpolate import make_interp_spline
+
+        return make_interp_spline(self._table[:, 0], self._table[:, 1:], k=5)
+
+    @property
+    def joints(self) -> int:
+        """How many joints."""
+        return self._table.shape[1] - 1
+
+    def sample(self, times: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Position, velocity, acceleration, each of shape (n, k); held before and after the record."""
+        return _sample_spline(self._curve, np.asarray(times, dtype=float), self._table[0, 0], self._table[-1, 0])

@@ -1,0 +1,88 @@
+"""What stands between the robot's position and the law."""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tarc import check, ops
+from tarc.errors import TarcError
+from tarc.system import System
+
+
+class EncoderInput(NamedTuple):
+    """True position and this instant's noise, each of shape (n,); a NaN in the noise is a lost sample."""
+
+    position: Any
+    noise: Any
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Encoder(System):
+    """Position encoder: noise, quantisation to the nearest step, transport delay, lost samples, in that order.
+
+    With no arguments it is perfect. All randomness comes from the simulation's seed.
+
+    Parameters
+    ----------
+    bits
+        Resolution as bits over the span: steps of span / 2^bits.
+    resolution
+        The step itself [rad or m], instead, one number or one a joint.
+    span
+        Travel that 2^bits steps cover [rad or m].
+    noise
+        Standard deviation of white Gaussian noise before quantisation [rad or m].
+    delay
+        How many periods late the sample arrives.
+    dropout
+        Probability that a joint's sample is lost; it reaches the law as NaN.
+    """
+
+    bits: int | None = None
+    resolution: float | None = None
+    span: float = 2 * np.pi
+    noise: float = 0.0
+    delay: int = 0
+    dropout: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.bits is not None and self.resolution is not None:
+            raise TarcError("bits, resolution: both are given; give one of them")
+        check.number("noise", self.noise, 0)
+        check.number("span", self.span, 0, strict=True)
+        check.number("dropout", self.dropout, 0, high=0.99)
+        if self.bits is not None:
+            check.number("bits", self.bits, 1, high=52)
+        if self.resolution is not None:
+            check.number("resolution", self.resolution, 0, strict=True)
+        if self.delay != int(self.delay) or self.delay < 0:
+            raise TarcError(f"delay: got {self.delay!r}; needs a whole number of periods, 0 or more")
+
+    @property
+    def increment(self) -> float:
+        """The step [rad or m]; 0 for none."""
+        if self.bits is not None:
+            return self.span / 2.0**self.bits
+        return self.resolution or 0.0
+
+    def sample_noise(self, joints: int, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Noise for a whole run, shape (n, count), NaN where a sample is lost; the first one never is."""
+        noise = self.noise * rng.standard_normal((joints, count))
+        if self.dropout:
+            lost = rng.random((joints, count)) < self.dropout
+            lost[:, 0] = False
+            noise[lost] = np.nan
+        return noise
+
+    def init(self, position: Any) -> Any:
+        """Samples under way, shape (n, delay + 1)."""
+        return np.repeat(check.array("position", position)[:, None], self.delay + 1, axis=1)
+
+    def step(self, state: Any, value: EncoderInput) -> tuple[Any, Any]:
+        """The measured position, shape (n,)."""
+        reading = value.position + value.noise
+        if self.increment:
+            reading = self.increment * ops.floor(reading / self.increment + 0.5)
+        queue = ops.push(state, reading)
+        return queue, queue[:, -1]
