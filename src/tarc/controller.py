@@ -78,7 +78,9 @@ class Controller:
         A position with NaN or infinity is a missing sample.
         """
         if not self._ready:
-            raise TarcError("Controller.step: called before reset; call reset(position) with the first measured position")
+            raise TarcError(
+                "Controller.step: called before reset; call reset(position) with the first measured position"
+            )
         try:
             self._position[:] = position
             self._reference[:] = reference

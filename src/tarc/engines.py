@@ -77,9 +77,13 @@ def fit(plant: Plant, law: Law, reference: Reference) -> None:
     if not isinstance(plant, EulerLagrange | MujocoPlant):
         raise TarcError(f"plant: got {plant!r}; needs one of tarc.plants")
     if not isinstance(law, Law):
-        raise TarcError(f"law: got {law!r}; needs one of tarc.laws, constructed, such as tarc.laws.TDC(inertia=…)")
+        raise TarcError(
+            f"law: got {law!r}; needs one of tarc.laws, constructed, such as tarc.laws.TDC(inertia=…)"
+        )
     if not isinstance(reference, Reference):
-        raise TarcError(f"reference: got {reference!r}; needs one of tarc.signals, such as tarc.signals.Sinusoid(…)")
+        raise TarcError(
+            f"reference: got {reference!r}; needs one of tarc.signals, such as tarc.signals.Sinusoid(…)"
+        )
     if not plant.joints == law.joints == reference.joints:
         raise TarcError(
             f"joints: the plant has {plant.joints}, the law {law.joints} (told by its inertia), the reference "
@@ -115,7 +119,9 @@ def plan(
                 raise TarcError(f"disturbance: two schedules change {name!r}; put both into one Schedule")
             schedules[name] = event.sample(times, known[name])
         else:
-            raise TarcError(f"disturbance: got {event!r}; needs a Disturbance, Payload or Schedule of tarc.signals")
+            raise TarcError(
+                f"disturbance: got {event!r}; needs a Disturbance, Payload or Schedule of tarc.signals"
+            )
     blocks = torque.reshape(n, count, substeps)
     return Plan(times, reference.sample(times), sensor.sample_noise(n, count, noise_rng), blocks, schedules)
 

@@ -53,7 +53,9 @@ class Drive(System):
     def init(self, position: Any, torque: Any = 0.0) -> DriveState:
         """At rest at a position (n,) with a torque (n,) applied."""
         law = self.law.init(position, torque)
-        return DriveState(self.sensor.init(position), law, np.repeat(law.torque[:, None], self.computation_delay + 1, 1))
+        return DriveState(
+            self.sensor.init(position), law, np.repeat(law.torque[:, None], self.computation_delay + 1, 1)
+        )
 
     def step(self, state: DriveState, value: DriveInput) -> tuple[DriveState, DriveOutput]:
         """Measure, compute, apply."""

@@ -226,7 +226,9 @@ class Run:
             part.replace(target)
         except OSError as error:
             part.unlink(missing_ok=True)
-            raise TarcError(f"save: cannot write {target}: {error.strerror or error}; free space or choose another path") from None
+            raise TarcError(
+                f"save: cannot write {target}: {error.strerror or error}; free space or choose another path"
+            ) from None
         return target
 
     @classmethod

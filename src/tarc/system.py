@@ -97,7 +97,12 @@ def _symbols(tree: Any, kind: type) -> tuple[Any, Any]:
 
 
 def trace(
-    step: Callable[[Any, Any], tuple[Any, Any]], state: Any, value: Any, *, symbol: type = ca.MX, name: str = "step"
+    step: Callable[[Any, Any], tuple[Any, Any]],
+    state: Any,
+    value: Any,
+    *,
+    symbol: type = ca.MX,
+    name: str = "step",
 ) -> tuple[ca.Function, Any]:
     """Trace a step into a CasADi function of packed vectors.
 
@@ -123,7 +128,9 @@ def trace(
     next_state, output = step(state_tree, value_tree)
     for old, new, label in zip(leaves(state_tree), leaves(next_state), names(state), strict=True):
         if old.shape != symbol(new).shape:
-            raise ValueError(f"{name}: state {label} has shape {old.shape} before the step and {new.shape} after")
+            raise ValueError(
+                f"{name}: state {label} has shape {old.shape} before the step and {new.shape} after"
+            )
 
     def column(tree: Any) -> Any:
         parts = [ca.vec(symbol(leaf)) for leaf in leaves(tree)]

@@ -74,12 +74,16 @@ class Algebraic(WindowedEstimator):
         the paper prints in the sum belongs to the convention with q(t−ψ) and is left out.
         """
         if derivative not in range(self.degree + 1):
-            raise TarcError(f"derivative: got {derivative!r}; a kernel of degree {self.degree} has 0 to {self.degree}")
+            raise TarcError(
+                f"derivative: got {derivative!r}; a kernel of degree {self.degree} has 0 to {self.degree}"
+            )
         n, j = self.degree, derivative
         psi = np.asarray(psi, dtype=float)
         scale = factorial(n + 1 + j) / (self.window ** (j + 1) * factorial(j) * factorial(n - j))
         total = sum(
-            factorial(n + 1 + k) / ((j + k + 1) * factorial(n - k) * factorial(k) ** 2) * (psi / self.window) ** k
+            factorial(n + 1 + k)
+            / ((j + k + 1) * factorial(n - k) * factorial(k) ** 2)
+            * (psi / self.window) ** k
             for k in range(n + 1)
         )
         return np.where((psi >= -self.window) & (psi <= 0), scale * total, 0.0)

@@ -123,7 +123,9 @@ class Estimator(System):
         b, a = self._transfer(derivative)
         width = max(len(a), len(b))
         A, B, C, D = tf2ss(np.pad(b, (0, width - len(b))), np.pad(a, (0, width - len(a))))
-        energy = (C @ solve_discrete_lyapunov(A, B @ B.T) @ C.T + D @ D.T).item() if A.size else (D @ D.T).item()
+        energy = (
+            (C @ solve_discrete_lyapunov(A, B @ B.T) @ C.T + D @ D.T).item() if A.size else (D @ D.T).item()
+        )
         return float(np.sqrt(energy))
 
     def plot(self) -> "Figure":
@@ -202,7 +204,9 @@ class TorqueAverage(System):
     def init(self, torque: Any) -> AverageState:
         """State as if this torque, shape (n,), had always been applied."""
         torque = check.array("torque", torque)
-        return AverageState(np.repeat(torque[:, None], len(self.weights), axis=1), torque * self.weights.sum())
+        return AverageState(
+            np.repeat(torque[:, None], len(self.weights), axis=1), torque * self.weights.sum()
+        )
 
     def step(self, state: AverageState, value: Any) -> tuple[AverageState, Any]:
         """Take the newest past torque; the output is Σ_j c_j τ(k−1−j), low-passed where the estimate is."""

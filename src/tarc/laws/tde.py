@@ -12,7 +12,6 @@ from tarc.errors import TarcError
 from tarc.laws.base import Law, Matrix, Tracking
 
 
-
 class TDEState(NamedTuple):
     """Past torques (delayed or averaged), past acceleration estimates (n, m), the robust term's state."""
 

@@ -80,7 +80,9 @@ class EulerLagrange(Plant):
         C = ca.SX(n, n)
         for i in range(n):
             for j in range(n):
-                C[i, j] = sum((slopes[k][i, j] + slopes[j][i, k] - slopes[i][j, k]) * dq[k] for k in range(n)) / 2
+                C[i, j] = (
+                    sum((slopes[k][i, j] + slopes[j][i, k] - slopes[i][j, k]) * dq[k] for k in range(n)) / 2
+                )
         coriolis = C + self.gyroscopic(q, dq, p)
         gravity = ca.gradient(V, q)
         friction = self.dissipation(q, dq, p)
@@ -119,7 +121,13 @@ class EulerLagrange(Plant):
         if ops.symbolic(*arguments, *values.values()):
             return result
         numbers = np.array(result)
-        return numbers if what in ("inertia", "coriolis") else numbers[:, 0] if what != "energy" else numbers.item()
+        return (
+            numbers
+            if what in ("inertia", "coriolis")
+            else numbers[:, 0]
+            if what != "energy"
+            else numbers.item()
+        )
 
     def inertia(self, position: Any) -> np.ndarray:
         """M(q) [kg m² or kg], shape (n, n)."""

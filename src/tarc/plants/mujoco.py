@@ -22,7 +22,11 @@ PAYLOAD_RADIUS = 0.05
 
 def shipped_robots() -> list[str]:
     """Names of the robot files that come with the package."""
-    return sorted(entry.name for entry in files("tarc.plants").joinpath("robots").iterdir() if entry.name.endswith("xml"))
+    return sorted(
+        entry.name
+        for entry in files("tarc.plants").joinpath("robots").iterdir()
+        if entry.name.endswith("xml")
+    )
 
 
 def find_robot(path: str | Path) -> Path:
@@ -226,7 +230,11 @@ def _read(file: Path) -> mujoco.MjSpec:
 def _without_missing_meshes(spec: mujoco.MjSpec, file: Path) -> mujoco.MjSpec:
     """Drop the geoms whose mesh file is not there; their body must state its inertia itself."""
     folder = file.parent / spec.meshdir
-    gone = {mesh.name or Path(mesh.file).stem: mesh for mesh in spec.meshes if mesh.file and not (folder / mesh.file).is_file()}
+    gone = {
+        mesh.name or Path(mesh.file).stem: mesh
+        for mesh in spec.meshes
+        if mesh.file and not (folder / mesh.file).is_file()
+    }
     for geom in list(spec.geoms):
         if geom.meshname in gone:
             if not geom.parent.explicitinertial and geom.mass != 0 and geom.density != 0:
@@ -251,11 +259,15 @@ def _choose_joints(spec: mujoco.MjSpec, wanted: Sequence[str] | None, label: str
                 f"{label}: joint {loose[0]!r} is free or a ball; a law drives hinges and slides. List the joints to "
                 f"control, the others are locked: joints={movable[:3]}…"
             )
-        followers = [equality.name1 for equality in spec.equalities if equality.type == mujoco.mjtEq.mjEQ_JOINT]
+        followers = [
+            equality.name1 for equality in spec.equalities if equality.type == mujoco.mjtEq.mjEQ_JOINT
+        ]
         wanted = [name for name in movable if name not in followers]
     for name in wanted:
         if name not in movable:
-            raise TarcError(f"{label}: no hinge or slide {name!r}; it has {', '.join(movable)}.{check.nearest(name, movable)}")
+            raise TarcError(
+                f"{label}: no hinge or slide {name!r}; it has {', '.join(movable)}.{check.nearest(name, movable)}"
+            )
     if not wanted:
         raise TarcError(f"{label}: it has no hinge or slide joint to control")
     posture = _home(spec)
@@ -263,7 +275,11 @@ def _choose_joints(spec: mujoco.MjSpec, wanted: Sequence[str] | None, label: str
     for group in (spec.keys, spec.equalities, spec.sensors, spec.tendons):
         for element in list(group):
             spec.delete(element)
-    limits = {a.target: a.forcerange[1] for a in spec.actuators if a.forcelimited and a.trntype == mujoco.mjtTrn.mjTRN_JOINT}
+    limits = {
+        a.target: a.forcerange[1]
+        for a in spec.actuators
+        if a.forcelimited and a.trntype == mujoco.mjtTrn.mjTRN_JOINT
+    }
     for actuator in list(spec.actuators):
         spec.delete(actuator)
     for joint in list(spec.joints):
@@ -302,7 +318,9 @@ def _tool_body(spec: mujoco.MjSpec, tool: str, label: str) -> tuple[Any, Any]:
     bodies = {body.name: body for body in spec.bodies}
     if tool:
         if tool not in bodies:
-            raise TarcError(f"{label}: tool {tool!r} is no body or site of it.{check.nearest(tool, [*sites, *bodies])}")
+            raise TarcError(
+                f"{label}: tool {tool!r} is no body or site of it.{check.nearest(tool, [*sites, *bodies])}"
+            )
         return bodies[tool], [0.0, 0.0, 0.0]
     last = list(spec.joints)[-1].parent
     while True:
