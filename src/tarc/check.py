@@ -11,9 +11,7 @@ from tarc.errors import TarcError
 Array = np.ndarray
 
 
-def number(
-    name: str, value: Any, low: float = -np.inf, *, strict: bool = False, high: float = np.inf
-) -> float:
+def number(name: str, value: Any, low: float = -np.inf, *, strict: bool = False, high: float = np.inf) -> float:
     """One finite number in [low, high], or above low if strict."""
     try:
         result = float(value)
@@ -46,9 +44,7 @@ def vector(name: str, value: Any, size: int, low: float = -np.inf, *, strict: bo
     if result.shape != (size,):
         raise TarcError(f"{name}: got shape {result.shape}; needs one number or {size} of them, one a joint")
     if np.any(result <= low if strict else result < low):
-        raise TarcError(
-            f"{name}: got {result.tolist()}; each must be {'above' if strict else 'at least'} {low:g}"
-        )
+        raise TarcError(f"{name}: got {result.tolist()}; each must be {'above' if strict else 'at least'} {low:g}")
     return result
 
 

@@ -70,9 +70,7 @@ class Controller:
         self._call.output[:] = 0
         self._warned, self._ready = False, True
 
-    def step(
-        self, position: Any, reference: Any, velocity_reference: Any, acceleration_reference: Any
-    ) -> np.ndarray:
+    def step(self, position: Any, reference: Any, velocity_reference: Any, acceleration_reference: Any) -> np.ndarray:
         """Torque [N m or N] for this period from the measured position and the reference, all of shape (n,).
 
         A position with NaN or infinity is a missing sample.

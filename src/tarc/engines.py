@@ -1,5 +1,7 @@
 """The two engines of `simulate`: fused in CasADi for symbolic plants, stepping for MuJoCo."""
 
+# pyright: reportAttributeAccessIssue=false
+# (MuJoCo's compiled module ships no types for its functions)
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -77,13 +79,9 @@ def fit(plant: Plant, law: Law, reference: Reference) -> None:
     if not isinstance(plant, EulerLagrange | MujocoPlant):
         raise TarcError(f"plant: got {plant!r}; needs one of tarc.plants")
     if not isinstance(law, Law):
-        raise TarcError(
-            f"law: got {law!r}; needs one of tarc.laws, constructed, such as tarc.laws.TDC(inertia=…)"
-        )
+        raise TarcError(f"law: got {law!r}; needs one of tarc.laws, constructed, such as tarc.laws.TDC(inertia=…)")
     if not isinstance(reference, Reference):
-        raise TarcError(
-            f"reference: got {reference!r}; needs one of tarc.signals, such as tarc.signals.Sinusoid(…)"
-        )
+        raise TarcError(f"reference: got {reference!r}; needs one of tarc.signals, such as tarc.signals.Sinusoid(…)")
     if not plant.joints == law.joints == reference.joints:
         raise TarcError(
             f"joints: the plant has {plant.joints}, the law {law.joints} (told by its inertia), the reference "
@@ -119,9 +117,7 @@ def plan(
                 raise TarcError(f"disturbance: two schedules change {name!r}; put both into one Schedule")
             schedules[name] = event.sample(times, known[name])
         else:
-            raise TarcError(
-                f"disturbance: got {event!r}; needs a Disturbance, Payload or Schedule of tarc.signals"
-            )
+            raise TarcError(f"disturbance: got {event!r}; needs a Disturbance, Payload or Schedule of tarc.signals")
     blocks = torque.reshape(n, count, substeps)
     return Plan(times, reference.sample(times), sensor.sample_noise(n, count, noise_rng), blocks, schedules)
 
@@ -225,6 +221,7 @@ def run_stepping(plant: Plant, drive: "Drive", begin: Start, plan: Plan, watch: 
     qpos, qvel, qacc, output = data.qpos, data.qvel, data.qacc, controller.output
     log_q, log_v, log_a, log_y = rows[:, :n], rows[:, n : 2 * n], rows[:, 2 * n : 3 * n], rows[:, 3 * n :]
     advance, step = controller.step, mujoco.mj_step
+    end_at = 0
     with watch.progress:
         for begin_at in range(0, count, CHUNK):
             end_at = min(begin_at + CHUNK, count)

@@ -22,8 +22,8 @@ class System(ABC):
     """A discrete-time system with explicit state."""
 
     @abstractmethod
-    def init(self, *args: Any) -> Any:
-        """State before the first step: a NamedTuple of float arrays."""
+    def init(self, first: Any, /) -> Any:
+        """State before the first step, made from a first input: a NamedTuple of float arrays."""
 
     @abstractmethod
     def step(self, state: Any, value: Any) -> tuple[Any, Any]:
@@ -128,9 +128,7 @@ def trace(
     next_state, output = step(state_tree, value_tree)
     for old, new, label in zip(leaves(state_tree), leaves(next_state), names(state), strict=True):
         if old.shape != symbol(new).shape:
-            raise ValueError(
-                f"{name}: state {label} has shape {old.shape} before the step and {new.shape} after"
-            )
+            raise ValueError(f"{name}: state {label} has shape {old.shape} before the step and {new.shape} after")
 
     def column(tree: Any) -> Any:
         parts = [ca.vec(symbol(leaf)) for leaf in leaves(tree)]
@@ -158,13 +156,15 @@ class Buffered:
         self.value = np.zeros(function.nnz_in(1))
         self.output = np.zeros(function.nnz_out(1))
         self._states = [np.zeros(function.nnz_in(0)), np.zeros(function.nnz_in(0))]
-        self._calls, self._keep = [], [function]
+        self._calls: list[Any] = []
+        self._keep: list[Any] = [function]
         for now in (0, 1):
+            buffer: Any
             buffer, call = function.buffer()
-            buffer.set_arg(0, memoryview(self._states[now]))
-            buffer.set_arg(1, memoryview(self.value))
-            buffer.set_res(0, memoryview(self._states[1 - now]))
-            buffer.set_res(1, memoryview(self.output))
+            buffer.set_arg(0, self._states[now].data)
+            buffer.set_arg(1, self.value.data)
+            buffer.set_res(0, self._states[1 - now].data)
+            buffer.set_res(1, self.output.data)
             self._calls.append(call)
             self._keep.append(buffer)
         self._now = 0

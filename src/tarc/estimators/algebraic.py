@@ -74,16 +74,12 @@ class Algebraic(WindowedEstimator):
         the paper prints in the sum belongs to the convention with q(t−ψ) and is left out.
         """
         if derivative not in range(self.degree + 1):
-            raise TarcError(
-                f"derivative: got {derivative!r}; a kernel of degree {self.degree} has 0 to {self.degree}"
-            )
+            raise TarcError(f"derivative: got {derivative!r}; a kernel of degree {self.degree} has 0 to {self.degree}")
         n, j = self.degree, derivative
         psi = np.asarray(psi, dtype=float)
         scale = factorial(n + 1 + j) / (self.window ** (j + 1) * factorial(j) * factorial(n - j))
         total = sum(
-            factorial(n + 1 + k)
-            / ((j + k + 1) * factorial(n - k) * factorial(k) ** 2)
-            * (psi / self.window) ** k
+            factorial(n + 1 + k) / ((j + k + 1) * factorial(n - k) * factorial(k) ** 2) * (psi / self.window) ** k
             for k in range(n + 1)
         )
         return np.where((psi >= -self.window) & (psi <= 0), scale * total, 0.0)
@@ -92,7 +88,7 @@ class Algebraic(WindowedEstimator):
         """Least-squares weights [s^−j] of the N + 1 samples, newest first, for the derivative at the newest."""
         return self._fit[derivative] * factorial(derivative) / self.window**derivative
 
-    @cached_property
+    @property
     def prediction(self) -> np.ndarray:
         """Weights over the past window that give its polynomial's value one period on."""
         return (1 / (self.samples - 1)) ** np.arange(self.degree + 1) @ self._fit

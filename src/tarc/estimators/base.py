@@ -91,12 +91,9 @@ class Estimator(System):
         frequency
             ω [rad/s], any shape. The ideal is (jω)^derivative.
         """
-        from scipy.signal import freqz
-
         b, a = self._transfer(derivative)
-        omega = np.asarray(frequency, dtype=float)
-        _, response = freqz(b, a, worN=np.ravel(omega) * self.Ts)
-        return np.reshape(response, omega.shape)
+        back = np.exp(-1j * np.asarray(frequency, dtype=float) * self.Ts)
+        return np.polynomial.polynomial.polyval(back, b) / np.polynomial.polynomial.polyval(back, a)
 
     def group_delay(self, derivative: int = 1) -> float:
         """Group delay at low frequency [s]: how late a slow motion's derivative is seen.
@@ -123,9 +120,7 @@ class Estimator(System):
         b, a = self._transfer(derivative)
         width = max(len(a), len(b))
         A, B, C, D = tf2ss(np.pad(b, (0, width - len(b))), np.pad(a, (0, width - len(a))))
-        energy = (
-            (C @ solve_discrete_lyapunov(A, B @ B.T) @ C.T + D @ D.T).item() if A.size else (D @ D.T).item()
-        )
+        energy = (C @ solve_discrete_lyapunov(A, B @ B.T) @ C.T + D @ D.T).item() if A.size else (D @ D.T).item()
         return float(np.sqrt(energy))
 
     def plot(self) -> "Figure":
@@ -204,9 +199,7 @@ class TorqueAverage(System):
     def init(self, torque: Any) -> AverageState:
         """State as if this torque, shape (n,), had always been applied."""
         torque = check.array("torque", torque)
-        return AverageState(
-            np.repeat(torque[:, None], len(self.weights), axis=1), torque * self.weights.sum()
-        )
+        return AverageState(np.repeat(torque[:, None], len(self.weights), axis=1), torque * self.weights.sum())
 
     def step(self, state: AverageState, value: Any) -> tuple[AverageState, Any]:
         """Take the newest past torque; the output is Σ_j c_j τ(k−1−j), low-passed where the estimate is."""

@@ -112,9 +112,7 @@ class Law(System):
     @cached_property
     def limit(self) -> np.ndarray:
         """Torque limit a joint, shape (n,); `tarc.ops.HUGE` where there is none."""
-        return check.vector(
-            "torque_limit", ops.HUGE if self.torque_limit is None else self.torque_limit, self.joints
-        )
+        return check.vector("torque_limit", ops.HUGE if self.torque_limit is None else self.torque_limit, self.joints)
 
     def init(self, position: Any, torque: Any = 0.0) -> LawState:
         """State at rest at a first position [rad or m], shape (n,), with a torque already applied [N m or N]."""

@@ -148,12 +148,7 @@ class TDE(Law):
             past_torque = torques[:, -1]
             past_acceleration = memory.acceleration[:, -1]
         robust, correction, signals = self.robust(memory.robust, tracking)
-        u = (
-            tracking.acceleration_reference
-            - self.K2 @ tracking.error_rate
-            - self.K1 @ tracking.error
-            + correction
-        )
+        u = tracking.acceleration_reference - self.K2 @ tracking.error_rate - self.K1 @ tracking.error + correction
         torque = self.M @ (u - past_acceleration) + past_torque
         accelerations = ops.push(memory.acceleration, newest)
         return TDEState(torques, accelerations, robust), torque, {"auxiliary": u, **signals}

@@ -49,7 +49,5 @@ class Plant(ABC):
         """Mean of M(q) over the columns of positions (n, k): the nominal inertia along a path, shape (n, n)."""
         columns = check.array("positions", positions)
         if columns.ndim != 2 or columns.shape[0] != self.joints:
-            raise TarcError(
-                f"positions: got shape {columns.shape}; needs ({self.joints}, k), a position a column"
-            )
+            raise TarcError(f"positions: got shape {columns.shape}; needs ({self.joints}, k), a position a column")
         return np.mean([self.inertia(column) for column in columns.T], axis=0)

@@ -63,7 +63,7 @@ class EulerLagrange(Plant):
         """``joint1``, ``joint2``, …"""
         return [f"joint{i + 1}" for i in range(self.joints)]
 
-    @cached_property
+    @property
     def parameters(self) -> dict[str, np.ndarray]:
         """The numeric fields."""
         return {field.name: np.array(getattr(self, field.name), dtype=float) for field in fields(self)}
@@ -80,9 +80,7 @@ class EulerLagrange(Plant):
         C = ca.SX(n, n)
         for i in range(n):
             for j in range(n):
-                C[i, j] = (
-                    sum((slopes[k][i, j] + slopes[j][i, k] - slopes[i][j, k]) * dq[k] for k in range(n)) / 2
-                )
+                C[i, j] = sum((slopes[k][i, j] + slopes[j][i, k] - slopes[i][j, k]) * dq[k] for k in range(n)) / 2
         coriolis = C + self.gyroscopic(q, dq, p)
         gravity = ca.gradient(V, q)
         friction = self.dissipation(q, dq, p)
@@ -121,13 +119,7 @@ class EulerLagrange(Plant):
         if ops.symbolic(*arguments, *values.values()):
             return result
         numbers = np.array(result)
-        return (
-            numbers
-            if what in ("inertia", "coriolis")
-            else numbers[:, 0]
-            if what != "energy"
-            else numbers.item()
-        )
+        return numbers if what in ("inertia", "coriolis") else numbers[:, 0] if what != "energy" else numbers.item()
 
     def inertia(self, position: Any) -> np.ndarray:
         """M(q) [kg m² or kg], shape (n, n)."""

@@ -1,8 +1,9 @@
 """Robots from MJCF or URDF files, on MuJoCo."""
 
+# pyright: reportAttributeAccessIssue=false, reportOptionalMemberAccess=false
+# (the compiled module ships no types for specifications and enumerations)
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
-from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -23,9 +24,7 @@ PAYLOAD_RADIUS = 0.05
 def shipped_robots() -> list[str]:
     """Names of the robot files that come with the package."""
     return sorted(
-        entry.name
-        for entry in files("tarc.plants").joinpath("robots").iterdir()
-        if entry.name.endswith("xml")
+        entry.name for entry in files("tarc.plants").joinpath("robots").iterdir() if entry.name.endswith("xml")
     )
 
 
@@ -139,12 +138,12 @@ class MujocoPlant(Plant):
         """How many joints n."""
         return self.model.nv
 
-    @cached_property
+    @property
     def joint_names(self) -> list[str]:
         """As in the file."""
         return [self.model.joint(i).name or f"joint{i + 1}" for i in range(self.joints)]
 
-    @cached_property
+    @property
     def joint_units(self) -> list[str]:
         """``m`` for slides."""
         return ["m" if kind == mujoco.mjtJoint.mjJNT_SLIDE else "rad" for kind in self.model.jnt_type]
@@ -259,9 +258,7 @@ def _choose_joints(spec: mujoco.MjSpec, wanted: Sequence[str] | None, label: str
                 f"{label}: joint {loose[0]!r} is free or a ball; a law drives hinges and slides. List the joints to "
                 f"control, the others are locked: joints={movable[:3]}…"
             )
-        followers = [
-            equality.name1 for equality in spec.equalities if equality.type == mujoco.mjtEq.mjEQ_JOINT
-        ]
+        followers = [equality.name1 for equality in spec.equalities if equality.type == mujoco.mjtEq.mjEQ_JOINT]
         wanted = [name for name in movable if name not in followers]
     for name in wanted:
         if name not in movable:
@@ -276,9 +273,7 @@ def _choose_joints(spec: mujoco.MjSpec, wanted: Sequence[str] | None, label: str
         for element in list(group):
             spec.delete(element)
     limits = {
-        a.target: a.forcerange[1]
-        for a in spec.actuators
-        if a.forcelimited and a.trntype == mujoco.mjtTrn.mjTRN_JOINT
+        a.target: a.forcerange[1] for a in spec.actuators if a.forcelimited and a.trntype == mujoco.mjtTrn.mjTRN_JOINT
     }
     for actuator in list(spec.actuators):
         spec.delete(actuator)
@@ -318,9 +313,7 @@ def _tool_body(spec: mujoco.MjSpec, tool: str, label: str) -> tuple[Any, Any]:
     bodies = {body.name: body for body in spec.bodies}
     if tool:
         if tool not in bodies:
-            raise TarcError(
-                f"{label}: tool {tool!r} is no body or site of it.{check.nearest(tool, [*sites, *bodies])}"
-            )
+            raise TarcError(f"{label}: tool {tool!r} is no body or site of it.{check.nearest(tool, [*sites, *bodies])}")
         return bodies[tool], [0.0, 0.0, 0.0]
     last = list(spec.joints)[-1].parent
     while True:

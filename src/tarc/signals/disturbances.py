@@ -95,9 +95,7 @@ class BandNoise(Disturbance):
         step = times[1] - times[0] if len(times) > 1 else 1.0
         nyquist = np.pi / step
         if self.high >= nyquist:
-            raise TarcError(
-                f"high: got {self.high:g} rad/s; the plant step {step:g} s allows up to {nyquist:.4g}"
-            )
+            raise TarcError(f"high: got {self.high:g} rad/s; the plant step {step:g} s allows up to {nyquist:.4g}")
         kind, edges = ("lowpass", self.high) if self.low == 0 else ("bandpass", [self.low, self.high])
         sections = butter(4, np.asarray(edges) / nyquist, kind, output="sos")
         settle = int(np.ceil(20 / (self.high * step)))

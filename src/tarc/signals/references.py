@@ -54,11 +54,9 @@ class Sinusoid(Reference):
 
     @cached_property
     def _table(self) -> np.ndarray:
-        rows = [check.array(n, getattr(self, n)) for n in ("amplitude", "frequency", "phase", "offset")]
-        size = max(row.size for row in rows)
-        return np.array(
-            [check.vector(n, r, size) for n, r in zip(("amplitude", "frequency", "phase", "offset"), rows)]
-        )
+        rows = {name: check.array(name, getattr(self, name)) for name in ("amplitude", "frequency", "phase", "offset")}
+        size = max(row.size for row in rows.values())
+        return np.array([check.vector(name, row, size) for name, row in rows.items()])
 
     @property
     def joints(self) -> int:
@@ -105,9 +103,7 @@ class Multisine(Reference):
         if amplitude.ndim == 1:
             amplitude = np.repeat(amplitude[:, None], tones, axis=1)
         if amplitude.shape[1] != tones:
-            raise TarcError(
-                f"amplitude: got shape {amplitude.shape}; needs (joints, {tones}), a column a frequency"
-            )
+            raise TarcError(f"amplitude: got shape {amplitude.shape}; needs (joints, {tones}), a column a frequency")
         n = len(amplitude)
         if self.phase is None:
             m = np.arange(1, tones + 1)
@@ -230,9 +226,7 @@ class Quintic(Reference):
         return _sample_spline(self._curve, np.asarray(times, dtype=float), self.times[0], self.times[-1])
 
 
-def _sample_spline(
-    curve: Any, t: np.ndarray, first: float, last: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _sample_spline(curve: Any, t: np.ndarray, first: float, last: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     inside = np.clip(t, first, last)
     moving = ((t >= first) & (t <= last)).astype(float)
     return curve(inside).T, curve(inside, 1).T * moving, curve(inside, 2).T * moving
@@ -268,14 +262,10 @@ class Recorded(Reference):
                 skip = 1 if any(c.isalpha() and c not in "eE" for c in head) else 0
                 table = np.loadtxt(path, delimiter="," if "," in head else None, skiprows=skip, ndmin=2)
         except ValueError as error:
-            raise TarcError(
-                f"path: {path} does not read as numbers ({error}); needs columns time, q1, q2, …"
-            ) from None
+            raise TarcError(f"path: {path} does not read as numbers ({error}); needs columns time, q1, q2, …") from None
         table = check.array(f"path ({path})", table)
         if table.ndim != 2 or table.shape[0] < 6 or table.shape[1] < 2:
-            raise TarcError(
-                f"path: {path} has shape {table.shape}; needs six rows or more, columns time, q1, q2, …"
-            )
+            raise TarcError(f"path: {path} has shape {table.shape}; needs six rows or more, columns time, q1, q2, …")
         if np.any(np.diff(table[:, 0]) <= 0):
             raise TarcError(f"path: the times in {path} do not increase")
         return table
@@ -293,6 +283,4 @@ class Recorded(Reference):
 
     def sample(self, times: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Position, velocity, acceleration, each of shape (n, k); held before and after the record."""
-        return _sample_spline(
-            self._curve, np.asarray(times, dtype=float), self._table[0, 0], self._table[-1, 0]
-        )
+        return _sample_spline(self._curve, np.asarray(times, dtype=float), self._table[0, 0], self._table[-1, 0])

@@ -1,0 +1,126 @@
+"""The command line: parse, call the library, print."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+app = typer.Typer(
+    name="tarc",
+    help="Robot tracking from position measurements alone: time-delayed adaptive robust control.\n\n"
+    "Start with [bold]tarc demo[/bold], look around with [bold]tarc show[/bold], then write a scenario of your own "
+    "and [bold]tarc run[/bold] it.",
+    no_args_is_help=True,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+    add_completion=False,
+)
+
+Set = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Change a key of the scenario, e.g. law.bandwidth=15. Repeatable."),
+]
+Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the results; default runs/NAME.")]
+Json = Annotated[bool, typer.Option("--json", help="Print the results as JSON instead of a table.")]
+Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw figures.")]
+
+
+@app.command()
+def run(
+    scenario: Annotated[str, typer.Argument(help="A YAML file, or the name of a shipped scenario.")],
+    set_: Set = None,
+    out: Out = None,
+    as_json: Json = False,
+    figures: Figures = True,
+) -> None:
+    """Simulate a scenario: metrics, trajectories as netCDF, figures.
+
+    Example: tarc run ur5e --set law.bandwidth=15 --set duration=5
+    """
+    from tarc.scenario import Scenario
+
+    _run(Scenario.load(scenario, set_ or []), out, as_json, figures)
+
+
+@app.command()
+def demo(out: Out = None, as_json: Json = False, figures: Figures = True) -> None:
+    """A UR5e follows a trajectory with encoders alone and picks up 5 kg half-way: TARC and TDC side by side."""
+    from tarc.scenario import Scenario
+
+    _run(Scenario.load("ur5e"), out or Path("runs/demo"), as_json, figures)
+
+
+@app.command()
+def show(
+    name: Annotated[str | None, typer.Argument(help="A law, plant, estimator or signal, e.g. TARC.")] = None,
+    as_json: Json = False,
+) -> None:
+    """List the laws, robots, estimators and signals there are, or the parameters of one.
+
+    Example: tarc show TARC
+    """
+    from tarc.report import tables
+
+    if name is None:
+        tables.print_catalogue(as_json)
+    else:
+        tables.print_kind(name, as_json)
+
+
+@app.callback(invoke_without_command=True)
+def version(show_version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
+    """Handle options before any command."""
+    if show_version:
+        from tarc.version import __version__
+
+        print(__version__)
+        raise typer.Exit
+
+
+def _run(scenario: Any, out: Path | None, as_json: bool, figures: bool) -> None:
+    from tarc.report import tables
+
+    folder = out or Path("runs") / scenario.name
+    runs = scenario.run()
+    files = save_all(scenario, runs, folder, figures)
+    if as_json:
+        print(json.dumps(tables.summary(scenario, runs, files), indent=2, allow_nan=False))
+    else:
+        tables.print_runs(scenario, runs, files)
+
+
+def save_all(scenario: Any, runs: dict[str, Any], folder: Path, figures: bool) -> list[Path]:
+    """Write scenario, trajectories and figures into a folder; the files written."""
+    from tarc.errors import TarcError
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        target = folder / "scenario.yaml"
+        target.write_text(scenario.to_yaml(), encoding="utf-8")
+    except OSError as error:
+        raise TarcError(f"--out: cannot write to {folder}: {error.strerror or error}; choose another folder") from None
+    files = [target]
+    files += [run.save(folder / f"{name.replace(' ', '-')}.nc") for name, run in runs.items()]
+    if figures:
+        from tarc.report.figures import run_figure
+
+        for kind, name in (("screen", "tracking.png"), ("column", "column.pdf")):
+            run_figure(runs, kind).savefig(folder / name, dpi=110)
+            files.append(folder / name)
+    return files
+
+
+def main() -> None:
+    """Run the command line; errors of the user's making are one line and exit status 2."""
+    from tarc.errors import TarcError
+
+    try:
+        app()
+    except TarcError as error:
+        print(f"error: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
+    except KeyboardInterrupt:
+        print("stopped", file=sys.stderr)
+        raise SystemExit(130) from None

@@ -1,0 +1,139 @@
+"""What the command line prints."""
+
+import inspect
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from tarc import check
+from tarc.errors import TarcError
+from tarc.plants.mujoco import MujocoPlant, shipped_robots
+from tarc.run import Run
+from tarc.scenario import SECTIONS, Scenario, catalogue, parameters, shipped_scenarios
+
+MEASURES = {
+    "rms_error": ("RMS error", 1e3, "mrad", "m"),
+    "peak_error": ("peak error", 1e3, "mrad", "m"),
+    "torque_variation": ("torque variation", 1.0, "N m/s", ""),
+    "high_frequency_share": ("torque energy above 50 Hz", 100.0, "%", ""),
+    "peak_torque": ("peak torque", 1.0, "N m", ""),
+    "saturated": ("saturated", 100.0, "%", ""),
+    "rms_tde_error": ("RMS TDE error", 1.0, "rad/s²", ""),
+    "mean_gain": ("mean gain", 1.0, "rad/s²", ""),
+    "peak_gain": ("peak gain", 1.0, "rad/s²", ""),
+    "overestimation": ("gain rises while ‖s‖ falls", 100.0, "%", ""),
+    "underestimation": ("gain falls while ‖s‖ rises", 100.0, "%", ""),
+}
+
+
+def measures(scenario: Scenario, run: Run) -> dict[str, float]:
+    """The run's metrics, or none where it ended before they begin."""
+    if run.data.sizes["time"] < 2 or float(run.data["time"].values[-2]) < scenario.measure_from:
+        return {}
+    return run.metrics(start=scenario.measure_from)
+
+
+def summary(scenario: Scenario, runs: dict[str, Run], files: list[Path]) -> dict[str, Any]:
+    """Results as plain data, ready for JSON."""
+    results = {}
+    for name, run in runs.items():
+        status = run.status
+        results[name] = {
+            "status": "completed" if status.completed else "diverged",
+            "diverged_at": status.diverged_at,
+            "fault_at": status.fault_at,
+            "saturated": status.saturated,
+            "metrics": {key: value if math.isfinite(value) else None for key, value in measures(scenario, run).items()},
+        }
+    return {"name": scenario.name, "runs": results, "files": [str(file) for file in files]}
+
+
+def print_runs(scenario: Scenario, runs: dict[str, Run], files: list[Path]) -> None:
+    """A table of metrics, a column a run, and where the files are."""
+    console = Console()
+    since = f", measured after {scenario.measure_from:g} s" if scenario.measure_from else ""
+    table = Table(title=f"{scenario.name}, {scenario.duration:g} s{since}", title_justify="left")
+    table.add_column("measure")
+    for name in runs:
+        table.add_column(name, justify="right")
+    table.add_column("unit")
+    results = {name: measures(scenario, run) for name, run in runs.items()}
+    slides = {str(run.data["position"].attrs["units"]) for run in runs.values()} == {"m"}
+    for key, (label, scale, unit, _) in MEASURES.items():
+        if any(key in result for result in results.values()):
+            cells = [f"{scale * result[key]:.4g}" if key in result else "–" for result in results.values()]
+            table.add_row(label, *cells, unit.replace("rad", "m").replace("N m", "N") if slides else unit)
+    table.add_section()
+    statuses = [str(run.status) for run in runs.values()]
+    table.add_row("status", *[s if s.startswith("completed") else f"[bold red]{s}[/bold red]" for s in statuses], "")
+    console.print(table)
+    console.print("written: " + ", ".join(escape(str(file)) for file in files), soft_wrap=True)
+
+
+def _entries() -> dict[str, dict[str, Any]]:
+    entries: dict[str, dict[str, Any]] = {section: dict(catalogue(section)) for section in SECTIONS}
+    entries["robot"] = {"file": MujocoPlant.from_file, **entries["robot"]}
+    return entries
+
+
+def _first_line(kind: Any) -> str:
+    return (inspect.getdoc(kind) or "").split("\n\n")[0].replace("\n", " ")
+
+
+def print_catalogue(as_json: bool) -> None:
+    """All kinds of all sections, each with its parameters."""
+    entries = _entries()
+    if as_json:
+        content = {
+            section: {name: {"about": _first_line(kind), "parameters": _defaults(kind)} for name, kind in kinds.items()}
+            for section, kinds in entries.items()
+        }
+        shipped = {"robots": [r.removesuffix(".xml") for r in shipped_robots()], "scenarios": shipped_scenarios()}
+        print(json.dumps({**content, "shipped": shipped}, indent=2, default=str))
+        return
+    console = Console()
+    for section, kinds in entries.items():
+        table = Table(title=section, title_justify="left", show_header=False, title_style="bold", expand=True)
+        table.add_column("kind", no_wrap=True, style="cyan")
+        table.add_column("what")
+        for name, kind in kinds.items():
+            text = "parameters: " + ", ".join(parameters(kind)) if parameters(kind) else ""
+            table.add_row(name, f"{escape(_first_line(kind))}\n[dim]{escape(text)}[/dim]")
+        console.print(table)
+    robots = ", ".join(name.removesuffix(".xml") for name in shipped_robots())
+    console.print(f"shipped robots: {robots}; shipped scenarios: {', '.join(shipped_scenarios())}")
+    console.print("Details of one: tarc show TARC")
+
+
+def _defaults(kind: Any) -> dict[str, Any]:
+    return {
+        name: {"allowed": parameter.words, "default": "required" if parameter.needed else parameter.default}
+        for name, parameter in parameters(kind).items()
+    }
+
+
+def print_kind(name: str, as_json: bool) -> None:
+    """One kind: its documentation, and its parameters with defaults."""
+    found = {key: kind for kinds in _entries().values() for key, kind in kinds.items()}
+    if name not in found:
+        raise TarcError(f"show: nothing is called {name!r}; there are {', '.join(found)}.{check.nearest(name, found)}")
+    kind = found[name]
+    if as_json:
+        print(
+            json.dumps({"name": name, "about": _first_line(kind), "parameters": _defaults(kind)}, indent=2, default=str)
+        )
+        return
+    console = Console()
+    console.print(f"[bold]{name}[/bold]\n")
+    console.print(escape(inspect.getdoc(kind) or ""), highlight=False)
+    table = Table(title="parameters in a scenario", title_justify="left")
+    for column in ("name", "default", "allowed"):
+        table.add_column(column)
+    for parameter in parameters(kind).values():
+        table.add_row(parameter.name, "required" if parameter.needed else str(parameter.default), parameter.words)
+    console.print(table)

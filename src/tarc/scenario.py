@@ -1,0 +1,426 @@
+"""The YAML file that describes a run: robot, law, estimator, reference, sensor, disturbance, duration, seed."""
+
+import inspect
+import types
+import typing
+from collections.abc import Sequence
+from dataclasses import MISSING, dataclass, fields
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Self, Union
+
+import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
+
+import tarc.estimators
+import tarc.laws
+import tarc.plants
+import tarc.signals
+from tarc import check
+from tarc.errors import TarcError
+from tarc.loop import simulate
+from tarc.plants.base import Plant
+from tarc.run import Run
+
+SECTIONS: dict[str, tuple[types.ModuleType, type]] = {
+    "robot": (tarc.plants, tarc.plants.EulerLagrange),
+    "law": (tarc.laws, tarc.laws.Law),
+    "estimator": (tarc.estimators, tarc.estimators.Estimator),
+    "reference": (tarc.signals, tarc.signals.Reference),
+    "sensor": (tarc.signals, tarc.signals.Encoder),
+    "disturbance": (tarc.signals, object),
+}
+EVENTS = ("BandNoise", "Impulse", "Payload", "Schedule", "Sine", "Step")
+SET_BY_SCENARIO = {"period", "estimator"}
+
+
+def catalogue(section: str) -> dict[str, Any]:
+    """The kinds that a section of a scenario may have, by name."""
+    module, base = SECTIONS[section]
+    found = {name: getattr(module, name) for name in module.__all__}
+    if section == "disturbance":
+        return {name: found[name] for name in EVENTS}
+    return {
+        name: kind
+        for name, kind in found.items()
+        if inspect.isclass(kind) and issubclass(kind, base) and not inspect.isabstract(kind)
+    }
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of a kind, as a user writes it."""
+
+    name: str
+    allowed: Any
+    default: Any
+
+    @property
+    def needed(self) -> bool:
+        """Whether it has no default."""
+        return self.default is ...
+
+    @property
+    def words(self) -> str:
+        """What is allowed, in words."""
+        return _words(self.allowed)
+
+
+def parameters(kind: Any) -> dict[str, Parameter]:
+    """The parameters that a scenario may give to a kind (a class, or a factory such as a robot from a file)."""
+    hints = typing.get_type_hints(kind)
+    if inspect.isclass(kind):
+        defaults = {f.name: ... if f.default is MISSING else f.default for f in fields(kind)}
+    else:
+        signature = inspect.signature(kind).parameters
+        defaults = {p.name: ... if p.default is p.empty else p.default for p in signature.values()}
+    return {
+        name: Parameter(name, _allowed(hints.get(name, Any)), default)
+        for name, default in defaults.items()
+        if name not in SET_BY_SCENARIO
+    }
+
+
+def _allowed(hint: Any) -> Any:
+    """The types that YAML can write, out of an annotation."""
+    members = typing.get_args(hint) if typing.get_origin(hint) in (Union, types.UnionType) else (hint,)
+    result: list[Any] = []
+    for member in members:
+        origin = typing.get_origin(member)
+        if member is np.ndarray:
+            result += [list[float], list[list[float]]]
+        elif member is Path:
+            result.append(str)
+        elif origin in (list, tuple, Sequence) or (origin is not None and issubclass(origin, Sequence)):
+            result.append(list[typing.get_args(member)[0]] if typing.get_args(member) else list)
+        elif member in (float, int, bool, str, type(None), Any):
+            result.append(member)
+    return Union[tuple(dict.fromkeys(result))] if result else Any  # noqa: UP007
+
+
+def _words(allowed: Any) -> str:
+    """Types in words."""
+    names = {
+        float: "a number",
+        int: "a whole number",
+        bool: "true or false",
+        str: "a text",
+        type(None): "null",
+        Any: "anything",
+    }
+    members = typing.get_args(allowed) if typing.get_origin(allowed) in (Union, types.UnionType) else (allowed,)
+    words = []
+    for member in members:
+        if typing.get_origin(member) is list:
+            inner = typing.get_args(member)[0]
+            rows = typing.get_origin(inner) is not None
+            words.append(
+                "rows of numbers"
+                if rows
+                else "a list of texts"
+                if inner is str
+                else "a list"
+                if inner is Any
+                else "a list of numbers"
+            )
+        else:
+            words.append(names.get(member, str(member)))
+    return " or ".join(dict.fromkeys(words))
+
+
+class Start(BaseModel):
+    """How the robot begins."""
+
+    model_config = ConfigDict(extra="forbid")
+    position: list[float] | None = None
+    velocity: float | list[float] = 0.0
+    torque: float | list[float] | str = 0.0
+
+
+class Scenario(BaseModel):
+    """A run, described. Read from YAML by `load`, from a dictionary by `parse`.
+
+    Attributes
+    ----------
+    name
+        Names the folder of the results.
+    robot
+        ``file`` (MJCF, URDF or a shipped robot) with the options of `tarc.plants.MujocoPlant.from_file`, or ``kind``
+        (a class of `tarc.plants`) with its parameters.
+    law
+        ``kind`` and parameters, or a list of them, to be run side by side. ``inertia`` may be ``{fraction: 0.1}``, of
+        the robot's mean inertia along the reference, with ``diagonal: true`` for its diagonal alone.
+    estimator, reference, sensor
+        ``kind`` and parameters; the sensor's kind is Encoder, without parameters perfect.
+    disturbance
+        A list of disturbances, payloads and schedules.
+    duration, period, measure_from
+        [s]; the measures leave out what came before ``measure_from``.
+    start
+        ``position``, ``velocity`` and ``torque`` at the start; torque ``rest`` is the one that holds the robot.
+    computation_delay, substeps, seed
+        As in `tarc.simulate`.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+
+    robot: dict[str, Any]
+    law: dict[str, Any] | list[dict[str, Any]]
+    estimator: dict[str, Any]
+    reference: dict[str, Any]
+    duration: float
+    name: str = "scenario"
+    sensor: dict[str, Any] = Field(default_factory=dict)
+    disturbance: list[dict[str, Any]] = Field(default_factory=list)
+    start: Start = Field(default_factory=Start)
+    period: float = 1e-3
+    measure_from: float = 0.0
+    computation_delay: int = 0
+    substeps: int | None = None
+    seed: int = 0
+
+    @classmethod
+    def parse(cls, content: Any, label: str = "scenario") -> Self:
+        """Validate a dictionary; `TarcError` names each key at fault, what came and what is allowed."""
+        if not isinstance(content, dict):
+            raise TarcError(f"{label}: got {type(content).__name__}; needs keys and values, such as robot: and law:")
+        try:
+            scenario = cls(**content)
+        except ValidationError as error:
+            raise TarcError(_explain(error, cls, "", label)) from None
+        scenario._check()
+        return scenario
+
+    @classmethod
+    def load(cls, path: str | Path, settings: Sequence[str] = ()) -> Self:
+        """Read a YAML file, or a shipped scenario by name; then apply settings such as ``law.bandwidth=15``."""
+        file = find_scenario(path)
+        try:
+            content = yaml.safe_load(file.read_text(encoding="utf-8"))
+        except yaml.YAMLError as error:
+            raise TarcError(f"{file}: no valid YAML: {error}") from None
+        except (OSError, UnicodeDecodeError) as error:
+            raise TarcError(f"{file}: cannot be read: {error}") from None
+        if not isinstance(content, dict):
+            raise TarcError(f"{file}: holds no scenario; needs keys and values, such as robot: and law:")
+        content.setdefault("name", file.stem)
+        for setting in settings:
+            apply_setting(content, setting)
+        for section, key in (("robot", "file"), ("reference", "path")):
+            part = content.get(section)
+            named = part.get(key) if isinstance(part, dict) else None
+            if isinstance(part, dict) and isinstance(named, str) and (file.parent / named).is_file():
+                part[key] = str(file.parent / named)
+        return cls.parse(content, str(file))
+
+    @property
+    def laws(self) -> dict[str, dict[str, Any]]:
+        """The laws by a name of their own: the kind, with a number where two are of the same."""
+        result: dict[str, dict[str, Any]] = {}
+        for part in self.law if isinstance(self.law, list) else [self.law]:
+            label = kind = str(part.get("label", part.get("kind")))
+            number = 2
+            while label in result:
+                label, number = f"{kind} {number}", number + 1
+            result[label] = {key: value for key, value in part.items() if key != "label"}
+        return result
+
+    def _check(self) -> None:
+        if isinstance(self.law, list) and not self.law:
+            raise TarcError("law: got an empty list; needs one law or more")
+        _validate("robot", self.robot)
+        for part in self.laws.values():
+            _validate("law", part)
+        _validate("estimator", self.estimator)
+        _validate("reference", self.reference)
+        _validate("sensor", {"kind": "Encoder", **self.sensor})
+        for part in self.disturbance:
+            _validate("disturbance", part)
+
+    def build_plant(self) -> Plant:
+        """The robot."""
+        options = _validate("robot", self.robot)
+        if "file" in self.robot:
+            return tarc.plants.MujocoPlant.from_file(options.pop("file"), **options)
+        return _construct("robot", options)
+
+    def build_law(self, part: dict[str, Any], plant: Plant, reference: Any) -> Any:
+        """One of the laws, on this robot and reference."""
+        options = _validate("law", part)
+        if isinstance(options.get("inertia"), dict):
+            options["inertia"] = self._fraction(options["inertia"], plant, reference)
+        estimator = _construct("estimator", {**_validate("estimator", self.estimator), "period": self.period})
+        return _construct("law", {**options, "period": self.period, "estimator": estimator})
+
+    def _fraction(self, given: dict[str, Any], plant: Plant, reference: Any) -> np.ndarray:
+        for key in given:
+            if key not in ("fraction", "diagonal"):
+                raise TarcError(
+                    f"law.inertia.{key}: unknown key; it has fraction and diagonal."
+                    f"{check.nearest(str(key), ['fraction', 'diagonal'])}"
+                )
+        fraction = check.number("law.inertia.fraction", given.get("fraction"), 0, strict=True)
+        if reference.joints != plant.joints:
+            raise TarcError(f"reference: it has {reference.joints} joints, the robot {plant.joints}")
+        path = reference.sample(np.linspace(0, self.duration, 200))[0]
+        mean = plant.mean_inertia(path)
+        return fraction * (np.diag(np.diag(mean)) if given.get("diagonal") else mean)
+
+    def run(self, progress: bool | None = None) -> dict[str, Run]:
+        """Simulate every law; by name."""
+        plant = self.build_plant()
+        reference = _construct("reference", _validate("reference", self.reference))
+        sensor = _construct("sensor", _validate("sensor", {"kind": "Encoder", **self.sensor}))
+        events = [_construct("disturbance", _validate("disturbance", part)) for part in self.disturbance]
+        laws = {name: self.build_law(part, plant, reference) for name, part in self.laws.items()}
+        return {
+            name: simulate(
+                plant,
+                law,
+                reference,
+                self.duration,
+                sensor=sensor,
+                disturbance=events,
+                position=self.start.position,
+                velocity=self.start.velocity,
+                torque=self.start.torque,
+                computation_delay=self.computation_delay,
+                substeps=self.substeps,
+                seed=self.seed,
+                progress=progress,
+            )
+            for name, law in laws.items()
+        }
+
+    def to_yaml(self) -> str:
+        """The scenario as YAML."""
+        return yaml.safe_dump(self.model_dump(mode="json", exclude_defaults=True), sort_keys=False, allow_unicode=True)
+
+
+def shipped_scenarios() -> list[str]:
+    """Names of the scenarios that come with the package."""
+    folder = files("tarc").joinpath("scenarios")
+    return sorted(entry.name.removesuffix(".yaml") for entry in folder.iterdir() if entry.name.endswith(".yaml"))
+
+
+def find_scenario(path: str | Path) -> Path:
+    """The file itself, or a shipped scenario by name."""
+    here = Path(path).expanduser()
+    if here.is_file():
+        return here
+    shipped = Path(str(files("tarc").joinpath("scenarios"))) / f"{here.name.removesuffix('.yaml')}.yaml"
+    if len(here.parts) == 1 and shipped.is_file():
+        return shipped
+    names = shipped_scenarios()
+    raise TarcError(
+        f"scenario: {str(path)!r} not found; looked for {here.resolve()} and among the shipped scenarios "
+        f"({', '.join(names)}).{check.nearest(here.stem, names)}"
+    )
+
+
+def apply_setting(content: dict[str, Any], setting: str) -> None:
+    """Put ``section.key=value`` into a scenario's dictionary; ``law.key`` reaches every law of a list."""
+    path, equals, text = setting.partition("=")
+    keys = path.strip().split(".")
+    if not equals or not all(keys):
+        raise TarcError(f"--set: got {setting!r}; needs key=value, such as law.bandwidth=15")
+    try:
+        value = yaml.safe_load(text)
+    except yaml.YAMLError:
+        raise TarcError(f"--set: {text!r} is no YAML value, in {setting!r}") from None
+    nodes: list[Any] = [content]
+    for depth, key in enumerate(keys[:-1]):
+        found: list[Any] = []
+        for node in nodes:
+            if isinstance(node, list):
+                if not key.isdigit() or int(key) >= len(node):
+                    raise TarcError(
+                        f"--set: {setting!r}: {'.'.join(keys[:depth])} is a list of {len(node)}; use 0, 1, …"
+                    )
+                child = node[int(key)]
+            else:
+                child = node.setdefault(key, {})
+            spread = isinstance(child, list) and not keys[depth + 1].isdigit()
+            found += child if spread else [child]
+        nodes = found
+    for node in nodes:
+        if isinstance(node, list) and keys[-1].isdigit() and int(keys[-1]) < len(node):
+            node[int(keys[-1])] = value
+        elif isinstance(node, dict):
+            node[keys[-1]] = value
+        else:
+            raise TarcError(f"--set: {setting!r} reaches {node!r}, which holds no key {keys[-1]!r}")
+
+
+def _validate(section: str, part: dict[str, Any]) -> dict[str, Any]:
+    """Check the keys and types of one component against its class; the options, with the kind."""
+    if section == "robot" and "file" in part:
+        factory: Any = tarc.plants.MujocoPlant.from_file
+        options = {"path": part["file"], **{key: value for key, value in part.items() if key != "file"}}
+        valid = _validate_against(factory, options, "robot", "a robot from a file")
+        return {"file": valid.pop("path"), **valid}
+    kinds = catalogue(section)
+    name = part.get("kind")
+    if name is None:
+        hint = ", or file: for MJCF, URDF and shipped robots" if section == "robot" else ""
+        raise TarcError(f"{section}.kind: missing; known are {', '.join(kinds)}{hint}")
+    check.one_of(f"{section}.kind", str(name), kinds)
+    options = {key: value for key, value in part.items() if key != "kind"}
+    return {"kind": name, **_validate_against(kinds[str(name)], options, section, str(name))}
+
+
+def _validate_against(kind: Any, options: dict[str, Any], section: str, label: str) -> dict[str, Any]:
+    known = parameters(kind)
+    special = {}
+    if section == "law" and isinstance(options.get("inertia"), dict):
+        special = {"inertia": options["inertia"]}
+        options = {**options, "inertia": 1.0}
+    shape: dict[str, Any] = {
+        name: (parameter.allowed, ... if parameter.needed else parameter.default) for name, parameter in known.items()
+    }
+    model = create_model(label, __config__=ConfigDict(extra="forbid", arbitrary_types_allowed=True), **shape)
+    try:
+        valid = model(**options)
+    except ValidationError as error:
+        raise TarcError(_explain(error, model, section, label)) from None
+    except TypeError:
+        raise TarcError(f"{section}: its keys must be words; got {list(options)}") from None
+    return {name: getattr(valid, name) for name in options} | special
+
+
+def _construct(section: str, options: dict[str, Any]) -> Any:
+    """The object itself; its own complaints get the section's name."""
+    kind = catalogue(section)[options["kind"]]
+    try:
+        return kind(**{key: value for key, value in options.items() if key != "kind"})
+    except TarcError as error:
+        raise TarcError(f"{section}.{error}") from None
+
+
+def _explain(error: ValidationError, model: type[BaseModel], section: str, label: str) -> str:
+    """One line a key at fault: what came, what is allowed, the nearest spelling."""
+    prefix = f"{section}." if section else ""
+    lines: dict[str, str] = {}
+    for fault in error.errors():
+        key = str(fault["loc"][0]) if fault["loc"] else ""
+        if key in lines:
+            continue
+        where = f"{prefix}{key}"
+        known = list(model.model_fields)
+        if fault["type"] == "extra_forbidden" and len(fault["loc"]) == 1:
+            lines[key] = f"{where}: unknown key; {label} has {', '.join(known)}.{check.nearest(key, known)}"
+        elif fault["type"] == "missing":
+            lines[key] = f"{where}: missing; {label} needs it, {_words(model.model_fields[key].annotation)}"
+        elif (
+            (key in known
+            and len(fault["loc"]) == 1)
+            or (key in known
+            and typing.get_args(model.model_fields[key].annotation))
+        ):
+            given = fault["input"] if len(fault["loc"]) == 1 else error.errors()[0]["input"]
+            lines[key] = f"{where}: got {given!r}; needs {_words(model.model_fields[key].annotation)}"
+        else:
+            path = ".".join(str(step) for step in fault["loc"])
+            lines[key] = f"{prefix}{path}: {fault['msg']}"
+    return "\n".join(lines.values())
