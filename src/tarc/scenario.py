@@ -70,11 +70,11 @@ class Parameter:
 def parameters(kind: Any) -> dict[str, Parameter]:
     """The parameters that a scenario may give to a kind (a class, or a factory such as a robot from a file)."""
     hints = typing.get_type_hints(kind)
-    if inspect.isclass(kind):
-        defaults = {f.name: ... if f.default is MISSING else f.default for f in fields(kind)}
-    else:
+    if inspect.ismethod(kind):
         signature = inspect.signature(kind).parameters
         defaults = {p.name: ... if p.default is p.empty else p.default for p in signature.values()}
+    else:
+        defaults = {f.name: ... if f.default is MISSING else f.default for f in fields(kind)}
     return {
         name: Parameter(name, _allowed(hints.get(name, Any)), default)
         for name, default in defaults.items()
@@ -412,11 +412,8 @@ def _explain(error: ValidationError, model: type[BaseModel], section: str, label
             lines[key] = f"{where}: unknown key; {label} has {', '.join(known)}.{check.nearest(key, known)}"
         elif fault["type"] == "missing":
             lines[key] = f"{where}: missing; {label} needs it, {_words(model.model_fields[key].annotation)}"
-        elif (
-            (key in known
-            and len(fault["loc"]) == 1)
-            or (key in known
-            and typing.get_args(model.model_fields[key].annotation))
+        elif (key in known and len(fault["loc"]) == 1) or (
+            key in known and typing.get_args(model.model_fields[key].annotation)
         ):
             given = fault["input"] if len(fault["loc"]) == 1 else error.errors()[0]["input"]
             lines[key] = f"{where}: got {given!r}; needs {_words(model.model_fields[key].annotation)}"

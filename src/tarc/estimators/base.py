@@ -8,6 +8,7 @@ import numpy as np
 
 from tarc import check, ops
 from tarc.errors import TarcError
+from tarc.parametric import Parametric
 from tarc.system import System
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ class Estimate(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Estimator(System):
+class Estimator(Parametric, System):
     """A causal estimator of velocity and acceleration from positions, linear and time invariant.
 
     It learns its period from the law it is given to, or by `at`. The analysis methods hold for any derivative

@@ -11,6 +11,7 @@ import numpy as np
 from tarc import check, ops
 from tarc.errors import TarcError
 from tarc.estimators.base import Estimate, Estimator
+from tarc.parametric import Parametric
 from tarc.system import System
 
 Matrix = float | Sequence[float] | Sequence[Sequence[float]] | np.ndarray
@@ -54,7 +55,7 @@ class LawState(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Law(System):
+class Law(Parametric, System):
     """A control law that sees positions and the reference, nothing else.
 
     This base estimates the derivatives, limits the torque, feeds the applied torque back to the law (which is its

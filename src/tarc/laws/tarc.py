@@ -48,7 +48,7 @@ class TARC(TDE):
         Largest gain [rad/s²]; None for none. The boundedness argument in print has a gap, and the gain can run away
         for a large rise with a small boundary.
     weight
-        Q: one number, 2n numbers or a (2n, 2n) symmetric positive definite matrix; None for diag(2 K1, 2 I), which
+        Q: one number, 2n numbers or a (2n, 2n) symmetric positive definite matrix; None for diag(K1 + K1ᵀ, 2 I), which
         gives P2 = I for scalar gains.
 
     Raises
@@ -101,7 +101,7 @@ class TARC(TDE):
         n = self.joints
         if self.weight is None:
             zero = np.zeros((n, n))
-            return np.block([[2 * self.K1, zero], [zero, 2 * np.eye(n)]])
+            return check.definite("weight", np.block([[self.K1 + self.K1.T, zero], [zero, 2 * np.eye(n)]]), 2 * n)
         return check.definite("weight", self.weight, 2 * n)
 
     @cached_property

@@ -37,7 +37,8 @@ class TDE(Law):
     bandwidth, damping
         ωn [rad/s] and ζ, one number or one a joint: K1 = ωn², K2 = 2 ζ ωn.
     stiffness, viscosity
-        K1 [1/s²] and K2 [1/s] themselves, instead: one number, one a joint, or a symmetric positive definite matrix.
+        K1 [1/s²] and K2 [1/s] themselves, instead: one number, one a joint, or a matrix; A must be Hurwitz, as it
+        is whenever both are symmetric positive definite.
     delay
         h [s], a whole multiple of the period; None for one period.
     synchronised
@@ -67,15 +68,16 @@ class TDE(Law):
                 f"estimator: {self.estimator} gives no acceleration, which time-delay estimation needs; use degree 2 "
                 "or more"
             )
-        if self.synchronised and self.delay_periods != 1:
+        if self.delay_periods != 1 and self.synchronised:
             raise TarcError(
                 f"delay: got {self.delay} s with synchronised=True, whose averaged torque has the window's own delay; "
                 "leave the delay out, or use synchronised=False"
             )
-        if np.max(np.linalg.eigvals(self.A).real) >= 0:
+        growth = float(np.max(np.linalg.eigvals(self.A).real))
+        if growth >= 0:
             raise TarcError(
-                "stiffness, viscosity: A = [0 I; -K1 -K2] is not Hurwitz; give a bandwidth, or matrices K1 and K2 "
-                "that are positive definite"
+                f"stiffness, viscosity: A = [0 I; -K1 -K2] is not Hurwitz, an eigenvalue has real part {growth:.3g}; "
+                "give a bandwidth instead, or symmetric positive definite K1 and K2"
             )
 
     @property
@@ -94,14 +96,14 @@ class TDE(Law):
         if self.stiffness is not None:
             if self.bandwidth is not None:
                 raise TarcError("bandwidth, stiffness: both are given; K1 = bandwidth², so give one of them")
-            return check.definite("stiffness", self.stiffness, self.joints)
+            return check.square("stiffness", self.stiffness, self.joints)
         return np.diag(self._omega**2)
 
     @cached_property
     def K2(self) -> np.ndarray:
         """Viscosity [1/s], shape (n, n)."""
         if self.viscosity is not None:
-            return check.definite("viscosity", self.viscosity, self.joints)
+            return check.square("viscosity", self.viscosity, self.joints)
         zeta = check.vector("damping", self.damping, self.joints, 0, strict=True)
         return np.diag(2 * zeta * self._omega)
 

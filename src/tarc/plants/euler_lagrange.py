@@ -12,13 +12,14 @@ import numpy as np
 
 from tarc import check, ops
 from tarc.errors import TarcError
+from tarc.parametric import Parametric
 from tarc.plants.base import Plant
 
 Numbers = float | Sequence[float]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class EulerLagrange(Plant):
+class EulerLagrange(Parametric, Plant):
     """A plant given by kinetic energy T, potential energy V and forces that are not from either.
 
         d/dt ∂T/∂q̇ − ∂T/∂q + ∂V/∂q + G(q, q̇) q̇ + F(q, q̇) = τ
@@ -75,7 +76,7 @@ class EulerLagrange(Plant):
         symbols = [ca.SX.sym(name, max(value.size, 1)) for name, value in self.parameters.items()]
         p = SimpleNamespace(**dict(zip(self.parameters, symbols, strict=True)))
         T, V = self.kinetic_energy(q, dq, p), self.potential_energy(q, p)
-        M = ca.hessian(T, dq)[0]
+        M = ca.densify(ca.hessian(T, dq)[0])
         slopes = [ca.reshape(ca.jacobian(ca.vec(M), q[k]), n, n) for k in range(n)]
         C = ca.SX(n, n)
         for i in range(n):

@@ -51,10 +51,10 @@ class MassSpringDamper(EulerLagrange):
 
     def potential_energy(self, q: Any, p: Any) -> Any:
         """V = ½ Σ k_i (q_i − q_{i−1})² [J]."""
-        stretch = q - ca.vertcat(0, q[:-1])
+        stretch = q - ca.vertcat(0, q)[: self.joints]
         return ca.sum1(p.springs * stretch**2) / 2
 
     def dissipation(self, q: Any, dq: Any, p: Any) -> Any:
         """Damper forces [N]."""
-        force = p.dampers * (dq - ca.vertcat(0, dq[:-1]))
-        return force - ca.vertcat(force[1:], 0)
+        force = p.dampers * (dq - ca.vertcat(0, dq)[: self.joints])
+        return force - ca.vertcat(force, 0)[1:]

@@ -1,6 +1,6 @@
 """What the robot meets: torques from outside, and parameters that change under way."""
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -9,12 +9,13 @@ import numpy as np
 
 from tarc import check
 from tarc.errors import TarcError
+from tarc.parametric import Parametric
 
 Numbers = float | Sequence[float]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Disturbance(ABC):
+class Disturbance(Parametric):
     """A torque on the joints beside the controller's [N m or N]."""
 
     amplitude: Numbers
@@ -105,7 +106,7 @@ class BandNoise(Disturbance):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Schedule:
+class Schedule(Parametric):
     """A plant parameter that changes while the robot runs: stepwise, or linearly between the times.
 
     Parameters
@@ -148,7 +149,7 @@ class Schedule:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Payload:
+class Payload(Parametric):
     """A mass [kg] that appears at the tool at an instant [s]: a schedule of the plant's ``payload``."""
 
     mass: float

@@ -1,6 +1,6 @@
 """Reference trajectories with exact derivatives."""
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,13 +11,14 @@ import numpy as np
 
 from tarc import check
 from tarc.errors import TarcError
+from tarc.parametric import Parametric
 
 Numbers = float | Sequence[float]
 Table = Sequence[Sequence[float]] | np.ndarray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Reference(ABC):
+class Reference(Parametric):
     """A trajectory qᵈ(t) with its first two derivatives."""
 
     @property

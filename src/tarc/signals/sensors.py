@@ -7,6 +7,7 @@ import numpy as np
 
 from tarc import check, ops
 from tarc.errors import TarcError
+from tarc.parametric import Parametric
 from tarc.system import System
 
 
@@ -18,7 +19,7 @@ class EncoderInput(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Encoder(System):
+class Encoder(Parametric, System):
     """Position encoder: noise, quantisation to the nearest step, transport delay, lost samples, in that order.
 
     With no arguments it is perfect. All randomness comes from the simulation's seed.

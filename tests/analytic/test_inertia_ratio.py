@@ -1,0 +1,60 @@
+"""The range of M⁻¹M̂ in which the loop is stable, from the very functions that are simulated.
+
+A double integrator under TDC is linear; the eigenvalues of the traced closed loop's Jacobian decide. The limits are
+those of the scalar loop with T = h = 1 ms, ωn = 10 rad/s, ζ = 1 and a window of N periods, known independently.
+"""
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from tarc import estimators, laws, plants, signals
+from tarc.loop import ClosedLoop, Drive, LoopInput
+from tarc.system import pack, trace
+
+
+def spectral_radius(ratio, window, synchronised):
+    """Largest eigenvalue magnitude of one period of TDC on q̈ = τ with M̂ = ratio."""
+    mass = plants.MassSpringDamper(masses=[1.0], springs=[0.0], dampers=[0.0])
+    law = laws.TDC(
+        inertia=ratio,
+        bandwidth=10.0,
+        period=1e-3,
+        estimator=estimators.Algebraic(window=window * 1e-3, degree=2),
+        synchronised=synchronised,
+    )
+    loop = ClosedLoop(mass, Drive(signals.Encoder(), law), 1)
+    state = loop.init(np.zeros(1))
+    zero = np.zeros(1)
+    value = LoopInput(zero, zero, zero, zero, np.zeros((1, 1)), {})
+    step, _ = trace(loop.step, state, value, symbol=ca.SX)
+    x, u = ca.SX.sym("x", step.nnz_in(0)), ca.SX.sym("u", step.nnz_in(1))
+    jacobian = ca.Function("jacobian", [x, u], [ca.jacobian(step(x, u)[0], x)])
+    return np.max(np.abs(np.linalg.eigvals(np.array(jacobian(pack(state), pack(value))))))
+
+
+@pytest.mark.parametrize(
+    ("window", "synchronised", "low", "high"),
+    [
+        (2, False, 0.00495, 0.8016),
+        (10, False, 0.00486, 0.2616),
+        (20, False, 0.00476, 0.1263),
+        (10, True, 0.0255, 2.815),
+        (20, True, 0.0450, 2.569),
+        (50, True, 0.088, 1.994),
+        (100, True, 0.128, 1.426),
+        (200, True, 0.155, 0.875),
+    ],
+)
+def test_stable_interval(window, synchronised, low, high):
+    def beyond(ratio):
+        # the zero reference leaves eigenvalues at 0 and inside; the last reference held adds one at 0
+        return spectral_radius(ratio, window, synchronised) - 1.0
+
+    middle = np.sqrt(low * high)
+    assert beyond(middle) < 0
+    found = brentq(beyond, 0.8 * low, middle, xtol=1e-7), brentq(beyond, middle, 1.2 * high, xtol=1e-6)
+    digits = [10.0 ** -len(str(number).split(".")[1]) for number in (low, high)]
+    assert abs(found[0] - low) <= 0.5 * digits[0] + 1e-6
+    assert abs(found[1] - high) <= 0.5 * digits[1] + 1e-6

@@ -1,0 +1,39 @@
+"""What all tests share: every law and estimator that the package has, found by itself."""
+
+import inspect
+from typing import Any
+
+import numpy as np
+
+from tarc import estimators, laws
+from tarc.scenario import parameters
+
+PERIOD = 1e-3
+
+ESTIMATORS: dict[str, estimators.Estimator] = {
+    "algebraic": estimators.Algebraic(window=0.008, degree=2),
+    "cubic": estimators.Algebraic(window=0.010, degree=3),
+    "difference": estimators.BackwardDifference(),
+    "filtered": estimators.FilteredDifference(cutoff=300.0),
+}
+
+NEEDED: dict[str, Any] = {"inertia": None, "rise": 3000.0, "fall": 2000.0}
+"""Values for the parameters that some law needs."""
+
+
+def concrete_laws() -> list[type[laws.Law]]:
+    """Every law of the package that can be constructed."""
+    found = [getattr(laws, name) for name in laws.__all__]
+    return [
+        kind for kind in found if inspect.isclass(kind) and issubclass(kind, laws.Law) and not inspect.isabstract(kind)
+    ]
+
+
+def make_law(kind: type[laws.Law], joints: int = 2, estimator_name: str = "algebraic", **options: Any) -> Any:
+    """A law of this kind with plain gains."""
+    mixed = 0.05 * (np.eye(joints) + 0.2 * np.ones((joints, joints)))
+    given: dict[str, Any] = {**NEEDED, "inertia": mixed}
+    needed = {name: given[name] for name, parameter in parameters(kind).items() if parameter.needed}
+    if "bandwidth" in parameters(kind):
+        needed["bandwidth"] = 12.0
+    return kind(**{"period": PERIOD, "estimator": ESTIMATORS[estimator_name], **needed, **options})

@@ -1,0 +1,198 @@
+"""What holds for every law there is, with every estimator."""
+
+import pickle
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from conftest import ESTIMATORS, concrete_laws, make_law
+from tarc import Controller, TarcError, plants, signals, simulate
+from tarc.estimators import Algebraic
+from tarc.laws import LawInput
+from tarc.system import leaves, pack, trace, unpack
+
+LAWS = concrete_laws()
+every_law = pytest.mark.parametrize("kind", LAWS, ids=lambda kind: kind.__name__)
+every_estimator = pytest.mark.parametrize("estimator", ESTIMATORS)
+both_ways = pytest.mark.parametrize("synchronised", [False, True], ids=["literal", "synchronised"])
+
+
+def random_state(law, rng):
+    """A state with plausible numbers in every place: positions near one, counters and latches off."""
+    state, _ = law.example()
+    vector = pack(state)
+    numbers = unpack(state, rng.normal(size=vector.shape))
+    zero = np.zeros(())
+    return numbers._replace(missing=zero, fault=zero)
+
+
+@every_law
+@every_estimator
+@both_ways
+@pytest.mark.parametrize("symbol", [ca.SX, ca.MX], ids=["SX", "MX"])
+@settings(deadline=None, max_examples=10)
+@given(seed=st.integers(0, 2**32 - 1), lost=st.sampled_from([None, np.nan, np.inf]))
+def test_traced_equals_numpy(kind, estimator, synchronised, symbol, seed, lost):
+    law = make_law(kind, 3, estimator, synchronised=synchronised)
+    function, example = trace(law.step, *law.example(), symbol=symbol)
+    rng = np.random.default_rng(seed)
+    state, value = random_state(law, rng), LawInput(*rng.normal(size=(4, 3)))
+    if lost is not None:
+        value.position[rng.integers(3)] = lost
+    next_state, output = law.step(state, value)
+    traced_state, traced_output = (np.array(part).ravel() for part in function(pack(state), pack(value)))
+    # acceleration weights are of order 1/T² = 1e6, so rounding is 1e6 times that of numbers near one
+    np.testing.assert_allclose(traced_state, pack(next_state), rtol=1e-9, atol=1e-8)
+    np.testing.assert_allclose(traced_output, pack(output), rtol=1e-9, atol=1e-8)
+    assert [np.shape(leaf) for leaf in leaves(output)] == [np.shape(leaf) for leaf in leaves(example)]
+
+
+@every_law
+@both_ways
+@settings(deadline=None, max_examples=30)
+@given(data=st.data())
+def test_never_emits_nan(kind, synchronised, data):
+    """Whatever comes in, NaN and infinities and numbers near overflow included, finite torque comes out."""
+    law = make_law(kind, 2, synchronised=synchronised, max_missing=3)
+    state, _ = law.example()
+    anything = st.lists(st.floats(width=64), min_size=8, max_size=8)
+    for _ in range(8):
+        value = LawInput(*np.array(data.draw(anything)).reshape(4, 2))
+        with np.errstate(over="ignore", invalid="ignore"):
+            state, output = law.step(state, value)
+        assert all(np.all(np.isfinite(leaf)) for leaf in leaves(state)), "state"
+        assert all(np.all(np.isfinite(leaf)) for leaf in leaves(output)), "output"
+
+
+@every_law
+@both_ways
+def test_controller_equals_simulation(kind, synchronised):
+    """The real-time face, fed with the measurements of a run, gives the torques of that run."""
+    law = make_law(kind, synchronised=synchronised, inertia=[0.15, 0.05], torque_limit=60.0)
+    reference = signals.Sinusoid(amplitude=[0.3, 0.4], frequency=[2.0, 3.0])
+    sensor = signals.Encoder(bits=14, dropout=0.02)
+    run = simulate(plants.TwoLinkArm(), law, reference, 0.5, sensor=sensor, torque="rest", seed=3)
+    assert run.status.completed
+    data = run.data
+    assert np.isnan(data["measured"].values).any(), "the sensor loses samples here"
+    controller = Controller(law)
+    controller.reset(data["reference"].values[0], plants.TwoLinkArm().gravity_torque(data["reference"].values[0]))
+    columns = [data[name].values for name in ("measured", "reference", "velocity_reference", "acceleration_reference")]
+    torques = np.array([controller.step(*row).copy() for row in zip(*columns, strict=True)])
+    # the two engines evaluate in another order; a closed loop does not amplify that here
+    np.testing.assert_allclose(torques, data["torque"].values, rtol=1e-7, atol=1e-7)
+
+
+@every_law
+def test_torque_stays_within_limits(kind):
+    law = make_law(kind, torque_limit=[5.0, 2.0])
+    state, value = law.example()
+    state, output = law.step(state, value._replace(reference=np.array([3.0, -3.0])))
+    np.testing.assert_array_equal(output.torque, [5.0, -2.0])
+    np.testing.assert_array_equal(state.torque, output.torque)
+
+
+@every_law
+def test_missing_sample_is_bridged_then_safe(kind):
+    gone = np.full(2, np.nan)
+    law = make_law(kind, max_missing=2, safe_torque="hold")
+    state, value = law.example()
+    state, _ = law.step(state, value._replace(position=np.full(2, 0.01)))
+    for count in (1, 2):
+        state, output = law.step(state, value._replace(position=gone))
+        assert (output.signals["missing"], output.signals["fault"]) == (count, 0)
+    held = state.torque
+    for _ in range(3):
+        state, output = law.step(state, value._replace(position=gone))
+        assert output.signals["fault"] == 1
+        np.testing.assert_array_equal(output.torque, held)
+    state, output = law.step(state, value)
+    assert output.signals["missing"] == 0
+    assert output.signals["fault"] == 1, "the fault stays until reset"
+
+
+@every_law
+@pytest.mark.parametrize(
+    ("safe", "expected"), [("zero", [0.0, 0.0]), (lambda q: 2.0 * q + 1.0, [1.5, 0.5])], ids=["zero", "gravity"]
+)
+def test_safe_torque(kind, safe, expected):
+    law = make_law(kind, max_missing=0, safe_torque=safe)
+    state = law.init(np.array([0.25, -0.25]))
+    _, value = law.example()
+    _, output = law.step(state, value._replace(position=np.full(2, np.inf)))
+    np.testing.assert_allclose(output.torque, expected, atol=1e-12)
+
+
+@every_law
+def test_lost_reference_is_held(kind):
+    """A reference that is not a number is the last one held, at rest: no step, no NaN."""
+    law = make_law(kind)
+    _, value = law.example()
+    at_rest = value._replace(position=np.full(2, 0.5), reference=np.full(2, 0.5))
+    state, output = law.step(law.init(np.full(2, 0.5)), at_rest)
+    state, output = law.step(state, at_rest._replace(reference=np.full(2, np.nan)))
+    np.testing.assert_allclose(output.torque, 0.0, atol=1e-6)
+
+
+@every_law
+def test_is_at_rest_on_target(kind):
+    """On the reference at rest every law keeps the torque that was applied."""
+    law = make_law(kind)
+    state, value = law.init(np.full(2, 0.5), [3.0, -1.0]), law.example()[1]
+    for _ in range(20):
+        state, output = law.step(state, value._replace(position=np.full(2, 0.5), reference=np.full(2, 0.5)))
+        np.testing.assert_allclose(output.torque, [3.0, -1.0], rtol=1e-9)
+
+
+@every_law
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"period": 0.0}, "period: got 0; needs a finite number above 0"),
+        ({"estimator": "Algebraic"}, "estimator: got 'Algebraic'; needs one of tarc.estimators"),
+        ({"torque_limit": [1.0, 2.0, 3.0]}, r"torque_limit: got shape \(3,\)"),
+        ({"torque_limit": -1.0}, "torque_limit"),
+        ({"safe_torque": "brake"}, "safe_torque: got 'brake'; known are zero, hold"),
+        ({"inertia": [[1.0, 0.5], [0.4, 1.0]]}, "inertia: .* not symmetric"),
+        ({"inertia": [[1.0, 2.0], [2.0, 1.0]]}, "inertia: its smallest eigenvalue is -1"),
+        ({"inertia": [[1.0, 2.0, 3.0], [2.0, 1.0, 3.0]]}, r"inertia: got shape \(2, 3\)"),
+        ({"inertia": [np.nan, 1.0]}, "inertia: .*finite numbers"),
+        ({"bandwidth": None}, "bandwidth: missing"),
+        ({"bandwidth": -3.0}, "bandwidth: .*above 0"),
+        ({"viscosity": [-1.0, 10.0]}, "A = .* is not Hurwitz, an eigenvalue has real part"),
+        ({"stiffness": 100.0}, "bandwidth, stiffness: both are given"),
+        ({"delay": 0.0015}, "delay: got 0.0015 s, which is no whole multiple of the period 0.001 s"),
+        ({"delay": 0.002, "synchronised": True}, "delay: got 0.002 s with synchronised=True"),
+    ],
+)
+def test_bad_parameters_are_refused(kind, options, message):
+    with pytest.raises(TarcError, match=message):
+        make_law(kind, **options)
+
+
+@every_law
+def test_unknown_and_missing_parameters(kind):
+    with pytest.raises(TarcError, match=r"unknown parameter 'bandwith'.*Did you mean 'bandwidth'\?"):
+        make_law(kind, bandwith=3.0)
+    with pytest.raises(TarcError, match="parameter 'period' is missing"):
+        kind()
+
+
+@every_law
+def test_survives_pickling_and_replacement(kind):
+    law = make_law(kind)
+    twin = pickle.loads(pickle.dumps(law))
+    state, value = law.example()
+    torques = [one.step(state, value._replace(reference=np.ones(2)))[1].torque for one in (law, twin)]
+    np.testing.assert_array_equal(*torques)
+    assert replace(law, bandwidth=7.0).K1[0, 0] == pytest.approx(49.0)
+
+
+@every_law
+def test_estimator_without_acceleration_is_refused(kind):
+    with pytest.raises(TarcError, match="gives no acceleration"):
+        make_law(kind, estimator=Algebraic(window=0.008, degree=1))
