@@ -1,7 +1,5 @@
 """The two engines of `simulate`: fused in CasADi for symbolic plants, stepping for MuJoCo."""
 
-# pyright: reportAttributeAccessIssue=false
-# (MuJoCo's compiled module ships no types for its functions)
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any

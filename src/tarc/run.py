@@ -9,6 +9,7 @@ import numpy as np
 
 from tarc import check
 from tarc.errors import TarcError
+from tarc.ops import HUGE
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -117,6 +118,9 @@ class Run:
             values = arrays[name]
             dims = ("time",) if values.ndim == 1 else ("time", "joint")
             variables[name] = (dims, values, {"long_name": label, "units": unit})
+        limit = np.where(drive.law.limit < HUGE, drive.law.limit, np.inf)
+        label = {"long_name": "largest torque that the law applies", "units": "N" if slides else "N m"}
+        variables["torque_limit"] = ("joint", limit, label)
         attributes = {
             "title": f"{type(drive.law).__name__} on {_describe(plant)['kind']}",
             "source": f"tarc-control {tarc.__version__}",
@@ -129,7 +133,6 @@ class Run:
             "computation_delay": drive.computation_delay,
             "seed": seed,
             "duration": len(plan.times) * drive.law.period,
-            "torque_limit": np.where(drive.law.limit < 1e99, drive.law.limit, np.inf),
             "diverged_at": np.nan if watch.diverged_at is None else plan.times[watch.diverged_at],
         }
         times = ("time", plan.times[:count], {"units": "s", "long_name": "time"})
@@ -140,12 +143,11 @@ class Run:
     def status(self) -> Status:
         """How it ended."""
         diverged = float(self.data.attrs["diverged_at"])
-        limit = np.atleast_1d(self.data.attrs["torque_limit"])
         fault = np.flatnonzero(self.data["fault"].values > 0) if "fault" in self.data else []
         return Status(
             completed=np.isnan(diverged),
             diverged_at=None if np.isnan(diverged) else diverged,
-            saturated=float(np.mean(np.abs(self.data["torque"].values) >= limit * (1 - 1e-12))),
+            saturated=_saturated(self.data),
             fault_at=float(self.data["time"].values[fault[0]]) if len(fault) else None,
         )
 
@@ -176,14 +178,13 @@ class Run:
         period = float(self.data.attrs["period"])
         error = (data["position"] - data["reference"]).values
         torque = data["torque"].values
-        limit = np.atleast_1d(self.data.attrs["torque_limit"])
         result = {
             "rms_error": float(np.sqrt(np.mean(error**2))),
             "peak_error": float(np.max(np.abs(error))),
             "torque_variation": float(np.sum(np.abs(np.diff(torque, axis=0))) / (period * (len(torque) - 1))),
             "high_frequency_share": _share_above(torque, period, frequency),
             "peak_torque": float(np.max(np.abs(torque))),
-            "saturated": float(np.mean(np.abs(torque) >= limit * (1 - 1e-12))),
+            "saturated": _saturated(data),
         }
         if "tde_error" in data:
             result["rms_tde_error"] = float(np.sqrt(np.mean(data["tde_error"].values ** 2)))
@@ -242,6 +243,11 @@ class Run:
             return cls(xr.load_dataset(path, engine="h5netcdf"))
         except (OSError, ValueError) as error:
             raise TarcError(f"load: {path} is no netCDF file of a run ({error})") from None
+
+
+def _saturated(data: "xr.Dataset") -> float:
+    """Share of the samples, over all joints, in which the torque is at its limit."""
+    return float(np.mean(np.abs(data["torque"].values) >= data["torque_limit"].values * (1 - 1e-12)))
 
 
 def _share_above(torque: np.ndarray, period: float, frequency: float) -> float:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from conftest import ESTIMATORS, concrete_laws, make_law
+from family import ESTIMATORS, concrete_laws, make_law
 from tarc import Controller, TarcError, plants, signals, simulate
 from tarc.estimators import Algebraic
 from tarc.laws import LawInput

@@ -1,7 +1,5 @@
 """Robots from MJCF or URDF files, on MuJoCo."""
 
-# pyright: reportAttributeAccessIssue=false, reportOptionalMemberAccess=false
-# (the compiled module ships no types for specifications and enumerations)
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from importlib.resources import files
@@ -58,7 +56,9 @@ class MujocoPlant(Plant):
 
     def __init__(self, spec: mujoco.MjSpec, home: np.ndarray, tool: str, payload: float, label: str):
         body = _tool_body(spec, tool, label)
-        body[0].add_body(name="tarc_payload", pos=body[1], mass=0.0, inertia=[0.0] * 3, explicitinertial=True)
+        body[0].add_body(
+            name="tarc_payload", pos=body[1], ipos=[0.0] * 3, mass=0.0, inertia=[0.0] * 3, explicitinertial=True
+        )
         try:
             self.model: mujoco.MjModel = spec.compile()
         except ValueError as error:

@@ -1,4 +1,4 @@
-"""What all tests share: every law and estimator that the package has, found by itself."""
+"""Every law and estimator that the package has, found by itself."""
 
 import inspect
 from typing import Any

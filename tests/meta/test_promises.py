@@ -1,0 +1,95 @@
+"""What the project promises of itself."""
+
+import importlib
+import inspect
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import tarc
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ["tarc", "tarc.laws", "tarc.estimators", "tarc.plants", "tarc.signals"]
+
+
+def public_objects():
+    modules = [importlib.import_module(package) for package in PACKAGES]
+    return [(f"{module.__name__}.{name}", getattr(module, name)) for module in modules for name in module.__all__]
+
+
+@pytest.mark.parametrize(("name", "thing"), public_objects(), ids=lambda x: x if isinstance(x, str) else "")
+def test_public_names_are_documented(name, thing):
+    if name.endswith("__version__"):
+        return
+    assert inspect.getdoc(thing), name
+    if inspect.isclass(thing):
+        own = [member for key, member in vars(thing).items() if not key.startswith("_") and callable(member)]
+        assert all(inspect.getdoc(member) for member in own), name
+
+
+@pytest.mark.parametrize(("name", "thing"), public_objects(), ids=lambda x: x if isinstance(x, str) else "")
+def test_public_names_are_in_the_reference(name, thing):
+    pages = "\n".join(page.read_text() for page in (ROOT / "docs" / "reference").glob("*.md"))
+    short = name.rpartition(".")[2]
+    assert short in pages or f"::: {name.rpartition('.')[0]}\n" in pages, f"{name} is on no page of docs/reference"
+
+
+def test_import_is_light():
+    """Importing the package, and the command line, loads no heavy library."""
+    heavy = {"numpy", "scipy", "casadi", "mujoco", "xarray", "matplotlib", "pydantic"}
+    for module in ("tarc", "tarc.cli"):
+        code = f"import sys, {module}; print(*sys.modules)"
+        loaded = set(
+            subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+        )
+        assert not heavy & loaded, module
+
+
+@pytest.mark.parametrize("example", sorted((ROOT / "examples").glob("*.py")), ids=lambda path: path.stem)
+def test_examples_run(example, tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-W", "error", str(example)], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout
+
+
+@pytest.mark.parametrize("example", sorted((ROOT / "examples").glob("*.yaml")), ids=lambda path: path.stem)
+def test_example_scenarios_complete(example):
+    runs = tarc.Scenario.load(example).run()
+    assert all(run.status.completed for run in runs.values())
+
+
+def test_symbols_exist():
+    """Each code word of the table of symbols is a parameter, field or attribute of something public."""
+    table = [
+        line.split("|") for line in (ROOT / "docs" / "symbols.md").read_text().splitlines() if line.startswith("| ")
+    ]
+    words = {word.strip("` ") for row in table for word in row[2].split(",") if "`" in word}
+    assert len(words) > 15
+    known = set()
+    for _, thing in public_objects():
+        if inspect.isclass(thing):
+            known |= (
+                set(dir(thing))
+                | set(getattr(thing, "__dataclass_fields__", {}))
+                | set(inspect.signature(thing).parameters)
+            )
+        elif callable(thing):
+            known |= set(inspect.signature(thing).parameters)
+    from tarc.laws.base import Tracking
+    from tarc.run import VARIABLES
+
+    known |= set(VARIABLES) | set(Tracking._fields)
+    assert words <= known, words - known
+
+
+def test_docs_build_strictly(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "network" not in done.stderr

@@ -1,0 +1,89 @@
+"""The command line, run as a user runs it."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from tarc import Run
+
+TARC = str(Path(sys.executable).parent / "tarc")
+
+
+def call(*arguments, cwd, status=0):
+    done = subprocess.run([TARC, *arguments], cwd=cwd, capture_output=True, text=True, check=False)
+    assert done.returncode == status, done.stderr
+    return done
+
+
+@pytest.fixture
+def scenario(tmp_path):
+    content = {
+        "robot": {"kind": "Pendulum"},
+        "law": [
+            {"kind": "TARC", "inertia": 0.05, "bandwidth": 10.0, "rise": 1000.0, "fall": 1000.0},
+            {"kind": "TDC", "inertia": 0.05, "bandwidth": 10.0},
+        ],
+        "estimator": {"kind": "Algebraic", "window": 0.010},
+        "reference": {"kind": "Sinusoid", "amplitude": [0.5], "frequency": 2.0},
+        "sensor": {"bits": 16},
+        "duration": 1.0,
+    }
+    (tmp_path / "swing.yaml").write_text(yaml.safe_dump(content))
+    return tmp_path
+
+
+def test_run_writes_what_it_says(scenario):
+    out = call("run", "swing.yaml", "--set", "law.bandwidth=12", cwd=scenario).stdout
+    assert "RMS error" in out
+    folder = scenario / "runs" / "swing"
+    assert {file.name for file in folder.iterdir()} == {
+        "scenario.yaml", "TARC.nc", "TDC.nc", "tracking.png", "column.pdf"
+    }  # fmt: skip
+    assert (folder / "tracking.png").read_bytes().startswith(b"\x89PNG")
+    assert (folder / "column.pdf").read_bytes().startswith(b"%PDF")
+    run = Run.load(folder / "TARC.nc")
+    assert json.loads(run.data.attrs["law"])["bandwidth"] == 12
+    again = call("run", "runs/swing/scenario.yaml", "--json", "--no-figures", "--out", "again", cwd=scenario)
+    metrics = json.loads(again.stdout)["runs"]["TARC"]["metrics"]
+    assert metrics["rms_error"] == pytest.approx(run.metrics()["rms_error"], rel=1e-12)
+
+
+def test_divergence_is_a_result_not_a_failure(scenario):
+    out = call("run", "swing.yaml", "--set", "law.inertia=3.0", "--json", "--no-figures", cwd=scenario).stdout
+    results = json.loads(out)["runs"]
+    assert results["TDC"]["status"] == "diverged"
+    assert 0 < results["TDC"]["diverged_at"] < 1
+
+
+def test_bad_input_is_one_line_and_status_2(scenario):
+    done = call("run", "swing.yaml", "--set", "law.bandwith=3", cwd=scenario, status=2)
+    assert done.stderr.startswith("error: law.bandwith: unknown key")
+    assert "Traceback" not in done.stderr
+    assert not (scenario / "runs").exists()
+
+
+def test_unwritable_folder(scenario):
+    (scenario / "taken").write_text("a file, not a folder")
+    done = call("run", "swing.yaml", "--out", "taken/here", cwd=scenario, status=2)
+    assert "error: --out: cannot write to taken/here" in done.stderr
+
+
+def test_show(tmp_path):
+    everything = call("show", cwd=tmp_path).stdout
+    for word in ("TARC", "TDC", "TwoLinkArm", "Algebraic", "Sinusoid", "Payload", "Encoder", "ur5e, "):
+        assert word.strip(", ") in everything
+    one = call("show", "TARC", cwd=tmp_path).stdout
+    assert "rise" in one
+    assert "required" in one
+    assert "law" in json.loads(call("show", "--json", cwd=tmp_path).stdout)
+    assert "Did you mean 'TARC'?" in call("show", "TRAC", cwd=tmp_path, status=2).stderr
+
+
+def test_help_names_the_commands(tmp_path):
+    text = call("--help", cwd=tmp_path).stdout
+    for command in ("run", "demo", "show"):
+        assert command in text

@@ -1,0 +1,176 @@
+"""Runs: measures by their definitions, status, saving."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from tarc import Run, TarcError, estimators, laws, plants, signals, simulate
+from tarc.plants import Pendulum
+
+
+def made_run(error, torque, gain=None, sliding=None, limit=np.inf, diverged=np.nan, period=0.01):
+    """A run put together by hand."""
+    count = len(error)
+    variables = {
+        "position": (("time", "joint"), np.asarray(error) + 1.0, {"units": "rad"}),
+        "reference": (("time", "joint"), np.ones_like(error), {"units": "rad"}),
+        "torque": (("time", "joint"), np.asarray(torque), {"units": "N m"}),
+    }
+    if gain is not None:
+        variables |= {"gain": ("time", gain, {"units": "rad/s²"}), "sliding": ("time", sliding)}
+    joints = [f"joint{i + 1}" for i in range(np.shape(error)[1])]
+    variables["torque_limit"] = ("joint", np.full(len(joints), limit))
+    attrs = {"period": period, "diverged_at": diverged, "title": "X on Y"}
+    return Run(xr.Dataset(variables, {"time": np.arange(count) * period, "joint": joints}, attrs))
+
+
+def test_errors_and_variation_by_hand():
+    error = np.array([[3.0, 4.0], [0.0, 0.0], [0.0, 0.0], [1.0, 2.0]])
+    torque = np.array([[0.0, 0.0], [1.0, -2.0], [0.0, 0.0], [4.0, 0.0]])
+    metrics = made_run(error, torque, limit=2.0).metrics()
+    assert metrics["rms_error"] == pytest.approx(np.sqrt(30 / 8))
+    assert metrics["peak_error"] == 4.0
+    assert metrics["torque_variation"] == pytest.approx((3 + 3 + 4) / 0.03)
+    assert metrics["peak_torque"] == 4.0
+    assert metrics["saturated"] == 2 / 8
+    assert made_run(error, torque).metrics(start=0.01)["rms_error"] == pytest.approx(np.sqrt(5 / 6))
+
+
+def test_high_frequency_share_is_parsevals():
+    """Two sines at 10 and 100 Hz with amplitudes 3 and 1: a tenth of the energy is above 50 Hz."""
+    t = np.arange(1000) * 1e-3
+    torque = (5.0 + 3 * np.sin(2 * np.pi * 10 * t) + np.sin(2 * np.pi * 100 * t))[:, None]
+    assert made_run(0 * torque, torque, period=1e-3).metrics()["high_frequency_share"] == pytest.approx(0.1, abs=1e-9)
+
+
+def test_over_and_underestimation_by_hand():
+    gain = np.array([1.0, 2.0, 3.0, 2.0, 1.0, 1.0])
+    sliding = np.array([5.0, 6.0, 5.0, 4.0, 7.0, 8.0])  # up, down, down, up, up
+    zero = np.zeros((6, 1))
+    metrics = made_run(zero, zero, gain, sliding).metrics()
+    assert metrics["overestimation"] == 1 / 5
+    assert metrics["underestimation"] == 1 / 5
+
+
+def pendulum_law(inertia=0.05, **options):
+    return laws.TDC(
+        inertia=inertia, bandwidth=10.0, period=1e-3, estimator=estimators.Algebraic(window=0.01), **options
+    )
+
+
+REFERENCE = signals.Sinusoid(amplitude=[0.5], frequency=3.0)
+
+
+def test_divergence_ends_early_with_status():
+    run = simulate(Pendulum(), pendulum_law(3.0), REFERENCE, 5.0)
+    assert not run.status.completed
+    assert run.data.sizes["time"] < 5000
+    assert str(run.status).startswith(f"diverged at {run.status.diverged_at:.3f} s")
+    assert np.all(np.isfinite(run.data["torque"]))
+    with pytest.raises(TarcError, match=r"start: got 4 s; the run ends at .* \(diverged at"):
+        run.metrics(start=4.0)
+
+
+@pytest.mark.parametrize("plant", ["symbolic", "mujoco"])
+def test_divergence_in_both_engines(plant, tmp_path):
+    (tmp_path / "p.xml").write_text(
+        "<mujoco><worldbody><body><joint name='j' axis='0 1 0'/><inertial pos='0 0 -1' mass='1' "
+        "diaginertia='1e-6 1e-6 1e-6'/></body></worldbody></mujoco>"
+    )
+    robot = Pendulum() if plant == "symbolic" else plants.MujocoPlant.from_file(tmp_path / "p.xml")
+    run = simulate(robot, pendulum_law(3.0), REFERENCE, 2.0, divergence=50.0)
+    assert run.status.diverged_at is not None
+    assert np.all(np.abs(run.data["position"] - run.data["reference"]) <= 50.0)
+
+
+def test_saturation_share_and_fault():
+    run = simulate(Pendulum(), pendulum_law(torque_limit=2.0), REFERENCE, 1.0)
+    assert 0 < run.status.saturated < 1
+    assert np.max(np.abs(run.data["torque"])) == 2.0
+    lost = simulate(Pendulum(), pendulum_law(max_missing=0), REFERENCE, 1.0, sensor=signals.Encoder(dropout=0.01))
+    assert lost.status.fault_at is not None
+    assert "safe torque from" in str(lost.status)
+    after = lost.data.sel(time=slice(lost.status.fault_at, None))
+    assert np.all(after["torque"] == 0)
+
+
+def test_tde_error_is_acceleration_minus_u():
+    """From the recorded motion: the velocity gained over a period is T (u + TDE error) to first order in T."""
+    run = simulate(Pendulum(viscous=0.5), pendulum_law(), REFERENCE, 1.0)
+    velocity, u, error = (run.data[name].values[:, 0] for name in ("velocity", "auxiliary", "tde_error"))
+    gained = np.diff(velocity) / 1e-3
+    np.testing.assert_allclose((u + error)[:-1], gained, atol=0.1 * np.max(np.abs(gained)))
+    smooth = slice(100, None)  # after the start, over one period the acceleration changes by well under 1 %
+    np.testing.assert_allclose((u + error)[:-1][smooth], gained[smooth], atol=0.02 * np.max(np.abs(gained[smooth])))
+
+
+def test_save_and_load(tmp_path):
+    run = simulate(Pendulum(), pendulum_law(), REFERENCE, 0.5, sensor=signals.Encoder(bits=12), seed=4)
+    again = Run.load(run.save(tmp_path / "deep" / "run.nc"))
+    xr.testing.assert_identical(run.data, again.data)
+    assert str(again.status) == str(run.status)
+    with pytest.raises(TarcError, match="load: no file"):
+        Run.load(tmp_path / "none.nc")
+    (tmp_path / "bad.nc").write_text("no netCDF")
+    with pytest.raises(TarcError, match="is no netCDF file"):
+        Run.load(tmp_path / "bad.nc")
+
+
+def test_failed_save_keeps_the_old_file(tmp_path, monkeypatch):
+    run = simulate(Pendulum(), pendulum_law(), REFERENCE, 0.1)
+    target = run.save(tmp_path / "run.nc")
+    before = target.read_bytes()
+
+    def full(self, path, **_):
+        path.write_bytes(b"half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(xr.Dataset, "to_netcdf", full)
+    with pytest.raises(TarcError, match="save: cannot write .*: No space left on device"):
+        run.save(target)
+    assert target.read_bytes() == before
+    assert [file.name for file in tmp_path.iterdir()] == ["run.nc"]
+
+
+def test_same_seed_same_run():
+    sensor = signals.Encoder(bits=14, noise=1e-4, dropout=0.01)
+    runs = [simulate(Pendulum(), pendulum_law(), REFERENCE, 0.3, sensor=sensor, seed=seed) for seed in (1, 1, 2)]
+    xr.testing.assert_identical(runs[0].data, runs[1].data)
+    assert not np.array_equal(runs[0].data["torque"], runs[2].data["torque"])
+
+
+def test_computation_delay_holds_the_torque_back():
+    """With a delay of d periods the joints get the law's torque d periods later."""
+    run = simulate(Pendulum(), pendulum_law(), REFERENCE, 0.05, computation_delay=3, torque=1.5)
+    np.testing.assert_array_equal(run.data["torque"].values[:3], 1.5)
+    assert run.data["torque"].values[3] != 1.5
+
+
+def test_figures_draw(tmp_path):
+    run = simulate(Pendulum(), pendulum_law(), REFERENCE, 0.5)
+    for kind in ("screen", "column"):
+        run.plot(kind, again=run).savefig(tmp_path / f"{kind}.png")
+    assert run.plot("column").get_figwidth() == 3.5
+    with pytest.raises(TarcError, match="kind: got 'poster'; known are screen, column"):
+        run.plot("poster")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"duration": 0.0}, "duration: got 0"),
+        ({"substeps": 0}, "substeps: got 0; needs a whole number of at least 1"),
+        ({"computation_delay": -1}, "computation_delay: got -1"),
+        ({"position": [1.0, 2.0]}, r"position: got shape \(2,\)"),
+        ({"torque": "brake"}, "torque: got 'brake'; known are rest"),
+        ({"disturbance": 3.0}, "disturbance: got 3.0; needs a Disturbance"),
+        ({"law": laws.TDC}, "law: got .*constructed"),
+        ({"plant": "ur5e"}, "plant: got 'ur5e'"),
+        ({"reference": lambda t: t}, "reference: got"),
+        ({"reference": signals.Sinusoid(amplitude=[1.0, 1.0], frequency=1.0)}, "joints: the plant has 1, the law 1"),
+    ],
+)
+def test_bad_arguments(options, message):
+    given = {"plant": Pendulum(), "law": pendulum_law(), "reference": REFERENCE, "duration": 0.1, **options}
+    with pytest.raises(TarcError, match=message):
+        simulate(**given)

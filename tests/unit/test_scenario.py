@@ -1,0 +1,163 @@
+"""Scenarios: what a user writes is checked, with the key, what came and what is allowed."""
+
+import copy
+
+import numpy as np
+import pytest
+import yaml
+
+from tarc import Scenario, TarcError
+from tarc.scenario import SECTIONS, apply_setting, catalogue, parameters, shipped_scenarios
+
+PLAIN = {
+    "robot": {"kind": "TwoLinkArm"},
+    "law": {"kind": "TDC", "inertia": [0.15, 0.05], "bandwidth": 10.0},
+    "estimator": {"kind": "Algebraic", "window": 0.010},
+    "reference": {"kind": "Sinusoid", "amplitude": [0.2, 0.2], "frequency": 2.0},
+    "duration": 0.2,
+}
+
+
+def scenario(**changes):
+    return {**copy.deepcopy(PLAIN), **changes}
+
+
+def with_setting(*settings):
+    content = scenario()
+    for setting in settings:
+        apply_setting(content, setting)
+    return content
+
+
+def test_runs_and_equals_the_library():
+    import tarc
+
+    run = Scenario.parse(scenario()).run()["TDC"]
+    law = tarc.laws.TDC(
+        inertia=[0.15, 0.05], bandwidth=10.0, period=1e-3, estimator=tarc.estimators.Algebraic(window=0.010)
+    )
+    reference = tarc.signals.Sinusoid(amplitude=[0.2, 0.2], frequency=2.0)
+    same = tarc.simulate(tarc.plants.TwoLinkArm(), law, reference, 0.2)
+    np.testing.assert_array_equal(run.data["torque"], same.data["torque"])
+
+
+def test_yaml_round_trip(tmp_path):
+    content = scenario(sensor={"bits": 16}, disturbance=[{"kind": "Payload", "mass": 1.0, "at": 0.1}], seed=7)
+    first = Scenario.parse(content)
+    (tmp_path / "a.yaml").write_text(first.to_yaml())
+    again = Scenario.load(tmp_path / "a.yaml")
+    assert again == first.model_copy(update={"name": "a" if first.name == "scenario" else first.name})
+
+
+@pytest.mark.parametrize("name", shipped_scenarios())
+def test_shipped_scenarios_run(name):
+    runs = Scenario.load(name, ["duration=0.3", "measure_from=0.0"]).run()
+    assert all(run.status.completed for run in runs.values())
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        (["law.bandwith=10"], r"law.bandwith: unknown key; TDC has .*bandwidth.* Did you mean 'bandwidth'\?"),
+        (["robot.mases=[1, 2]"], r"robot.mases: unknown key; .* Did you mean 'masses'\?"),
+        (["law.bandwidth=fast"], r"law.bandwidth: got 'fast'; needs a number or a list of numbers"),
+        (["law.synchronised=7"], "law.synchronised: got 7; needs true or false"),
+        (["law.kind=TDCC"], r"law.kind: got 'TDCC'; known are TARC, TDC. Did you mean 'TDC'\?"),
+        (["robot.kind=TwoLink"], r"robot.kind: got 'TwoLink'; .* Did you mean 'TwoLinkArm'\?"),
+        (
+            ["estimator.window=0.0105"],
+            "estimator.window: got 0.0105 s, .* the nearest is 0.01 s",
+        ),
+        (["estimator.window=0.001"], "estimator.window: 0.001 s holds 2 samples .* degree 2 needs 3"),
+        (["law.inertia=[[1, 2], [2, 1]]"], "law.inertia: its smallest eigenvalue is -1"),
+        (["duratio=3"], r"duratio: unknown key; .* Did you mean 'duration'\?"),
+        (["duration=long"], "duration: got 'long'; needs a number"),
+        (["sensor.bit=12"], r"sensor.bit: unknown key; Encoder has .* Did you mean 'bits'\?"),
+        (["start.torqe=rest"], "start.torqe"),
+        (["law.inertia={fraction: -1}"], "law.inertia.fraction: got -1; needs a finite number above 0"),
+        (["law.inertia={fractoin: 0.1}"], r"law.inertia.fractoin: unknown key.* Did you mean 'fraction'\?"),
+        (["reference.amplitude=[1, 1, 1]"], "joints: the plant has 2, the law 2 .*, the reference 3"),
+        (["robot={file: ur55e}"], r"robot file: 'ur55e' not found; looked for .* Did you mean 'ur5e'\?"),
+        (["robot={file: ur5e, armatur: 0.1}"], r"robot.armatur: unknown key.* Did you mean 'armature'\?"),
+        (["robot={}"], "robot.kind: missing; known are .*, or file:"),
+        (["law=[]"], "law: got an empty list"),
+        (["disturbance=[{kind: Stepp, amplitude: 1}]"], r"disturbance.kind: got 'Stepp'.* Did you mean 'Step'\?"),
+        (["disturbance=[{kind: Schedule, parameter: pay, times: [0], values: [1]}]"], r"schedule parameter: got 'pay'"),
+    ],
+)
+def test_bad_keys_and_values(settings, message):
+    with pytest.raises(TarcError, match=message):
+        Scenario.parse(with_setting(*settings)).run()
+
+
+def test_all_faults_of_a_part_are_told_at_once():
+    content = scenario(law={"kind": "TARC", "inertia": [0.1, 0.1], "bandwidht": 1.0, "fall": "x"})
+    with pytest.raises(TarcError) as caught:
+        Scenario.parse(content)
+    assert {line.split(":")[0] for line in str(caught.value).splitlines()} == {"law.bandwidht", "law.fall", "law.rise"}
+
+
+def test_missing_sections_are_named():
+    with pytest.raises(TarcError, match="law: missing; .* needs it"):
+        Scenario.parse({key: value for key, value in PLAIN.items() if key != "law"})
+
+
+def test_settings_reach_every_law_or_one():
+    content = scenario(law=[dict(PLAIN["law"]), dict(PLAIN["law"])])
+    apply_setting(content, "law.bandwidth=15")
+    apply_setting(content, "law.1.bandwidth=20.5")
+    assert [law["bandwidth"] for law in content["law"]] == [15, 20.5]
+    assert list(Scenario.parse(content).laws) == ["TDC", "TDC 2"]
+
+
+@pytest.mark.parametrize("setting", ["law.bandwidth", "=3", "law.5.bandwidth=1", "law.kind.deep=1", "law.x=[1"])
+def test_bad_settings(setting):
+    content = scenario(law=[dict(PLAIN["law"])])
+    with pytest.raises(TarcError, match="--set: "):
+        apply_setting(content, setting)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [("robot: [", "no valid YAML"), ("- 1\n", "holds no scenario"), ("", "holds no scenario")],
+)
+def test_bad_files(tmp_path, text, message):
+    (tmp_path / "bad.yaml").write_text(text)
+    with pytest.raises(TarcError, match=message):
+        Scenario.load(tmp_path / "bad.yaml")
+
+
+def test_missing_file_says_where_it_looked(tmp_path):
+    with pytest.raises(TarcError, match=rf"not found; looked for {tmp_path}/none.yaml and among the shipped scenarios"):
+        Scenario.load(tmp_path / "none.yaml")
+
+
+def test_files_beside_the_scenario_are_found(tmp_path, monkeypatch):
+    t = np.arange(0, 1, 0.01)
+    np.savetxt(tmp_path / "path.csv", np.column_stack([t, 0.1 * t**2, 0.2 * t**2]), delimiter=",")
+    content = scenario(reference={"kind": "Recorded", "path": "path.csv"})
+    (tmp_path / "a.yaml").write_text(yaml.safe_dump(content))
+    monkeypatch.chdir("/")
+    run = Scenario.load(tmp_path / "a.yaml").run()["TDC"]
+    assert run.data["reference"].values[100, 1] == pytest.approx(0.2 * 0.1**2)
+
+
+def test_fraction_is_of_the_mean_inertia_along_the_path():
+    content = scenario(law={**PLAIN["law"], "inertia": {"fraction": 0.05, "diagonal": True}})
+    parsed = Scenario.parse(content)
+    plant = parsed.build_plant()
+    from tarc.signals import Sinusoid
+
+    reference = Sinusoid(amplitude=[0.2, 0.2], frequency=2.0)
+    law = parsed.build_law(content["law"], plant, reference)
+    path = reference.sample(np.linspace(0, 0.2, 2001))[0]
+    mean = np.mean([plant.inertia(q) for q in path.T], axis=0)
+    np.testing.assert_allclose(law.M, 0.05 * np.diag(np.diag(mean)), rtol=1e-3)
+
+
+@pytest.mark.parametrize("section", SECTIONS)
+def test_every_kind_has_parameters_with_words(section):
+    for name, kind in catalogue(section).items():
+        for parameter in parameters(kind).values():
+            assert "typing" not in parameter.words, (name, parameter.name)
+            assert parameter.words, (name, parameter.name)
