@@ -1,7 +1,7 @@
 """Checks of user input: each returns the value as an array or number, or raises `TarcError` with the remedy."""
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,6 +9,15 @@ import numpy as np
 from tarc.errors import TarcError
 
 Array = np.ndarray
+
+Numbers = float | Sequence[float] | np.ndarray
+"""One number, or one a joint."""
+
+Table = Sequence[Sequence[float]] | np.ndarray
+"""Rows of numbers."""
+
+Matrix = float | Sequence[float] | Sequence[Sequence[float]] | np.ndarray
+"""One number (times identity), one a row (a diagonal), or the rows."""
 
 
 def number(name: str, value: Any, low: float = -np.inf, *, strict: bool = False, high: float = np.inf) -> float:

@@ -104,11 +104,14 @@ def save_all(scenario: Any, runs: dict[str, Any], folder: Path, figures: bool) -
     files = [target]
     files += [run.save(folder / f"{name.replace(' ', '-')}.nc") for name, run in runs.items()]
     if figures:
+        from rich.console import Console
+
         from tarc.report.figures import run_figure
 
-        for kind, name in (("screen", "tracking.png"), ("column", "column.pdf")):
-            run_figure(runs, kind).savefig(folder / name, dpi=110)
-            files.append(folder / name)
+        with Console(stderr=True).status("drawing figures"):
+            for kind, name in (("screen", "tracking.png"), ("column", "column.pdf")):
+                run_figure(runs, kind).savefig(folder / name, dpi=110)
+                files.append(folder / name)
     return files
 
 

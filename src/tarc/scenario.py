@@ -88,9 +88,7 @@ def _allowed(hint: Any) -> Any:
     result: list[Any] = []
     for member in members:
         origin = typing.get_origin(member)
-        if member is np.ndarray:
-            result += [list[float], list[list[float]]]
-        elif member is Path:
+        if member is Path:
             result.append(str)
         elif origin in (list, tuple, Sequence) or (origin is not None and issubclass(origin, Sequence)):
             result.append(list[typing.get_args(member)[0]] if typing.get_args(member) else list)

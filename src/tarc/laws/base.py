@@ -1,7 +1,7 @@
 """What every law does: reference and positions in, torque out, never a NaN."""
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -9,12 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tarc import check, ops
+from tarc.check import Numbers
 from tarc.errors import TarcError
 from tarc.estimators.base import Estimate, Estimator
 from tarc.parametric import Parametric
 from tarc.system import System
-
-Matrix = float | Sequence[float] | Sequence[Sequence[float]] | np.ndarray
 
 
 class LawInput(NamedTuple):
@@ -79,7 +78,7 @@ class Law(Parametric, System):
 
     period: float
     estimator: Estimator
-    torque_limit: Matrix | None = None
+    torque_limit: Numbers | None = None
     max_missing: int = 10
     safe_torque: str | Callable[[Any], Any] = "zero"
 

@@ -7,8 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tarc import check, ops
+from tarc.check import Matrix
 from tarc.errors import TarcError
-from tarc.laws.base import Matrix, Tracking
+from tarc.laws.base import Tracking
 from tarc.laws.tde import TDE
 
 

@@ -8,8 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tarc import check, ops
+from tarc.check import Matrix, Numbers
 from tarc.errors import TarcError
-from tarc.laws.base import Law, Matrix, Tracking
+from tarc.laws.base import Law, Tracking
 
 
 class TDEState(NamedTuple):
@@ -53,8 +54,8 @@ class TDE(Law):
     """
 
     inertia: Matrix
-    bandwidth: Matrix | None = None
-    damping: Matrix = 1.0
+    bandwidth: Numbers | None = None
+    damping: Numbers = 1.0
     stiffness: Matrix | None = None
     viscosity: Matrix | None = None
     delay: float | None = None

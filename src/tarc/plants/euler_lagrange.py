@@ -1,7 +1,6 @@
 """Euler–Lagrange plants from their energies, by symbolic differentiation."""
 
 from abc import abstractmethod
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from types import SimpleNamespace
@@ -14,8 +13,6 @@ from tarc import check, ops
 from tarc.errors import TarcError
 from tarc.parametric import Parametric
 from tarc.plants.base import Plant
-
-Numbers = float | Sequence[float]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -7,7 +7,8 @@ import casadi as ca
 import numpy as np
 
 from tarc import check
-from tarc.plants.euler_lagrange import EulerLagrange, Numbers
+from tarc.check import Numbers
+from tarc.plants.euler_lagrange import EulerLagrange
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

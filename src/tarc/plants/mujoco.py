@@ -10,10 +10,9 @@ import mujoco
 import numpy as np
 
 from tarc import check
+from tarc.check import Numbers
 from tarc.errors import TarcError
 from tarc.plants.base import Plant
-
-Numbers = float | Sequence[float] | np.ndarray
 
 PAYLOAD_RADIUS = 0.05
 """Radius [m] of the homogeneous ball that a payload is."""

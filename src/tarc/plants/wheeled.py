@@ -6,7 +6,8 @@ from typing import Any
 import casadi as ca
 
 from tarc import check
-from tarc.plants.euler_lagrange import EulerLagrange, Numbers
+from tarc.check import Numbers
+from tarc.plants.euler_lagrange import EulerLagrange
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 
 from tarc import check
+from tarc.check import Numbers
 from tarc.errors import TarcError
 from tarc.parametric import Parametric
-
-Numbers = float | Sequence[float]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -10,11 +10,9 @@ from typing import Any
 import numpy as np
 
 from tarc import check
+from tarc.check import Numbers, Table
 from tarc.errors import TarcError
 from tarc.parametric import Parametric
-
-Numbers = float | Sequence[float]
-Table = Sequence[Sequence[float]] | np.ndarray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -89,7 +87,7 @@ class Multisine(Reference):
     """
 
     amplitude: Numbers | Table
-    frequency: Sequence[float]
+    frequency: Sequence[float] | np.ndarray
     phase: Table | None = None
     offset: Numbers = 0.0
 
@@ -193,7 +191,7 @@ class Quintic(Reference):
     """
 
     points: Table
-    times: Sequence[float]
+    times: Sequence[float] | np.ndarray
     stop: bool = False
 
     def __post_init__(self) -> None:
