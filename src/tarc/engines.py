@@ -1,6 +1,7 @@
 """The two engines of `simulate`: fused in CasADi for symbolic plants, stepping for MuJoCo."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -36,6 +37,7 @@ class Plan:
     noise: np.ndarray
     disturbance: np.ndarray
     schedules: dict[str, np.ndarray]
+    events: tuple[Any, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -63,13 +65,6 @@ class Record:
             arrays[name.split(".")[-1]] = block.reshape(len(rows), *np.shape(leaf)[::-1])
             start += size
         return cls(arrays)
-
-
-def whole(name: str, value: Any, least: int) -> int:
-    """A whole number of at least ``least``."""
-    if isinstance(value, bool) or value != int(value) or value < least:
-        raise TarcError(f"{name}: got {value!r}; needs a whole number of at least {least}")
-    return int(value)
 
 
 def fit(plant: Plant, law: Law, reference: Reference) -> None:
@@ -117,7 +112,9 @@ def plan(
         else:
             raise TarcError(f"disturbance: got {event!r}; needs a Disturbance, Payload or Schedule of tarc.signals")
     blocks = torque.reshape(n, count, substeps)
-    return Plan(times, reference.sample(times), sensor.sample_noise(n, count, noise_rng), blocks, schedules)
+    return Plan(
+        times, reference.sample(times), sensor.sample_noise(n, count, noise_rng), blocks, schedules, tuple(events)
+    )
 
 
 def start(plant: Plant, plan: Plan, position: Any, velocity: Any, torque: Any) -> Start:
@@ -160,7 +157,7 @@ def run_fused(loop: "ClosedLoop", begin: Start, plan: Plan, watch: Watch) -> Rec
     from tarc.loop import LoopInput
 
     n = loop.plant.joints
-    state = loop.init(begin.position, begin.velocity, begin.torque)
+    state = loop.init(begin.position, begin.velocity, begin.torque, plan.noise[:, 0])
     shapes = {name: np.array(loop.plant.parameters[name]) for name in plan.schedules}
     rest = np.zeros(n)
     value = LoopInput(rest, rest, rest, rest, np.zeros((n, loop.substeps)), shapes)
@@ -204,7 +201,7 @@ def run_stepping(plant: Plant, drive: "Drive", begin: Start, plan: Plan, watch: 
     model.opt.timestep = drive.law.period / substeps
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = begin.position, begin.velocity
-    state = drive.init(begin.position, begin.torque)
+    state = drive.init(begin.position, begin.torque, plan.noise[:, 0])
     rest = np.zeros(n)
     function, example = trace(drive.step, state, DriveInput(rest, rest, rest, rest, rest))
     controller = Buffered(function)
@@ -219,8 +216,10 @@ def run_stepping(plant: Plant, drive: "Drive", begin: Start, plan: Plan, watch: 
     qpos, qvel, qacc, output = data.qpos, data.qvel, data.qacc, controller.output
     log_q, log_v, log_a, log_y = rows[:, :n], rows[:, n : 2 * n], rows[:, 2 * n : 3 * n], rows[:, 3 * n :]
     advance, step = controller.step, mujoco.mj_step
+    # Runge–Kutta leaves the acceleration of its last stage behind, so the one at the start is computed beforehand
+    before = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
     end_at = 0
-    with watch.progress:
+    with watch.progress, _without_log_file():
         for begin_at in range(0, count, CHUNK):
             end_at = min(begin_at + CHUNK, count)
             for k in range(begin_at, end_at):
@@ -234,8 +233,12 @@ def run_stepping(plant: Plant, drive: "Drive", begin: Start, plan: Plan, watch: 
                 applied[:] = torque_out
                 if push is not None:
                     applied += push[k, 0]
+                if before:
+                    mujoco.mj_forward(model, data)
+                    log_a[k] = qacc
                 step(model, data)
-                log_a[k] = qacc
+                if not before:
+                    log_a[k] = qacc
                 for i in range(1, substeps):
                     if push is not None:
                         applied[:] = torque_out + push[k, i]
@@ -244,6 +247,16 @@ def run_stepping(plant: Plant, drive: "Drive", begin: Start, plan: Plan, watch: 
                 break
     blank = LoopOutput(rest, rest, rest, example)
     return Record.from_rows(blank, rows[: watch.end(end_at)])
+
+
+@contextmanager
+def _without_log_file() -> Iterator[None]:
+    """Keep MuJoCo from writing MUJOCO_LOG.TXT into the user's folder; the run's own status tells of divergence."""
+    mujoco.set_mju_user_warning(lambda message: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(None)
 
 
 def _changes(plan: Plan) -> dict[int, dict[str, np.ndarray]]:

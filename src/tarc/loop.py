@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tarc import ops
+from tarc import check, ops
 from tarc.laws.base import Law, LawInput
 from tarc.plants.base import Plant
 from tarc.plants.euler_lagrange import EulerLagrange
@@ -50,12 +50,11 @@ class Drive(System):
     law: Law
     computation_delay: int = 0
 
-    def init(self, position: Any, torque: Any = 0.0) -> DriveState:
-        """At rest at a position (n,) with a torque (n,) applied."""
-        law = self.law.init(position, torque)
-        return DriveState(
-            self.sensor.init(position), law, np.repeat(law.torque[:, None], self.computation_delay + 1, 1)
-        )
+    def init(self, position: Any, torque: Any = 0.0, noise: Any = 0.0) -> DriveState:
+        """At rest at a position (n,), first read with this noise, with a torque (n,) applied."""
+        sensor = self.sensor.init(position + noise)
+        law = self.law.init(sensor[:, 0], torque)
+        return DriveState(sensor, law, np.repeat(law.torque[:, None], self.computation_delay + 1, axis=1))
 
     def step(self, state: DriveState, value: DriveInput) -> tuple[DriveState, DriveOutput]:
         """Measure, compute, apply."""
@@ -102,9 +101,9 @@ class ClosedLoop(System):
     drive: Drive
     substeps: int = 2
 
-    def init(self, position: Any, velocity: Any = 0.0, torque: Any = 0.0) -> LoopState:
+    def init(self, position: Any, velocity: Any = 0.0, torque: Any = 0.0, noise: Any = 0.0) -> LoopState:
         """The robot at a position (n,) with a velocity, the drive at rest there."""
-        return LoopState(self.drive.init(position, torque), position, velocity + np.zeros(np.shape(position)))
+        return LoopState(self.drive.init(position, torque, noise), position, velocity + np.zeros(np.shape(position)))
 
     def step(self, state: LoopState, value: LoopInput) -> tuple[LoopState, LoopOutput]:
         """Measure and compute at t_k; hold the torque and integrate to t_k + T."""
@@ -204,9 +203,9 @@ def simulate(
     limit = getattr(plant, "torque_limit", None)
     if law.torque_limit is None and limit is not None and np.all(np.isfinite(limit)):
         law = replace(law, torque_limit=limit)
-    drive = Drive(sensor, law, engines.whole("computation_delay", computation_delay, 0))
+    drive = Drive(sensor, law, check.whole("computation_delay", computation_delay, 0))
     fused = isinstance(plant, EulerLagrange)
-    steps = engines.whole("substeps", (2 if fused else 1) if substeps is None else substeps, 1)
+    steps = check.whole("substeps", (2 if fused else 1) if substeps is None else substeps, 1)
     plan = engines.plan(plant, law, reference, duration, sensor, events, steps, seed)
     begin = engines.start(plant, plan, position, velocity, torque)
     watch = engines.Watch(plan, divergence, progress)

@@ -122,12 +122,13 @@ class Run:
         label = {"long_name": "largest torque that the law applies", "units": "N" if slides else "N m"}
         variables["torque_limit"] = ("joint", limit, label)
         attributes = {
-            "title": f"{type(drive.law).__name__} on {_describe(plant)['kind']}",
+            "title": f"{type(drive.law).__name__} on {getattr(plant, 'label', type(plant).__name__)}",
             "source": f"tarc-control {tarc.__version__}",
             "plant": json.dumps(_describe(plant)),
             "law": json.dumps(_describe(drive.law)),
             "reference_signal": json.dumps(_describe(reference)),
             "sensor": json.dumps(_describe(drive.sensor)),
+            "disturbance": json.dumps([_describe(event) for event in plan.events]),
             "period": drive.law.period,
             "substeps": plan.disturbance.shape[2],
             "computation_delay": drive.computation_delay,
@@ -268,10 +269,10 @@ def _describe(part: Any) -> dict[str, Any]:
                 value = _describe(value)
             elif isinstance(value, np.ndarray):
                 value = value.tolist()
-            elif isinstance(value, Path) or callable(value):
+            elif isinstance(value, Path) or callable(value) or value in (np.inf, -np.inf):
                 value = str(value)
             if value is not None:
                 result[field.name] = value
     else:
-        result["label"] = repr(part)
+        result |= {"file": part.label, **{name: value.tolist() for name, value in part.parameters.items()}}
     return result

@@ -47,9 +47,9 @@ class Algebraic(WindowedEstimator):
     degree: int = 2
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         check.number("window", self.window, 0, strict=True)
-        if self.degree != int(self.degree) or not 1 <= self.degree <= 6:
-            raise TarcError(f"degree: got {self.degree!r}; needs a whole number from 1 to 6")
+        object.__setattr__(self, "degree", check.whole("degree", self.degree, 1, 6))
         if self.period is not None and self.samples < self.degree + 1:
             raise TarcError(
                 f"window: {self.window:g} s holds {self.samples} samples at a period of {self.period:g} s; degree "
@@ -64,8 +64,8 @@ class Algebraic(WindowedEstimator):
 
     @property
     def orders(self) -> int:
-        """Velocity, and acceleration from degree 2 on."""
-        return min(self.degree, 2)
+        """Up to the degree."""
+        return self.degree
 
     def kernel(self, psi: Any, derivative: int = 1) -> np.ndarray:
         """Continuous kernel Ω_j(ψ) [s^−(j+1)] for ψ in [−ς, 0].
@@ -86,7 +86,7 @@ class Algebraic(WindowedEstimator):
 
     def weights(self, derivative: int) -> np.ndarray:
         """Least-squares weights [s^−j] of the N + 1 samples, newest first, for the derivative at the newest."""
-        return self._fit[derivative] * factorial(derivative) / self.window**derivative
+        return self._fit[self._order(derivative)] * factorial(derivative) / self.window**derivative
 
     @property
     def prediction(self) -> np.ndarray:

@@ -38,14 +38,19 @@ class Estimator(Parametric, System):
 
     period: float | None = None
 
+    def __post_init__(self) -> None:
+        if self.period is not None:
+            check.number("period", self.period, 0, strict=True)
+
     def at(self, period: float) -> Self:
         """The same estimator, running at this period [s]."""
+        period = check.number("period", period, 0, strict=True)
         if self.period is not None and abs(self.period - period) > 1e-9 * period:
             raise TarcError(
                 f"estimator: it is set to a period of {self.period:g} s, the law runs at {period:g} s; leave the "
                 "estimator's period out"
             )
-        return replace(self, period=check.number("period", period, 0, strict=True))
+        return replace(self, period=period)
 
     @property
     def Ts(self) -> float:
@@ -77,12 +82,12 @@ class Estimator(Parametric, System):
     def step(self, state: Any, value: Any) -> tuple[Any, Estimate]:
         """Take the newest position, shape (n,); NaN or infinite elements are replaced by a prediction."""
 
-    def _transfer(self, derivative: int) -> tuple[np.ndarray, np.ndarray]:
+    def _order(self, derivative: int) -> int:
+        """The derivative, if it is one of those estimated."""
         if derivative not in range(self.orders + 1):
-            raise TarcError(
-                f"derivative: got {derivative!r}; {type(self).__name__} estimates orders 0 to {self.orders}"
-            )
-        return self.transfer(derivative)
+            kind = type(self).__name__
+            raise TarcError(f"derivative: got {derivative!r}; {kind} estimates orders 0 to {self.orders}")
+        return derivative
 
     def frequency_response(self, frequency: Any, derivative: int = 1) -> np.ndarray:
         """Complex response H(e^{jωT}) from position to the derivative.
@@ -92,7 +97,7 @@ class Estimator(Parametric, System):
         frequency
             ω [rad/s], any shape. The ideal is (jω)^derivative.
         """
-        b, a = self._transfer(derivative)
+        b, a = self.transfer(derivative)
         back = np.exp(-1j * np.asarray(frequency, dtype=float) * self.Ts)
         return np.polynomial.polynomial.polyval(back, b) / np.polynomial.polynomial.polyval(back, a)
 
@@ -104,7 +109,7 @@ class Estimator(Parametric, System):
         """
         from math import factorial
 
-        b, a = self._transfer(derivative)
+        b, a = self.transfer(derivative)
         i = np.arange(len(b))
         gain = b / a.sum()
         delay = (-1) ** derivative * self.Ts ** (derivative + 1) * np.sum(i ** (derivative + 1) * gain)
@@ -118,7 +123,7 @@ class Estimator(Parametric, System):
         from scipy.linalg import solve_discrete_lyapunov
         from scipy.signal import tf2ss
 
-        b, a = self._transfer(derivative)
+        b, a = self.transfer(derivative)
         width = max(len(a), len(b))
         A, B, C, D = tf2ss(np.pad(b, (0, width - len(b))), np.pad(a, (0, width - len(a))))
         energy = (C @ solve_discrete_lyapunov(A, B @ B.T) @ C.T + D @ D.T).item() if A.size else (D @ D.T).item()
@@ -143,7 +148,7 @@ class WindowedEstimator(Estimator):
 
     @abstractmethod
     def weights(self, derivative: int) -> np.ndarray:
-        """Weights [s^−derivative] of the samples, newest first."""
+        """Weights [s^−derivative] of the samples, newest first; for 0 they smooth, which no law uses."""
 
     @property
     @abstractmethod
@@ -151,8 +156,8 @@ class WindowedEstimator(Estimator):
         """Weights over the past window that predict the sample to come."""
 
     def transfer(self, derivative: int) -> tuple[np.ndarray, np.ndarray]:
-        """Numerator (the weights) and denominator one."""
-        return self.weights(derivative), np.ones(1)
+        """Numerator (the weights) and denominator one; a position is passed on as it was measured."""
+        return (self.weights(derivative) if derivative else np.ones(1)), np.ones(1)
 
     def torque_average(self) -> "TorqueAverage":
         """Synchronous weights c_j = T² Σ_{i≤j} w_i (j − i + ½) of the torques before this instant."""

@@ -28,7 +28,7 @@ class BackwardDifference(WindowedEstimator):
 
     def weights(self, derivative: int) -> np.ndarray:
         """Weights [s^−j] of the three newest samples, newest first."""
-        return np.array([[1.0, 0, 0], [1.0, -1, 0], [1.0, -2, 1]])[derivative] / self.Ts**derivative
+        return np.array([[1.0, 0, 0], [1.0, -1, 0], [1.0, -2, 1]])[self._order(derivative)] / self.Ts**derivative
 
     @property
     def prediction(self) -> np.ndarray:
@@ -64,6 +64,7 @@ class FilteredDifference(Estimator):
     cutoff: float
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         check.number("cutoff", self.cutoff, 0, strict=True)
 
     @property

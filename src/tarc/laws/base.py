@@ -84,7 +84,7 @@ class Law(Parametric, System):
 
     def __post_init__(self) -> None:
         check.number("period", self.period, 0, strict=True)
-        check.number("max_missing", self.max_missing, 0)
+        check.whole("max_missing", self.max_missing)
         if not isinstance(self.estimator, Estimator):
             raise TarcError(
                 f"estimator: got {self.estimator!r}; needs one of tarc.estimators, such as "

@@ -50,7 +50,8 @@ class MujocoPlant(Plant):
     model
         The ``mujoco.MjModel``.
     torque_limit
-        Limits from the file [N m or N], shape (n,), infinite where it has none.
+        Limits from the file [N m or N], shape (n,), infinite where it has none; the smaller one where a range is
+        not symmetric.
     """
 
     def __init__(self, spec: mujoco.MjSpec, home: np.ndarray, tool: str, payload: float, label: str):
@@ -58,16 +59,13 @@ class MujocoPlant(Plant):
         body[0].add_body(
             name="tarc_payload", pos=body[1], ipos=[0.0] * 3, mass=0.0, inertia=[0.0] * 3, explicitinertial=True
         )
-        try:
-            self.model: mujoco.MjModel = spec.compile()
-        except ValueError as error:
-            raise TarcError(f"{label}: MuJoCo refuses the model: {error}") from None
+        self.model: mujoco.MjModel = _compile(spec, label)
         self.label = label
         self._home = home
         self._scratch = mujoco.MjData(self.model)
         self._payload_body = self.model.body("tarc_payload").id
-        limited = self.model.jnt_actfrclimited.astype(bool)
-        self.torque_limit = np.where(limited, self.model.jnt_actfrcrange[:, 1], np.inf)
+        limited, ranges = self.model.jnt_actfrclimited.astype(bool), np.abs(self.model.jnt_actfrcrange)
+        self.torque_limit = np.where(limited, ranges.min(axis=1), np.inf)
         self.set_parameters(self.model, {"payload": np.array(payload)})
         least = np.linalg.eigvalsh(self.inertia(home))[0]
         if not least > 1e-9:
@@ -102,14 +100,15 @@ class MujocoPlant(Plant):
         path
             The file.
         joints
-            Names of the joints to control, in any order; None for all hinges and slides.
+            Names of the joints to control; None for all hinges and slides. The plant's own order is the file's.
         armature, viscous, coulomb
-            Rotor inertia [kg m²], viscous [N m s/rad] and Coulomb friction [N m], one number or one a joint; None
-            keeps what the file has.
+            Rotor inertia [kg m²], viscous [N m s/rad] and Coulomb friction [N m], one number or one a joint in the
+            order of ``joints`` (of the file, if that is None); None keeps what the file has.
         payload
             Mass at the tool [kg].
         tool
-            Body or site that carries the payload; None for a site named ``tool``, else the last body.
+            Body or site that carries the payload; None for a site named ``tool``, else the last body, which may be
+            a finger.
         contact
             Compute contacts.
 
@@ -121,12 +120,13 @@ class MujocoPlant(Plant):
         """
         file = find_robot(path)
         spec = _read(file)
-        home = _choose_joints(spec, joints, file.name)
-        kept = list(spec.joints)
+        names = [joints] if isinstance(joints, str) else joints
+        home = _choose_joints(spec, names, file.name)
+        kept = {joint.name: joint for joint in spec.joints}
         for name, value in (("armature", armature), ("viscous", viscous), ("coulomb", coulomb)):
             if value is not None:
-                for joint, number in zip(kept, check.vector(name, value, len(kept), 0), strict=True):
-                    _set_joint(joint, name, float(number))
+                for key, number in zip(names or kept, check.vector(name, value, len(kept), 0), strict=True):
+                    _set_joint(kept[key], name, float(number))
         if not contact:
             spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
         spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
@@ -200,7 +200,21 @@ class MujocoPlant(Plant):
         """Torque that holds the robot at rest [N m or N], shape (n,)."""
         data = self._placed(position)
         mujoco.mj_fwdVelocity(self.model, data)
-        return data.qfrc_bias.copy()
+        return data.qfrc_bias - data.qfrc_passive
+
+
+def _compile(spec: mujoco.MjSpec, label: str) -> mujoco.MjModel:
+    """The model; moving links without mass get a mass too small to matter, which MuJoCo insists on."""
+    try:
+        return spec.compile()
+    except ValueError as error:
+        if "mjMINVAL" not in str(error):
+            raise TarcError(f"{label}: MuJoCo refuses the model: {error}") from None
+    spec.compiler.boundmass, spec.compiler.boundinertia = 1e-9, 1e-12
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise TarcError(f"{label}: MuJoCo refuses the model: {error}") from None
 
 
 def _read(file: Path) -> mujoco.MjSpec:
@@ -228,14 +242,23 @@ def _read(file: Path) -> mujoco.MjSpec:
 def _without_missing_meshes(spec: mujoco.MjSpec, file: Path) -> mujoco.MjSpec:
     """Drop the geoms whose mesh file is not there; their body must state its inertia itself."""
     folder = file.parent / spec.meshdir
-    gone = {
-        mesh.name or Path(mesh.file).stem: mesh
-        for mesh in spec.meshes
-        if mesh.file and not (folder / mesh.file).is_file()
-    }
+
+    def missing(name: str) -> bool:
+        return bool(name) and not (folder / (Path(name).name if spec.strippath else name)).is_file()
+
+    for texture in spec.textures:
+        if texture.file and not (file.parent / spec.texturedir / texture.file).is_file():
+            texture.file, texture.builtin = "", mujoco.mjtBuiltin.mjBUILTIN_FLAT
+            texture.width = texture.height = 1
+    gone = {mesh.name or Path(mesh.file).stem: mesh for mesh in spec.meshes if missing(mesh.file)}
     for geom in list(spec.geoms):
         if geom.meshname in gone:
-            if not geom.parent.explicitinertial and geom.mass != 0 and geom.density != 0:
+            if (
+                geom.parent.name != "world"
+                and not geom.parent.explicitinertial
+                and geom.mass != 0
+                and geom.density != 0
+            ):
                 raise TarcError(
                     f"robot file: {file.name} takes the inertia of body {geom.parent.name!r} from the mesh "
                     f"{gone[geom.meshname].file!r}, which is not in {folder}; add the mesh or an <inertial>"
@@ -267,20 +290,22 @@ def _choose_joints(spec: mujoco.MjSpec, wanted: Sequence[str] | None, label: str
     if not wanted:
         raise TarcError(f"{label}: it has no hinge or slide joint to control")
     posture = _home(spec)
-    home = np.array([posture.get(joint.name, 0.0) for joint in spec.joints if joint.name in wanted])
+    home = np.array([posture.get(joint.name, _middle(joint)) for joint in spec.joints if joint.name in wanted])
     for group in (spec.keys, spec.equalities, spec.sensors, spec.tendons):
         for element in list(group):
             spec.delete(element)
-    limits = {
-        a.target: a.forcerange[1] for a in spec.actuators if a.forcelimited and a.trntype == mujoco.mjtTrn.mjTRN_JOINT
-    }
+    limits = {}
+    for actuator in spec.actuators:
+        low, high = np.asarray(actuator.forcerange) * actuator.gear[0]
+        if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT and low != high and actuator.forcelimited:
+            limits[actuator.target] = min(abs(low), abs(high))
     for actuator in list(spec.actuators):
         spec.delete(actuator)
     for joint in list(spec.joints):
         if joint.name not in wanted:
             spec.delete(joint)
         elif joint.name in limits and joint.actfrcrange[1] <= 0:
-            joint.actfrclimited = True
+            joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_TRUE
             joint.actfrcrange = [-limits[joint.name], limits[joint.name]]
     return home
 
@@ -292,6 +317,12 @@ def _home(spec: mujoco.MjSpec) -> dict[str, float]:
     if key is None or len(key.qpos) != len(joints):
         return {}
     return {joint.name: float(q) for joint, q in zip(joints, key.qpos, strict=True)}
+
+
+def _middle(joint: Any) -> float:
+    """Zero, if the joint's range allows it, else the middle of the range."""
+    low, high = joint.range
+    return float((low + high) / 2) if low < high and not low < 0 < high else 0.0
 
 
 def _set_joint(joint: Any, name: str, value: float) -> None:

@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,9 @@ class Disturbance(Parametric):
 
     def __post_init__(self) -> None:
         check.array("amplitude", self.amplitude)
+        for field in fields(self):
+            if field.name not in ("amplitude", "until"):
+                check.number(field.name, getattr(self, field.name))
 
     def sample(self, times: np.ndarray, joints: int, rng: np.random.Generator) -> np.ndarray:
         """Torque at evenly spaced times (k,), held until the next, shape (n, k)."""
@@ -38,6 +41,11 @@ class Step(Disturbance):
 
     at: float = 0.0
     until: float = np.inf
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.until > self.at:
+            raise TarcError(f"until: got {self.until!r}; needs a time after at = {self.at:g}")
 
     def shape(self, times: np.ndarray, joints: int, rng: np.random.Generator) -> np.ndarray:
         """One inside the interval."""
@@ -98,10 +106,12 @@ class BandNoise(Disturbance):
             raise TarcError(f"high: got {self.high:g} rad/s; the plant step {step:g} s allows up to {nyquist:.4g}")
         kind, edges = ("lowpass", self.high) if self.low == 0 else ("bandpass", [self.low, self.high])
         sections = butter(4, np.asarray(edges) / nyquist, kind, output="sos")
-        settle = int(np.ceil(20 / (self.high * step)))
+        settle = int(np.ceil(20 / ((self.high - self.low) * step)))
+        pulse = np.zeros(4 * settle + 1)
+        pulse[2 * settle] = 1.0
+        spread = np.linalg.norm(sosfiltfilt(sections, pulse))
         noise = sosfiltfilt(sections, rng.standard_normal((joints, len(times) + 2 * settle)), axis=1)
-        noise = noise[:, settle : settle + len(times)]
-        return noise / noise.std(axis=1, keepdims=True)
+        return noise[:, settle : settle + len(times)] / spread
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -127,17 +137,18 @@ class Schedule(Parametric):
 
     def __post_init__(self) -> None:
         times = np.atleast_1d(check.array("times", self.times))
-        if np.any(np.diff(times) <= 0) or len(times) != len(self.values):
+        count = len(self.values) if isinstance(self.values, Sequence | np.ndarray) else -1
+        if times.size == 0 or np.any(np.diff(times) <= 0) or times.size != count:
             raise TarcError(
-                f"schedule of {self.parameter!r}: got {len(times)} times and {len(self.values)} values; needs "
-                "increasing times, one value each"
+                f"schedule of {self.parameter!r}: got times {self.times!r} and values {self.values!r}; needs "
+                "increasing times, and a list of one value each"
             )
 
     def sample(self, times: np.ndarray, initial: np.ndarray) -> np.ndarray:
         """Values at the times (k,), shape (size, k), starting from the plant's own."""
         size = max(np.size(initial), 1)
-        label = f"schedule of {self.parameter!r}"
-        values = np.array([np.broadcast_to(check.array(label, v).ravel(), (size,)) for v in self.values])
+        label = f"schedule of {self.parameter!r}, values"
+        values = np.array([check.vector(label, value, size) for value in self.values])
         knots = np.atleast_1d(np.asarray(self.times, dtype=float)) - 1e-9
         after = np.searchsorted(knots, times, side="right")
         steps = np.vstack([np.broadcast_to(np.ravel(initial), (size,)), values])[after].T

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tarc import check, ops
+from tarc.check import Numbers
 from tarc.errors import TarcError
 from tarc.parametric import Parametric
 from tarc.system import System
@@ -41,7 +42,7 @@ class Encoder(Parametric, System):
     """
 
     bits: int | None = None
-    resolution: float | None = None
+    resolution: Numbers | None = None
     span: float = 2 * np.pi
     noise: float = 0.0
     delay: int = 0
@@ -54,18 +55,17 @@ class Encoder(Parametric, System):
         check.number("span", self.span, 0, strict=True)
         check.number("dropout", self.dropout, 0, high=0.99)
         if self.bits is not None:
-            check.number("bits", self.bits, 1, high=52)
-        if self.resolution is not None:
-            check.number("resolution", self.resolution, 0, strict=True)
-        if self.delay != int(self.delay) or self.delay < 0:
-            raise TarcError(f"delay: got {self.delay!r}; needs a whole number of periods, 0 or more")
+            check.whole("bits", self.bits, 1, 52)
+        if self.resolution is not None and np.any(check.array("resolution", self.resolution) <= 0):
+            raise TarcError(f"resolution: got {self.resolution!r}; needs numbers above 0, or None for no quantisation")
+        check.whole("delay", self.delay)
 
     @property
-    def increment(self) -> float:
-        """The step [rad or m]; 0 for none."""
+    def increment(self) -> np.ndarray:
+        """The step [rad or m], one number or one a joint; 0 for none."""
         if self.bits is not None:
-            return self.span / 2.0**self.bits
-        return self.resolution or 0.0
+            return np.array(self.span / 2.0**self.bits)
+        return np.array(0.0 if self.resolution is None else self.resolution, dtype=float)
 
     def sample_noise(self, joints: int, count: int, rng: np.random.Generator) -> np.ndarray:
         """Noise for a whole run, shape (n, count), NaN where a sample is lost; the first one never is."""
@@ -76,14 +76,17 @@ class Encoder(Parametric, System):
             noise[lost] = np.nan
         return noise
 
+    def quantise(self, position: Any) -> Any:
+        """The nearest step."""
+        if not np.all(self.increment > 0):
+            return position
+        return self.increment * ops.floor(position / self.increment + 0.5)
+
     def init(self, position: Any) -> Any:
-        """Samples under way, shape (n, delay + 1)."""
-        return np.repeat(check.array("position", position)[:, None], self.delay + 1, axis=1)
+        """Samples under way, shape (n, delay + 1), all of them the first reading."""
+        return np.repeat(self.quantise(check.array("position", position))[:, None], self.delay + 1, axis=1)
 
     def step(self, state: Any, value: EncoderInput) -> tuple[Any, Any]:
         """The measured position, shape (n,)."""
-        reading = value.position + value.noise
-        if self.increment:
-            reading = self.increment * ops.floor(reading / self.increment + 0.5)
-        queue = ops.push(state, reading)
+        queue = ops.push(state, self.quantise(value.position + value.noise))
         return queue, queue[:, -1]
