@@ -37,8 +37,8 @@ def number(name: str, value: Any, low: float = -np.inf, *, strict: bool = False,
 def whole(name: str, value: Any, low: int = 0, high: int | None = None) -> int:
     """A whole number in [low, high]."""
     limits = f"from {low} to {high}" if high is not None else f"of at least {low}"
-    fits = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-    if not fits or value != value // 1 or not low <= value <= (np.inf if high is None else high):
+    fits = isinstance(value, int | float | np.integer) and not isinstance(value, bool)
+    if not fits or value % 1 != 0 or not low <= value <= (np.inf if high is None else high):
         raise TarcError(f"{name}: got {value!r}; needs a whole number {limits}")
     return int(value)
 
