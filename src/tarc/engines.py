@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
@@ -19,13 +20,16 @@ from tarc.progress import Progress
 from tarc.signals.disturbances import Disturbance, Payload, Schedule
 from tarc.signals.references import Reference
 from tarc.signals.sensors import Encoder
-from tarc.system import Buffered, leaves, names, pack, trace
+from tarc.system import Ring, leaves, names, pack, trace
 
 if TYPE_CHECKING:
     from tarc.loop import ClosedLoop, Drive
 
 CHUNK = 500
 """Periods between two looks at whether the run has diverged."""
+
+RING = 32
+"""Periods between two copies of what was recorded; few, so that all memory of a ring stays in the fast cache."""
 
 
 @dataclass(frozen=True)
@@ -142,9 +146,9 @@ class Watch:
         self.progress.advance(len(positions))
         with np.errstate(invalid="ignore", over="ignore"):
             error = np.abs(positions - self.reference[begin : begin + len(positions)])
-            wrong = ~np.all(error <= self.limit, axis=1)
-        if wrong.any():
-            self.diverged_at = begin + int(np.argmax(wrong))
+            fine = error.max() <= self.limit
+        if not fine:
+            self.diverged_at = begin + int(np.argmax(~np.all(error <= self.limit, axis=1)))
         return self.diverged_at is None
 
     def end(self, rows: int) -> int:
@@ -161,7 +165,7 @@ def run_fused(loop: "ClosedLoop", begin: Start, plan: Plan, watch: Watch) -> Rec
     shapes = {name: np.array(loop.plant.parameters[name]) for name in plan.schedules}
     rest = np.zeros(n)
     value = LoopInput(rest, rest, rest, rest, np.zeros((n, loop.substeps)), shapes)
-    function, example = trace(loop.step, state, value, symbol=ca.SX, name="period")
+    function, example = trace(loop.step, state, value, name="period")
 
     count = len(plan.times)
     outside = np.concatenate(
@@ -171,24 +175,21 @@ def run_fused(loop: "ClosedLoop", begin: Start, plan: Plan, watch: Watch) -> Rec
             plan.disturbance.transpose(2, 0, 1).reshape(n * loop.substeps, count),
             *plan.schedules.values(),
         ]
-    )
-    chunk = min(CHUNK, count)
-    many = function.mapaccum("run", chunk)
-    x, rows, done = pack(state), [], 0
+    ).T
+    ring = Ring(function, pack(state), RING)
+    rows, seen, end = np.empty((count, function.nnz_out(1))), 0, 0
     with watch.progress:
-        while done < count:
-            piece = outside[:, done : done + chunk]
-            size = piece.shape[1]
-            if size < chunk:
-                piece = np.concatenate([piece, np.repeat(piece[:, -1:], chunk - size, axis=1)], axis=1)
-            states, outputs = many(x, piece)
-            rows.append(np.array(outputs)[:, :size].T)
-            x = np.array(states[:, -1]).ravel()
-            if not watch.look(done, rows[-1][:, :n]):
-                break
-            done += size
-    record = np.concatenate(rows)
-    return Record.from_rows(example, record[: watch.end(len(record))])
+        for at in range(0, count, RING):
+            end = min(at + RING, count)
+            ring.rows["u"][: end - at] = outside[at:end]
+            for call in ring.calls[: end - at]:
+                call()
+            rows[at:end] = ring.rows["y"][: end - at]
+            if end - seen >= CHUNK or end == count:
+                if not watch.look(seen, rows[seen:end, :n]):
+                    break
+                seen = end
+    return Record.from_rows(example, rows[: watch.end(end)])
 
 
 def run_stepping(plant: Plant, drive: "Drive", begin: Start, plan: Plan, watch: Watch) -> Record:
@@ -203,50 +204,61 @@ def run_stepping(plant: Plant, drive: "Drive", begin: Start, plan: Plan, watch: 
     data.qpos[:], data.qvel[:] = begin.position, begin.velocity
     state = drive.init(begin.position, begin.torque, plan.noise[:, 0])
     rest = np.zeros(n)
-    function, example = trace(drive.step, state, DriveInput(rest, rest, rest, rest, rest))
-    controller = Buffered(function)
-    controller.reset(pack(state))
-
-    outside = np.ascontiguousarray(np.concatenate([*plan.reference, plan.noise]).T)
-    push = plan.disturbance.transpose(1, 2, 0) if np.any(plan.disturbance) else None
-    changes = _changes(plan)
-    rows = np.empty((count, 3 * n + len(controller.output)))
-    position_in, outside_in = controller.value[:n], controller.value[n:]
-    torque_out, applied = controller.output[n : 2 * n], data.qfrc_applied
-    qpos, qvel, qacc, output = data.qpos, data.qvel, data.qacc, controller.output
-    log_q, log_v, log_a, log_y = rows[:, :n], rows[:, n : 2 * n], rows[:, 2 * n : 3 * n], rows[:, 3 * n :]
-    advance, step = controller.step, mujoco.mj_step
+    function, example = trace(drive.step, state, DriveInput(rest, rest, rest, rest, rest), name="drive")
     # Runge–Kutta leaves the acceleration of its last stage behind, so the one at the start is computed beforehand
     before = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
-    end_at = 0
+    plain = substeps == 1 and not before
+    acceleration = data.qacc if plain else np.zeros(n)
+    plug = {"q": data.qpos, "v": data.qvel, "a": acceleration, "torque": data.qfrc_applied}
+    ring = Ring(_plugged(function, n), pack(state), RING, plug)
+
+    outside = np.concatenate([*plan.reference, plan.noise, plan.disturbance[:, :, 0]]).T
+    later = np.diff(plan.disturbance, axis=2).transpose(1, 2, 0)
+    changes = _changes(plan)
+    rows = np.empty((count, ring.rows["row"].shape[1]))
+    stops = sorted({*range(0, count, RING), *changes, count})
+    advance, seen, end = mujoco.mj_step, 0, 0
     with watch.progress, _without_log_file():
-        for begin_at in range(0, count, CHUNK):
-            end_at = min(begin_at + CHUNK, count)
-            for k in range(begin_at, end_at):
-                if k in changes:
-                    plant.set_parameters(model, changes[k])
-                position_in[:] = log_q[k] = qpos
-                outside_in[:] = outside[k]
-                log_v[k] = qvel
-                advance()
-                log_y[k] = output
-                applied[:] = torque_out
-                if push is not None:
-                    applied += push[k, 0]
-                if before:
-                    mujoco.mj_forward(model, data)
-                    log_a[k] = qacc
-                step(model, data)
-                if not before:
-                    log_a[k] = qacc
-                for i in range(1, substeps):
-                    if push is not None:
-                        applied[:] = torque_out + push[k, i]
-                    step(model, data)
-            if not watch.look(begin_at, log_q[begin_at:end_at]):
-                break
+        for at, end in pairwise(stops):
+            if at in changes:
+                plant.set_parameters(model, changes[at])
+            here = slice(at % RING, at % RING + end - at)
+            ring.rows["outside"][here] = outside[at:end]
+            if plain:
+                for call in ring.calls[here]:
+                    call()
+                    advance(model, data)
+            else:
+                for call, steps in zip(ring.calls[here], later[at:end], strict=True):
+                    call()
+                    if before:
+                        mujoco.mj_forward(model, data)
+                        acceleration[:] = data.qacc
+                    advance(model, data)
+                    if not before:
+                        acceleration[:] = data.qacc
+                    for change in steps:
+                        data.qfrc_applied += change
+                        advance(model, data)
+            rows[at:end] = ring.rows["row"][here]
+            if end - seen >= CHUNK or end == count:
+                if not watch.look(seen, rows[seen:end, :n]):
+                    break
+                seen = end
+    log = rows[:end, 2 * n : 3 * n]  # each row has the acceleration of the step before
+    log[:-1], log[-1] = log[1:].copy(), acceleration
     blank = LoopOutput(rest, rest, rest, example)
-    return Record.from_rows(blank, rows[: watch.end(end_at)])
+    return Record.from_rows(blank, rows[: watch.end(end)])
+
+
+def _plugged(drive: ca.Function, n: int) -> ca.Function:
+    """The drive as it is plugged into a simulator, which it hands the torque; a row is all there is to record."""
+    x, outside = ca.SX.sym("x", drive.nnz_in(0)), ca.SX.sym("outside", drive.nnz_in(1))
+    q, v, a = (ca.SX.sym(name, n) for name in "qva")
+    x_next, y = drive(x, ca.vertcat(q, outside[:-n]))
+    torque = y[n : 2 * n] + outside[-n:]
+    names = ["x", "q", "v", "a", "outside"], ["x_next", "torque", "row"]
+    return ca.Function("plugged", [x, q, v, a, outside], [x_next, torque, ca.vertcat(q, v, a, y)], *names)
 
 
 @contextmanager

@@ -101,7 +101,7 @@ def trace(
     state: Any,
     value: Any,
     *,
-    symbol: type = ca.MX,
+    symbol: type = ca.SX,
     name: str = "step",
 ) -> tuple[ca.Function, Any]:
     """Trace a step into a CasADi function of packed vectors.
@@ -113,8 +113,7 @@ def trace(
     state, value
         Trees of arrays with the shapes to trace for; one NumPy step from them tells the output's shapes.
     symbol
-        ``casadi.MX`` (matrix graph: least time per call for wide windows) or ``casadi.SX`` (scalar graph:
-        fuses into larger functions).
+        ``casadi.SX`` (scalar graph: about 1 ns an operation) or ``casadi.MX`` (matrix graph: about 12 ns).
 
     Returns
     -------
@@ -134,17 +133,56 @@ def trace(
         parts = [ca.vec(symbol(leaf)) for leaf in leaves(tree)]
         return ca.vertcat(*parts) if parts else symbol(0, 1)
 
-    function = ca.Function(
-        name, [state_symbol, value_symbol], [column(next_state), column(output)], ["x", "u"], ["x_next", "y"]
-    )
+    results = [column(next_state), column(output)]
+    function = ca.Function(name, [state_symbol, value_symbol], results, ["x", "u"], ["x_next", "y"], {"cse": True})
     _, example = step(state, value)
     return function, rebuild(example, [np.zeros(np.shape(leaf)) for leaf in leaves(example)])
 
 
+class Ring:
+    """A traced function over fixed memory, several periods in a row: one call each, no copies between them.
+
+    The function's first input and output are its state. Every other input and output has one row a period, or lies
+    where ``fixed`` has it, by name, in every period.
+
+    Attributes
+    ----------
+    calls
+        One a period, to be called in order, over and over.
+    rows
+        By the name of the input or output, shape (periods, size).
+    states
+        The two state vectors that take turns; the first call reads the first.
+    """
+
+    def __init__(
+        self, function: ca.Function, state: np.ndarray, periods: int, fixed: dict[str, np.ndarray] | None = None
+    ):
+        if periods % 2:
+            raise ValueError(f"periods: got {periods}; needs an even number, since two states take turns")
+        fixed = fixed or {}
+        sizes = {function.name_in(i): function.nnz_in(i) for i in range(1, function.n_in())}
+        sizes |= {function.name_out(i): function.nnz_out(i) for i in range(1, function.n_out())}
+        self.rows = {name: np.zeros((periods, size)) for name, size in sizes.items() if name not in fixed}
+        self.calls: list[Callable[[], None]] = []
+        self.states = states = [np.array(state), np.array(state)]
+        self._keep: list[Any] = [function, fixed]
+        for k in range(periods):
+            places = fixed | {name: rows[k] for name, rows in self.rows.items()}
+            buffer: Any
+            buffer, call = function.buffer()
+            buffer.set_arg(0, states[k % 2].data)
+            buffer.set_res(0, states[1 - k % 2].data)
+            for i in range(1, function.n_in()):
+                buffer.set_arg(i, places[function.name_in(i)].data)
+            for i in range(1, function.n_out()):
+                buffer.set_res(i, places[function.name_out(i)].data)
+            self.calls.append(call)
+            self._keep.append(buffer)
+
+
 class Buffered:
     """A traced step over fixed memory: no allocation a call, a microsecond or so each.
-
-    Two call buffers alternate, since a function must not write the state that it is reading.
 
     Attributes
     ----------
@@ -155,28 +193,18 @@ class Buffered:
     def __init__(self, function: ca.Function):
         self.value = np.zeros(function.nnz_in(1))
         self.output = np.zeros(function.nnz_out(1))
-        self._states = [np.zeros(function.nnz_in(0)), np.zeros(function.nnz_in(0))]
-        self._calls: list[Any] = []
-        self._keep: list[Any] = [function]
-        for now in (0, 1):
-            buffer: Any
-            buffer, call = function.buffer()
-            buffer.set_arg(0, self._states[now].data)
-            buffer.set_arg(1, self.value.data)
-            buffer.set_res(0, self._states[1 - now].data)
-            buffer.set_res(1, self.output.data)
-            self._calls.append(call)
-            self._keep.append(buffer)
-        self._now = 0
+        fixed = {function.name_in(1): self.value, function.name_out(1): self.output}
+        self._ring = Ring(function, np.zeros(function.nnz_in(0)), 2, fixed)
+        self._calls, self._now = self._ring.calls, 0
 
     @property
     def state(self) -> np.ndarray:
         """The present state vector."""
-        return self._states[self._now]
+        return self._ring.states[self._now]
 
     def reset(self, state: np.ndarray) -> None:
         """Set the state vector."""
-        self._states[self._now][:] = state
+        self.state[:] = state
 
     def step(self) -> None:
         """One step from `value` to `output`."""

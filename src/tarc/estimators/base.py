@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
@@ -137,9 +138,10 @@ class Estimator(Parametric, System):
 
 
 class WindowState(NamedTuple):
-    """Past positions, newest first, shape (n, samples)."""
+    """Past positions, newest first, shape (n, samples), and what they predict of the next one, shape (n,)."""
 
     window: Any
+    prediction: Any
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -166,15 +168,21 @@ class WindowedEstimator(Estimator):
     def init(self, position: Any) -> WindowState:
         """State with the window full of the first position, shape (n,)."""
         first = check.array("position", position)
-        return WindowState(np.repeat(first[:, None], len(self.prediction), axis=1))
+        return WindowState(np.repeat(first[:, None], len(self.prediction), axis=1), first)
 
     def step(self, state: WindowState, value: Any) -> tuple[WindowState, Estimate]:
         """q̂^(j) = Σ_i w_i^(j) q(k − i); a missing sample is the window polynomial's own prediction."""
         valid = ops.finite(value)
-        window = ops.push(state.window, ops.where(valid, value, state.window @ self.prediction))
-        velocity = window @ self.weights(1)
-        acceleration = window @ self.weights(2) if self.orders > 1 else 0 * velocity
-        return WindowState(window), Estimate(window[:, 0], velocity, acceleration, valid)
+        position = ops.where(valid, value, state.prediction)
+        window = ops.push(state.window, position)
+        sums = ops.weigh(window, self._table)
+        return WindowState(window, sums[:, 0]), Estimate(position, sums[:, 1], sums[:, 2], valid)
+
+    @cached_property
+    def _table(self) -> np.ndarray:
+        """Columns: weights of the prediction, the velocity and the acceleration, zero where there is none."""
+        acceleration = self.weights(2) if self.orders > 1 else np.zeros(len(self.prediction))
+        return np.stack([self.prediction, self.weights(1), acceleration], axis=1)
 
 
 def synchronous_weights(acceleration_weights: np.ndarray, period: float) -> np.ndarray:

@@ -50,16 +50,23 @@ class PlanarArm(EulerLagrange):
         return np.size(self.masses)
 
     def kinetic_energy(self, q: Any, dq: Any, p: Any) -> Any:
-        """T [J]."""
-        angle, rate = ca.cumsum(q), ca.cumsum(dq)
-        energy = ca.SX(0)
-        vx = vy = ca.SX(0)
+        """T [J].
+
+        A point that moves with Σ_j w_j φ̇_j (−sin φ_j, cos φ_j) has the squared speed
+        Σ_jk w_j w_k φ̇_j φ̇_k cos(φ_j − φ_k); written so, what does not depend on q_1 is seen not to.
+        """
+        rate = ca.cumsum(dq)
+
+        def squared_speed(w: list[Any]) -> Any:
+            own = sum((w[j] * rate[j]) ** 2 for j in range(len(w)))
+            pairs = [(j, k) for j in range(len(w)) for k in range(j)]
+            return own + 2 * sum(w[j] * w[k] * rate[j] * rate[k] * ca.cos(ca.sum1(q[k + 1 : j + 1])) for j, k in pairs)
+
+        energy = p.payload * squared_speed([p.lengths[j] for j in range(self.joints)]) / 2
         for i in range(self.joints):
-            swing = ca.vertcat(-ca.sin(angle[i]), ca.cos(angle[i])) * rate[i]
-            centre = ca.vertcat(vx, vy) + p.centres[i] * swing
-            energy += (p.masses[i] * ca.sumsqr(centre) + p.inertias[i] * rate[i] ** 2) / 2
-            vx, vy = vx + p.lengths[i] * swing[0], vy + p.lengths[i] * swing[1]
-        return energy + p.payload * (vx**2 + vy**2) / 2
+            centre = [*(p.lengths[j] for j in range(i)), p.centres[i]]
+            energy += (p.masses[i] * squared_speed(centre) + p.inertias[i] * rate[i] ** 2) / 2
+        return energy
 
     def potential_energy(self, q: Any, p: Any) -> Any:
         """V [J]."""

@@ -1,0 +1,49 @@
+"""Measure everything and print one table: ``python -m benchmarks``. It reports, so it always exits with 0."""
+
+import os
+import platform
+from importlib.metadata import version
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks import law, robot, simulation, startup
+from benchmarks.measure import Row
+
+CAPTION = "Times of calls: the least of many. Ratios, against / measured: the median over turns taken in this run."
+BENCHMARKS = (simulation.period, simulation.peer, law.step, robot.closed_loop, startup.startup)
+
+
+def machine() -> str:
+    """What it ran on."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.is_file() else []
+    models = [line.split(":")[1].strip() for line in lines if line.startswith("model name")]
+    model = models[0] if models else platform.processor() or platform.machine()
+    versions = [f"{name} {version(name)}" for name in ("numpy", "casadi", "mujoco", "opensmc")]
+    load = f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}"
+    return "; ".join([model, load, ", ".join([f"Python {platform.python_version()}", *versions])])
+
+
+def main() -> None:
+    """Run them in turn; one that fails says so in its row."""
+    console = Console(width=None if Console().is_terminal else 160)
+    console.print(machine(), highlight=False)
+    rows: list[Row] = []
+    for benchmark in BENCHMARKS:
+        console.print(f"measuring {benchmark.__module__}.{benchmark.__name__} …", style="dim", highlight=False)
+        try:
+            rows += benchmark()
+        except Exception as error:
+            rows.append(Row(f"{benchmark.__module__}.{benchmark.__name__}", f"failed: {error}"))
+    table = Table("what", "measured", "against", "ratio", "target", "met", caption=CAPTION)
+    for row in rows:
+        met = {None: "", True: "[green]yes[/green]", False: "[red]no[/red]"}[row.met]
+        ratio = "" if row.ratio is None else f"{row.ratio:.2f}×" if row.ratio < 10 else f"{row.ratio:.0f}×"
+        table.add_row(row.what, row.measured, row.against, ratio, row.target, met)
+    console.print(table)
+
+
+if __name__ == "__main__":
+    main()
