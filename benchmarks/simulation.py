@@ -15,27 +15,33 @@ from tarc.loop import ClosedLoop, Drive
 from tarc.plants import TwoLinkArm
 
 
-def fused(arm: TwoLinkArm, substeps: int, between: Callable[[int], object] = lambda at: None) -> list[float]:
-    """Times of a control period [s] in CasADi's virtual machine: law, plant and recording; one a stretch."""
+def fused(
+    arm: TwoLinkArm, substeps: int, between: Callable[[int], object] = lambda at: None, native: bool = False
+) -> list[float]:
+    """Times of a control period [s]: law, plant and recording; one a stretch."""
     drive = Drive(tarc.signals.Encoder(), law(0.05 * arm.inertia([0.0, np.pi / 2]), 10, 2000.0))
     reference = tarc.signals.Sinusoid(amplitude=0.6, frequency=[2.0, 2.5])
     plan = engines.plan(arm, drive.law, reference, 50.0, drive.sensor, [], substeps, 0)
     begin, watch = engines.start(arm, plan, None, 0.0, "rest"), Stopwatch(plan, between)
-    engines.run_fused(ClosedLoop(arm, drive, substeps), begin, plan, watch)
+    engines.run_fused(ClosedLoop(arm, drive, substeps), begin, plan, watch, native)
     return watch.times
 
 
 def period() -> list[Row]:
     """What a control period of the default two-link arm costs."""
     least = 1e6 * min(fused(TwoLinkArm(), 2))
+    machine = 1e6 * min(fused(TwoLinkArm(), 2, native=True))
     what = "two-link arm under TARC, window 10, 1 kHz, 2 RK4 substeps: a control period, virtual machine"
-    return [Row(what, f"{least:.2f} µs", target="≤ 5 µs", met=least <= 5)]
+    return [
+        Row(what, f"{least:.2f} µs", target="≤ 5 µs", met=least <= 5),
+        Row("the same, compiled", f"{machine:.2f} µs"),
+    ]
 
 
 def peer() -> list[Row]:
     """A step of `opensmc` on its two-link arm; the one controller of it that drives two joints is its PID.
 
-    It takes one Runge–Kutta step a control step, we take two a control period by default.
+    It takes one Runge–Kutta step a control step; ours is compared at one too, and shown at its default of two.
     """
     theirs = PeerArm()
     ours = TwoLinkArm(
@@ -62,6 +68,6 @@ def peer() -> list[Row]:
         ratio = float(np.median(np.divide(theirs_took[1:], periods)))
         what = f"the same on the arm of opensmc, {substeps} RK4 substep{'s'[: substeps - 1]}"
         against = f"opensmc's PID and 1 RK4 step: {1e6 * min(theirs_took):.0f} µs"
-        target, met = ("≥ 40×", ratio >= 40) if substeps == 2 else ("", None)
+        target, met = ("≥ 40×", ratio >= 40) if substeps == 1 else ("", None)
         rows.append(Row(what, f"{1e6 * min(periods):.2f} µs", against, ratio, target, met))
     return rows

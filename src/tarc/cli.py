@@ -32,6 +32,7 @@ def run(
     scenario: Annotated[str, typer.Argument(help="A YAML file, or the name of a shipped scenario.")],
     set_: Set = None,
     out: Out = None,
+    native: Annotated[bool, typer.Option("--native", help="Compile the loop first; needs a C compiler.")] = False,
     as_json: Json = False,
     figures: Figures = True,
 ) -> None:
@@ -41,7 +42,7 @@ def run(
     """
     from tarc.scenario import Scenario
 
-    _run(Scenario.load(scenario, set_ or []), out, as_json, figures)
+    _run(Scenario.load(scenario, [*(set_ or []), *(["native=true"] if native else [])]), out, as_json, figures)
 
 
 @app.command()

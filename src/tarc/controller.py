@@ -7,6 +7,7 @@ import numpy as np
 
 from tarc.errors import TarcError
 from tarc.laws.base import Law
+from tarc.native import compiled
 from tarc.system import Buffered, pack, trace
 
 log = logging.getLogger("tarc")
@@ -22,6 +23,8 @@ class Controller:
     ----------
     law
         Any law of `tarc.laws`.
+    native
+        Compile the step to machine code, with the C compiler that is found.
 
     Attributes
     ----------
@@ -41,13 +44,13 @@ class Controller:
     array([0.1, 0.1])
     """
 
-    def __init__(self, law: Law):
+    def __init__(self, law: Law, native: bool = False):
         if not isinstance(law, Law):
             raise TarcError(f"law: got {law!r}; needs one of tarc.laws, constructed")
         self.law = law
         state, value = law.example()
         function, example = trace(law.step, state, value)
-        self._call = Buffered(function)
+        self._call = Buffered(compiled(function) if native else function)
         n = law.joints
         vector = self._call.value
         self._position, self._reference = vector[:n], vector[n : 2 * n]

@@ -13,6 +13,7 @@ import numpy as np
 from tarc import check
 from tarc.errors import TarcError
 from tarc.laws.base import Law
+from tarc.native import compiled
 from tarc.plants.base import Plant
 from tarc.plants.euler_lagrange import EulerLagrange
 from tarc.plants.mujoco import MujocoPlant
@@ -156,7 +157,7 @@ class Watch:
         return rows if self.diverged_at is None else max(self.diverged_at, 1)
 
 
-def run_fused(loop: "ClosedLoop", begin: Start, plan: Plan, watch: Watch) -> Record:
+def run_fused(loop: "ClosedLoop", begin: Start, plan: Plan, watch: Watch, native: bool = False) -> Record:
     """The whole loop as one CasADi function, mapped over many periods a call."""
     from tarc.loop import LoopInput
 
@@ -166,6 +167,7 @@ def run_fused(loop: "ClosedLoop", begin: Start, plan: Plan, watch: Watch) -> Rec
     rest = np.zeros(n)
     value = LoopInput(rest, rest, rest, rest, np.zeros((n, loop.substeps)), shapes)
     function, example = trace(loop.step, state, value, name="period")
+    function = compiled(function) if native else function
 
     count = len(plan.times)
     outside = np.concatenate(
@@ -192,7 +194,7 @@ def run_fused(loop: "ClosedLoop", begin: Start, plan: Plan, watch: Watch) -> Rec
     return Record.from_rows(example, rows[: watch.end(end)])
 
 
-def run_stepping(plant: Plant, drive: "Drive", begin: Start, plan: Plan, watch: Watch) -> Record:
+def run_stepping(plant: Plant, drive: "Drive", begin: Start, plan: Plan, watch: Watch, native: bool = False) -> Record:
     """MuJoCo steps the plant; the drive is called between steps over fixed memory."""
     from tarc.loop import DriveInput, LoopOutput
 
@@ -210,7 +212,8 @@ def run_stepping(plant: Plant, drive: "Drive", begin: Start, plan: Plan, watch: 
     plain = substeps == 1 and not before
     acceleration = data.qacc if plain else np.zeros(n)
     plug = {"q": data.qpos, "v": data.qvel, "a": acceleration, "torque": data.qfrc_applied}
-    ring = Ring(_plugged(function, n), pack(state), RING, plug)
+    plugged = _plugged(function, n)
+    ring = Ring(compiled(plugged) if native else plugged, pack(state), RING, plug)
 
     outside = np.concatenate([*plan.reference, plan.noise, plan.disturbance[:, :, 0]]).T
     later = np.diff(plan.disturbance, axis=2).transpose(1, 2, 0)

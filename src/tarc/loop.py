@@ -151,6 +151,7 @@ def simulate(
     substeps: int | None = None,
     divergence: float = 100.0,
     seed: int = 0,
+    native: bool = False,
     progress: bool | None = None,
 ) -> Run:
     """Run a law on a robot along a reference.
@@ -182,6 +183,9 @@ def simulate(
         Error [rad or m] beyond which the run ends as diverged.
     seed
         Of all noise.
+    native
+        Compile the traced functions to machine code, which takes a second or so the first time and is kept; needs a C
+        compiler. The result is the same to rounding.
     progress
         Show a progress bar when it takes more than two seconds; None for when standard error is a terminal.
 
@@ -210,7 +214,7 @@ def simulate(
     begin = engines.start(plant, plan, position, velocity, torque)
     watch = engines.Watch(plan, divergence, progress)
     if isinstance(plant, EulerLagrange):
-        record = engines.run_fused(ClosedLoop(plant, drive, steps), begin, plan, watch)
+        record = engines.run_fused(ClosedLoop(plant, drive, steps), begin, plan, watch, native)
     else:
-        record = engines.run_stepping(plant, drive, begin, plan, watch)
+        record = engines.run_stepping(plant, drive, begin, plan, watch, native)
     return Run.from_record(plant, drive, reference, plan, record, watch, seed)

@@ -157,7 +157,7 @@ class Scenario(BaseModel):
         [s]; the measures leave out what came before ``measure_from``.
     start
         ``position``, ``velocity`` and ``torque`` at the start; torque ``rest`` is the one that holds the robot.
-    computation_delay, substeps, seed
+    computation_delay, substeps, seed, native
         As in `tarc.simulate`.
     """
 
@@ -177,6 +177,7 @@ class Scenario(BaseModel):
     computation_delay: int = 0
     substeps: int | None = None
     seed: int = 0
+    native: bool = False
 
     @classmethod
     def parse(cls, content: Any, label: str = "scenario") -> Self:
@@ -286,6 +287,7 @@ class Scenario(BaseModel):
                 computation_delay=self.computation_delay,
                 substeps=self.substeps,
                 seed=self.seed,
+                native=self.native,
                 progress=progress,
             )
             for name, law in laws.items()

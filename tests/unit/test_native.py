@@ -1,0 +1,83 @@
+"""Compiled functions: the same results, a cache, and clear complaints."""
+
+import numpy as np
+import pytest
+
+from family import make_law
+from tarc import Controller, TarcError, laws, native, plants, signals, simulate
+from tarc.system import trace
+
+REFERENCE = signals.Sinusoid(amplitude=[0.3, 0.4], frequency=[2.0, 3.0])
+SENSOR = signals.Encoder(bits=16, dropout=0.01)
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+
+
+@pytest.mark.parametrize("synchronised", [False, True])
+def test_fused_run_is_the_same(synchronised):
+    law = make_law(laws.TARC, inertia=[0.15, 0.05], synchronised=synchronised)
+    runs = [
+        simulate(plants.TwoLinkArm(), law, REFERENCE, 0.5, sensor=SENSOR, torque="rest", native=native)
+        for native in (False, True)
+    ]
+    # the compiler may contract products and sums; a stable loop does not amplify that
+    np.testing.assert_allclose(runs[1].data["torque"], runs[0].data["torque"], rtol=1e-6, atol=1e-6)
+    np.testing.assert_array_equal(runs[1].data["missing"], runs[0].data["missing"])
+
+
+def test_mujoco_run_is_the_same():
+    arm = plants.MujocoPlant.from_file("panda", armature=0.1, coulomb=1.0)
+    law = make_law(laws.TARC, 7, inertia=0.1 * arm.inertia(arm.home))
+    reference = signals.Sinusoid(amplitude=0.2, frequency=2.0, offset=arm.home)
+    runs = [simulate(arm, law, reference, 0.3, sensor=SENSOR, torque="rest", native=native) for native in (False, True)]
+    np.testing.assert_allclose(runs[1].data["torque"], runs[0].data["torque"], rtol=1e-6, atol=1e-6)
+
+
+def test_controller_is_the_same_and_bridges_lost_samples():
+    torques = []
+    for compiled in (False, True):
+        controller = Controller(make_law(laws.TARC), native=compiled)
+        controller.reset(np.zeros(2))
+        for position in ([0.0, 0.1], [np.nan, 0.1], [0.01, np.inf], [0.02, 0.1]):
+            torque = controller.step(position, [0.1, 0.1], [0.0, 0.0], [0.0, 0.0])
+        torques.append(torque.copy())
+    np.testing.assert_allclose(*torques, rtol=1e-9)
+
+
+def test_second_time_loads_what_was_compiled(monkeypatch):
+    function, _ = trace(*((law := make_law(laws.TDC)).step, *law.example()))
+    native.compiled(function)
+    (library,) = native.cache().glob("*.so")
+    made = library.stat().st_mtime_ns
+
+    def fail(*_, **__):
+        raise AssertionError("compiled again")
+
+    monkeypatch.setattr("subprocess.run", fail)
+    native.compiled(function)
+    assert library.stat().st_mtime_ns == made
+    assert [path.name for path in native.cache().iterdir()] == [library.name], "no litter"
+
+
+def test_no_compiler_is_told(monkeypatch):
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setattr("shutil.which", lambda name: None)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(TarcError, match=r"no C compiler found; looked for \$CC, cc, gcc, clang .* pip install"):
+        Controller(make_law(laws.TDC), native=True)
+
+
+def test_failing_compiler_is_told(monkeypatch):
+    monkeypatch.setenv("CC", "false")
+    with pytest.raises(TarcError, match="native: false .* failed"):
+        Controller(make_law(laws.TDC), native=True)
+
+
+def test_cache_that_cannot_be_written_is_told(monkeypatch, tmp_path):
+    (tmp_path / "taken").write_text("a file")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "taken"))
+    with pytest.raises(TarcError, match="native: cannot compile into .*; set XDG_CACHE_HOME"):
+        Controller(make_law(laws.TDC), native=True)
