@@ -43,12 +43,17 @@ def whole(name: str, value: Any, low: int = 0, high: int | None = None) -> int:
     return int(value)
 
 
-def array(name: str, value: Any) -> Array:
-    """Finite numbers as a float array."""
+def numbers(name: str, value: Any) -> Array:
+    """Numbers as a float array, infinite or not."""
     try:
-        result = np.array(value, dtype=float)
+        return np.array(value, dtype=float)
     except (TypeError, ValueError):
         raise TarcError(f"{name}: got {value!r}; needs numbers") from None
+
+
+def array(name: str, value: Any) -> Array:
+    """Finite numbers as a float array."""
+    result = numbers(name, value)
     if not np.all(np.isfinite(result)):
         raise TarcError(f"{name}: got {result.tolist()}; needs finite numbers, not NaN or infinity")
     return result
@@ -114,7 +119,7 @@ def nearest(word: str, known: Iterable[str]) -> str:
     """' Did you mean ...?' for the closest known word, or the empty string."""
     known = list(known)
     lower = {k.lower(): k for k in known}
-    close = difflib.get_close_matches(word.lower(), lower, n=1, cutoff=0.5)
+    close = difflib.get_close_matches(word.lower(), lower, n=1, cutoff=0.6)
     return f" Did you mean '{lower[close[0]]}'?" if close else ""
 
 

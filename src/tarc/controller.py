@@ -98,7 +98,7 @@ class Controller:
             log.error(
                 "%d samples missing in a row: the safe torque (%s) is applied until reset",
                 int(self._missing[0]),
-                self.law.safe_torque,
+                getattr(self.law.safe_torque, "__name__", self.law.safe_torque),
             )
         return self._torque
 

@@ -149,7 +149,7 @@ def simulate(
     torque: Any = 0.0,
     computation_delay: int = 0,
     substeps: int | None = None,
-    divergence: float = 100.0,
+    divergence: float = 5.0,
     seed: int = 0,
     native: bool = False,
     progress: bool | None = None,
@@ -205,7 +205,7 @@ def simulate(
     events = list(disturbance) if isinstance(disturbance, Sequence) else [disturbance]
     engines.fit(plant, law, reference)
     limit = getattr(plant, "torque_limit", None)
-    if law.torque_limit is None and limit is not None and np.all(np.isfinite(limit)):
+    if law.torque_limit is None and limit is not None and np.any(np.isfinite(limit)):
         law = replace(law, torque_limit=limit)
     drive = Drive(sensor, law, check.whole("computation_delay", computation_delay, 0))
     fused = isinstance(plant, EulerLagrange)

@@ -109,17 +109,20 @@ class Run:
         P2 = getattr(drive.law, "P2", None)
         if P2 is not None:
             arrays["sliding"] = np.linalg.norm((arrays["position"] - arrays["reference"]) @ P2.T, axis=1)
-        slides = set(plant.joint_units) == {"m"}
+        kinds = set(plant.joint_units)
+        names = {"rad": "rad", "N m": "N m"} if kinds == {"rad"} else {"rad": "m", "N m": "N"}
+        if len(kinds) > 1:
+            names = {"rad": "(rad or m)", "N m": "N m or N"}
         variables = {}
         for name in sorted(arrays, key=lambda name: list(VARIABLES).index(name) if name in VARIABLES else 99):
             label, unit = VARIABLES.get(name, (name.replace("_", " "), "1"))
-            if slides:
-                unit = unit.replace("rad", "m").replace("N m", "N")
+            for revolute, shown in names.items():
+                unit = unit.replace(revolute, shown)
             values = arrays[name]
             dims = ("time",) if values.ndim == 1 else ("time", "joint")
             variables[name] = (dims, values, {"long_name": label, "units": unit})
         limit = np.where(drive.law.limit < HUGE, drive.law.limit, np.inf)
-        label = {"long_name": "largest torque that the law applies", "units": "N" if slides else "N m"}
+        label = {"long_name": "largest torque that the law applies", "units": names["N m"]}
         variables["torque_limit"] = ("joint", limit, label)
         attributes = {
             "title": f"{type(drive.law).__name__} on {getattr(plant, 'label', type(plant).__name__)}",

@@ -71,8 +71,10 @@ def parameters(kind: Any) -> dict[str, Parameter]:
     """The parameters that a scenario may give to a kind (a class, or a factory such as a robot from a file)."""
     hints = typing.get_type_hints(kind)
     if inspect.ismethod(kind):
-        signature = inspect.signature(kind).parameters
-        defaults = {p.name: ... if p.default is p.empty else p.default for p in signature.values()}
+        hints["file"] = hints.pop("path")  # a scenario says "file: ur5e.urdf"
+        defaults = {"file": ...} | {
+            p.name: p.default for p in inspect.signature(kind).parameters.values() if p.name != "path"
+        }
     else:
         defaults = {f.name: ... if f.default is MISSING else f.default for f in fields(kind)}
     return {
@@ -110,7 +112,9 @@ def _words(allowed: Any) -> str:
     members = typing.get_args(allowed) if typing.get_origin(allowed) in (Union, types.UnionType) else (allowed,)
     words = []
     for member in members:
-        if typing.get_origin(member) is list:
+        if typing.get_origin(member) is dict:
+            words.append("keys and values")
+        elif typing.get_origin(member) is list:
             inner = typing.get_args(member)[0]
             rows = typing.get_origin(inner) is not None
             words.append(
@@ -147,8 +151,9 @@ class Scenario(BaseModel):
         ``file`` (MJCF, URDF or a shipped robot) with the options of `tarc.plants.MujocoPlant.from_file`, or ``kind``
         (a class of `tarc.plants`) with its parameters.
     law
-        ``kind`` and parameters, or a list of them, to be run side by side. ``inertia`` may be ``{fraction: 0.1}``, of
-        the robot's mean inertia along the reference, with ``diagonal: true`` for its diagonal alone.
+        ``kind`` and parameters, or a list of them, to be run side by side. ``inertia`` may be one
+        number for all joints, or ``{fraction: 0.1}``, of the robot's mean inertia along the reference, with
+        ``diagonal: true`` for its diagonal alone.
     estimator, reference, sensor
         ``kind`` and parameters; the sensor's kind is Encoder, without parameters perfect.
     disturbance
@@ -157,7 +162,7 @@ class Scenario(BaseModel):
         [s]; the measures leave out what came before ``measure_from``.
     start
         ``position``, ``velocity`` and ``torque`` at the start; torque ``rest`` is the one that holds the robot.
-    computation_delay, substeps, seed, native
+    computation_delay, substeps, seed, native, divergence
         As in `tarc.simulate`.
     """
 
@@ -178,6 +183,7 @@ class Scenario(BaseModel):
     substeps: int | None = None
     seed: int = 0
     native: bool = False
+    divergence: float = 5.0
 
     @classmethod
     def parse(cls, content: Any, label: str = "scenario") -> Self:
@@ -210,7 +216,7 @@ class Scenario(BaseModel):
             part = content.get(section)
             named = part.get(key) if isinstance(part, dict) else None
             if isinstance(part, dict) and isinstance(named, str) and (file.parent / named).is_file():
-                part[key] = str(file.parent / named)
+                part[key] = str((file.parent / named).resolve())
         return cls.parse(content, str(file))
 
     @property
@@ -229,8 +235,14 @@ class Scenario(BaseModel):
         if isinstance(self.law, list) and not self.law:
             raise TarcError("law: got an empty list; needs one law or more")
         _validate("robot", self.robot)
-        for part in self.laws.values():
-            _validate("law", part)
+        for number, part in enumerate(self.laws.values()):
+            try:
+                _validate("law", part)
+            except TarcError as error:
+                if not isinstance(self.law, list):
+                    raise
+                lines = str(error).splitlines()
+                raise TarcError("\n".join(line.replace("law.", f"law.{number}.", 1) for line in lines)) from None
         _validate("estimator", self.estimator)
         _validate("reference", self.reference)
         _validate("sensor", {"kind": "Encoder", **self.sensor})
@@ -244,11 +256,18 @@ class Scenario(BaseModel):
             return tarc.plants.MujocoPlant.from_file(options.pop("file"), **options)
         return _construct("robot", options)
 
+    def build_reference(self) -> tarc.signals.Reference:
+        """The reference."""
+        return _construct("reference", _validate("reference", self.reference))
+
     def build_law(self, part: dict[str, Any], plant: Plant, reference: Any) -> Any:
         """One of the laws, on this robot and reference."""
         options = _validate("law", part)
-        if isinstance(options.get("inertia"), dict):
-            options["inertia"] = self._fraction(options["inertia"], plant, reference)
+        inertia = options.get("inertia")
+        if isinstance(inertia, dict):
+            options["inertia"] = self._fraction(inertia, plant, reference)
+        elif isinstance(inertia, int | float):
+            options["inertia"] = np.full(plant.joints, inertia)
         estimator = _construct("estimator", {**_validate("estimator", self.estimator), "period": self.period})
         return _construct("law", {**options, "period": self.period, "estimator": estimator})
 
@@ -269,7 +288,7 @@ class Scenario(BaseModel):
     def run(self, progress: bool | None = None) -> dict[str, Run]:
         """Simulate every law; by name."""
         plant = self.build_plant()
-        reference = _construct("reference", _validate("reference", self.reference))
+        reference = self.build_reference()
         sensor = _construct("sensor", _validate("sensor", {"kind": "Encoder", **self.sensor}))
         events = [_construct("disturbance", _validate("disturbance", part)) for part in self.disturbance]
         laws = {name: self.build_law(part, plant, reference) for name, part in self.laws.items()}
@@ -288,6 +307,7 @@ class Scenario(BaseModel):
                 substeps=self.substeps,
                 seed=self.seed,
                 native=self.native,
+                divergence=self.divergence,
                 progress=progress,
             )
             for name, law in laws.items()
@@ -357,9 +377,7 @@ def _validate(section: str, part: dict[str, Any]) -> dict[str, Any]:
     """Check the keys and types of one component against its class; the options, with the kind."""
     if section == "robot" and "file" in part:
         factory: Any = tarc.plants.MujocoPlant.from_file
-        options = {"path": part["file"], **{key: value for key, value in part.items() if key != "file"}}
-        valid = _validate_against(factory, options, "robot", "a robot from a file")
-        return {"file": valid.pop("path"), **valid}
+        return _validate_against(factory, part, "robot", "a robot from a file")
     kinds = catalogue(section)
     name = part.get("kind")
     if name is None:

@@ -61,7 +61,7 @@ def test_divergence_is_a_result_not_a_failure(scenario):
 
 def test_bad_input_is_one_line_and_status_2(scenario):
     done = call("run", "swing.yaml", "--set", "law.bandwith=3", cwd=scenario, status=2)
-    assert done.stderr.startswith("error: law.bandwith: unknown key")
+    assert done.stderr.startswith("error: law.0.bandwith: unknown key")
     assert "Traceback" not in done.stderr
     assert not (scenario / "runs").exists()
 

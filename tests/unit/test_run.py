@@ -174,3 +174,36 @@ def test_bad_arguments(options, message):
     given = {"plant": Pendulum(), "law": pendulum_law(), "reference": REFERENCE, "duration": 0.1, **options}
     with pytest.raises(TarcError, match=message):
         simulate(**given)
+
+
+def two_joint_file(path, limits=("", ""), kinds=("hinge", "hinge")):
+    joints = [f"<joint type='{k}' axis='0 0 1' {limit}/>" for k, limit in zip(kinds, limits, strict=True)]
+    inertial = "<inertial pos='0.1 0 0' mass='1' diaginertia='0.1 0.1 0.1'/>"
+    first, second = (joint.replace("<joint", f"<joint name='{i}'") for i, joint in enumerate(joints))
+    inner = f"<body>{second}{inertial}</body>"
+    path.write_text(f"<mujoco><worldbody><body>{first}{inertial}{inner}</body></worldbody></mujoco>")
+    return plants.MujocoPlant.from_file(path)
+
+
+def two_joint_run(robot, **options):
+    law = laws.TDC(
+        inertia=[0.02, 0.02], bandwidth=20.0, period=1e-3, estimator=estimators.Algebraic(window=0.01), **options
+    )
+    return simulate(robot, law, signals.Sinusoid(amplitude=[1.0, 1.0], frequency=9.0), 0.5)
+
+
+def test_a_limit_on_one_joint_of_two_holds(tmp_path):
+    robot = two_joint_file(tmp_path / "r.xml", limits=("actuatorfrcrange='-0.5 0.5'", ""))
+    assert robot.torque_limit.tolist() == [0.5, np.inf]
+    run = two_joint_run(robot)
+    assert np.abs(run.data["torque"]).max("time").values[0] == 0.5
+    assert np.abs(run.data["torque"]).max("time").values[1] > 0.5
+    assert run.data["torque_limit"].values.tolist() == [0.5, np.inf]
+
+
+def test_units_follow_the_joints(tmp_path):
+    mixed = two_joint_run(two_joint_file(tmp_path / "m.xml", kinds=("hinge", "slide")))
+    assert mixed.data["velocity"].attrs["units"] == "(rad or m)/s"
+    assert mixed.data["torque"].attrs["units"] == "N m or N"
+    slides = two_joint_run(two_joint_file(tmp_path / "s.xml", kinds=("slide", "slide")))
+    assert (slides.data["position"].attrs["units"], slides.data["torque"].attrs["units"]) == ("m", "N")

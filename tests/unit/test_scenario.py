@@ -161,3 +161,27 @@ def test_every_kind_has_parameters_with_words(section):
         for parameter in parameters(kind).values():
             assert "typing" not in parameter.words, (name, parameter.name)
             assert parameter.words, (name, parameter.name)
+
+
+def test_one_number_of_inertia_stands_for_every_joint():
+    parsed = Scenario.parse(with_setting("law.inertia=0.05"))
+    law = parsed.build_law(parsed.laws["TDC"], parsed.build_plant(), parsed.build_reference())
+    np.testing.assert_array_equal(law.M, 0.05 * np.eye(2))
+
+
+def test_a_saved_scenario_runs_from_anywhere(tmp_path, monkeypatch):
+    robot = tmp_path / "robot.xml"
+    robot.write_text("<mujoco><worldbody><body><joint name='j'/><geom size='.1'/></body></worldbody></mujoco>")
+    content = scenario(robot={"file": "robot.xml"}, law={**PLAIN["law"], "inertia": 1e-3})
+    content["reference"] = {"kind": "Sinusoid", "amplitude": [0.1], "frequency": 2.0}
+    (tmp_path / "a.yaml").write_text(yaml.safe_dump(content))
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "saved.yaml").write_text(Scenario.load(tmp_path / "a.yaml").to_yaml())
+    monkeypatch.chdir("/")
+    assert Scenario.load(tmp_path / "elsewhere" / "saved.yaml").run()["TDC"].status.completed
+
+
+def test_the_entry_at_fault_is_named_in_a_list_of_laws():
+    content = scenario(law=[dict(PLAIN["law"]), {**PLAIN["law"], "bandwith": 1.0}])
+    with pytest.raises(TarcError, match=r"law\.1\.bandwith: unknown key"):
+        Scenario.parse(content)

@@ -33,7 +33,7 @@ class LawOutput(NamedTuple):
 
 
 class Tracking(NamedTuple):
-    """What a law's equation reads: estimates, errors e1 and ė̂1, acceleration reference and the torque before."""
+    """What a law's equation reads: estimates, errors e1 and v̂ − q̇ᵈ, acceleration reference and the torque before."""
 
     estimate: Estimate
     error: Any
@@ -67,7 +67,7 @@ class Law(Parametric, System):
     estimator
         Where velocity and acceleration come from.
     torque_limit
-        Largest magnitude [N m or N], one number or one a joint; None for no limit.
+        Largest magnitude [N m or N], one number or one a joint, infinite for a joint without; None for no limit.
     max_missing
         How many samples in a row may be missing (NaN, infinite) before the law gives up tracking. Until then the
         estimator's own prediction stands in. After it, the safe torque is applied until the next reset.
@@ -93,8 +93,7 @@ class Law(Parametric, System):
         object.__setattr__(self, "estimator", self.estimator.at(self.period))
         if not callable(self.safe_torque):
             check.one_of("safe_torque", self.safe_torque, ["zero", "hold"])
-        if self.torque_limit is not None:
-            check.vector("torque_limit", self.torque_limit, self.joints, 0, strict=True)
+        _ = self.limit
 
     @property
     @abstractmethod
@@ -112,7 +111,9 @@ class Law(Parametric, System):
     @cached_property
     def limit(self) -> np.ndarray:
         """Torque limit a joint, shape (n,); `tarc.ops.HUGE` where there is none."""
-        return check.vector("torque_limit", ops.HUGE if self.torque_limit is None else self.torque_limit, self.joints)
+        given = ops.HUGE if self.torque_limit is None else self.torque_limit
+        finite = [ops.HUGE if np.isposinf(one) else one for one in np.ravel(check.numbers("torque_limit", given))]
+        return check.vector("torque_limit", finite if np.ndim(given) else finite[0], self.joints, 0, strict=True)
 
     def init(self, position: Any, torque: Any = 0.0) -> LawState:
         """State at rest at a first position [rad or m], shape (n,), with a torque already applied [N m or N]."""

@@ -11,7 +11,7 @@ from tarc.laws.tde import TDE
 class TDC(TDE):
     """Time-delayed control: time-delay estimation and pole placement, no robust term.
 
-        τ = M̂ (q̈ᵈ − K2 ė̂1 − K1 e1 − q̈̂_h) + τ_h
+        τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 − â_h) + τ_h
 
     Takes the parameters of `TDE` and `Law`. With velocity and acceleration from an estimator, as everywhere in this
     package, rather than measured.

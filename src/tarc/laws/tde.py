@@ -25,16 +25,16 @@ class TDEState(NamedTuple):
 class TDE(Law):
     """Time-delay estimation with pole placement and a robust term Δu.
 
-        τ = M̂ (u − q̈̂_h) + τ_h,     u = q̈ᵈ − K2 ė̂1 − K1 e1 + Δu,     e1 = q − qᵈ
+        τ = M̂ (u − â_h) + τ_h,     u = q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + Δu,     e1 = q − qᵈ
 
-    The torque and the acceleration of an instant ago stand for all that is not modelled: N̂ = τ_h − M̂ q̈̂_h.
+    The torque and the acceleration of an instant ago stand for all that is not modelled: N̂ = τ_h − M̂ â_h.
 
     Parameters
     ----------
     inertia
-        M̂ [kg m² or kg], symmetric positive definite; one number or a vector stands for a diagonal. Not a model but
-        a gain: with estimated acceleration the loop is stable only while the eigenvalues of M(q)⁻¹M̂ stay in an
-        interval that the window sets, often well below one.
+        M̂ [kg m² or kg], symmetric positive definite: a matrix, a vector for a diagonal, or one number for one joint.
+        Not a model but a gain: with estimated acceleration the loop is stable only while the eigenvalues of M(q)⁻¹M̂
+        stay in an interval that the window sets, often well below one.
     bandwidth, damping
         ωn [rad/s] and ζ, one number or one a joint: K1 = ωn², K2 = 2 ζ ωn.
     stiffness, viscosity
@@ -141,7 +141,7 @@ class TDE(Law):
         return TDEState(past + torque[:, None], past, self.robust_init())
 
     def control(self, memory: TDEState, tracking: Tracking) -> tuple[TDEState, Any, dict[str, Any]]:
-        """τ = M̂ (u − q̈̂_h) + τ_h."""
+        """τ = M̂ (u − â_h) + τ_h."""
         newest = tracking.estimate.acceleration
         if self.synchronised:
             torques, past_torque = self.estimator.torque_average().step(memory.torque, tracking.past_torque)

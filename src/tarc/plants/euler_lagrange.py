@@ -43,7 +43,7 @@ class EulerLagrange(Parametric, Plant):
         return ca.SX(self.joints, self.joints)
 
     def __post_init__(self) -> None:
-        self._validate()
+        self.validate()
         q = np.linspace(0.1, 1.1, self.joints)
         M = self.inertia(q)
         if not np.all(np.isfinite(M)) or np.linalg.eigvalsh(M)[0] <= 0:
@@ -52,9 +52,8 @@ class EulerLagrange(Parametric, Plant):
                 "check masses, lengths and inertias"
             )
 
-    @abstractmethod
-    def _validate(self) -> None:
-        """Check the fields, with a `TarcError` that names the one at fault."""
+    def validate(self) -> None:
+        """Check the fields, with a `TarcError` that names the one at fault; nothing unless overridden."""
 
     @property
     def joint_names(self) -> list[str]:
@@ -127,7 +126,7 @@ class EulerLagrange(Parametric, Plant):
         """∂V/∂q [N m or N], shape (n,); accepts CasADi symbols."""
         return self.evaluate("gravity", position if ops.symbolic(position) else self._position(position))
 
-    def _spread(self, name: str, low: float = -np.inf, *, strict: bool = False) -> None:
+    def spread(self, name: str, low: float = -np.inf, *, strict: bool = False) -> None:
         """Check a field that has one number a joint; one number stands for all."""
         numbers = check.vector(name, getattr(self, name), self.joints, low, strict=strict)
         object.__setattr__(self, name, tuple(numbers.tolist()))

@@ -30,10 +30,11 @@ class MassSpringDamper(EulerLagrange):
     dampers: Numbers = (1.0,)
     payload: float = 0.0
 
-    def _validate(self) -> None:
-        self._spread("masses", 0, strict=True)
-        self._spread("springs", 0)
-        self._spread("dampers", 0)
+    def validate(self) -> None:
+        """Check the parameters."""
+        self.spread("masses", 0, strict=True)
+        self.spread("springs", 0)
+        self.spread("dampers", 0)
         check.number("payload", self.payload, 0)
 
     @property

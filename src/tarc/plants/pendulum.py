@@ -34,7 +34,8 @@ class Pendulum(EulerLagrange):
     gravity: float = 9.81
     payload: float = 0.0
 
-    def _validate(self) -> None:
+    def validate(self) -> None:
+        """Check the parameters."""
         for name in ("mass", "length", "coulomb_width"):
             check.number(name, getattr(self, name), 0, strict=True)
         for name in ("rotor", "viscous", "coulomb", "payload"):

@@ -34,12 +34,13 @@ class PlanarArm(EulerLagrange):
     gravity: float = 9.81
     payload: float = 0.0
 
-    def _validate(self) -> None:
+    def validate(self) -> None:
+        """Check the parameters."""
         for name in ("masses", "lengths"):
-            self._spread(name, 0, strict=True)
+            self.spread(name, 0, strict=True)
         for name in ("inertias", "viscous", "coulomb"):
-            self._spread(name, 0)
-        self._spread("centres")
+            self.spread(name, 0)
+        self.spread("centres")
         check.number("coulomb_width", self.coulomb_width, 0, strict=True)
         check.number("gravity", self.gravity)
         check.number("payload", self.payload, 0)
@@ -108,10 +109,11 @@ class TwoLinkArm(PlanarArm):
     centres: Numbers = (1.0, 1.0)
     inertias: Numbers = (0.0, 0.0)
 
-    def _validate(self) -> None:
+    def validate(self) -> None:
+        """Check the parameters."""
         if np.size(self.masses) != 2:
             raise TarcError(f"masses: got {self.masses!r}; a two-link arm has 2. For more use NLinkArm")
-        super()._validate()
+        super().validate()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

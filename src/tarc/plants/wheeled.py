@@ -52,12 +52,13 @@ class WheeledMobileRobot(EulerLagrange):
     coulomb_width: float = 0.05
     payload: float = 0.0
 
-    def _validate(self) -> None:
+    def validate(self) -> None:
+        """Check the parameters."""
         for name in ("mass", "inertia_body", "wheel_radius", "half_track", "wheel_inertia", "coulomb_width"):
             check.number(name, getattr(self, name), 0, strict=True)
         check.number("offset", self.offset)
-        self._spread("viscous", 0)
-        self._spread("coulomb", 0)
+        self.spread("viscous", 0)
+        self.spread("coulomb", 0)
         check.number("payload", self.payload, 0)
 
     @property

@@ -72,6 +72,8 @@ def print_runs(scenario: Scenario, runs: dict[str, Run], files: list[Path]) -> N
     statuses = [str(run.status) for run in runs.values()]
     table.add_row("status", *[s if s.startswith("completed") else f"[bold red]{s}[/bold red]" for s in statuses], "")
     console.print(table)
+    if not any(results.values()):
+        console.print(f"no measures: no run lasts beyond measure_from, {scenario.measure_from:g} s")
     console.print("written: " + ", ".join(escape(str(file)) for file in files), soft_wrap=True)
 
 
