@@ -1,0 +1,48 @@
+"""Draw the figures of the documentation again."""
+
+import os
+import re
+import tempfile
+from pathlib import Path
+
+from PIL import Image
+
+from tarc import Scenario
+from tarc.report.figures import run_figure
+
+HERE = Path(__file__).resolve().parent
+
+
+def run_page(name: str, figures: list[str]) -> None:
+    """Execute a page's Python blocks and keep the figures that they save."""
+    text = (HERE.parent / name).read_text(encoding="utf-8")
+    before = Path.cwd()
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)
+        try:
+            space: dict[str, object] = {}
+            for block in re.findall(
+                r"^```python\n(.*?)^```$", text, re.DOTALL | re.MULTILINE
+            ):
+                exec(block, space)
+            for figure in figures:
+                shrink(Path(figure), HERE / figure)
+        finally:
+            os.chdir(before)
+
+
+def shrink(source: Path, target: Path) -> None:
+    """Write a drawing with a palette, in less than half of the space."""
+    image = Image.open(source).convert("RGB")
+    image.quantize(
+        colors=256, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE
+    ).save(target, optimize=True)
+
+
+if __name__ == "__main__":
+    run_page("estimators.md", ["estimators.png"])
+    run_page("start.md", ["tracking.png"])
+    with tempfile.TemporaryDirectory() as folder:
+        demo = Path(folder) / "demo.png"
+        run_figure(Scenario.load("ur5e").run()).savefig(demo, dpi=110)
+        shrink(demo, HERE / "demo.png")
