@@ -196,8 +196,9 @@ def test_a_limit_on_one_joint_of_two_holds(tmp_path):
     robot = two_joint_file(tmp_path / "r.xml", limits=("actuatorfrcrange='-0.5 0.5'", ""))
     assert robot.torque_limit.tolist() == [0.5, np.inf]
     run = two_joint_run(robot)
-    assert np.abs(run.data["torque"]).max("time").values[0] == 0.5
-    assert np.abs(run.data["torque"]).max("time").values[1] > 0.5
+    peak = np.abs(run.data["torque"].values).max(axis=0)
+    assert peak[0] == 0.5
+    assert peak[1] > 0.5
     assert run.data["torque_limit"].values.tolist() == [0.5, np.inf]
 
 
