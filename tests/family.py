@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from tarc import estimators, laws
-from tarc.scenario import parameters
+from tarc.schema import parameters
 
 PERIOD = 1e-3
 

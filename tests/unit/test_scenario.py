@@ -7,7 +7,8 @@ import pytest
 import yaml
 
 from tarc import Scenario, TarcError
-from tarc.scenario import SECTIONS, apply_setting, catalogue, parameters, shipped_scenarios
+from tarc.scenario import apply_setting, shipped_scenarios
+from tarc.schema import SECTIONS, catalogue, parameters
 
 PLAIN = {
     "robot": {"kind": "TwoLinkArm"},

@@ -15,6 +15,11 @@ from tarc.parametric import Parametric
 from tarc.plants.base import Plant
 
 
+def joint_friction(dq: Any, p: Any) -> Any:
+    """Viscous and smoothed Coulomb friction [N m]: viscous q̇ + coulomb tanh(q̇ / coulomb_width)."""
+    return p.viscous * dq + p.coulomb * ca.tanh(dq / p.coulomb_width)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EulerLagrange(Parametric, Plant):
     """A plant given by kinetic energy T, potential energy V and forces that are not from either.

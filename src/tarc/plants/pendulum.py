@@ -6,7 +6,7 @@ from typing import Any
 import casadi as ca
 
 from tarc import check
-from tarc.plants.euler_lagrange import EulerLagrange
+from tarc.plants.euler_lagrange import EulerLagrange, joint_friction
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,4 +57,4 @@ class Pendulum(EulerLagrange):
 
     def dissipation(self, q: Any, dq: Any, p: Any) -> Any:
         """Viscous and smoothed Coulomb friction [N m]."""
-        return p.viscous * dq + p.coulomb * ca.tanh(dq / p.coulomb_width)
+        return joint_friction(dq, p)

@@ -9,7 +9,7 @@ import numpy as np
 from tarc import check
 from tarc.check import Numbers
 from tarc.errors import TarcError
-from tarc.plants.euler_lagrange import EulerLagrange
+from tarc.plants.euler_lagrange import EulerLagrange, joint_friction
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,7 +80,7 @@ class PlanarArm(EulerLagrange):
 
     def dissipation(self, q: Any, dq: Any, p: Any) -> Any:
         """Viscous and smoothed Coulomb friction [N m]."""
-        return p.viscous * dq + p.coulomb * ca.tanh(dq / p.coulomb_width)
+        return joint_friction(dq, p)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -7,7 +7,7 @@ import casadi as ca
 
 from tarc import check
 from tarc.check import Numbers
-from tarc.plants.euler_lagrange import EulerLagrange
+from tarc.plants.euler_lagrange import EulerLagrange, joint_friction
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -95,4 +95,4 @@ class WheeledMobileRobot(EulerLagrange):
 
     def dissipation(self, q: Any, dq: Any, p: Any) -> Any:
         """Viscous and smoothed Coulomb friction [N m]."""
-        return p.viscous * dq + p.coulomb * ca.tanh(dq / p.coulomb_width)
+        return joint_friction(dq, p)

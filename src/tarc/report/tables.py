@@ -12,9 +12,11 @@ from rich.table import Table
 
 from tarc import check
 from tarc.errors import TarcError
-from tarc.plants.mujoco import MujocoPlant, shipped_robots
+from tarc.plants.mujoco import MujocoPlant
+from tarc.plants.robot_file import shipped_robots
 from tarc.run import Run
-from tarc.scenario import SECTIONS, Scenario, catalogue, parameters, shipped_scenarios
+from tarc.scenario import Scenario, shipped_scenarios
+from tarc.schema import SECTIONS, catalogue, parameters
 
 MEASURES = {
     "rms_error": ("RMS error", 1e3, "mrad", "m"),
