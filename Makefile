@@ -33,7 +33,7 @@ lock: .venv/uv
 		--constraint requirements.lock -o requirements-dev.lock
 
 clean:
-	rm -rf .venv site runs .pytest_cache .ruff_cache .hypothesis
+	rm -rf docs/.ruff_cache .venv site runs .pytest_cache .ruff_cache .hypothesis
 
 .venv/uv:
 	$(PYTHON) -m venv .venv

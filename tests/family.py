@@ -33,7 +33,10 @@ def make_law(kind: type[laws.Law], joints: int = 2, estimator_name: str = "algeb
     """A law of this kind with plain gains."""
     mixed = 0.05 * (np.eye(joints) + 0.2 * np.ones((joints, joints)))
     given: dict[str, Any] = {**NEEDED, "inertia": mixed}
-    needed = {name: given[name] for name, parameter in parameters(kind).items() if parameter.needed}
+    needed = {name: parameter for name, parameter in parameters(kind).items() if parameter.needed}
+    unknown = set(needed) - set(given)
+    assert not unknown, f"give {unknown} of {kind.__name__} a value in NEEDED in tests/family.py"
+    needed = {name: given[name] for name in needed}
     if "bandwidth" in parameters(kind):
         needed["bandwidth"] = 12.0
     return kind(**{"period": PERIOD, "estimator": ESTIMATORS[estimator_name], **needed, **options})

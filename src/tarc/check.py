@@ -23,8 +23,10 @@ Matrix = float | Sequence[float] | Sequence[Sequence[float]] | np.ndarray
 def number(name: str, value: Any, low: float = -np.inf, *, strict: bool = False, high: float = np.inf) -> float:
     """One finite number in [low, high], or above low if strict."""
     try:
+        if isinstance(value, str | bytes):
+            raise ValueError
         result = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise TarcError(f"{name}: got {value!r}; needs one number") from None
     above = result > low if strict else result >= low
     if not np.isfinite(result) or not above or result > high:
@@ -46,16 +48,21 @@ def whole(name: str, value: Any, low: int = 0, high: int | None = None) -> int:
 def numbers(name: str, value: Any) -> Array:
     """Numbers as a float array, infinite or not."""
     try:
-        return np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        raise TarcError(f"{name}: got {value!r}; needs numbers") from None
+        result = np.array(value, dtype=float)
+        if not isinstance(value, str | bytes):
+            return result
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise TarcError(f"{name}: got {value!r}; needs numbers")
 
 
 def array(name: str, value: Any) -> Array:
     """Finite numbers as a float array."""
     result = numbers(name, value)
-    if not np.all(np.isfinite(result)):
-        raise TarcError(f"{name}: got {result.tolist()}; needs finite numbers, not NaN or infinity")
+    bad = np.argwhere(~np.isfinite(result))
+    if bad.size or (bad.ndim > 1 and len(bad)):
+        where = f" at {bad[0].tolist()}" if result.ndim else ""
+        raise TarcError(f"{name}: got {result[tuple(bad[0])]}{where}; needs finite numbers, not NaN or infinity")
     return result
 
 

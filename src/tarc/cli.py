@@ -1,6 +1,7 @@
 """The command line: parse, call the library, print."""
 
 import json
+import re
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -80,11 +81,25 @@ def version(show_version: Annotated[bool, typer.Option("--version", help="Print 
         raise typer.Exit
 
 
+def _stem(name: str) -> str:
+    """A name as that of one file or folder."""
+    return re.sub(r"[^\w.+-]+", "-", str(name)).strip(".-") or "run"
+
+
 def _run(scenario: Any, out: Path | None, as_json: bool, figures: bool) -> None:
+    from tarc.errors import TarcError
     from tarc.report import tables
 
-    folder = out or Path("runs") / scenario.name
-    runs = scenario.run()
+    folder = out or Path("runs") / _stem(scenario.name)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise TarcError(f"--out: cannot write to {folder}: {error.strerror or error}; choose another folder") from None
+    try:
+        runs = scenario.run()
+    except KeyboardInterrupt:
+        print("interrupted; nothing was written", file=sys.stderr)
+        raise typer.Exit(130) from None
     files = save_all(scenario, runs, folder, figures)
     if as_json:
         print(json.dumps(tables.summary(scenario, runs, files), indent=2, allow_nan=False))
@@ -103,7 +118,10 @@ def save_all(scenario: Any, runs: dict[str, Any], folder: Path, figures: bool) -
     except OSError as error:
         raise TarcError(f"--out: cannot write to {folder}: {error.strerror or error}; choose another folder") from None
     files = [target]
-    files += [run.save(folder / f"{name.replace(' ', '-')}.nc") for name, run in runs.items()]
+    for number, (name, run) in enumerate(runs.items()):
+        stem = _stem(name)
+        path = folder / f"{stem}.nc"
+        files.append(run.save(folder / f"{stem}-{number + 1}.nc" if path in files else path))
     if figures:
         from rich.console import Console
 

@@ -52,6 +52,7 @@ class Controller:
         function, example = trace(law.step, state, value)
         self._call = Buffered(compiled(function) if native else function)
         n = law.joints
+        self._sizes = n, n, n, n
         vector = self._call.value
         self._position, self._reference = vector[:n], vector[n : 2 * n]
         self._velocity_reference, self._acceleration_reference = vector[2 * n : 3 * n], vector[3 * n :]
@@ -83,11 +84,14 @@ class Controller:
                 "Controller.step: called before reset; call reset(position) with the first measured position"
             )
         try:
+            sizes = len(position), len(reference), len(velocity_reference), len(acceleration_reference)
+            if sizes != self._sizes:
+                raise ValueError
             self._position[:] = position
             self._reference[:] = reference
             self._velocity_reference[:] = velocity_reference
             self._acceleration_reference[:] = acceleration_reference
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             shapes = [np.shape(x) for x in (position, reference, velocity_reference, acceleration_reference)]
             raise TarcError(
                 f"Controller.step: got shapes {shapes} for position and references; needs ({self.law.joints},) each"

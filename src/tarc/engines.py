@@ -1,8 +1,7 @@
 """The two engines of `simulate`: fused in CasADi for symbolic plants, stepping for MuJoCo."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +16,7 @@ from tarc.native import compiled
 from tarc.plants.base import Plant
 from tarc.plants.euler_lagrange import EulerLagrange
 from tarc.plants.mujoco import MujocoPlant
+from tarc.plants.robot_file import without_log_file
 from tarc.progress import Progress
 from tarc.signals.disturbances import Disturbance, Payload, Schedule
 from tarc.signals.references import Reference
@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 
 CHUNK = 500
 """Periods between two looks at whether the run has diverged."""
+
+LONGEST = 10_000_000
+"""Most periods of a run."""
 
 RING = 32
 """Periods between two copies of what was recorded; few, so that all memory of a ring stays in the fast cache."""
@@ -64,15 +67,18 @@ class Record:
     def from_rows(cls, example: Any, rows: np.ndarray) -> "Record":
         """Split rows, one an instant, by an output of the same structure."""
         arrays, start = {}, 0
-        for name, leaf in zip(names(example), leaves(example), strict=True):
+        for label, leaf in zip(names(example), leaves(example), strict=True):
+            name = label.split(".")[-1]
+            if name in arrays:
+                raise TarcError(f"signals: two are called {name!r}; a law's signals need names of their own")
             size = int(np.size(leaf))
             block = rows[:, start : start + size]
-            arrays[name.split(".")[-1]] = block.reshape(len(rows), *np.shape(leaf)[::-1])
+            arrays[name] = block.reshape(len(rows), *np.shape(leaf)[::-1])
             start += size
         return cls(arrays)
 
 
-def fit(plant: Plant, law: Law, reference: Reference) -> None:
+def fit(plant: Plant, law: Law, reference: Reference, sensor: Encoder) -> None:
     """Check that all parts have the same number of joints."""
     if not isinstance(plant, EulerLagrange | MujocoPlant):
         raise TarcError(f"plant: got {plant!r}; needs one of tarc.plants")
@@ -80,10 +86,16 @@ def fit(plant: Plant, law: Law, reference: Reference) -> None:
         raise TarcError(f"law: got {law!r}; needs one of tarc.laws, constructed, such as tarc.laws.TDC(inertia=…)")
     if not isinstance(reference, Reference):
         raise TarcError(f"reference: got {reference!r}; needs one of tarc.signals, such as tarc.signals.Sinusoid(…)")
+    if not isinstance(sensor, Encoder):
+        raise TarcError(f"sensor: got {sensor!r}; needs a tarc.signals.Encoder, constructed")
+    if sensor.increment.size not in (1, plant.joints):
+        raise TarcError(
+            f"sensor: its resolution has {sensor.increment.size} numbers; the plant has {plant.joints} joints"
+        )
     if not plant.joints == law.joints == reference.joints:
         raise TarcError(
             f"joints: the plant has {plant.joints}, the law {law.joints} (told by its inertia), the reference "
-            f"{reference.joints}; they must be the same"
+            f"{reference.joints}; they must be the same: give one number a joint ({', '.join(plant.joint_names)})"
         )
 
 
@@ -99,7 +111,7 @@ def plan(
 ) -> Plan:
     """Sample reference, noise, disturbances and schedules over the run."""
     n, T = plant.joints, law.period
-    count = round(check.number("duration", duration, T) / T)
+    count = round(check.number("duration", duration, T, high=LONGEST * T) / T)
     times = np.arange(count) * T
     noise_rng, *rngs = np.random.default_rng(seed).spawn(1 + len(events))
     torque, schedules = np.zeros((n, count * substeps)), {}
@@ -111,6 +123,7 @@ def plan(
         elif isinstance(event, Schedule):
             known = plant.parameters
             name = check.one_of("schedule parameter", event.parameter, known)
+            _check_schedule(plant, event)
             if name in schedules:
                 raise TarcError(f"disturbance: two schedules change {name!r}; put both into one Schedule")
             schedules[name] = event.sample(times, known[name])
@@ -221,7 +234,7 @@ def run_stepping(plant: Plant, drive: "Drive", begin: Start, plan: Plan, watch: 
     rows = np.empty((count, ring.rows["row"].shape[1]))
     stops = sorted({*range(0, count, RING), *changes, count})
     advance, seen, end = mujoco.mj_step, 0, 0
-    with watch.progress, _without_log_file():
+    with watch.progress, without_log_file():
         for at, end in pairwise(stops):
             if at in changes:
                 plant.set_parameters(model, changes[at])
@@ -264,14 +277,13 @@ def _plugged(drive: ca.Function, n: int) -> ca.Function:
     return ca.Function("plugged", [x, q, v, a, outside], [x_next, torque, ca.vertcat(q, v, a, y)], *names)
 
 
-@contextmanager
-def _without_log_file() -> Iterator[None]:
-    """Keep MuJoCo from writing MUJOCO_LOG.TXT into the user's folder; the run's own status tells of divergence."""
-    mujoco.set_mju_user_warning(lambda message: None)
-    try:
-        yield
-    finally:
-        mujoco.set_mju_user_warning(None)
+def _check_schedule(plant: Plant, event: Schedule) -> None:
+    """Refuse values that the plant itself would refuse."""
+    for value in event.values:
+        if isinstance(plant, EulerLagrange):
+            replace(plant, **{event.parameter: value})
+        elif np.any(check.array(f"schedule of {event.parameter!r}, values", value) < 0):
+            raise TarcError(f"schedule of {event.parameter!r}: got {value!r}; must be at least 0")
 
 
 def _changes(plan: Plan) -> dict[int, dict[str, np.ndarray]]:

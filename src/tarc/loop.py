@@ -54,7 +54,7 @@ class Drive(System):
         """At rest at a position (n,), first read with this noise, with a torque (n,) applied."""
         sensor = self.sensor.init(position + noise)
         law = self.law.init(sensor[:, 0], torque)
-        return DriveState(sensor, law, np.repeat(law.torque[:, None], self.computation_delay + 1, axis=1))
+        return DriveState(sensor, law, np.repeat(law.torque[:, :1], self.computation_delay + 1, axis=1))
 
     def step(self, state: DriveState, value: DriveInput) -> tuple[DriveState, DriveOutput]:
         """Measure, compute, apply."""
@@ -176,7 +176,8 @@ def simulate(
         Torque applied before the start, shape (n,), with which the law's memory is filled; ``"rest"`` for the one
         that holds the robot, as a real arm's brakes or servo would have.
     computation_delay
-        Periods between a measurement and its torque on the joints.
+        Periods between a measurement and its torque on the joints. A law that knows of it, by ``actuation_delay``,
+        pairs its estimates with the torques that acted; one that does not bears only a smaller inertia.
     substeps
         Plant steps a period; None for 2 with Runge–Kutta and 1 with MuJoCo.
     divergence
@@ -202,8 +203,9 @@ def simulate(
     from tarc import engines
 
     sensor = Encoder() if sensor is None else sensor
+    check.whole("seed", seed, 0, 2**63 - 1)
     events = list(disturbance) if isinstance(disturbance, Sequence) else [disturbance]
-    engines.fit(plant, law, reference)
+    engines.fit(plant, law, reference, sensor)
     limit = getattr(plant, "torque_limit", None)
     if law.torque_limit is None and limit is not None and np.any(np.isfinite(limit)):
         law = replace(law, torque_limit=limit)

@@ -63,9 +63,13 @@ def compiled(function: ca.Function) -> ca.Function:
                 source, made = Path(folder, f"{function.name()}.c"), Path(folder, "made.so")
                 source.write_text(code)
                 command += [str(source), "-lm", "-o", str(made)]
-                done = subprocess.run(command, capture_output=True, text=True, check=False)
+                try:
+                    done = subprocess.run(command, capture_output=True, text=True, check=False)
+                except FileNotFoundError:
+                    raise TarcError(f"native: there is no compiler {command[0]!r}; correct or unset $CC") from None
                 if done.returncode:
-                    raise TarcError(f"native: {shlex.join(command[:-4])} failed: {done.stderr.strip()[-500:]}")
+                    words = done.stderr.strip()[-500:] or "it printed nothing"
+                    raise TarcError(f"native: {shlex.join(command[:-4])} failed: {words}")
                 made.replace(library)
         except OSError as error:
             raise TarcError(

@@ -4,6 +4,8 @@ from abc import ABCMeta
 from dataclasses import MISSING, fields
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from tarc import check
 from tarc.errors import TarcError
 
@@ -14,11 +16,19 @@ class _Checked(ABCMeta):
         def __call__(cls, *args: Any, **keywords: Any) -> Any:
             if not cls.__abstractmethods__:
                 _check_keywords(cls, args, keywords)
-            return super().__call__(*args, **keywords)
+            return super().__call__(*args, **{name: _own(value) for name, value in keywords.items()})
 
 
 class Parametric(metaclass=_Checked):
     """Base of every keyword-only dataclass that a user constructs: laws, estimators, plants, signals."""
+
+
+def _own(value: Any) -> Any:
+    """A copy of an array that nobody can change; anything else as it is."""
+    if isinstance(value, np.ndarray):
+        value = value.copy()
+        value.setflags(write=False)
+    return value
 
 
 def _check_keywords(kind: Any, args: tuple[Any, ...], keywords: dict[str, Any]) -> None:

@@ -66,7 +66,7 @@ class Status:
         text = "completed" if self.completed else f"diverged at {self.diverged_at:.3f} s"
         if self.fault_at is not None:
             text += f", safe torque from {self.fault_at:.3f} s on"
-        return text + (f", {self.saturated:.1%} saturated" if self.saturated > 0 else "")
+        return text + (f", {self.saturated:.2%} saturated" if self.saturated > 0 else "")
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +105,8 @@ class Run:
         ):
             arrays[name] = values[:, :count].T
         if "auxiliary" in arrays:
-            arrays["tde_error"] = arrays["acceleration"] - arrays["auxiliary"]
+            working = np.reshape(arrays["fault"] == 0, (-1, 1))  # after that u is not what is applied
+            arrays["tde_error"] = np.where(working, arrays["acceleration"] - arrays["auxiliary"], np.nan)
         P2 = getattr(drive.law, "P2", None)
         if P2 is not None:
             arrays["sliding"] = np.linalg.norm((arrays["position"] - arrays["reference"]) @ P2.T, axis=1)
@@ -127,11 +128,11 @@ class Run:
         attributes = {
             "title": f"{type(drive.law).__name__} on {getattr(plant, 'label', type(plant).__name__)}",
             "source": f"tarc-control {tarc.__version__}",
-            "plant": json.dumps(_describe(plant)),
-            "law": json.dumps(_describe(drive.law)),
-            "reference_signal": json.dumps(_describe(reference)),
-            "sensor": json.dumps(_describe(drive.sensor)),
-            "disturbance": json.dumps([_describe(event) for event in plan.events]),
+            "plant": _json(_describe(plant)),
+            "law": _json(_describe(drive.law)),
+            "reference_signal": _json(_describe(reference)),
+            "sensor": _json(_describe(drive.sensor)),
+            "disturbance": _json([_describe(event) for event in plan.events]),
             "period": drive.law.period,
             "substeps": plan.disturbance.shape[2],
             "computation_delay": drive.computation_delay,
@@ -175,6 +176,7 @@ class Run:
             ``underestimation`` the share in which it falls while ‖s‖ rises, both by the noise-free ‖s‖.
         """
         check.number("start", start, 0)
+        check.number("frequency", frequency, 0)
         data = self.data.sel(time=slice(start - 1e-9, None))
         if data.sizes["time"] < 2:
             end = float(self.data["time"].values[-1])
@@ -191,7 +193,8 @@ class Run:
             "saturated": _saturated(data),
         }
         if "tde_error" in data:
-            result["rms_tde_error"] = float(np.sqrt(np.mean(data["tde_error"].values ** 2)))
+            known = data["tde_error"].values[~np.isnan(data["tde_error"].values)]
+            result["rms_tde_error"] = float(np.sqrt(np.mean(known**2))) if known.size else np.nan
         if "gain" in data:
             gain = data["gain"].values
             result |= {"mean_gain": float(np.mean(gain)), "peak_gain": float(np.max(gain))}
@@ -257,9 +260,27 @@ def _saturated(data: "xr.Dataset") -> float:
 def _share_above(torque: np.ndarray, period: float, frequency: float) -> float:
     """Share of the energy of the torque about its mean that lies above a frequency [Hz]."""
     spectrum = np.abs(np.fft.rfft(torque - torque.mean(axis=0), axis=0)) ** 2
+    spectrum[1 : (len(torque) + 1) // 2] *= 2  # each stands for its negative frequency too; Nyquist's is alone
     high = np.fft.rfftfreq(len(torque), period) > frequency
     total = spectrum.sum()
     return float(spectrum[high].sum() / total) if total > 0 else 0.0
+
+
+def _json(content: Any) -> str:
+    """JSON of a description; numbers and arrays of NumPy as plain ones, infinities as text."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, np.ndarray | np.generic):
+            return plain(value.tolist())
+        if isinstance(value, dict):
+            return {key: plain(one) for key, one in value.items()}
+        if isinstance(value, list | tuple | range):
+            return [plain(one) for one in value]
+        if isinstance(value, float) and not np.isfinite(value):
+            return str(value)
+        return value if value is None or isinstance(value, int | float | str) else str(value)
+
+    return json.dumps(plain(content))
 
 
 def _describe(part: Any) -> dict[str, Any]:
@@ -270,10 +291,6 @@ def _describe(part: Any) -> dict[str, Any]:
             value = getattr(part, field.name)
             if is_dataclass(value):
                 value = _describe(value)
-            elif isinstance(value, np.ndarray):
-                value = value.tolist()
-            elif isinstance(value, Path) or callable(value) or value in (np.inf, -np.inf):
-                value = str(value)
             if value is not None:
                 result[field.name] = value
     else:

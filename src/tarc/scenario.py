@@ -19,6 +19,18 @@ from tarc.run import Run
 from tarc.schema import construct, explain, validate
 
 
+class _Loader(yaml.SafeLoader):
+    """YAML that refuses a key given twice."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        """The mapping, each key once."""
+        keys = [key.value for key, _ in node.value]
+        for key, _ in node.value:
+            if keys.count(key.value) > 1:
+                raise TarcError(f"line {key.start_mark.line + 1}: the key {key.value!r} is given twice; keep one")
+        return super().construct_mapping(node, deep)
+
+
 class Start(BaseModel):
     """How the robot begins."""
 
@@ -90,7 +102,7 @@ class Scenario(BaseModel):
         """Read a YAML file, or a shipped scenario by name; then apply settings such as ``law.bandwidth=15``."""
         file = find_scenario(path)
         try:
-            content = yaml.safe_load(file.read_text(encoding="utf-8"))
+            content = yaml.load(file.read_text(encoding="utf-8"), _Loader)
         except yaml.YAMLError as error:
             raise TarcError(f"{file}: no valid YAML: {error}") from None
         except (OSError, UnicodeDecodeError) as error:
@@ -168,7 +180,10 @@ class Scenario(BaseModel):
                 )
         fraction = check.number("law.inertia.fraction", given.get("fraction"), 0, strict=True)
         if reference.joints != plant.joints:
-            raise TarcError(f"reference: it has {reference.joints} joints, the robot {plant.joints}")
+            raise TarcError(
+                f"reference: it has {reference.joints} joints, the robot {plant.joints} "
+                f"({', '.join(plant.joint_names)}); give one number a joint"
+            )
         path = reference.sample(np.linspace(0, self.duration, 200))[0]
         mean = plant.mean_inertia(path)
         return fraction * (np.diag(np.diag(mean)) if given.get("diagonal") else mean)
@@ -247,8 +262,10 @@ def apply_setting(content: dict[str, Any], setting: str) -> None:
                         f"--set: {setting!r}: {'.'.join(keys[:depth])} is a list of {len(node)}; use 0, 1, …"
                     )
                 child = node[int(key)]
-            else:
+            elif isinstance(node, dict):
                 child = node.setdefault(key, {})
+            else:
+                raise TarcError(f"--set: {setting!r}: {'.'.join(keys[:depth])} is {node!r}, which holds no keys")
             spread = isinstance(child, list) and not keys[depth + 1].isdigit()
             found += child if spread else [child]
         nodes = found

@@ -106,8 +106,10 @@ def _words(allowed: Any) -> str:
     members = typing.get_args(allowed) if typing.get_origin(allowed) in (Union, types.UnionType) else (allowed,)
     words = []
     for member in members:
-        if typing.get_origin(member) is dict:
+        if typing.get_origin(member) is dict or (inspect.isclass(member) and issubclass(member, BaseModel)):
             words.append("keys and values")
+        elif typing.get_origin(member) is list and typing.get_origin(typing.get_args(member)[0]) is dict:
+            words.append("a list of keys and values")
         elif typing.get_origin(member) is list:
             inner = typing.get_args(member)[0]
             rows = typing.get_origin(inner) is not None

@@ -387,7 +387,7 @@ def test_force_limits_of_motors_become_torque_limits(tmp_path: Path) -> None:
     ("actuator", "limit"),
     [
         ('<motor joint="hinge"/>', np.inf),
-        ('<motor joint="hinge" ctrlrange="-1 1"/>', np.inf),
+        ('<motor joint="hinge" gear="50" ctrlrange="-1 1"/>', 50.0),
         ('<position joint="hinge" kp="100"/>', np.inf),
         ('<motor joint="hinge" gear="50" forcerange="-2 2"/>', 100.0),
         ('<motor joint="hinge" forcerange="-3 8"/>', 3.0),

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
+import casadi as ca
 import numpy as np
 
 from tarc import check, ops
@@ -33,21 +34,27 @@ class LawOutput(NamedTuple):
 
 
 class Tracking(NamedTuple):
-    """What a law's equation reads: estimates, errors e1 and v̂ − q̇ᵈ, acceleration reference and the torque before."""
+    """What a law's equation reads: estimates, errors e1 and v̂ − q̇ᵈ, acceleration reference, the torque that acted in
+    the period before, and whether the law has given up.
+    """
 
     estimate: Estimate
     error: Any
     error_rate: Any
     acceleration_reference: Any
     past_torque: Any
+    fault: Any
 
 
 class LawState(NamedTuple):
-    """Estimator and law memory, the last applied torque and reference, missing samples in a row, fault latch."""
+    """Estimator and law memory, past torques (newest first, shape (n, d + 1)), the last position seen and the last
+    reference, missing samples in a row, fault latch.
+    """
 
     estimator: Any
     memory: Any
     torque: Any
+    position: Any
     reference: Any
     missing: Any
     fault: Any
@@ -72,8 +79,11 @@ class Law(Parametric, System):
         How many samples in a row may be missing (NaN, infinite) before the law gives up tracking. Until then the
         estimator's own prediction stands in. After it, the safe torque is applied until the next reset.
     safe_torque
-        What to apply then: ``"zero"``, ``"hold"`` (the last applied torque), or a function of the position, such as
+        What to apply then: ``"zero"``, ``"hold"`` (the last torque), or a function of the last position seen, such as
         a gravity compensation, that accepts CasADi symbols.
+    actuation_delay
+        Periods that a torque takes to act on the joints, where they are known: the law then pairs its estimates with
+        the torques that acted. See ``computation_delay`` of `tarc.simulate`.
     """
 
     period: float
@@ -81,6 +91,7 @@ class Law(Parametric, System):
     torque_limit: Numbers | None = None
     max_missing: int = 10
     safe_torque: str | Callable[[Any], Any] = "zero"
+    actuation_delay: int = 0
 
     def __post_init__(self) -> None:
         check.number("period", self.period, 0, strict=True)
@@ -91,9 +102,12 @@ class Law(Parametric, System):
                 "tarc.estimators.Algebraic(window=0.010, degree=2)"
             )
         object.__setattr__(self, "estimator", self.estimator.at(self.period))
-        if not callable(self.safe_torque):
-            check.one_of("safe_torque", self.safe_torque, ["zero", "hold"])
+        check.whole("actuation_delay", self.actuation_delay)
         _ = self.limit
+        if callable(self.safe_torque):
+            self._try_safe_torque(self.safe_torque)
+        else:
+            check.one_of("safe_torque", self.safe_torque, ["zero", "hold"])
 
     @property
     @abstractmethod
@@ -121,7 +135,8 @@ class Law(Parametric, System):
         torque = check.vector("torque", torque, self.joints)
         torque = np.clip(torque, -self.limit, self.limit)
         zero = np.zeros(())
-        return LawState(self.estimator.init(position), self.memory(torque), torque, position, zero, zero)
+        past = np.repeat(torque[:, None], self.actuation_delay + 1, axis=1)
+        return LawState(self.estimator.init(position), self.memory(torque), past, position, position, zero, zero)
 
     def example(self) -> tuple[LawState, LawInput]:
         """A state and an input of the right shapes, all zero but valid: what tracing starts from."""
@@ -145,18 +160,33 @@ class Law(Parametric, System):
             estimate.position - reference,
             estimate.velocity - velocity_reference,
             acceleration_reference,
-            state.torque,
+            state.torque[:, -1],
+            fault,
         )
         memory, wanted, signals = self.control(state.memory, tracking)
         sound = ops.both(ops.all_finite(wanted), ops.negate(fault))
-        torque = ops.where(sound, wanted, self._safe(state, estimate))
+        position = ops.where(estimate.valid, value.position, state.position)
+        safe = self._safe(position, state.torque[:, 0])
+        torque = ops.where(sound, wanted, ops.only(ops.all_finite(safe), safe))
         if self.torque_limit is not None:
             torque = ops.clip(torque, -self.limit, self.limit)
         signals = {"velocity_estimate": estimate.velocity, "missing": missing, "fault": fault, **signals}
-        next_state = LawState(estimator, memory, torque, reference, missing, fault)
+        past = ops.push(state.torque, torque)
+        next_state = LawState(estimator, memory, past, position, reference, missing, fault)
         return next_state, LawOutput(torque, signals)
 
-    def _safe(self, state: LawState, estimate: Estimate) -> Any:
+    def _safe(self, position: Any, torque: Any) -> Any:
         if callable(self.safe_torque):
-            return self.safe_torque(estimate.position)
-        return state.torque if self.safe_torque == "hold" else 0 * state.torque
+            return self.safe_torque(position)
+        return torque if self.safe_torque == "hold" else 0 * torque
+
+    def _try_safe_torque(self, function: Callable[[Any], Any]) -> None:
+        """Refuse a function that does not give n torques, from numbers and from symbols."""
+        needs = f"needs a function of a position ({self.joints},) that gives as many torques, also from CasADi symbols"
+        try:
+            numbers, symbols = function(np.zeros(self.joints)), function(ca.SX.sym("q", self.joints))
+            fits = np.shape(numbers) == (self.joints,) and ca.SX(symbols).shape == (self.joints, 1)
+        except Exception as error:  # whatever a user's function may raise
+            raise TarcError(f"safe_torque: it fails with {type(error).__name__}: {error}; {needs}") from None
+        if not fits:
+            raise TarcError(f"safe_torque: it gives {numbers!r} at zero; {needs}")

@@ -135,6 +135,7 @@ class TARC(TDE):
         rising = ops.either(state.gain <= self.floor, size > state.sliding[0, -1])
         rate = ((self.rise + self.fall) * rising - self.fall) * size
         highest = ops.HUGE if self.cap is None else self.cap
+        rate = ops.only(ops.negate(tracking.fault), rate)
         gain = ops.clip(state.gain + self.period * rate, self.floor, highest)
         next_state = GainState(gain, ops.push(state.sliding, size))
         return next_state, correction, {"gain": state.gain, "rising": rising}

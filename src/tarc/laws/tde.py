@@ -84,7 +84,7 @@ class TDE(Law):
     @property
     def joints(self) -> int:
         """How many joints n it drives, told by the inertia."""
-        return max(np.atleast_1d(np.asarray(self.inertia, dtype=float)).shape)
+        return max((1, *np.shape(check.numbers("inertia", self.inertia))))
 
     @cached_property
     def M(self) -> np.ndarray:
@@ -104,6 +104,8 @@ class TDE(Law):
     def K2(self) -> np.ndarray:
         """Viscosity [1/s], shape (n, n)."""
         if self.viscosity is not None:
+            if np.any(np.asarray(self.damping) != 1.0):
+                raise TarcError("damping, viscosity: both are given; K2 = 2 damping bandwidth, so give one of them")
             return check.square("viscosity", self.viscosity, self.joints)
         zeta = check.vector("damping", self.damping, self.joints, 0, strict=True)
         return np.diag(2 * zeta * self._omega)

@@ -51,6 +51,11 @@ class EulerLagrange(Parametric, Plant):
         self.validate()
         q = np.linspace(0.1, 1.1, self.joints)
         M = self.inertia(q)
+        if not np.isfinite(self.evaluate("energy", q, q)):
+            raise TarcError(
+                f"{type(self).__name__}: its energy is not a number at q = {q.round(2).tolist()}; write the "
+                "energies with CasADi's functions, such as casadi.sin, not with those of math"
+            )
         if not np.all(np.isfinite(M)) or np.linalg.eigvalsh(M)[0] <= 0:
             raise TarcError(
                 f"{type(self).__name__}: its inertia matrix is not positive definite at q = {q.round(2).tolist()}; "
@@ -116,6 +121,9 @@ class EulerLagrange(Parametric, Plant):
         parameters
             Values that replace the plant's own, by name.
         """
+        check.one_of("what", what, self._model)
+        for name in parameters or {}:
+            check.one_of("parameters", name, self.parameters)
         values = {**self.parameters, **(parameters or {})}
         result = self._model[what](*arguments, *values.values())
         if ops.symbolic(*arguments, *values.values()):

@@ -11,7 +11,15 @@ from tarc import check
 from tarc.check import Numbers
 from tarc.errors import TarcError
 from tarc.plants.base import Plant
-from tarc.plants.robot_file import choose_joints, compile_model, find_robot, read_specification, set_joint, tool_body
+from tarc.plants.robot_file import (
+    choose_joints,
+    compile_model,
+    find_robot,
+    read_specification,
+    set_joint,
+    tool_body,
+    without_log_file,
+)
 
 PAYLOAD_RADIUS = 0.05
 """Radius [m] of the homogeneous ball that a payload is."""
@@ -32,25 +40,33 @@ class MujocoPlant(Plant):
         not symmetric.
     """
 
-    def __init__(self, spec: mujoco.MjSpec, home: np.ndarray, tool: str, payload: float, label: str):
+    def __init__(self, spec: mujoco.MjSpec, home: dict[str, float], tool: str, payload: float, label: str):
         body = tool_body(spec, tool, label)
         body[0].add_body(
             name="tarc_payload", pos=body[1], ipos=[0.0] * 3, mass=0.0, inertia=[0.0] * 3, explicitinertial=True
         )
         self.model: mujoco.MjModel = compile_model(spec, label)
         self.label = label
-        self._home = home
+        self._home = np.array(
+            [home.get(name, middle) for name, middle in zip(self.joint_names, self._middles(), strict=True)]
+        )
         self._scratch = mujoco.MjData(self.model)
         self._payload_body = self.model.body("tarc_payload").id
         limited, ranges = self.model.jnt_actfrclimited.astype(bool), np.abs(self.model.jnt_actfrcrange)
         self.torque_limit = np.where(limited, ranges.min(axis=1), np.inf)
         self.set_parameters(self.model, {"payload": np.array(payload)})
-        least = np.linalg.eigvalsh(self.inertia(home))[0]
+        least = np.linalg.eigvalsh(self.inertia(self._home))[0]
         if not least > 1e-9:
             raise TarcError(
                 f"{label}: its inertia matrix is singular (smallest eigenvalue {least:.2g}); links without mass need "
                 "rotor inertia: give armature=0.1, or one number a joint"
             )
+
+    def _middles(self) -> np.ndarray:
+        """Zero, where the joint's range allows it, else the middle of the range."""
+        low, high = self.model.jnt_range.T
+        outside = self.model.jnt_limited.astype(bool) & ~((low < 0) & (high > 0))
+        return np.where(outside, (low + high) / 2, 0.0)
 
     def __repr__(self) -> str:
         return f"MujocoPlant({self.label!r}, joints={self.joints})"
@@ -97,7 +113,8 @@ class MujocoPlant(Plant):
             an inertia matrix that is singular.
         """
         file = find_robot(path)
-        spec = read_specification(file)
+        with without_log_file():
+            spec = read_specification(file)
         names = [joints] if isinstance(joints, str) else joints
         home = choose_joints(spec, names, file.name)
         kept = {joint.name: joint for joint in spec.joints}
@@ -153,7 +170,7 @@ class MujocoPlant(Plant):
             model.dof_damping.reshape(self.joints, -1)[:, 0] = values["viscous"]
         if "coulomb" in values:
             model.dof_frictionloss[:] = values["coulomb"]
-        mujoco.mj_setConst(model, mujoco.MjData(model))
+        mujoco.mj_setConst(model, self._scratch)
 
     def copy_model(self) -> mujoco.MjModel:
         """A model to simulate with, whose parameters may change without changing this plant."""

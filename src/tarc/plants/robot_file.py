@@ -1,7 +1,8 @@
 """Robot files: finding, reading and trimming MJCF and URDF to the joints that a law drives."""
 
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,17 @@ def find_robot(path: str | Path) -> Path:
         f"robot file: {str(path)!r} not found; looked for {here.resolve()} and among the shipped robots "
         f"({', '.join(names)}).{check.nearest(here.stem, names)}"
     )
+
+
+@contextmanager
+def without_log_file() -> Iterator[None]:
+    """Keep MuJoCo from writing MUJOCO_LOG.TXT into the user's folder; a run's own status tells of divergence."""
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda message: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
 
 
 def compile_model(spec: mujoco.MjSpec, label: str) -> mujoco.MjModel:
@@ -100,8 +112,10 @@ def _without_missing_meshes(spec: mujoco.MjSpec, file: Path) -> mujoco.MjSpec:
     return spec
 
 
-def choose_joints(spec: mujoco.MjSpec, wanted: Sequence[str] | None, label: str) -> np.ndarray:
-    """Lock all joints but the wanted; the home posture of those kept."""
+def choose_joints(spec: mujoco.MjSpec, wanted: Sequence[str] | None, label: str) -> dict[str, float]:
+    """Lock all joints but the wanted; the home posture of the file, by joint."""
+    for number, joint in enumerate(spec.joints):
+        joint.name = joint.name or f"joint{number + 1}"
     plain = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
     movable = [joint.name for joint in spec.joints if joint.type in plain]
     if wanted is None:
@@ -118,18 +132,19 @@ def choose_joints(spec: mujoco.MjSpec, wanted: Sequence[str] | None, label: str)
             raise TarcError(
                 f"{label}: no hinge or slide {name!r}; it has {', '.join(movable)}.{check.nearest(name, movable)}"
             )
+    if len(set(wanted)) < len(wanted):
+        raise TarcError(f"{label}: joints: got {list(wanted)}; names one of them twice")
     if not wanted:
         raise TarcError(f"{label}: it has no hinge or slide joint to control")
     posture = _home(spec)
-    home = np.array([posture.get(joint.name, _middle(joint)) for joint in spec.joints if joint.name in wanted])
     for group in (spec.keys, spec.equalities, spec.sensors, spec.tendons):
         for element in list(group):
             spec.delete(element)
     limits = {}
     for actuator in spec.actuators:
-        low, high = np.asarray(actuator.forcerange) * actuator.gear[0]
-        if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT and low != high and actuator.forcelimited:
-            limits[actuator.target] = min(abs(low), abs(high))
+        limit = _largest_torque(actuator)
+        if limit is not None:
+            limits[actuator.target] = limits.get(actuator.target, 0.0) + limit
     for actuator in list(spec.actuators):
         spec.delete(actuator)
     for joint in list(spec.joints):
@@ -138,7 +153,7 @@ def choose_joints(spec: mujoco.MjSpec, wanted: Sequence[str] | None, label: str)
         elif joint.name in limits and joint.actfrcrange[1] <= 0:
             joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_TRUE
             joint.actfrcrange = [-limits[joint.name], limits[joint.name]]
-    return home
+    return posture
 
 
 def _home(spec: mujoco.MjSpec) -> dict[str, float]:
@@ -150,10 +165,14 @@ def _home(spec: mujoco.MjSpec) -> dict[str, float]:
     return {joint.name: float(q) for joint, q in zip(joints, key.qpos, strict=True)}
 
 
-def _middle(joint: Any) -> float:
-    """Zero, if the joint's range allows it, else the middle of the range."""
-    low, high = joint.range
-    return float((low + high) / 2) if low < high and not low < 0 < high else 0.0
+def _largest_torque(actuator: Any) -> float | None:
+    """What an actuator can give its joint, by its force range or a motor's control range; None if unlimited."""
+    if actuator.trntype != mujoco.mjtTrn.mjTRN_JOINT:
+        return None
+    low, high = np.abs(np.asarray(actuator.forcerange) * actuator.gear[0])
+    if (low == high == 0 or not actuator.forcelimited) and actuator.biastype == mujoco.mjtBias.mjBIAS_NONE:
+        low, high = np.abs(np.asarray(actuator.ctrlrange) * actuator.gainprm[0] * actuator.gear[0])
+    return float(min(low, high) or max(low, high)) or None
 
 
 def set_joint(joint: Any, name: str, value: float) -> None:

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+import tarc.laws
 from tarc import check
 from tarc.errors import TarcError
 from tarc.plants.mujoco import MujocoPlant
@@ -124,6 +125,7 @@ def _defaults(kind: Any) -> dict[str, Any]:
 def print_kind(name: str, as_json: bool) -> None:
     """One kind: its documentation, and its parameters with defaults."""
     found = {key: kind for kinds in _entries().values() for key, kind in kinds.items()}
+    found |= {"TDE": tarc.laws.TDE, "Law": tarc.laws.Law}  # their parameters are those of every law on them
     if name not in found:
         raise TarcError(f"show: nothing is called {name!r}; there are {', '.join(found)}.{check.nearest(name, found)}")
     kind = found[name]

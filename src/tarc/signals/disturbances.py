@@ -44,7 +44,7 @@ class Step(Disturbance):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.until > self.at:
+        if not isinstance(self.until, int | float) or not self.until > self.at:
             raise TarcError(f"until: got {self.until!r}; needs a time after at = {self.at:g}")
 
     def shape(self, times: np.ndarray, joints: int, rng: np.random.Generator) -> np.ndarray:
@@ -160,7 +160,7 @@ class Schedule(Parametric):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Payload(Parametric):
-    """A mass [kg] that appears at the tool at an instant [s]: a schedule of the plant's ``payload``."""
+    """The plant's ``payload`` becomes this mass [kg] at an instant [s]: a `Schedule` of one step."""
 
     mass: float
     at: float = 0.0

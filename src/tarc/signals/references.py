@@ -260,7 +260,7 @@ class Recorded(Reference):
                     head = lines.readline()
                 skip = 1 if any(c.isalpha() and c not in "eE" for c in head) else 0
                 table = np.loadtxt(path, delimiter="," if "," in head else None, skiprows=skip, ndmin=2)
-        except ValueError as error:
+        except (ValueError, EOFError, OSError) as error:
             raise TarcError(f"path: {path} does not read as numbers ({error}); needs columns time, q1, q2, …") from None
         table = check.array(f"path ({path})", table)
         if table.ndim != 2 or table.shape[0] < 6 or table.shape[1] < 2:
