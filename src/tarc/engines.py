@@ -279,11 +279,13 @@ def _plugged(drive: ca.Function, n: int) -> ca.Function:
 
 def _check_schedule(plant: Plant, event: Schedule) -> None:
     """Refuse values that the plant itself would refuse."""
+    shape = np.shape(plant.parameters[event.parameter])
     for value in event.values:
+        value = np.reshape(value, shape) if np.size(value) == np.prod(shape) else value
         if isinstance(plant, EulerLagrange):
             replace(plant, **{event.parameter: value})
         elif np.any(check.array(f"schedule of {event.parameter!r}, values", value) < 0):
-            raise TarcError(f"schedule of {event.parameter!r}: got {value!r}; must be at least 0")
+            raise TarcError(f"schedule of {event.parameter!r}: got {np.asarray(value).tolist()}; must be at least 0")
 
 
 def _changes(plan: Plan) -> dict[int, dict[str, np.ndarray]]:

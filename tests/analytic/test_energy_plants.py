@@ -295,3 +295,17 @@ def test_posture_columns_average_to_the_mean_inertia(plant: EulerLagrange) -> No
 def test_impossible_parameters_are_refused(kind: Any, values: dict[str, Any], message: str) -> None:
     with pytest.raises(TarcError, match=message):
         kind(**values)
+
+
+def test_energies_with_functions_that_symbols_do_not_know_are_refused() -> None:
+    """``math.sin`` makes a NaN of a symbol, whose slope would pass for no gravity at all."""
+    import math
+    from dataclasses import dataclass
+
+    @dataclass(frozen=True, kw_only=True, eq=False)
+    class Broken(Pendulum):
+        def potential_energy(self, q: Any, p: Any) -> Any:
+            return p.mass * 9.81 * math.sin(q[0])
+
+    with pytest.raises(TarcError, match="its energy is not a number .* casadi.sin, not with those of math"):
+        Broken()

@@ -14,7 +14,7 @@ from tarc.loop import ClosedLoop, Drive, LoopInput
 from tarc.system import pack, trace
 
 
-def spectral_radius(ratio, window, synchronised):
+def spectral_radius(ratio, window, synchronised, delay=0, known=False):
     """Largest eigenvalue magnitude of one period of TDC on q̈ = τ with M̂ = ratio."""
     mass = plants.MassSpringDamper(masses=[1.0], springs=[0.0], dampers=[0.0])
     law = laws.TDC(
@@ -23,8 +23,9 @@ def spectral_radius(ratio, window, synchronised):
         period=1e-3,
         estimator=estimators.Algebraic(window=window * 1e-3, degree=2),
         synchronised=synchronised,
+        actuation_delay=delay if known else 0,
     )
-    loop = ClosedLoop(mass, Drive(signals.Encoder(), law), 1)
+    loop = ClosedLoop(mass, Drive(signals.Encoder(), law, delay), 1)
     state = loop.init(np.zeros(1))
     zero = np.zeros(1)
     value = LoopInput(zero, zero, zero, zero, np.zeros((1, 1)), {})
@@ -58,3 +59,25 @@ def test_stable_interval(window, synchronised, low, high):
     digits = [10.0 ** -len(str(number).split(".")[1]) for number in (low, high)]
     assert abs(found[0] - low) <= 0.5 * digits[0] + 1e-6
     assert abs(found[1] - high) <= 0.5 * digits[1] + 1e-6
+
+
+@pytest.mark.parametrize(
+    ("window", "synchronised", "delay", "unknown", "known"),
+    [(10, False, 1, 0.2129, 0.4662), (10, False, 2, 0.1795, 0.6287), (10, True, 2, 1.678, 2.226)],
+)
+def test_a_law_that_knows_its_delay_bears_more(window, synchronised, delay, unknown, known):
+    """Upper limits with a computation delay, the torques fed back being the newest, or those that acted."""
+    rounding = 1e-9  # a mode that stays, see below, is on the circle to rounding
+    for knows, expected in ((False, unknown), (True, known)):
+        radius = [spectral_radius(expected * factor, window, synchronised, delay, knows) for factor in (0.999, 1.001)]
+        assert radius[0] < 1 + rounding < radius[1]
+
+
+@pytest.mark.parametrize("delay", [1, 2, 3])
+def test_torques_fed_back_every_second_period_leave_an_alternating_mode(delay):
+    """With one period of known delay τ(k) = τ(k−2) + …, and no sampled position shows a torque that alternates.
+
+    An eigenvalue stays at −1; with an odd number of periods between the torques there is none.
+    """
+    marginal = spectral_radius(0.1, 10, False, delay, True) > 1 - 1e-9
+    assert marginal == (delay % 2 == 1)

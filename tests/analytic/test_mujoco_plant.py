@@ -482,3 +482,29 @@ def test_divergence_leaves_no_log_file_behind(tmp_path: Path, monkeypatch: pytes
     run = tarc.simulate(robot, law, REFERENCE, 1.0)
     assert not run.status.completed
     assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
+
+
+def test_joints_without_names_get_all_their_parameters(tmp_path: Path) -> None:
+    file = tmp_path / "robot.xml"
+    file.write_text(one_joint(f"{INERTIAL}<body><joint/>{INERTIAL}</body>", joint="<joint/>"))
+    robot = MujocoPlant.from_file(file, armature=[0.1, 0.2])
+    assert robot.joint_names == ["joint1", "joint2"]
+    assert robot.parameters["armature"].tolist() == [0.1, 0.2]
+    with pytest.raises(TarcError, match="names one of them twice"):
+        MujocoPlant.from_file(file, joints=["joint1", "joint1"])
+
+
+def test_home_is_in_radians_whatever_the_file_counts_in(tmp_path: Path) -> None:
+    file = tmp_path / "robot.xml"
+    file.write_text(one_joint(BALL, joint='<joint name="hinge" range="10 90"/>'))
+    assert MujocoPlant.from_file(file).home == pytest.approx(np.deg2rad(50.0))
+
+
+def test_negative_masses_cannot_be_scheduled() -> None:
+    robot = SHIPPED["ur5e"]
+    reference = tarc.signals.Sinusoid(amplitude=0.1, frequency=1.0, offset=robot.home)
+    with pytest.raises(TarcError, match="schedule of 'payload': got -5.0; must be at least 0"):
+        tarc.simulate(
+            robot, synchronised_tdc(robot.inertia(robot.home)), reference, 0.1,
+            disturbance=tarc.signals.Schedule(parameter="payload", times=[0.0], values=[-5.0]),
+        )  # fmt: skip

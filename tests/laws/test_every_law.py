@@ -196,3 +196,63 @@ def test_survives_pickling_and_replacement(kind):
 def test_estimator_without_acceleration_is_refused(kind):
     with pytest.raises(TarcError, match="gives no acceleration"):
         make_law(kind, estimator=Algebraic(window=0.008, degree=1))
+
+
+@every_law
+def test_safe_torque_is_of_the_last_position_seen(kind):
+    """However long nothing is heard: the window's own prediction runs away, the last position does not."""
+    law = make_law(kind, max_missing=3, safe_torque=lambda q: 10.0 * q)
+    state, value = law.example()
+    rng = np.random.default_rng(0)
+    seen, output = np.zeros(2), None
+    for _ in range(20):
+        seen = np.array([0.3, -0.2]) + 1e-4 * rng.normal(size=2)
+        state, _ = law.step(state, value._replace(position=seen))
+    for _ in range(3000):
+        state, output = law.step(state, value._replace(position=np.array([np.nan, np.nan])))
+    assert output is not None
+    np.testing.assert_allclose(output.torque, 10.0 * seen, rtol=1e-12)
+
+
+@every_law
+def test_a_safe_torque_that_is_no_number_is_zero(kind):
+    law = make_law(kind, max_missing=0, safe_torque=lambda q: q / (q - 1.2), torque_limit=50.0)
+    controller = Controller(law)
+    controller.reset([1.2, 0.5])
+    torque = controller.step([np.nan, np.nan], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0])
+    np.testing.assert_array_equal(torque, 0.0)
+
+
+@every_law
+@pytest.mark.parametrize("wrong", [lambda q: q[:1], lambda q: None, lambda q: [float(x) for x in q]])
+def test_a_safe_torque_that_cannot_be_is_refused(kind, wrong):
+    with pytest.raises(TarcError, match="safe_torque: it .*needs a function of a position"):
+        make_law(kind, safe_torque=wrong)
+
+
+@every_law
+def test_keeps_its_own_copy_of_arrays(kind):
+    inertia = np.diag([0.1, 0.1])
+    law = make_law(kind, inertia=inertia)
+    inertia *= 100
+    assert law.M[0, 0] == 0.1
+    assert replace(law, bandwidth=5.0).M[0, 0] == 0.1
+
+
+@every_law
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"inertia": "abc"}, "inertia: got 'abc'; needs numbers"),
+        ({"inertia": [[1.0, 2.0], [3.0]]}, "inertia: .*needs numbers"),
+        ({"inertia": []}, "inertia"),
+        ({"inertia": None}, "inertia"),
+        ({"period": "0.001"}, "period: got '0.001'; needs one number"),
+        ({"max_missing": 2.5}, "max_missing: got 2.5; needs a whole number"),
+        ({"bandwidth": None, "stiffness": 100.0, "viscosity": 20.0, "damping": 0.7}, "damping, viscosity: both"),
+        ({"bandwidth": 10**400}, "bandwidth: .*needs numbers"),
+    ],
+)
+def test_odd_values_are_refused(kind, options, message):
+    with pytest.raises(TarcError, match=message):
+        make_law(kind, **options)

@@ -1,5 +1,6 @@
 """The command line, run as a user runs it."""
 
+import importlib.metadata
 import json
 import subprocess
 import sys
@@ -87,3 +88,15 @@ def test_help_names_the_commands(tmp_path):
     text = call("--help", cwd=tmp_path).stdout
     for command in ("run", "demo", "show"):
         assert command in text
+
+
+def test_names_stay_inside_the_folder(scenario):
+    settings = ["--set", "name=../../evil", "--set", "law.0.label=a/b", "--set", "law.1.label=a-b"]
+    call("run", "swing.yaml", *settings, "--no-figures", cwd=scenario)
+    (folder,) = (scenario / "runs").iterdir()
+    assert sorted(file.name for file in folder.glob("*.nc")) == ["a-b-2.nc", "a-b.nc"]
+
+
+def test_python_m_tarc_works(tmp_path):
+    done = subprocess.run([sys.executable, "-m", "tarc", "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == importlib.metadata.version("tarc-control")

@@ -78,3 +78,14 @@ def test_misuse_is_told():
         controller.step(np.zeros(3), zero, zero, zero)
     with pytest.raises(TarcError, match="law: got .*constructed"):
         Controller(laws.TDC)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("short", [0.1, [0.1], None, "1", np.zeros((2, 2))])
+def test_nothing_is_broadcast(controller, short):
+    """A truncated packet does not move the robot."""
+    zero = np.zeros(2)
+    for place in range(4):
+        arguments = [zero, zero, zero, zero]
+        arguments[place] = short
+        with pytest.raises(TarcError, match="Controller.step: got shapes"):
+            controller.step(*arguments)

@@ -1,5 +1,7 @@
 """Runs: measures by their definitions, status, saving."""
 
+import json
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -208,3 +210,53 @@ def test_units_follow_the_joints(tmp_path):
     assert mixed.data["torque"].attrs["units"] == "N m or N"
     slides = two_joint_run(two_joint_file(tmp_path / "s.xml", kinds=("slide", "slide")))
     assert (slides.data["position"].attrs["units"], slides.data["torque"].attrs["units"]) == ("m", "N")
+
+
+def test_chatter_at_every_sample_counts_by_its_energy():
+    """A sine of energy 1/2 and a torque that alternates ±1, energy 1: two thirds are above 50 Hz, at any length."""
+    for count in (2000, 1999):
+        k = np.arange(count)
+        torque = np.sin(2 * np.pi * k / 1000)[:, None] + (-1.0) ** k[:, None]
+        share = made_run(0 * torque, torque, period=1e-3).metrics()["high_frequency_share"]
+        assert share == pytest.approx(2 / 3, abs=2e-3)
+
+
+def test_a_fault_stops_the_gain_and_the_tde_error():
+    law = laws.TARC(
+        inertia=0.05, bandwidth=10.0, period=1e-3, estimator=estimators.Algebraic(window=0.01), max_missing=0,
+        rise=2000.0, fall=1000.0,
+    )  # fmt: skip
+    run = simulate(Pendulum(), law, REFERENCE, 1.0, sensor=signals.Encoder(dropout=0.02))
+    at = run.status.fault_at
+    assert at is not None
+    after = run.data.sel(time=slice(at, None))
+    assert np.ptp(after["gain"].values[1:]) == 0
+    assert np.all(np.isnan(after["tde_error"]))
+    assert np.isfinite(run.metrics()["rms_tde_error"])
+
+
+def test_numpy_numbers_are_described_and_saved(tmp_path):
+    law = pendulum_law(float(np.float32(0.05)), max_missing=np.int64(3), torque_limit=[np.inf])
+    run = simulate(
+        Pendulum(), law, REFERENCE, 0.1, sensor=signals.Encoder(bits=np.int64(12)),  # type: ignore[arg-type]
+        disturbance=signals.Schedule(parameter="payload", times=range(1), values=[np.array([1.0])]),
+    )  # fmt: skip
+    assert json.loads(Run.load(run.save(tmp_path / "a.nc")).data.attrs["law"])["max_missing"] == 3
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"seed": -1}, "seed: got -1; needs a whole number"),
+        ({"seed": "a"}, "seed: got 'a'"),
+        ({"sensor": signals.Encoder}, "sensor: got .*constructed"),
+        ({"sensor": signals.Encoder(resolution=[0.1, 0.1])}, "sensor: its resolution has 2 numbers"),
+        ({"duration": 1e9}, "duration: got 1e.09; needs a finite number"),
+        ({"disturbance": signals.Schedule(parameter="mass", times=[0.0], values=[-1.0])},
+         "mass: got -1; needs a finite number above 0"),
+    ],
+)  # fmt: skip
+def test_more_bad_arguments(options, message):
+    given = {"plant": Pendulum(), "law": pendulum_law(), "reference": REFERENCE, "duration": 0.1, **options}
+    with pytest.raises(TarcError, match=message):
+        simulate(**given)

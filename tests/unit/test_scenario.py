@@ -186,3 +186,9 @@ def test_the_entry_at_fault_is_named_in_a_list_of_laws():
     content = scenario(law=[dict(PLAIN["law"]), {**PLAIN["law"], "bandwith": 1.0}])
     with pytest.raises(TarcError, match=r"law\.1\.bandwith: unknown key"):
         Scenario.parse(content)
+
+
+def test_a_key_given_twice_is_refused(tmp_path):
+    (tmp_path / "a.yaml").write_text("duration: 1.0\nseed: 1\nduration: 2.0\n")
+    with pytest.raises(TarcError, match="line 1: the key 'duration' is given twice"):
+        Scenario.load(tmp_path / "a.yaml")

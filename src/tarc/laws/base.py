@@ -83,7 +83,8 @@ class Law(Parametric, System):
         a gravity compensation, that accepts CasADi symbols.
     actuation_delay
         Periods that a torque takes to act on the joints, where they are known: the law then pairs its estimates with
-        the torques that acted. See ``computation_delay`` of `tarc.simulate`.
+        the torques that acted. With literal time-delay estimation take an even number: with an odd one a torque that
+        alternates from period to period is never damped, since no sampled position shows it.
     """
 
     period: float
@@ -187,6 +188,8 @@ class Law(Parametric, System):
             numbers, symbols = function(np.zeros(self.joints)), function(ca.SX.sym("q", self.joints))
             fits = np.shape(numbers) == (self.joints,) and ca.SX(symbols).shape == (self.joints, 1)
         except Exception as error:  # whatever a user's function may raise
-            raise TarcError(f"safe_torque: it fails with {type(error).__name__}: {error}; {needs}") from None
+            raise TarcError(
+                f"safe_torque: it fails with {type(error).__name__}, {str(error).splitlines()[0]}; {needs}"
+            ) from None
         if not fits:
             raise TarcError(f"safe_torque: it gives {numbers!r} at zero; {needs}")
