@@ -1,4 +1,4 @@
-from . import estimators, laws, plants, signals
+from . import certificates, estimators, laws, plants, signals
 from .controller import Controller
 from .errors import TarcError
 from .loop import simulate
@@ -13,6 +13,7 @@ __all__ = [
     "Status",
     "TarcError",
     "__version__",
+    "certificates",
     "estimators",
     "laws",
     "plants",

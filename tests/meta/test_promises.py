@@ -11,7 +11,7 @@ import pytest
 import tarc
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = ["tarc", "tarc.laws", "tarc.estimators", "tarc.plants", "tarc.signals"]
+PACKAGES = ["tarc", "tarc.laws", "tarc.estimators", "tarc.plants", "tarc.signals", "tarc.certificates"]
 
 
 def public_objects():

@@ -4,7 +4,7 @@ from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -109,6 +109,9 @@ class Law(Parametric, System):
             self._try_safe_torque(self.safe_torque)
         else:
             check.one_of("safe_torque", self.safe_torque, ["zero", "hold"])
+
+    frozen: ClassVar[tuple[str, ...]] = ("missing", "fault")
+    """States that a linearisation holds still, by name: those that count, latch or adapt."""
 
     @property
     @abstractmethod

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -61,6 +61,8 @@ class TARC(TDE):
     ----------
     Paper, Section II-B: the control input (tarc input), (delta u), the adaptive law (ATRC), condition (c2).
     """
+
+    frozen: ClassVar[tuple[str, ...]] = (*TDE.frozen, "gain", "sliding")
 
     rise: float
     fall: float

@@ -1,0 +1,125 @@
+"""What a certificate is: a claim, a verdict, the matrices that prove it, and the means to check them again."""
+
+import json
+import warnings
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tarc import check
+from tarc.errors import TarcError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+VERDICTS = ("certified", "refuted", "inconclusive")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Certificate:
+    """The outcome of a test of stability, with its evidence.
+
+    Attributes
+    ----------
+    kind
+        Which test, such as ``loop``.
+    claim
+        What is certified or refuted, in a sentence.
+    verdict
+        ``certified``, ``refuted`` or ``inconclusive``.
+    margin
+        How far from the edge, positive where certified; ``margin_meaning`` says in what.
+    assumptions
+        What the verdict takes for granted.
+    matrices, numbers
+        The evidence, and what else was found.
+    witness
+        Where refuted: what shows it.
+    """
+
+    kind: str
+    claim: str
+    verdict: str
+    margin: float
+    margin_meaning: str
+    assumptions: tuple[str, ...]
+    matrices: dict[str, np.ndarray]
+    numbers: dict[str, float] = field(default_factory=dict)
+    witness: dict[str, float] | None = None
+
+    def __post_init__(self) -> None:
+        check.one_of("verdict", self.verdict, VERDICTS)
+
+    @property
+    def certified(self) -> bool:
+        """Whether the verdict is ``certified``."""
+        return self.verdict == "certified"
+
+    def verify(self) -> bool:
+        """Judge the stored matrices anew; whether the verdict is the same."""
+        return JUDGES[self.kind](self.matrices, self.numbers)[0] == self.verdict
+
+    def explain(self) -> str:
+        """The claim, the verdict and what it rests on, in plain words."""
+        lines = [self.claim, f"Verdict: {self.verdict}; {self.margin_meaning}: {self.margin:.4g}."]
+        if self.witness:
+            lines.append("Shown by: " + ", ".join(f"{key} {value:.5g}" for key, value in self.witness.items()) + ".")
+        return "\n".join([*lines, "Assumed:", *(f"- {assumption}" for assumption in self.assumptions)])
+
+    def to_json(self) -> str:
+        """All of it as JSON."""
+        content = asdict(self) | {"matrices": {name: matrix.tolist() for name, matrix in self.matrices.items()}}
+        return json.dumps(content)
+
+    @classmethod
+    def from_json(cls, text: str) -> "Certificate":
+        """Read what `to_json` wrote."""
+        try:
+            content = json.loads(text)
+            content["matrices"] = {name: np.array(rows, dtype=float) for name, rows in content["matrices"].items()}
+            content["assumptions"] = tuple(content["assumptions"])
+            return cls(**content)
+        except (ValueError, TypeError, KeyError, AttributeError) as error:
+            raise TarcError(f"from_json: this is no certificate ({error}); needs what to_json wrote") from None
+
+    def plot(self) -> "Figure":
+        """Figure of the evidence."""
+        from tarc.report.certificates import certificate_figure
+
+        return certificate_figure(self)
+
+
+Judge = Callable[[dict[str, np.ndarray], dict[str, Any]], tuple[str, float, dict[str, float] | None]]
+JUDGES: dict[str, Judge] = {}
+"""By kind of certificate: verdict, margin and witness from matrices and numbers alone."""
+
+
+def schur(A: np.ndarray) -> tuple[str, float, complex]:
+    """Whether A is Schur stable, its spectral radius and leading eigenvalue.
+
+    Stable only if P − AᵀPA is positive definite, by more than rounding can account for, for the P > 0 of the discrete
+    Lyapunov equation in balanced coordinates; unstable only if an eigenpair outside the circle leaves a residual that
+    cannot bring it back. Else inconclusive.
+    """
+    from scipy.linalg import matrix_balance, solve_discrete_lyapunov
+
+    balanced = np.asarray(matrix_balance(A, permute=False)[0])
+    values, vectors = np.linalg.eig(balanced)
+    lead = int(np.argmax(np.abs(values)))
+    radius, eps = float(np.abs(values[lead])), np.finfo(float).eps * len(A) * 10
+    size = np.linalg.norm(balanced, 2)
+    if radius < 1:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # near the edge the solver perturbs; its P is judged below, not trusted
+            P = solve_discrete_lyapunov(balanced.T, np.eye(len(A)))
+        P = (P + P.T) / 2
+        drop = P - balanced.T @ P @ balanced
+        rounding = eps * np.linalg.norm(P, 2) * (1 + size**2)
+        sound = np.linalg.eigvalsh(P)[0] > rounding and np.linalg.eigvalsh((drop + drop.T) / 2)[0] > rounding
+        return ("certified" if sound else "inconclusive"), radius, complex(values[lead])
+    left = np.linalg.inv(vectors)[lead]
+    condition = np.linalg.norm(left) * np.linalg.norm(vectors[:, lead])
+    sound = radius - 1 > eps * size * condition
+    return ("refuted" if sound else "inconclusive"), radius, complex(values[lead])

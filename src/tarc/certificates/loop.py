@@ -1,0 +1,235 @@
+"""The loop that runs: stability of the law's own code around q̈ = ρ M̂⁻¹ τ, for one inertia ratio ρ or a range."""
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from tarc import check
+from tarc.certificates.base import JUDGES, Certificate, schur
+from tarc.certificates.linear import Channel, decouple
+from tarc.certificates.norms import h2_norm, hinf_norm
+from tarc.errors import TarcError
+from tarc.laws.base import Law
+
+LONGEST_DELAY = 200
+
+
+def loop(
+    law: Law, ratio: float | tuple[float, float] = 1.0, *, computation_delay: int = 0, gain: float = 0.0
+) -> Certificate:
+    """Certify the loop that the law makes, for a constant inertia ratio.
+
+    The plant is q̈ = ρ M̂⁻¹ τ under zero-order hold, the controller the Jacobian of the very function that is simulated,
+    with the switching gain frozen. For that linear time-invariant loop the test is exact.
+
+    Parameters
+    ----------
+    law
+        A law on time-delay estimation.
+    ratio
+        ρ, the eigenvalue of M⁻¹M̂; a pair for every constant ρ in a range.
+    computation_delay
+        Periods between a measurement and its torque.
+    gain
+        Frozen switching gain ĉ [rad/s²].
+
+    Returns
+    -------
+    Certificate
+        Its margin is 1 less the largest spectral radius at the ends of the range. Its numbers: the spectral radius, the
+        decay rate [1/s], the ringing frequency [rad/s] and the further computation delay that the loop bears
+        [periods], at the worse end; and for a stable loop the gain from a disturbing acceleration to the error [s²] and
+        from measurement noise to M̂⁻¹τ [1/s²], as largest gain (``h_infinity``) and as root mean square for white noise
+        (``h2``).
+
+    Raises
+    ------
+    TarcError
+        For a law without an inertia, and ratios that are not positive.
+    """
+    low, high = (ratio, ratio) if np.ndim(ratio) == 0 else tuple(np.ravel(ratio))
+    low = check.number("ratio", low, 0, strict=True)
+    high = check.number("ratio", high, low)
+    channels = decouple(law, computation_delay, gain)
+    matrices, numbers = _evidence(channels), {"low": low, "high": high, "period": law.period, "gain": gain}
+    verdict, margin, witness = judge(matrices, numbers)
+    worst = min((low, high), key=lambda end: -_radius(channels, end))
+    numbers |= _describe(law, channels, worst, computation_delay, gain, stable=verdict == "certified")
+    span = f"ρ = {low:g}" if low == high else f"every constant ρ from {low:g} to {high:g}"
+    return Certificate(
+        kind="loop",
+        claim=f"The loop of {type(law).__name__} around q̈ = ρ M̂⁻¹τ is stable for {span}.",
+        verdict=verdict,
+        margin=margin,
+        margin_meaning="1 less the largest spectral radius at the ends",
+        assumptions=(
+            "the robot's M(q)⁻¹M̂ is a constant multiple ρ of the identity; Coriolis, gravity and friction disturb only",
+            "no torque limit is reached and no sample is lost",
+            f"the switching gain is frozen at {gain:g} rad/s² and the error inside its boundary layer"
+            if gain
+            else "the switching gain is zero",
+            "eigenvalues are computed in floating point, and judged with room for rounding",
+            f"the torque reaches the joints {computation_delay} periods late and is held for a period",
+        ),
+        matrices=matrices,
+        numbers=numbers,
+        witness=witness,
+    )
+
+
+def stable_intervals(law: Law, *, computation_delay: int = 0, gain: float = 0.0) -> list[tuple[float, float]]:
+    """All ranges of the inertia ratio in which the loop is stable, from the lowest up.
+
+    The ends are the ratios at which an eigenvalue lies on the unit circle. They are found all at once, as eigenvalues
+    of a matrix pencil, and not on a grid; for that the gains must not couple the joints.
+    """
+    channels = decouple(law, computation_delay, gain)
+    edges = sorted({0.0, *(edge for channel in channels for edge in crossings(*_split(channel)))})
+    bounds = [*edges, edges[-1] * 2 + 1.0]
+    found: list[tuple[float, float]] = []
+    for low, high in pairwise(bounds):
+        if _radius(channels, (low + high) / 2) < 1:
+            end = np.inf if high == bounds[-1] else high
+            joined = found and found[-1][1] == low
+            found[-1:] = [(found[-1][0], end)] if joined else [*found[-1:], (low, end)]
+    return found
+
+
+def stable_interval(law: Law, *, computation_delay: int = 0, gain: float = 0.0) -> tuple[float, float]:
+    """The range of the inertia ratio, of the widest ratio of its ends, in which the loop is stable.
+
+    Raises
+    ------
+    TarcError
+        When there is none.
+    """
+    found = stable_intervals(law, computation_delay=computation_delay, gain=gain)
+    if not found:
+        raise TarcError(
+            "stable_interval: no inertia ratio makes this loop stable; use a shorter window, a lower bandwidth or less "
+            "computation delay"
+        )
+    return max(found, key=lambda ends: ends[1] / max(ends[0], 1e-300))
+
+
+def crossings(A: np.ndarray, b: np.ndarray, c: np.ndarray) -> list[float]:
+    """All ratios ρ > 0 for which A + ρ b c has an eigenvalue on the unit circle, in order.
+
+    With G(z) = c (zI − A)⁻¹ b real on the circle, G(z) = G(1/z), whose zeros are eigenvalues of a pencil; then
+    ρ = 1/G(z).
+    """
+    from scipy.linalg import eigvals
+
+    m, n = len(A), b.shape[1]
+    if n != 1:
+        raise TarcError(
+            "stable intervals: the gains couple the joints of this law; use stiffness and viscosity that are scalar, "
+            "or with the gain at zero diagonal"
+        )
+    eye, none = np.eye(m), np.zeros((m, m))
+    left = np.block([[eye, none, 0 * b], [none, -A, -b], [0 * c, 0 * c, np.zeros((1, 1))]])
+    right = np.block([[A, none, b], [none, -eye, 0 * b], [c, -c, np.zeros((1, 1))]])
+    z = np.asarray(eigvals(right, left))
+    z = z[np.isfinite(z) & (np.abs(np.abs(z) - 1) < 1e-3) & (np.imag(z) >= 0)]
+    ratios = []
+    for point in z / np.abs(z):
+        try:
+            response = (c @ np.linalg.solve(point * eye - A, b)).item()
+        except np.linalg.LinAlgError:  # on a pole of the open loop, where the ratio is zero
+            continue
+        if response.real > 0 and abs(response.imag) < 1e-4 * abs(response):
+            ratios.append(float(1 / response.real))
+    unique: list[float] = []
+    for ratio in sorted(ratios):
+        if 1e-9 < ratio < 1e6 and (not unique or ratio > unique[-1] * (1 + 1e-7)):
+            unique.append(ratio)
+    return unique
+
+
+def judge(matrices: dict[str, np.ndarray], numbers: dict[str, Any]) -> tuple[str, float, dict[str, float] | None]:
+    """Verdict, margin and witness from the stored matrices: stable at both ends, and no crossing between them."""
+    low, high, period = numbers["low"], numbers["high"], numbers["period"]
+    count = sum(name.startswith("A") for name in matrices)
+    verdict, margin, witness = "certified", np.inf, None
+    for i in range(count):
+        A, b, c = (matrices[f"{letter}{i}"] for letter in "Abc")
+        trials = {low, high}
+        if low < high:
+            inner = [edge for edge in crossings(A, b, c) if low < edge < high]
+            cuts = [low, *inner, high]
+            trials |= {(one + two) / 2 for one, two in pairwise(cuts)}
+        for trial in sorted(trials):
+            answer, radius, mode = schur(A + trial * b @ c)
+            if trial in (low, high):
+                margin = min(margin, 1 - radius)
+            if answer == "refuted":
+                rate = np.log(radius) / period
+                found = {"ratio": trial, "growth rate [1/s]": rate, "frequency [rad/s]": abs(np.angle(mode)) / period}
+                return "refuted", min(margin, 1 - radius), found
+            if answer == "inconclusive":
+                verdict = "inconclusive"
+    return verdict, float(margin), witness
+
+
+JUDGES["loop"] = judge
+
+
+def _split(channel: Channel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A, b, c with the closed loop A + ρ b c."""
+    n, inner = channel.width, channel.F.shape[0]
+    b = np.concatenate([np.eye(n) / 2, np.eye(n), np.zeros((inner, n))]) * channel.period**2
+    c = np.concatenate([channel.D, np.zeros((n, n)), channel.C], axis=1)
+    return channel.closed(0.0), b, c
+
+
+def _evidence(channels: list[Channel]) -> dict[str, np.ndarray]:
+    return {
+        f"{letter}{i}": part
+        for i, channel in enumerate(channels)
+        for letter, part in zip("Abc", _split(channel), strict=True)
+    }
+
+
+def _radius(channels: list[Channel], ratio: float) -> float:
+    return max(float(np.max(np.abs(np.linalg.eigvals(channel.closed(ratio))))) for channel in channels)
+
+
+def _describe(
+    law: Law, channels: list[Channel], ratio: float, computation_delay: int, gain: float, *, stable: bool
+) -> dict[str, float]:
+    """What else an engineer asks of the loop at this ratio."""
+    values = np.concatenate([np.linalg.eigvals(channel.closed(ratio)) for channel in channels])
+    lead = values[np.argmax(np.abs(values))]
+    result = {
+        "spectral radius": float(abs(lead)),
+        "decay rate": float(-np.log(abs(lead)) / law.period),
+        "ringing frequency": float(abs(np.angle(lead)) / law.period),
+    }
+    if not stable:
+        return result
+    margin = 0
+    while margin < LONGEST_DELAY and _radius(decouple(law, computation_delay + margin + 1, gain), ratio) < 1:
+        margin += 1
+    result["delay margin"] = float(margin)
+    for name, system in (("disturbance to error", _disturbance), ("noise to torque", _noise)):
+        systems = [system(channel, ratio) for channel in channels]
+        result[f"{name} h_infinity"] = max(hinf_norm(*one) for one in systems)
+        result[f"{name} h2"] = max(h2_norm(*one) for one in systems)
+    return result
+
+
+def _disturbance(channel: Channel, ratio: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """From an acceleration, held like the torque, to the position."""
+    n = channel.width
+    _, b, _ = _split(channel)
+    c = np.concatenate([np.eye(n), np.zeros((n, n + channel.F.shape[0]))], axis=1)
+    return channel.closed(ratio), b, c, np.zeros((n, n))
+
+
+def _noise(channel: Channel, ratio: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """From an error of the measured position to M̂⁻¹τ."""
+    _, b, c = _split(channel)
+    into = ratio * b @ channel.D
+    into[2 * channel.width :] += channel.G
+    return channel.closed(ratio), into, c, channel.D

@@ -1,0 +1,249 @@
+"""The loop certificate against loops written by hand, simulations, and known limits."""
+
+from typing import Any
+
+import control
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from family import make_law
+from tarc import TarcError, estimators, laws, plants, signals
+from tarc.certificates import Certificate, h2_norm, hinf_norm, loop, stable_interval, stable_intervals
+from tarc.certificates.linear import decouple
+from tarc.loop import ClosedLoop, Drive, LoopInput
+
+
+def tdc(window=10, synchronised=False, bandwidth: Any = 10.0, joints=1, **options):
+    return laws.TDC(
+        inertia=0.1 * np.eye(joints),
+        bandwidth=bandwidth,
+        period=1e-3,
+        estimator=estimators.Algebraic(window=window * 1e-3, degree=2),
+        synchronised=synchronised,
+        **options,
+    )
+
+
+@pytest.mark.parametrize(
+    ("window", "synchronised", "low", "high"),
+    [
+        (2, False, 0.00495, 0.8016),
+        (10, False, 0.00486, 0.2616),
+        (20, False, 0.00476, 0.1263),
+        (10, True, 0.0255, 2.815),
+        (20, True, 0.0450, 2.569),
+        (50, True, 0.088, 1.994),
+    ],
+)
+def test_known_intervals(window, synchronised, low, high):
+    found = stable_interval(tdc(window, synchronised))
+    digits = [10.0 ** -len(str(number).split(".")[1]) for number in (low, high)]
+    assert abs(found[0] - low) <= 0.5 * digits[0] + 1e-9
+    assert abs(found[1] - high) <= 0.5 * digits[1] + 1e-9
+
+
+def by_hand(ratio, window, k1, k2, T=1e-3):
+    """Characteristic polynomial of literal TDC on q̈ = ρ v, written out: poles in z.
+
+    v = v/z − K1 q − K2 W1(z) q − W2(z) q / z, and q = ρ T² (z + 1) / (2 (z − 1)²) v.
+    """
+    age = -np.arange(window + 1) * T
+    fit = np.linalg.pinv(np.vander(age, 3, increasing=True))
+    w1, w2 = fit[1], 2 * fit[2]
+    # times z^(window+1): v (z − 1) z^window = −[(K1 + K2 W1) z^(window+1) + W2 z^window] q
+    side = np.zeros(window + 2)
+    side[: window + 1] += k2 * w1
+    side[0] += k1
+    side[1:] += w2
+    own = np.polymul([1.0, -1.0], np.eye(window + 1)[0])
+    plant_top, plant_bottom = ratio * T**2 / 2 * np.array([1.0, 1.0]), np.array([1.0, -2.0, 1.0])
+    return np.roots(np.polyadd(np.polymul(own, plant_bottom), np.polymul(side, plant_top)))
+
+
+@pytest.mark.parametrize("ratio", [0.004, 0.02, 0.08, 0.2, 0.3])
+@pytest.mark.parametrize("window", [2, 5, 10])
+def test_spectral_radius_is_that_of_the_polynomial_written_by_hand(ratio, window):
+    certificate = loop(tdc(window), ratio)
+    radius = np.max(np.abs(by_hand(ratio, window, 100.0, 20.0)))
+    # repeated poles near zero and near one make the polynomial's roots the less exact of the two
+    assert certificate.numbers["spectral radius"] == pytest.approx(radius, rel=1e-6)
+
+
+@settings(deadline=None, max_examples=20)
+@given(
+    window=st.integers(2, 15),
+    bandwidth=st.floats(2.0, 60.0),
+    ratio=st.floats(0.003, 3.0),
+    synchronised=st.booleans(),
+    delay=st.integers(0, 2),
+)
+def test_certified_decays_and_refuted_grows(window, bandwidth, ratio, synchronised, delay):
+    """In the simulated loop itself, run until its slowest mode has shown which way it goes."""
+    law = tdc(window, synchronised, bandwidth)
+    certificate = loop(law, ratio, computation_delay=delay)
+    assert certificate.verify()
+    radius = certificate.numbers["spectral radius"]
+    if certificate.verdict == "inconclusive" or abs(radius - 1) < 4e-3:
+        return
+    plant = plants.MassSpringDamper(masses=[0.1 / ratio], springs=[0.0], dampers=[0.0])
+    closed = ClosedLoop(plant, Drive(signals.Encoder(), law, delay), 1)
+    state = closed.init(np.array([1e-3]))
+    zero = np.zeros(1)
+    value = LoopInput(zero, zero, zero, zero, np.zeros((1, 1)), {})
+    from tarc.system import Buffered, pack, trace
+
+    function, _ = trace(closed.step, state, value)
+    run = Buffered(function)
+    run.reset(pack(state))
+    steps = int(min(40 / abs(np.log(radius)), 1e4))
+    peaks = []
+    for _ in range(4):
+        largest = 0.0
+        for _ in range(steps // 4):
+            run.step()
+            largest = max(largest, abs(run.output[0]))
+        peaks.append(largest)
+    # the last quarter against the first: some 30 time constants apart, with room for a transient
+    if certificate.certified:
+        assert peaks[3] < 1e-3 * peaks[0]
+    else:
+        assert peaks[3] > 1e3 * peaks[0] or not np.isfinite(peaks[3])
+
+
+def test_many_joints_cost_and_give_what_one_does():
+    one, many = loop(tdc(), 0.08), loop(tdc(joints=30), 0.08)
+    assert many.matrices.keys() == one.matrices.keys()
+    assert many.numbers == one.numbers
+
+
+@pytest.mark.parametrize("gain", [0.0, 4.0])
+def test_decoupled_equals_the_full_matrices(gain):
+    """Three joints with a full M̂: the eigenvalues of the coupled loop are those of one, each three times."""
+    from tarc.certificates.linear import _linearise
+
+    mixed = 0.1 * (np.eye(3) + 0.3 * np.ones((3, 3)))
+    law = make_law(laws.TARC, 3, inertia=mixed)
+    full = _linearise(law, 0, gain, (0, 1, 2)).closed(0.08)
+    (one,) = decouple(law, 0, gain)
+    expected = np.repeat(np.linalg.eigvals(one.closed(0.08)), 3)
+    found = np.linalg.eigvals(full)
+    # eigenvalues at zero come from delay lines, Jordan blocks whose rounding is the tenth root of the machine's
+    sizes = [np.sort(np.abs(values)[np.abs(values) > 0.7]) for values in (expected, found)]
+    np.testing.assert_allclose(sizes[0], sizes[1], atol=1e-4)
+
+
+def test_different_bandwidths_are_different_loops():
+    law = tdc(joints=3, bandwidth=[10.0, 20.0, 10.0])
+    assert [channel.joints for channel in decouple(law)] == [(0, 2), (1,)]
+    slow, fast = (stable_interval(tdc(bandwidth=bandwidth)) for bandwidth in (10.0, 20.0))
+    both = stable_interval(law)
+    assert both == pytest.approx((max(slow[0], fast[0]), min(slow[1], fast[1])), rel=1e-9)
+
+
+def test_a_range_is_refuted_by_what_lies_inside_it():
+    certificate = loop(tdc(), (0.01, 0.5))
+    assert certificate.verdict == "refuted"
+    assert certificate.witness is not None
+    assert 0.2616 < certificate.witness["ratio"] <= 0.5
+    assert loop(tdc(), (0.005, 0.26)).certified
+
+
+def test_witness_is_the_mode_that_grows():
+    certificate = loop(tdc(), 1.0)
+    assert certificate.verdict == "refuted"
+    assert certificate.numbers["spectral radius"] == pytest.approx(1.152, abs=5e-4)
+    assert certificate.witness is not None
+    assert certificate.witness["growth rate [1/s]"] == pytest.approx(np.log(1.152) * 1e3, rel=5e-3)
+
+
+def test_frozen_gain_limits():
+    """The frozen limit on the slope αĉ/ε, literal N = 10 at ρ = 0.08: 2800 1/s²."""
+    law = make_law(laws.TARC, bandwidth=10.0, boundary=0.01, estimator=estimators.Algebraic(window=0.010))
+    assert loop(law, 0.08, gain=0.01 * 2780).certified
+    assert loop(law, 0.08, gain=0.01 * 2820).verdict == "refuted"
+
+
+def test_delay_margin_is_the_last_stable_delay():
+    margin = int(loop(tdc(), 0.08).numbers["delay margin"])
+    assert loop(tdc(), 0.08, computation_delay=margin).certified
+    assert not loop(tdc(), 0.08, computation_delay=margin + 1).certified
+
+
+def test_json_round_trip_verifies_and_tampering_shows():
+    certificate = Certificate.from_json(loop(tdc(), (0.01, 0.2)).to_json())
+    assert certificate.certified
+    assert certificate.verify()
+    certificate.matrices["b0"] *= 10
+    assert not certificate.verify()
+    with pytest.raises(TarcError, match="no certificate"):
+        Certificate.from_json("{}")
+
+
+def test_explains_itself_and_draws(tmp_path):
+    text = loop(tdc(), 1.0).explain()
+    for part in ("Verdict: refuted", "Shown by: ratio 1, growth rate", "Assumed:", "zero"):
+        assert part in text
+    loop(tdc(), (0.01, 0.2)).plot().savefig(tmp_path / "loop.png")
+
+
+def random_system(seed, size=4, inputs=1, outputs=1):
+    rng = np.random.default_rng(seed)
+    A = rng.normal(size=(size, size))
+    A *= 0.95 / np.max(np.abs(np.linalg.eigvals(A)))
+    return A, rng.normal(size=(size, inputs)), rng.normal(size=(outputs, size)), rng.normal(size=(outputs, inputs))
+
+
+@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize(("inputs", "outputs"), [(1, 1), (2, 2), (3, 1)])
+def test_infinity_norm_is_the_peak_of_a_dense_sweep(seed, inputs, outputs):
+    A, B, C, D = system = random_system(seed, inputs=inputs, outputs=outputs)
+    z = np.exp(1j * np.linspace(0, np.pi, 20001))[:, None, None]
+    sweep = np.linalg.norm(C @ np.linalg.solve(z * np.eye(4) - A, B + 0 * z) + D, 2, axis=(1, 2)).max()
+    assert sweep <= hinf_norm(*system) <= sweep * (1 + 1e-4)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_norms_against_python_control(seed):
+    system = random_system(seed, inputs=2, outputs=2)
+    sampled = control.ss(*system, True)
+    theirs = control.system_norm(sampled, p="inf", tol=1e-8)  # type: ignore[arg-type]
+    assert hinf_norm(*system) == pytest.approx(theirs, rel=1e-5)
+    assert h2_norm(*system) == pytest.approx(control.system_norm(sampled, p=2), rel=1e-9)
+
+
+def test_infinity_norm_finds_a_peak_between_grid_points():
+    """A lightly damped mode that a coarse grid steps over."""
+    r, angle = 1 - 1e-4, 1.2345678
+    A = r * np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    B, C, D = np.array([[1.0], [0.0]]), np.array([[1.0, 0.0]]), np.zeros((1, 1))
+    fine = angle + np.linspace(-1e-3, 1e-3, 20001)
+    peak = max(abs((C @ np.linalg.solve(np.exp(1j * w) * np.eye(2) - A, B)).item()) for w in fine)
+    assert hinf_norm(A, B, C, D) == pytest.approx(peak, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: loop(tdc(), 0.0), "ratio: got 0"),
+        (lambda: loop(tdc(), (0.2, 0.1)), "ratio: got 0.1; needs a finite number of at least 0.2"),
+        (lambda: loop(tdc(), np.nan), "ratio: got nan"),
+        (lambda: loop(tdc(), 0.1, gain=-1.0), "gain: got -1"),
+        (lambda: loop(tdc(), 0.1, computation_delay=-1), "computation_delay: got -1"),
+        (lambda: loop("TDC", 0.1), "law: got str"),  # type: ignore[arg-type]
+        (
+            lambda: stable_interval(tdc(bandwidth=200.0), computation_delay=60),
+            "no inertia ratio makes this loop stable",
+        ),
+        (
+            lambda: stable_intervals(
+                tdc(joints=2, bandwidth=None, stiffness=[[100.0, 20.0], [20.0, 100.0]], viscosity=20.0)
+            ),
+            "the gains couple the joints",
+        ),
+    ],
+)
+def test_bad_input(call, message):
+    with pytest.raises(TarcError, match=message):
+        call()
