@@ -40,3 +40,34 @@ def make_law(kind: type[laws.Law], joints: int = 2, estimator_name: str = "algeb
     if "bandwidth" in parameters(kind):
         needed["bandwidth"] = 12.0
     return kind(**{"period": PERIOD, "estimator": ESTIMATORS[estimator_name], **needed, **options})
+
+
+def make_tdc(
+    window: int = 10, synchronised: bool = False, bandwidth: Any = 10.0, inertia: Any = 0.1, **options: Any
+) -> laws.TDC:
+    """TDC at 1 kHz with a window of so many periods, whose stable ranges of the inertia ratio are known."""
+    return laws.TDC(
+        inertia=inertia,
+        bandwidth=bandwidth,
+        period=PERIOD,
+        estimator=estimators.Algebraic(window=window * PERIOD, degree=2),
+        synchronised=synchronised,
+        **options,
+    )
+
+
+KNOWN_RANGES = [
+    (2, False, 0.00495, 0.8016),
+    (10, False, 0.00486, 0.2616),
+    (20, False, 0.00476, 0.1263),
+    (10, True, 0.0255, 2.815),
+    (20, True, 0.0450, 2.569),
+    (50, True, 0.088, 1.994),
+]
+"""Window in periods, synchronised or not, stable range of the inertia ratio of `make_tdc`, known independently."""
+
+
+def agrees(found: Any, known: float) -> bool:
+    """Whether a number is the known one, to the digits that it is known by."""
+    digit = 10.0 ** -len(str(known).split(".")[1])
+    return abs(found - known) <= 0.5 * digit + 1e-6

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from tarc import estimators, laws, plants, signals
+from family import KNOWN_RANGES, agrees, make_tdc
+from tarc import plants, signals
 from tarc.loop import ClosedLoop, Drive, LoopInput
 from tarc.system import pack, trace
 
@@ -17,14 +18,7 @@ from tarc.system import pack, trace
 def spectral_radius(ratio, window, synchronised, delay=0, known=False):
     """Largest eigenvalue magnitude of one period of TDC on q̈ = τ with M̂ = ratio."""
     mass = plants.MassSpringDamper(masses=[1.0], springs=[0.0], dampers=[0.0])
-    law = laws.TDC(
-        inertia=ratio,
-        bandwidth=10.0,
-        period=1e-3,
-        estimator=estimators.Algebraic(window=window * 1e-3, degree=2),
-        synchronised=synchronised,
-        actuation_delay=delay if known else 0,
-    )
+    law = make_tdc(window, synchronised, inertia=ratio, actuation_delay=delay if known else 0)
     loop = ClosedLoop(mass, Drive(signals.Encoder(), law, delay), 1)
     state = loop.init(np.zeros(1))
     zero = np.zeros(1)
@@ -37,16 +31,7 @@ def spectral_radius(ratio, window, synchronised, delay=0, known=False):
 
 @pytest.mark.parametrize(
     ("window", "synchronised", "low", "high"),
-    [
-        (2, False, 0.00495, 0.8016),
-        (10, False, 0.00486, 0.2616),
-        (20, False, 0.00476, 0.1263),
-        (10, True, 0.0255, 2.815),
-        (20, True, 0.0450, 2.569),
-        (50, True, 0.088, 1.994),
-        (100, True, 0.128, 1.426),
-        (200, True, 0.155, 0.875),
-    ],
+    [*KNOWN_RANGES, (100, True, 0.128, 1.426), (200, True, 0.155, 0.875)],
 )
 def test_stable_interval(window, synchronised, low, high):
     def beyond(ratio):
@@ -56,9 +41,8 @@ def test_stable_interval(window, synchronised, low, high):
     middle = np.sqrt(low * high)
     assert beyond(middle) < 0
     found = brentq(beyond, 0.8 * low, middle, xtol=1e-7), brentq(beyond, middle, 1.2 * high, xtol=1e-6)
-    digits = [10.0 ** -len(str(number).split(".")[1]) for number in (low, high)]
-    assert abs(found[0] - low) <= 0.5 * digits[0] + 1e-6
-    assert abs(found[1] - high) <= 0.5 * digits[1] + 1e-6
+    assert agrees(found[0], low)
+    assert agrees(found[1], high)
 
 
 @pytest.mark.parametrize(

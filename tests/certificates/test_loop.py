@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from family import make_law
+from family import KNOWN_RANGES, agrees, make_law, make_tdc
 from tarc import TarcError, estimators, laws, plants, signals
 from tarc.certificates import Certificate, h2_norm, hinf_norm, loop, stable_interval, stable_intervals
 from tarc.certificates.linear import decouple
@@ -16,32 +16,14 @@ from tarc.loop import ClosedLoop, Drive, LoopInput
 
 
 def tdc(window=10, synchronised=False, bandwidth: Any = 10.0, joints=1, **options):
-    return laws.TDC(
-        inertia=0.1 * np.eye(joints),
-        bandwidth=bandwidth,
-        period=1e-3,
-        estimator=estimators.Algebraic(window=window * 1e-3, degree=2),
-        synchronised=synchronised,
-        **options,
-    )
+    return make_tdc(window, synchronised, bandwidth, 0.1 * np.eye(joints), **options)
 
 
-@pytest.mark.parametrize(
-    ("window", "synchronised", "low", "high"),
-    [
-        (2, False, 0.00495, 0.8016),
-        (10, False, 0.00486, 0.2616),
-        (20, False, 0.00476, 0.1263),
-        (10, True, 0.0255, 2.815),
-        (20, True, 0.0450, 2.569),
-        (50, True, 0.088, 1.994),
-    ],
-)
+@pytest.mark.parametrize(("window", "synchronised", "low", "high"), KNOWN_RANGES)
 def test_known_intervals(window, synchronised, low, high):
     found = stable_interval(tdc(window, synchronised))
-    digits = [10.0 ** -len(str(number).split(".")[1]) for number in (low, high)]
-    assert abs(found[0] - low) <= 0.5 * digits[0] + 1e-9
-    assert abs(found[1] - high) <= 0.5 * digits[1] + 1e-9
+    assert agrees(found[0], low)
+    assert agrees(found[1], high)
 
 
 def by_hand(ratio, window, k1, k2, T=1e-3):
