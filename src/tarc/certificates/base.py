@@ -36,7 +36,12 @@ class Certificate:
     matrices, numbers
         The evidence, and what else was found.
     witness
-        Where refuted: what shows it.
+        Where refuted: what shows it, such as a mode that grows or a vector on which a form is negative.
+    problem
+        The condition that was tested, as a formula.
+    proof_grade
+        Whether the verdict was decided in ball arithmetic, which encloses every rounding error, and not in floating
+        point.
     """
 
     kind: str
@@ -47,7 +52,9 @@ class Certificate:
     assumptions: tuple[str, ...]
     matrices: dict[str, np.ndarray]
     numbers: dict[str, float] = field(default_factory=dict)
-    witness: dict[str, float] | None = None
+    witness: "Witness | None" = None
+    problem: str = ""
+    proof_grade: bool = False
 
     def __post_init__(self) -> None:
         check.one_of("verdict", self.verdict, VERDICTS)
@@ -58,14 +65,19 @@ class Certificate:
         return self.verdict == "certified"
 
     def verify(self) -> bool:
-        """Judge the stored matrices anew; whether the verdict is the same."""
+        """Judge the stored matrices anew, without any solver; whether the verdict is the same."""
+        if not all(np.all(np.isfinite(matrix)) for matrix in self.matrices.values()):
+            return self.verdict == "inconclusive"
         return JUDGES[self.kind](self.matrices, self.numbers)[0] == self.verdict
 
     def explain(self) -> str:
         """The claim, the verdict and what it rests on, in plain words."""
-        lines = [self.claim, f"Verdict: {self.verdict}; {self.margin_meaning}: {self.margin:.4g}."]
+        grade = ", decided in ball arithmetic" if self.proof_grade else ""
+        lines = [self.claim, f"Verdict: {self.verdict}{grade}; {self.margin_meaning}: {self.margin:.4g}."]
+        if self.problem:
+            lines.insert(1, f"Tested: {self.problem}")
         if self.witness:
-            lines.append("Shown by: " + ", ".join(f"{key} {value:.5g}" for key, value in self.witness.items()) + ".")
+            lines.append("Shown by: " + ", ".join(f"{key} {_said(value)}" for key, value in self.witness.items()) + ".")
         return "\n".join([*lines, "Assumed:", *(f"- {assumption}" for assumption in self.assumptions)])
 
     def to_json(self) -> str:
@@ -91,9 +103,28 @@ class Certificate:
         return certificate_figure(self)
 
 
-Judge = Callable[[dict[str, np.ndarray], dict[str, Any]], tuple[str, float, dict[str, float] | None]]
+Witness = dict[str, float | list[float]]
+Judge = Callable[[dict[str, np.ndarray], dict[str, Any]], tuple[str, float, Witness | None]]
 JUDGES: dict[str, Judge] = {}
 """By kind of certificate: verdict, margin and witness from matrices and numbers alone."""
+
+
+def _said(value: float | list[float]) -> str:
+    return f"{value:.5g}" if np.ndim(value) == 0 else "(" + ", ".join(f"{one:.4g}" for one in np.ravel(value)) + ")"
+
+
+def definite(form: np.ndarray) -> tuple[str, float, np.ndarray]:
+    """Whether a symmetric matrix is positive definite, its least eigenvalue and that one's vector.
+
+    ``certified`` or ``refuted`` only if rounding of the eigenvalues cannot turn the sign, else ``inconclusive``;
+    ``inconclusive`` for a matrix that is not finite. Rounding in the entries of the form is not known here.
+    """
+    if not np.all(np.isfinite(form)):
+        return "inconclusive", float("nan"), np.zeros(len(form))
+    values, vectors = np.linalg.eigh((form + form.T) / 2)
+    room = 10 * len(form) * np.finfo(float).eps * max(float(np.max(np.abs(values))), 1e-300)
+    verdict = "certified" if values[0] > room else "refuted" if values[0] < -room else "inconclusive"
+    return verdict, float(values[0]), vectors[:, 0]
 
 
 def schur(A: np.ndarray) -> tuple[str, float, complex]:
