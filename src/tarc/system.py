@@ -96,6 +96,28 @@ def _symbols(tree: Any, kind: type) -> tuple[Any, Any]:
     return vector, rebuild(tree, pieces)
 
 
+def expressions(
+    step: Callable[[Any, Any], tuple[Any, Any]], state: Any, value: Any, *, symbol: type = ca.SX, name: str = "step"
+) -> tuple[list[Any], list[Any]]:
+    """Symbols ``[state, value]`` of a step, packed, and the expressions ``[next state, output]`` that it makes of them.
+
+    Takes what `trace` takes.
+    """
+    state_symbol, state_tree = _symbols(state, symbol)
+    value_symbol, value_tree = _symbols(value, symbol)
+    next_state, output = step(state_tree, value_tree)
+    for old, new, label in zip(leaves(state_tree), leaves(next_state), names(state), strict=True):
+        new = new if isinstance(new, symbol) else symbol(new)
+        if old.shape != new.shape:
+            raise ValueError(f"{name}: state {label} has shape {old.shape} before the step and {new.shape} after")
+
+    def column(tree: Any) -> Any:
+        parts = [ca.vec(leaf if isinstance(leaf, symbol) else symbol(leaf)) for leaf in leaves(tree)]
+        return ca.vertcat(*parts) if parts else symbol(0, 1)
+
+    return [state_symbol, value_symbol], [column(next_state), column(output)]
+
+
 def trace(
     step: Callable[[Any, Any], tuple[Any, Any]],
     state: Any,
@@ -122,19 +144,8 @@ def trace(
     output
         A tree of zeros with the output's structure and shapes, for `unpack`.
     """
-    state_symbol, state_tree = _symbols(state, symbol)
-    value_symbol, value_tree = _symbols(value, symbol)
-    next_state, output = step(state_tree, value_tree)
-    for old, new, label in zip(leaves(state_tree), leaves(next_state), names(state), strict=True):
-        if old.shape != symbol(new).shape:
-            raise ValueError(f"{name}: state {label} has shape {old.shape} before the step and {new.shape} after")
-
-    def column(tree: Any) -> Any:
-        parts = [ca.vec(symbol(leaf)) for leaf in leaves(tree)]
-        return ca.vertcat(*parts) if parts else symbol(0, 1)
-
-    results = [column(next_state), column(output)]
-    function = ca.Function(name, [state_symbol, value_symbol], results, ["x", "u"], ["x_next", "y"], {"cse": True})
+    inputs, results = expressions(step, state, value, symbol=symbol, name=name)
+    function = ca.Function(name, inputs, results, ["x", "u"], ["x_next", "y"], {"cse": True})
     _, example = step(state, value)
     return function, rebuild(example, [np.zeros(np.shape(leaf)) for leaf in leaves(example)])
 

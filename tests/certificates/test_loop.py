@@ -107,7 +107,7 @@ def test_decoupled_equals_the_full_matrices(gain):
 
     mixed = 0.1 * (np.eye(3) + 0.3 * np.ones((3, 3)))
     law = make_law(laws.TARC, 3, inertia=mixed)
-    full = _linearise(law, 0, gain, (0, 1, 2)).closed(0.08)
+    full = _linearise(law, gain, (0, 1, 2)).closed(0.08)
     (one,) = decouple(law, 0, gain)
     expected = np.repeat(np.linalg.eigvals(one.closed(0.08)), 3)
     found = np.linalg.eigvals(full)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import casadi as ca
 import numpy as np
@@ -12,22 +13,26 @@ from tarc.laws.base import Law
 from tarc.laws.tde import TDE
 from tarc.loop import Drive, DriveInput
 from tarc.signals.sensors import Encoder
-from tarc.system import leaves, names, pack, trace
+from tarc.system import expressions, leaves, names, pack
 
 Array = np.ndarray
 
 
 @dataclass(frozen=True)
 class Channel:
-    """One of the loops that a law makes around q̈ = ρ M̂⁻¹ τ: x⁺ = F x + G q, v = C x + D q, q̈ = ρ v held for T.
+    """One of the loops that a law makes around q̈ = ρ M̂⁻¹ τ.
 
-    ``joints`` are those that have this loop.
+        x⁺ = F x + G q + H w,     v = M̂⁻¹ τ = C x + D q + E w,     q̈ = ρ v, held for T
+
+    with w what a robust term Δu adds to the auxiliary input. ``joints`` are those that have this loop.
     """
 
     F: Array
     G: Array
+    H: Array
     C: Array
     D: Array
+    E: Array
     period: float
     joints: tuple[int, ...]
 
@@ -36,21 +41,44 @@ class Channel:
         """How many joints the loop has: 1 unless the gains couple them."""
         return self.D.shape[0]
 
-    def closed(self, ratio: float) -> Array:
-        """State matrix of the loop around q̈ = ratio v under zero-order hold; states q, q̇ T, then the drive's.
+    def around(self, ratio: float | Array) -> tuple[Array, Array, Array, Array, Array]:
+        """A, B, C, W, V of the loop around q̈ = ratio v under zero-order hold: y⁺ = A y + B a + W w, v = C y + V w.
 
-        The velocity is scaled by the period, so that rounding does not depend on it.
+        The ratio is a number, or M⁻¹M̂ itself. The state y holds q, q̇ T and x; a is an acceleration besides ratio v,
+        held like it. The velocity is scaled by the period, so that rounding does not depend on it.
         """
-        step = ratio * self.period**2
-        n = self.width
-        eye = np.eye(n)
-        return np.block(
+        n, inner = self.width, self.F.shape[0]
+        ratio = ratio * np.eye(n) if np.ndim(ratio) == 0 else np.asarray(ratio)
+        eye, none, T2 = np.eye(n), np.zeros((n, n)), self.period**2
+        free = np.block(
             [
-                [eye + step / 2 * self.D, eye, step / 2 * self.C],
-                [step * self.D, eye, step * self.C],
-                [self.G, np.zeros((self.F.shape[0], n)), self.F],
+                [eye, eye, np.zeros((n, inner))],
+                [none, eye, np.zeros((n, inner))],
+                [self.G, np.zeros((inner, n)), self.F],
             ]
         )
+        B = np.concatenate([eye / 2 * T2, eye * T2, np.zeros((inner, n))])
+        C = np.concatenate([self.D, none, self.C], axis=1)
+        W = B @ ratio @ self.E
+        W[2 * n :] += self.H
+        return free + B @ ratio @ C, B, C, W, self.E
+
+    def closed(self, ratio: float | Array) -> Array:
+        """State matrix of the loop around q̈ = ratio v."""
+        return self.around(ratio)[0]
+
+    def delayed(self, periods: int) -> "Channel":
+        """The same loop with v so many periods later: the newest v first among the states added."""
+        if periods == 0:
+            return self
+        n, inner, queue = self.width, self.F.shape[0], self.width * periods
+        F = np.zeros((inner + queue, inner + queue))
+        F[:inner, :inner] = self.F
+        F[inner : inner + n, :inner] = self.C
+        F[inner + n :, inner:-n] = np.eye(queue - n)
+        G, H = (np.concatenate([a, b, np.zeros((queue - n, n))]) for a, b in ((self.G, self.D), (self.H, self.E)))
+        C, none = np.concatenate([np.zeros((n, inner + queue - n)), np.eye(n)], axis=1), np.zeros((n, n))
+        return replace(self, F=F, G=G, H=H, C=C, D=none, E=none)
 
 
 def decouple(law: Law, computation_delay: int = 0, gain: float = 0.0) -> list[Channel]:
@@ -71,48 +99,84 @@ def decouple(law: Law, computation_delay: int = 0, gain: float = 0.0) -> list[Ch
     if not isinstance(law, TDE):
         raise TarcError(f"law: got {type(law).__name__}; the loop certificate needs a law with an inertia M̂")
     check.number("gain", gain, 0)
+    check.whole("computation_delay", computation_delay)
+    known = _CHANNELS.setdefault(law, {})
+    if gain not in known:
+        known[gain] = _decouple(law, gain)
+    return [channel.delayed(computation_delay) for channel in known[gain]]
+
+
+_CHANNELS: WeakKeyDictionary[Law, dict[float, list[Channel]]] = WeakKeyDictionary()
+"""What was linearised, by law and gain: the certificates of one law all start from it."""
+
+
+def whole(law: TDE, computation_delay: int = 0) -> Channel:
+    """The loop of all joints at once, for a mismatch that is no multiple of the identity; the gain at zero."""
+    return _linearise(law, 0.0, tuple(range(law.joints))).delayed(computation_delay)
+
+
+def alike(law: Law) -> bool:
+    """Whether K1, K2 and, with a robust term, P2 are multiples of the identity, so that all joints' loops are one."""
+    matrices = (law.K1, law.K2, getattr(law, "P2", law.K1)) if isinstance(law, TDE) else ()
+    return bool(matrices) and all(np.allclose(K, K[0, 0] * np.eye(len(K)), rtol=1e-9) for K in matrices)
+
+
+def _decouple(law: TDE, gain: float) -> list[Channel]:
     diagonal = all(np.allclose(K, np.diag(np.diag(K))) for K in (law.K1, law.K2))
     P2 = getattr(law, "P2", np.zeros_like(law.K1)) if gain else np.zeros_like(law.K1)
     scalar = all(np.allclose(K, K[0, 0] * np.eye(law.joints), rtol=1e-9) for K in (law.K1, law.K2, P2))
     if not (scalar or (diagonal and not gain)):
-        return [_linearise(law, computation_delay, gain, tuple(range(law.joints)))]
+        return [_linearise(law, gain, tuple(range(law.joints)))]
     groups: dict[tuple[float, float], list[int]] = {}
     for joint in range(law.joints):
         groups.setdefault((float(law.K1[joint, joint]), float(law.K2[joint, joint])), []).append(joint)
     plain: dict[str, Any] = {"inertia": 1.0, "torque_limit": None, "bandwidth": None, "safe_torque": "zero"}
-    channels = []
-    for (k1, k2), joints in groups.items():
-        if gain:
-            plain["weight"] = [2 * k1 * P2[0, 0], 2.0]  # the weight Q of one joint that has this P2
-        one = replace(law, **plain, stiffness=k1, viscosity=k2)
-        channels.append(_linearise(one, computation_delay, gain, tuple(joints)))
-    return channels
+    if gain:
+        plain["weight"] = [2 * law.K1[0, 0] * P2[0, 0], 2.0]  # the weight Q of one joint that has this P2
+    elif hasattr(law, "weight"):
+        plain["weight"] = None
+    ones = {gains: replace(law, **plain, stiffness=gains[0], viscosity=gains[1]) for gains in groups}
+    return [_linearise(ones[gains], gain, tuple(joints)) for gains, joints in groups.items()]
 
 
-def _linearise(law: TDE, computation_delay: int, gain: float, joints: tuple[int, ...]) -> Channel:
-    """Jacobians of the traced drive at rest; what adapts or counts is frozen."""
-    drive = Drive(Encoder(), law, check.whole("computation_delay", computation_delay))
+def _linearise(law: TDE, gain: float, joints: tuple[int, ...]) -> Channel:
+    """Jacobian of the traced drive at rest; what adapts or counts is frozen.
+
+    The acceleration reference enters the auxiliary input as Δu does, so that its columns are those of w.
+    """
+    drive = Drive(Encoder(), law)
     n = law.joints
     rest = np.zeros(n)
     state = drive.init(rest)
     value = DriveInput(rest, rest, rest, rest, rest)
-    step, _ = trace(drive.step, state, value)
-    x, u = ca.SX.sym("x", step.nnz_in(0)), ca.SX.sym("u", step.nnz_in(1))
-    x_next, y = step(x, u)
-    slopes = ca.Function("slopes", [x, u], [ca.jacobian(x_next, x), ca.jacobian(x_next, u), *_torque(y, x, u, n)])
+    (x, u), (x_next, y) = expressions(drive.step, state, value)
+    position, acceleration_reference, torque = u[:n], u[3 * n : 4 * n], y[n : 2 * n]
+    slopes = ca.jacobian(ca.vertcat(x_next, torque), ca.vertcat(x, position, acceleration_reference))
     labels = [label.split(".")[-1] for label in names(state)]
-    sizes = [int(np.size(leaf)) for leaf in leaves(state)]
-    owner = np.repeat(labels, sizes)
+    owner = np.repeat(labels, [int(np.size(leaf)) for leaf in leaves(state)])
     point = pack(state)
-    if "gain" in labels:
-        point[owner == "gain"] = gain
-    keep = ~np.isin(owner, law.frozen)
-    Fx, Fu, Cx, Cu = (np.array(part) for part in slopes(point, pack(value)))
+    point[owner == "gain"] = gain
+    J = np.array(ca.Function("slopes", [x, u], [slopes])(point, pack(value)))
+    keep = np.flatnonzero(~np.isin(owner, law.frozen))
+    own = slice(len(owner), None)
+    F, inputs, outputs, through = J[np.ix_(keep, keep)], J[keep, own], J[own, keep], J[own, own]
+    keep = _needed(F, inputs, outputs)
+    F, inputs, outputs = F[np.ix_(keep, keep)], inputs[keep], outputs[:, keep]
     root = np.linalg.inv(law.M)
-    F, G = Fx[np.ix_(keep, keep)], Fu[keep, :n]
-    return Channel(F, G, root @ Cx[:, keep], root @ Cu[:, :n], law.period, joints)
+    G, H, D, E = inputs[:, :n], inputs[:, n:], root @ through[:, :n], root @ through[:, n:]
+    return Channel(F, G, H, root @ outputs, D, E, law.period, joints)
 
 
-def _torque(y: Any, x: Any, u: Any, n: int) -> tuple[Any, Any]:
-    torque = y[n : 2 * n]
-    return ca.jacobian(torque, x), ca.jacobian(torque, u)
+def _needed(F: Array, inputs: Array, outputs: Array) -> Array:
+    """States that an input moves and an output shows; all, unless the others are memories that empty themselves."""
+    arrows = F != 0
+    seen, moved = (outputs != 0).any(axis=0), (inputs != 0).any(axis=1)
+    for _ in range(len(F)):
+        seen, moved = seen | arrows[seen].any(axis=0), moved | arrows[:, moved].any(axis=1)
+    keep = seen & moved
+    rest = arrows[np.ix_(~keep, ~keep)]
+    walks = rest
+    for _ in range(len(rest)):
+        walks = walks @ rest
+    # a ring among them could have an eigenvalue of its own
+    return np.ones_like(keep) if walks.any() else keep

@@ -8,7 +8,7 @@ import numpy as np
 from tarc import check
 from tarc.certificates.base import JUDGES, Certificate, schur
 from tarc.certificates.linear import Channel, decouple
-from tarc.certificates.norms import h2_norm, hinf_norm
+from tarc.certificates.norms import h2_norm, hinf_norm, level_angles
 from tarc.errors import TarcError
 from tarc.laws.base import Law
 
@@ -55,7 +55,7 @@ def loop(
     matrices, numbers = _evidence(channels), {"low": low, "high": high, "period": law.period, "gain": gain}
     verdict, margin, witness = judge(matrices, numbers)
     worst = min((low, high), key=lambda end: -_radius(channels, end))
-    numbers |= _describe(law, channels, worst, computation_delay, gain, stable=verdict == "certified")
+    numbers |= _describe(channels, worst, stable=verdict == "certified")
     span = f"ρ = {low:g}" if low == high else f"every constant ρ from {low:g} to {high:g}"
     return Certificate(
         kind="loop",
@@ -113,8 +113,8 @@ def stable_interval(law: Law, *, computation_delay: int = 0, gain: float = 0.0) 
     return max(found, key=lambda ends: ends[1] / max(ends[0], 1e-300))
 
 
-def crossings(A: np.ndarray, b: np.ndarray, c: np.ndarray) -> list[float]:
-    """All ratios ρ > 0 for which A + ρ b c has an eigenvalue on the unit circle, in order.
+def crossings(A: np.ndarray, b: np.ndarray, c: np.ndarray, low: float = 1e-9, high: float = 1e6) -> list[float]:
+    """All ratios ρ between low and high for which A + ρ b c has an eigenvalue on the unit circle, in order.
 
     With G(z) = c (zI − A)⁻¹ b real on the circle, G(z) = G(1/z), whose zeros are eigenvalues of a pencil; then
     ρ = 1/G(z).
@@ -142,7 +142,7 @@ def crossings(A: np.ndarray, b: np.ndarray, c: np.ndarray) -> list[float]:
             ratios.append(float(1 / response.real))
     unique: list[float] = []
     for ratio in sorted(ratios):
-        if 1e-9 < ratio < 1e6 and (not unique or ratio > unique[-1] * (1 + 1e-7)):
+        if low < ratio < high and (not unique or ratio > unique[-1] * (1 + 1e-7)):
             unique.append(ratio)
     return unique
 
@@ -177,10 +177,7 @@ JUDGES["loop"] = judge
 
 def _split(channel: Channel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A, b, c with the closed loop A + ρ b c."""
-    n, inner = channel.width, channel.F.shape[0]
-    b = np.concatenate([np.eye(n) / 2, np.eye(n), np.zeros((inner, n))]) * channel.period**2
-    c = np.concatenate([channel.D, np.zeros((n, n)), channel.C], axis=1)
-    return channel.closed(0.0), b, c
+    return channel.around(0.0)[:3]
 
 
 def _evidence(channels: list[Channel]) -> dict[str, np.ndarray]:
@@ -195,23 +192,19 @@ def _radius(channels: list[Channel], ratio: float) -> float:
     return max(float(np.max(np.abs(np.linalg.eigvals(channel.closed(ratio))))) for channel in channels)
 
 
-def _describe(
-    law: Law, channels: list[Channel], ratio: float, computation_delay: int, gain: float, *, stable: bool
-) -> dict[str, float]:
+def _describe(channels: list[Channel], ratio: float, *, stable: bool) -> dict[str, float]:
     """What else an engineer asks of the loop at this ratio."""
     values = np.concatenate([np.linalg.eigvals(channel.closed(ratio)) for channel in channels])
     lead = values[np.argmax(np.abs(values))]
+    period = channels[0].period
     result = {
         "spectral radius": float(abs(lead)),
-        "decay rate": float(-np.log(abs(lead)) / law.period),
-        "ringing frequency": float(abs(np.angle(lead)) / law.period),
+        "decay rate": float(-np.log(abs(lead)) / period),
+        "ringing frequency": float(abs(np.angle(lead)) / period),
     }
     if not stable:
         return result
-    margin = 0
-    while margin < LONGEST_DELAY and _radius(decouple(law, computation_delay + margin + 1, gain), ratio) < 1:
-        margin += 1
-    result["delay margin"] = float(margin)
+    result["delay margin"] = float(min(_delay_margin(channel, ratio) for channel in channels))
     for name, system in (("disturbance to error", _disturbance), ("noise to torque", _noise)):
         systems = [system(channel, ratio) for channel in channels]
         result[f"{name} h_infinity"] = max(hinf_norm(*one) for one in systems)
@@ -219,17 +212,36 @@ def _describe(
     return result
 
 
+def _delay_margin(channel: Channel, ratio: float) -> int:
+    """How many periods later v may come before the loop is unstable, up to `LONGEST_DELAY`.
+
+    The delay d at which a pole reaches the circle solves e^{−jωd} L(e^{jω}) = 1 where |L| = 1, L from v back to v. That
+    guess is kept if the eigenvalues agree on both its sides; else every delay is tried in turn.
+    """
+
+    def stable(periods: int) -> bool:
+        return _radius([channel.delayed(periods)], ratio) < 1
+
+    if channel.width == 1:
+        A, b, c = _split(channel)
+        angles = level_angles(A, ratio * b, c, np.zeros((1, 1)), 1.0)
+        z = np.exp(1j * angles[angles > 1e-5])[:, None, None]
+        turn = np.angle((ratio * c @ np.linalg.solve(z * np.eye(len(A)) - A, b + 0 * z))[:, 0, 0]) % (2 * np.pi)
+        guess = min([int(one) for one in turn / np.angle(z[:, 0, 0])], default=LONGEST_DELAY)
+        if guess < LONGEST_DELAY and stable(guess) and not stable(guess + 1):
+            return guess
+    return next((d for d in range(LONGEST_DELAY) if not stable(d + 1)), LONGEST_DELAY)
+
+
 def _disturbance(channel: Channel, ratio: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """From an acceleration, held like the torque, to the position."""
-    n = channel.width
-    _, b, _ = _split(channel)
-    c = np.concatenate([np.eye(n), np.zeros((n, n + channel.F.shape[0]))], axis=1)
-    return channel.closed(ratio), b, c, np.zeros((n, n))
+    A, B, C, _, _ = channel.around(ratio)
+    return A, B, np.eye(*C.shape), np.zeros_like(channel.D)
 
 
 def _noise(channel: Channel, ratio: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """From an error of the measured position to M̂⁻¹τ."""
-    _, b, c = _split(channel)
-    into = ratio * b @ channel.D
+    A, B, C, _, _ = channel.around(ratio)
+    into = ratio * B @ channel.D
     into[2 * channel.width :] += channel.G
-    return channel.closed(ratio), into, c, channel.D
+    return A, into, C, channel.D

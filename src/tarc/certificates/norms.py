@@ -26,14 +26,13 @@ def hinf_norm(A: Array, B: Array, C: Array, D: Array, tolerance: float = 1e-6) -
     N. A. Bruinsma and M. Steinbuch, Systems & Control Letters 14(4), 1990.
     """
     A, B, C = balance(A, B, C)
-    grid = np.concatenate([[0.0], np.geomspace(1e-6, np.pi, 60)])
-    low = max(_gain(A, B, C, D, w) for w in grid)
+    low = _peak(A, B, C, D)
     for _ in range(60):
         level = max((1 + 2 * tolerance) * low, 1e-300)
-        angles = np.sort(_on_circle(A, B, C, D, level))
+        angles = np.sort(level_angles(A, B, C, D, level))
         if len(angles) < 2:
             return level
-        better = max(_gain(A, B, C, D, w) for w in (angles[1:] + angles[:-1]) / 2)
+        better = float(np.max(gains(A, B, C, D, (angles[1:] + angles[:-1]) / 2)))
         low = max(better, level)  # where rounding alone leaves a crossing, the level itself goes up
     return np.inf
 
@@ -46,12 +45,26 @@ def balance(A: Array, B: Array, C: Array) -> tuple[Array, Array, Array]:
     return np.asarray(balanced), B / scale[:, None], C * scale
 
 
-def _gain(A: Array, B: Array, C: Array, D: Array, angle: float) -> float:
-    response = C @ np.linalg.solve(np.exp(1j * angle) * np.eye(len(A)) - A, B) + D
-    return float(np.linalg.norm(response, 2))
+def gains(A: Array, B: Array, C: Array, D: Array, angles: Array) -> Array:
+    """Largest singular value of G(e^{jω}) at each angle ω [rad]."""
+    z = np.exp(1j * np.asarray(angles))[:, None, None]
+    response = C @ np.linalg.solve(z * np.eye(len(A)) - A, B + 0 * z) + D
+    return np.abs(response[:, 0, 0]) if response.shape[1:] == (1, 1) else np.linalg.norm(response, 2, axis=(1, 2))
 
 
-def _on_circle(A: Array, B: Array, C: Array, D: Array, level: float) -> Array:
+def _peak(A: Array, B: Array, C: Array, D: Array) -> float:
+    """Largest gain found on a grid of frequencies, drawn closer around its best point."""
+    angles = np.concatenate([[0.0], np.geomspace(1e-6, np.pi, 80)])
+    best = 0.0
+    for _ in range(4):
+        found = gains(A, B, C, D, angles)
+        top = int(np.argmax(found))
+        best = max(best, float(found[top]))
+        angles = np.linspace(angles[max(top - 1, 0)], angles[min(top + 1, len(angles) - 1)], 13)
+    return best
+
+
+def level_angles(A: Array, B: Array, C: Array, D: Array, level: float) -> Array:
     """Angles in [0, π] at which a singular value of G(e^{jω}) is the level."""
     from scipy.linalg import eigvals
 

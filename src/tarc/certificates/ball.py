@@ -1,0 +1,274 @@
+"""The robust ball: how far the inertia may be off, in any direction and changing at any time."""
+
+from typing import Any
+
+import numpy as np
+
+from tarc import check
+from tarc.certificates.base import JUDGES, Certificate, Witness, schur
+from tarc.certificates.linear import Channel, alike, decouple
+from tarc.certificates.norms import hinf_norm
+from tarc.errors import TarcError
+from tarc.laws.base import Law
+
+Array = np.ndarray
+Loop = tuple[Array, Array, Array, Array]
+
+DIGITS = 1e-6
+
+
+def ball(
+    law: Law,
+    centre: float | None = None,
+    *,
+    contains: tuple[float, float] | None = None,
+    slope: float = 0.0,
+    intersample: bool = True,
+    computation_delay: int = 0,
+) -> Certificate:
+    """Certify the loop for every time-varying inertia ratio in a ball, in any number of joints at the cost of one.
+
+    In coordinates M̂^½ q the joints' loops are identical and the mismatch is the symmetric E(q) = M̂^½ M(q)⁻¹ M̂^½. By
+    the small-gain theorem the loop is stable for every E(t) with
+
+        ‖E − ρ0 I‖ ≤ δ < 1/‖T‖∞,
+
+    T the loop at ρ0 from an acceleration to v = M̂⁻¹τ. So the robot fits if the eigenvalues of M(q)⁻¹M̂ lie in
+    [ρ0 − δ, ρ0 + δ]. With a slope, the robust term −κ(t) s, 0 ≤ κ(t) ‖P2‖ ≤ slope, varies at the same time: half of
+    it goes into the loop, the other half into a second block of the mismatch, and a constant scaling between the two
+    blocks is searched for.
+
+    Parameters
+    ----------
+    law
+        A law on time-delay estimation with scalar K1, K2 and P2.
+    centre
+        ρ0; None for the one that makes (ρ0 + δ)/(ρ0 − δ) largest.
+    contains
+        Instead of a centre: the range of ratios that the ball is to hold with the most room.
+    slope
+        Largest slope of the robust term [1/s²]; α ĉ ‖P2‖/ε for TARC.
+    intersample
+        Let E change within a period too (the lifted norm); False holds it constant over each period.
+    computation_delay
+        Periods between a measurement and its torque.
+
+    Returns
+    -------
+    Certificate
+        Its numbers: ``centre``, ``radius``, ``low`` and ``high`` ratio, ``ratio`` high/low. Certified for every ball of
+        a radius above zero; with ``contains`` only if the ball holds the range, and inconclusive if not. The margin is
+        the radius over the one that is needed, less 1; without ``contains`` it is the radius over the centre.
+
+    Raises
+    ------
+    TarcError
+        For gains that are not scalar, numbers out of range, a loop that is stable for no ratio.
+
+    References
+    ----------
+    The small-gain theorem: G. Zames, IEEE Trans. Autom. Control 11(2), 1966. Lifting: B. Bamieh and J. B. Pearson,
+    IEEE Trans. Autom. Control 37(4), 1992.
+    """
+    slope = check.number("slope", slope, 0)
+    if contains is not None:
+        low = check.number("contains", contains[0], 0, strict=True)
+        contains = low, check.number("contains", contains[1], low)
+    channels = decouple(law, computation_delay)
+    if not alike(law):
+        raise TarcError(
+            "ball: the joints' gains differ or couple, and the ball needs the same on every joint; give one bandwidth "
+            "and one damping for all"
+        )
+    parts = parts_of(channels[0], slope, intersample)
+    centre = check.number("centre", best_centre(parts, contains) if centre is None else centre, 0, strict=True)
+    scale, radius = best_scale(parts, centre)
+    needed = 0.0 if contains is None else max(contains[1] - centre, centre - contains[0])
+    matrices = dict(zip(PARTS, parts, strict=True))
+    numbers = {"centre": centre, "radius": radius, "scale": scale, "needed": needed}
+    verdict, margin, witness = judge(matrices, numbers)
+    numbers |= {"low": centre - radius, "high": centre + radius, "slope": slope, "period": law.period}
+    if centre > radius:
+        numbers["ratio"] = (centre + radius) / (centre - radius)
+    ends = contains or (centre - radius, centre + radius)
+    name = type(law).__name__
+    return Certificate(
+        kind="ball",
+        claim=f"The loop of {name} around q̈ = E(t) M̂⁻¹τ is stable for every symmetric E(t) with eigenvalues from "
+        f"{ends[0]:.5g} to {ends[1]:.5g}.",
+        problem="‖T‖∞ δ < 1" if not slope else "‖[δ T_vv, d δ T_vs; T_sv k/2d, T_ss k/2]‖∞ < 1, k/2 in the loop",
+        verdict=verdict,
+        margin=margin,
+        margin_meaning="radius over the centre" if contains is None else "radius over the one needed, less 1",
+        assumptions=(
+            "E changes at any time" if intersample else "E is constant within each period",
+            f"the robust term is a slope between 0 and {slope:g} 1/s², which changes at any time"
+            if slope
+            else "there is no robust term",
+            "the same gains, window, period and delay on every joint; no torque limit is reached, no sample lost",
+            "Coriolis forces, gravity and friction disturb only",
+            "H∞ norms are computed in floating point, to six digits from above",
+            f"the torque reaches the joints {computation_delay} periods late and is held for a period",
+        ),
+        matrices=matrices,
+        numbers=numbers,
+        witness=witness,
+    )
+
+
+PARTS = ("free", "into", "out", "robust", "through", "acceleration", "share")
+"""Of a loop that closes at any ratio: A(ρ) = free + ρ into out, W(ρ) = robust + ρ into through, v = out y + through w,
+B for the mismatched acceleration, and k/2."""
+
+
+def parts_of(channel: Channel, slope: float, intersample: bool) -> tuple[Array, ...]:
+    """`PARTS` of a loop of one joint."""
+    free, B, C, H, E = channel.around(0.0)
+    T, wide = channel.period, B
+    if intersample:
+        # what an acceleration a(t) of unit mean square over the period can do to (q, q̇ T): a root of its Gramian
+        gramian = T**4 * np.array([[1 / 3, 1 / 2], [1 / 2, 1.0]])
+        wide = np.zeros((len(free), 2))
+        wide[:2] = np.linalg.cholesky(gramian)
+    return free, B, C, H, E, wide, np.array([[slope / 2]])
+
+
+def _system(parts: tuple[Array, ...], ratio: float) -> Loop:
+    """A, B, C, D with half the slope in the loop: from (a, w) to (v, s k/2), so that a unit ball is the other half."""
+    free, into, out, robust, through, wide, share = parts
+    half = share.item()
+    show = np.eye(1, len(free))
+    W = robust + ratio * into @ through
+    A = free + ratio * into @ out - half * W @ show
+    C, D = out - half * through @ show, np.zeros((1, wide.shape[1]))
+    if not half:
+        return A, wide, C, D
+    return A, np.hstack([wide, W]), np.vstack([C, half * show]), np.block([[D, through], [0 * D, np.zeros((1, 1))]])
+
+
+def _weighed(system: Loop, radius: float, scale: float) -> Loop:
+    """The system whose norm must be below one: first output times the radius, the blocks scaled against each other."""
+    A, B, C, D = system
+    rows, columns = np.ones(len(C)), np.ones(B.shape[1])
+    rows[0] = radius
+    if len(C) > 1:
+        rows[1], columns[-1] = 1 / scale, scale
+    return A, B * columns, C * rows[:, None], D * rows[:, None] * columns
+
+
+class Responses:
+    """Frequency responses of the loop left open, from which those at any ratio follow without its matrices.
+
+    Of v and q, each to an acceleration held as the torque is, to the mismatched acceleration and to w.
+    """
+
+    def __init__(self, parts: tuple[Array, ...]):
+        free, into, out, robust, through, wide, share = parts
+        z = np.exp(1j * np.geomspace(1e-4, np.pi, 300))[:, None, None]
+        inputs = np.hstack([into, wide, robust])
+        both = np.vstack([out, np.eye(1, len(free))])
+        G = both @ np.linalg.solve(z * np.eye(len(free)) - free, inputs + 0 * z)
+        G[:, 0, -1] += through.item()
+        self.half = share.item()
+        self.held, self.mismatch, self.robust = G[:, :, 0], G[:, :, 1:-1], G[:, :, -1]
+
+    def at(self, ratio: float) -> Array:
+        """Response from (a, w) to (v, q k/2), shape (frequencies, 2, 2 or 3), with k/2 in the loop."""
+        inputs = np.concatenate([self.mismatch, self.robust[:, :, None]], axis=2)
+        loop = np.zeros((len(inputs), 2, 2), dtype=complex)
+        loop[:, :, 0], loop[:, :, 1] = ratio * self.held, -self.half * self.robust
+        result = np.linalg.solve(np.eye(2) - loop, inputs)
+        result[:, 1] *= self.half
+        return result
+
+    def best(self, ratio: float) -> tuple[float, float]:
+        """Scale and radius that the responses at a ratio admit, up to the grid of frequencies."""
+        G = self.at(ratio)
+        v, s = G[:, 0], G[:, 1]
+        if not self.half:
+            return 1.0, float(1 / np.max(np.linalg.norm(v[:, :-1], axis=1)))
+        vv, vs = np.sum(np.abs(v[:, :-1]) ** 2, axis=1), np.abs(v[:, -1]) ** 2
+        sv, ss = np.sum(np.abs(s[:, :-1]) ** 2, axis=1), np.abs(s[:, -1]) ** 2
+        cross_a, cross_w = np.sum(v[:, :-1] * s[:, :-1].conj(), axis=1), v[:, -1] * s[:, -1].conj()
+
+        def radius(log: float) -> float:
+            """Both singular values below one: 1 − tr + det > 0 for M Mᴴ, which is linear in the radius squared."""
+            d2 = np.exp(2 * log)
+            beta = sv / d2 + ss
+            if np.max(beta) >= 1:
+                return 1 - float(np.max(beta))
+            alpha = vv + d2 * vs
+            gamma = alpha * beta - np.abs(cross_a / np.sqrt(d2) + cross_w * np.sqrt(d2)) ** 2
+            return float(np.sqrt(np.min((1 - beta) / np.maximum(alpha - gamma, 1e-300))))
+
+        from scipy.optimize import minimize_scalar
+
+        least = 0.5 * np.log(max(np.max(sv / np.maximum(1 - ss, 1e-12)), 1e-300))  # below it, beta exceeds one
+        found: Any = minimize_scalar(
+            lambda log: -radius(log), bounds=(least, least + 12), method="bounded", options={"xatol": 1e-3}
+        )
+        return float(np.exp(found.x)), max(-float(found.fun), 0.0)
+
+
+def best_scale(parts: tuple[Array, ...], centre: float) -> tuple[float, float]:
+    """Scale between the blocks, and the largest radius that is certified at a centre; zero where there is none."""
+    system = _system(parts, centre)
+    if schur(system[0])[0] != "certified":
+        return 1.0, 0.0
+    if len(system[2]) == 1:
+        return 1.0, (1 - DIGITS) / hinf_norm(*system)
+    scale, radius = Responses(parts).best(centre)
+    for shrink in (1.0, 1e-5, 1e-4, 1e-3, 1e-2, 0.1):
+        trial = radius * (1 - shrink * 2)
+        if trial > 0 and hinf_norm(*_weighed(system, trial, scale)) < 1:
+            return scale, trial
+    return scale, 0.0
+
+
+def best_centre(parts: tuple[Array, ...], contains: tuple[float, float] | None) -> float:
+    """The centre whose ball has the largest ratio of its ends, or holds a range with the most room."""
+    from scipy.optimize import minimize_scalar
+
+    responses = Responses(parts)
+
+    def worth(log: float) -> float:
+        centre = float(np.exp(log))
+        spectral_radius = float(np.max(np.abs(np.linalg.eigvals(_system(parts, centre)[0]))))
+        if spectral_radius >= 1:
+            return -spectral_radius
+        radius = responses.best(centre)[1]
+        if contains is None:
+            return radius / centre
+        return radius / max(contains[1] - centre, centre - contains[0], 1e-12)
+
+    if contains is None:
+        logs = np.log(np.geomspace(1e-4, 10.0, 33))
+    else:
+        logs = np.log(np.linspace(*contains, 9)) if contains[1] > contains[0] else np.log(np.array(contains[:1]))
+    values = [worth(log) for log in logs]
+    top = int(np.argmax(values))
+    if values[top] <= 0:
+        if contains is None:
+            raise TarcError(
+                "ball: no inertia ratio makes this loop stable; use a shorter window, a lower bandwidth, a smaller "
+                "slope or less computation delay"
+            )
+        return float(np.exp(logs[top]))
+    ends = logs[max(top - 1, 0)], logs[min(top + 1, len(logs) - 1)]
+    if ends[0] == ends[1]:
+        return float(np.exp(logs[top]))
+    found: Any = minimize_scalar(lambda log: -worth(log), bounds=ends, method="bounded", options={"xatol": 1e-4})
+    return float(np.exp(found.x if -found.fun > values[top] else logs[top]))
+
+
+def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, float, Witness | None]:
+    """Verdict and margin from the stored matrices alone: the norm below one, and the radius enough."""
+    centre, radius, needed = numbers["centre"], numbers["radius"], numbers["needed"]
+    system = _system(tuple(matrices[name] for name in PARTS), centre)
+    margin = radius / needed - 1 if needed else radius / centre
+    sound = radius > 0 and schur(system[0])[0] == "certified"
+    sound = sound and hinf_norm(*_weighed(system, radius, numbers["scale"])) < 1 and radius >= needed
+    return ("certified" if sound else "inconclusive"), float(margin), None
+
+
+JUDGES["ball"] = judge

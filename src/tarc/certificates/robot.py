@@ -1,0 +1,178 @@
+"""The verdict for a robot: the spread of its inertia over a workspace against what the loop bears."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from tarc.certificates import ball as balls
+from tarc.certificates.base import JUDGES, Certificate, Witness, schur
+from tarc.certificates.linear import alike, decouple, whole
+from tarc.certificates.workspace import Spread, Workspace, inverse_ratios, spread
+from tarc.errors import TarcError
+from tarc.laws.base import Law
+from tarc.laws.tarc import TARC
+from tarc.laws.tde import TDE
+from tarc.plants.base import Plant
+
+Array = np.ndarray
+
+
+def robot(
+    law: Law,
+    plant: Plant | Sequence[Plant],
+    workspace: Workspace,
+    *,
+    computation_delay: int = 0,
+    samples: int = 2000,
+    seed: int = 0,
+) -> Certificate:
+    """Certify a law on a robot: for every motion inside a workspace, at whatever speed.
+
+    Certified if the robust ball holds all eigenvalues of M(q)⁻¹M̂ over the workspace, together with every slope of the
+    robust term up to that at its cap. Refuted if in some posture the loop, linearised there at rest, is unstable.
+    Inconclusive between the two, and for gains that differ between the joints, which the ball does not cover.
+
+    Parameters
+    ----------
+    law
+        A law on time-delay estimation.
+    plant
+        The robot, or several, such as one without and one with its payload.
+    workspace
+        The postures that it takes.
+    computation_delay
+        Periods between a measurement and its torque.
+    samples, seed
+        Of the workspace; local searches start from the best samples.
+
+    Returns
+    -------
+    Certificate
+        Its matrices hold ``posture_low`` and ``posture_high`` (n,), where the least and the greatest ratio were found,
+        with the inertias there; its numbers the ratios (``least ratio``, ``greatest ratio``), their ``spread``, how
+        many ``samples`` were taken, and the ball's centre and radius. The margin is the ball's radius over the one
+        that is needed, less 1; where refuted, 1 less the spectral radius.
+
+    Raises
+    ------
+    TarcError
+        For joints that do not match, a singular inertia matrix, a law without an inertia.
+    """
+    if not isinstance(law, TDE):
+        raise TarcError(f"law: got {type(law).__name__}; the robot certificate needs a law with an inertia M̂")
+    plants = [plant] if isinstance(plant, Plant) else list(plant)
+    found = spread(plants, law.M, workspace, samples=samples, seed=seed)
+    matrices = {
+        "nominal": law.M,
+        "posture_low": found.where_low,
+        "posture_high": found.where_high,
+        "inertia_low": plants[found.plant_low].inertia(found.where_low),
+        "inertia_high": plants[found.plant_high].inertia(found.where_high),
+    }
+    numbers = {"period": law.period, "alike": float(alike(law)), "bounded": 1.0}
+    slope = 0.0
+    if isinstance(law, TARC):
+        numbers["bounded"] = float(law.cap is not None)
+        slope = law.margin * (law.cap or 0.0) / law.boundary * float(np.linalg.norm(law.P2, 2))
+    if numbers["alike"]:
+        (channel,) = decouple(law, computation_delay)
+        parts = balls.parts_of(channel, slope, intersample=True)
+        centre = balls.best_centre(parts, (found.low, found.high))
+        scale, radius = balls.best_scale(parts, centre)
+        matrices |= dict(zip(balls.PARTS, parts, strict=True))
+        numbers |= {"centre": centre, "radius": radius, "scale": scale}
+    else:
+        channel = whole(law, computation_delay)
+        matrices |= dict(zip(balls.PARTS[:3], channel.around(0.0)[:3], strict=True))
+    verdict, margin, witness = judge(matrices, numbers)
+    numbers |= {"least ratio": found.low, "greatest ratio": found.high, "spread": found.ratio, "slope": slope}
+    numbers["samples"] = float(found.samples)
+    return Certificate(
+        kind="robot",
+        claim=f"{type(law).__name__} keeps the robot stable however it moves in the workspace.",
+        problem="‖M̂^½ M(q)⁻¹ M̂^½ − ρ0 I‖ ≤ δ < 1/‖T‖∞ for all q of the workspace"
+        + (f", with every slope of the robust term up to {slope:.4g} 1/s²" if slope else ""),
+        verdict=verdict,
+        margin=margin,
+        margin_meaning="1 less the spectral radius in that posture"
+        if verdict == "refuted"
+        else "radius of the ball over the one needed, less 1",
+        assumptions=_assumptions(law, found, computation_delay),
+        matrices=matrices,
+        numbers=numbers,
+        witness=witness,
+    )
+
+
+def _assumptions(law: TDE, found: Spread, computation_delay: int) -> tuple[str, ...]:
+    def posture(q: Array) -> str:
+        return "(" + ", ".join(f"{one:.3g}" for one in q) + ")"
+
+    lines = [
+        f"the eigenvalues of M(q)⁻¹M̂ lie between {found.low:.4g}, found at q = {posture(found.where_low)}, and "
+        f"{found.high:.4g}, at {posture(found.where_high)}; {found.samples} samples and local search found no others",
+        "the robot stays in the workspace; Coriolis forces, gravity and friction disturb only",
+        "no torque limit is reached and no sample is lost",
+        f"the torque reaches the joints {computation_delay} periods late and is held for a period",
+    ]
+    if isinstance(law, TARC) and law.cap is None:
+        lines.append("the gain has no cap, so that nothing bounds the robust term; give one to have it certified")
+    if not alike(law):
+        lines.append("gains that differ between the joints: only the loop at rest in the worst postures was tested")
+    return tuple(lines)
+
+
+def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, float, Witness | None]:
+    """Verdict, margin and witness from the stored matrices: both worst postures at rest, then the ball."""
+    free, into, out = (matrices[name] for name in balls.PARTS[:3])
+    least, greatest = np.inf, 0.0
+    worst, witness = 1.0, None
+    for end in ("low", "high"):
+        mismatch = np.linalg.solve(matrices[f"inertia_{end}"], matrices["nominal"])
+        ratios = np.sort(np.linalg.eigvals(mismatch).real)
+        least, greatest = min(least, ratios[0]), max(greatest, ratios[-1])
+        factors = ratios[:, None, None] if numbers["alike"] else mismatch[None]
+        named = ratios if numbers["alike"] else ratios[:1] if end == "low" else ratios[-1:]
+        for ratio, factor in zip(named, factors, strict=True):
+            answer, radius, mode = schur(free + into @ factor @ out)
+            if answer == "refuted" and radius > worst:
+                worst, witness = radius, _growing(ratio, radius, mode, numbers["period"])
+                witness["posture"] = matrices[f"posture_{end}"].tolist()
+    if witness:
+        return "refuted", float(1 - worst), witness
+    if not numbers["alike"]:
+        return "inconclusive", 0.0, None
+    centre = numbers["centre"]
+    needed = max(greatest - centre, centre - least)
+    verdict, margin, _ = balls.judge(matrices, {**numbers, "needed": needed})
+    return (verdict if numbers["bounded"] else "inconclusive"), margin, None
+
+
+def _growing(ratio: float, radius: float, mode: complex, period: float) -> Witness:
+    rate, turn = np.log(radius) / period, abs(np.angle(mode)) / period
+    return {"ratio": float(ratio), "growth rate [1/s]": float(rate), "frequency [rad/s]": float(turn)}
+
+
+def unstable_posture(law: Law, plant: Plant, positions: Array, computation_delay: int = 0) -> Witness | None:
+    """The mode that grows fastest where a robot is held at rest in one of some positions (n, k); None if none does.
+
+    Quick: one linearisation, and the inertia in each position. Only for laws on time-delay
+    estimation whose gains are the same on every joint; None for others.
+    """
+    if not alike(law) or not isinstance(law, TDE):
+        return None
+    free, into, out = decouple(law, computation_delay)[0].around(0.0)[:3]
+    inertias = np.array([plant.inertia(q) for q in np.asarray(positions).T])
+    ratios = 1 / inverse_ratios(inertias, law.M)
+    found = None
+    for ratio in (ratios.min(), ratios.max()):
+        answer, radius, mode = schur(free + ratio * into @ out)
+        if answer == "refuted" and (found is None or radius > found[0]):
+            witness = _growing(ratio, radius, mode, law.period)
+            where = int(np.argwhere(ratios == ratio)[0, 0])
+            found = radius, witness | {"posture": np.asarray(positions)[:, where].tolist()}
+    return found[1] if found else None
+
+
+JUDGES["robot"] = judge

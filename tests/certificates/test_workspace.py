@@ -1,0 +1,225 @@
+"""Spread of the inertia ratio: against dense sweeps, random postures, and the known ratios of two robots."""
+
+import sysconfig
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tarc import TarcError, signals
+from tarc.certificates.workspace import Workspace, best_shape, extremes, inverse_ratios, spread
+from tarc.plants import MassSpringDamper, MujocoPlant, NLinkArm, TwoLinkArm, WheeledMobileRobot
+from tarc.plants.base import Plant
+
+ROBOTS = Path(sysconfig.get_path("purelib"), "cmeel.prefix", "share", "example-robot-data", "robots")
+ARM = TwoLinkArm()
+LOADED = TwoLinkArm(payload=2.0)
+MIXED = np.array([[0.4, 0.1], [0.1, 0.2]])
+SLIDE = """<mujoco><worldbody><body><joint type="slide" axis="1 0 0"/>
+<geom size="0.1" mass="1"/></body></worldbody></mujoco>"""
+
+
+def eigenvalues(plant, nominal, postures):
+    """By another route: of M⁻¹M̂ itself, at the rows of postures."""
+    M = np.array([plant.inertia(posture) for posture in postures])
+    return np.sort(np.linalg.eigvals(np.linalg.solve(M, np.broadcast_to(nominal, M.shape))).real, axis=1)
+
+
+def sweep(bottom, top, count=4001):
+    angles = np.linspace(bottom, top, count)
+    return np.column_stack([0 * angles, angles])
+
+
+def posture_of(plant, nominal, where):
+    return eigenvalues(plant, nominal, where[None])[0]
+
+
+@pytest.mark.parametrize("nominal", [MIXED, np.diag([1.0, 0.3]), ARM.inertia([0.0, 1.0])])
+@pytest.mark.parametrize("ends", [(-np.pi, np.pi), (0.3, 2.0)])
+def test_two_link_arm_against_a_dense_sweep(nominal, ends):
+    """M depends on the second joint alone."""
+    found = spread(ARM, nominal, Workspace.box([-1, ends[0]], [1, ends[1]]))
+    known = eigenvalues(ARM, nominal, sweep(*ends))
+    assert found.low <= known[:, 0].min() * (1 + 1e-12)
+    assert found.high >= known[:, -1].max() * (1 - 1e-12)
+    assert found.low == pytest.approx(known[:, 0].min(), rel=1e-5)
+    assert found.high == pytest.approx(known[:, -1].max(), rel=1e-5)
+    assert posture_of(ARM, nominal, found.where_low)[0] == pytest.approx(found.low, rel=1e-12)
+    assert posture_of(ARM, nominal, found.where_high)[-1] == pytest.approx(found.high, rel=1e-12)
+    assert found.ratio == found.high / found.low
+    assert found.low <= found.sampled_low <= found.sampled_high <= found.high
+
+
+@pytest.mark.parametrize("tube", [0.0, 0.2])
+def test_along_a_path(tube):
+    reference = signals.Sinusoid(amplitude=[0.5, 0.7], frequency=[2.0, 3.0], offset=[0.0, 1.0])
+    found = spread(ARM, MIXED, Workspace.path(reference, 1.0, tube=tube))
+    passed = reference.sample(np.linspace(0, 1.0, 4001))[0][1]
+    known = eigenvalues(ARM, MIXED, sweep(passed.min() - tube, passed.max() + tube))
+    assert found.low == pytest.approx(known[:, 0].min(), rel=1e-5)
+    assert found.high == pytest.approx(known[:, -1].max(), rel=1e-5)
+
+
+def test_payload_lowers_the_ratio_and_its_ends_stand_for_all_between():
+    postures = Workspace.of(ARM)
+    both = spread([ARM, LOADED], MIXED, postures)
+    assert (both.plant_low, both.plant_high) == (1, 0)
+    for payload in (0.3, 1.1):
+        between = spread(TwoLinkArm(payload=payload), MIXED, postures)
+        assert both.low < between.low < between.high < both.high
+
+
+@pytest.mark.parametrize("name", ["ur5e", "panda"])
+def test_search_finds_more_than_many_random_postures(name):
+    robot = MujocoPlant.from_file(name, armature=0.1)
+    postures = Workspace.of(robot)
+    drawn = np.random.default_rng(0).uniform(postures.low, postures.high, (20_000, robot.joints))
+    M = np.array([robot.inertia(posture) for posture in drawn])
+    nominal = M.mean(axis=0)
+    inverse = inverse_ratios(M, nominal)
+    ends = []
+    for seed in range(3):
+        found = spread(robot, nominal, postures, seed=seed)
+        assert found.low < 1 / inverse.max()
+        assert found.high > 1 / inverse.min()
+        assert np.all((postures.low <= found.where_low) & (found.where_high <= postures.high))
+        ends.append((found.low, found.high))
+    np.testing.assert_allclose(ends, np.tile(ends[0], (3, 1)), rtol=1e-4)  # the search finds the same ends each time
+
+
+def test_ranges_of_the_joints():
+    panda = MujocoPlant.from_file("panda")
+    np.testing.assert_array_equal(
+        np.column_stack([Workspace.of(panda).low, Workspace.of(panda).high])[3], [-3.0718, -0.0698]
+    )
+    np.testing.assert_array_equal(Workspace.of(NLinkArm()).high, np.full(3, np.pi))
+
+
+def test_a_fixed_joint_and_a_single_posture():
+    known = posture_of(ARM, MIXED, np.array([0.2, 0.9]))
+    found = spread(ARM, MIXED, Workspace.box([0.2, 0.9], [0.2, 0.9]))
+    assert (found.low, found.high) == pytest.approx(tuple(known), rel=1e-12)
+    half = spread(ARM, MIXED, Workspace.box([0.2, 0.9], [1.2, 0.9]))
+    assert (half.low, half.high) == pytest.approx(tuple(known), rel=1e-12)
+
+
+def test_any_function_of_the_inertia_matrix():
+    (found,) = extremes([lambda M: -M[:, 0, 0]], ARM, Workspace.of(ARM))
+    assert -found.value == pytest.approx(1.0, rel=1e-9)  # arm folded back, both masses of 1 kg: only the first counts
+    assert abs(found.posture[1]) == pytest.approx(np.pi, abs=1e-3)
+
+
+def test_best_shape_of_one_joint_is_the_ratio_of_its_masses():
+    robots = [MassSpringDamper(masses=[m], springs=[0.0], dampers=[0.0]) for m in (2.0, 7.0)]
+    X, t = best_shape(robots, Workspace.box([0.0], [1.0]))
+    assert t == pytest.approx(3.5, rel=1e-6)
+    np.testing.assert_allclose(X, [[7.0]], rtol=1e-6)
+
+
+def test_best_diagonal_shape_in_closed_form():
+    """Stretched out, M = [5 2; 2 1]: the best diagonal leaves [1 r; r 1], r = 2/√5, hence a ratio (1+r)/(1−r)."""
+    X, t = best_shape(ARM, Workspace.of(ARM), diagonal=True, tolerance=0.001)
+    assert np.count_nonzero(X) == 2
+    assert t == pytest.approx((2 + np.sqrt(5)) ** 2, rel=1e-3)
+
+
+def test_best_shape_of_two_matrices_is_their_own_ratio():
+    """X ≽ M_2 and X ≼ t M_1 need t ≥ λmax(M_1⁻¹M_2), which X = M_2 has where M_2 ≽ M_1."""
+    robots = [WheeledMobileRobot(mass=mass) for mass in (10.0, 40.0)]
+    X, t = best_shape(robots, Workspace.of(robots[0]), tolerance=0.001)
+    M = [robot.inertia([0, 0]) for robot in robots]
+    assert t == pytest.approx(np.linalg.eigvals(np.linalg.solve(M[0], M[1])).real.max(), rel=2e-3)
+    for one in M:
+        ratios = np.linalg.eigvals(np.linalg.solve(one, X)).real
+        assert 1 - 1e-9 <= ratios.min() <= ratios.max() <= t * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("diagonal", [False, True])
+def test_best_shape_is_no_worse_than_any_near_it(diagonal):
+    postures = Workspace.of(ARM)
+    X, t = best_shape(ARM, postures, diagonal=diagonal, tolerance=0.002)
+    found = spread(ARM, X, postures)
+    assert (found.low, found.ratio) == pytest.approx((1.0, t), rel=1e-9)
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        root = np.linalg.cholesky(X) @ (np.eye(2) + 0.05 * rng.normal(size=(2, 2)))
+        other = root @ root.T
+        assert spread(ARM, np.diag(np.diag(other)) if diagonal else other, postures, refine=2).ratio > t / 1.002
+
+
+@pytest.mark.parametrize(("folder", "file", "known"), [("ur", "ur5_robot", 11.4), ("panda", "panda", 31.3)])
+def test_ratios_that_real_robots_need(folder, file, known):
+    """With rotor inertia 0.1 kg m² a UR5 needs a ratio of about 11, a Panda one of about 31 (theory, robust ball)."""
+    path = next((ROBOTS / f"{folder}_description").rglob(f"{file}.urdf"))
+    names = [name for name in MujocoPlant.from_file(path, armature=0.1).joint_names if "finger" not in name]
+    robot = MujocoPlant.from_file(path, armature=0.1, joints=names)
+    _, t = best_shape(robot, Workspace.of(robot))
+    assert t == pytest.approx(known, rel=0.015)
+
+
+class Broken(Plant):
+    """An arm whose M(q) is singular, or not a number, where its second joint passes 1 rad."""
+
+    def __init__(self, bad):
+        self.bad = bad
+
+    joints = property(lambda self: 2)  # type: ignore[assignment]
+    joint_names = property(lambda self: ["a", "b"])  # type: ignore[assignment]
+    parameters = property(lambda self: {})  # type: ignore[assignment]
+
+    def inertia(self, position):
+        return np.diag([1.0, self.bad if position[1] > 1 else 1.0])
+
+    def gravity_torque(self, position):
+        return np.zeros(2)
+
+
+def test_a_link_without_mass_is_named_with_its_posture():
+    box = Workspace.box([-2, -2], [2, 2])
+    with pytest.raises(TarcError, match=r"M\(q\) is singular \(smallest eigenvalue 0\) at q = \[.*\]; .*armature=0\.1"):
+        spread(Broken(0.0), MIXED, box)
+    with pytest.raises(TarcError, match=r"M\(q\) is not finite at q = \["):
+        spread(Broken(np.nan), MIXED, box)
+
+
+def slide(tmp_path):
+    (tmp_path / "slide.xml").write_text(SLIDE)
+    return MujocoPlant.from_file(tmp_path / "slide.xml")
+
+
+def test_slides_need_a_range(tmp_path):
+    for plant in (slide(tmp_path), MassSpringDamper()):
+        with pytest.raises(TarcError, match=r"joint .* slides \[m\] and has no range; .* Workspace\.box"):
+            Workspace.of(plant)
+
+
+BOX = Workspace.box([-1, -1], [1, 1])
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: Workspace.box([0, 1], [1, 0]), "low, high: number 2 goes from 1 to 0; needs low ≤ high"),
+        (lambda: Workspace.box([0, 1], [1]), r"low, high: got shapes \(2,\) and \(1,\)"),
+        (lambda: Workspace.box([0, -np.inf], [1, 1]), "low: got -inf"),
+        (lambda: Workspace.path(signals.Sinusoid(amplitude=1.0, frequency=1.0), -1.0), "duration: got -1"),
+        (lambda: Workspace.path(signals.Sinusoid(amplitude=1.0, frequency=1.0), 1.0, tube=-0.1), r"tube: got \[-0.1\]"),
+        (lambda: Workspace.path("circle", 1.0), "reference: got str"),  # type: ignore[arg-type]
+        (lambda: spread(ARM, MIXED, Workspace.box([0], [1])), "it has 1 joints and the robot 2"),
+        (lambda: spread(ARM, MIXED, [0, 1]), "workspace: got list"),  # type: ignore[arg-type]
+        (lambda: spread([ARM, NLinkArm()], MIXED, BOX), r"robots of \[2, 3\] joints"),
+        (lambda: spread([], MIXED, BOX), "plant: got none"),
+        (lambda: spread("ur5e", MIXED, BOX), "plant: got str"),  # type: ignore[arg-type]
+        (lambda: spread(3, MIXED, BOX), "plant: got int"),  # type: ignore[arg-type]
+        (lambda: spread(ARM, np.eye(3), BOX), r"inertia: got shape \(3, 3\)"),
+        (lambda: spread(ARM, [[1, np.nan], [np.nan, 1]], BOX), "inertia: got nan"),
+        (lambda: spread(ARM, [[1, 2], [2, 1]], BOX), "inertia: its smallest eigenvalue"),
+        (lambda: spread(ARM, MIXED, BOX, samples=0), "samples: got 0"),
+        (lambda: spread(ARM, MIXED, BOX, refine=-1), "refine: got -1"),
+        (lambda: spread(ARM, MIXED, BOX, seed=-1), "seed: got -1"),
+        (lambda: best_shape(ARM, BOX, tolerance=0.0), "tolerance: got 0"),
+    ],
+)
+def test_bad_input(call, message):
+    with pytest.raises(TarcError, match=message):
+        call()
