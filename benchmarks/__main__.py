@@ -8,11 +8,19 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import law, robot, simulation, startup
+from benchmarks import certificates, law, robot, simulation, startup
 from benchmarks.measure import Row
 
 CAPTION = "Times of calls: the least of many. Ratios, against / measured: the median over turns taken in this run."
-BENCHMARKS = (simulation.period, simulation.peer, law.step, robot.closed_loop, startup.startup)
+BENCHMARKS = (
+    simulation.period,
+    simulation.peer,
+    law.step,
+    robot.closed_loop,
+    certificates.one_and_thirty,
+    certificates.command,
+    startup.startup,
+)
 
 
 def machine() -> str:

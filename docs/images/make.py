@@ -8,6 +8,7 @@ from pathlib import Path
 from PIL import Image
 
 from tarc import Scenario
+from tarc.report.certificates import design_figure
 from tarc.report.figures import run_figure
 
 HERE = Path(__file__).resolve().parent
@@ -46,3 +47,10 @@ if __name__ == "__main__":
         demo = Path(folder) / "demo.png"
         run_figure(Scenario.load("ur5e").run()).savefig(demo, dpi=110)
         shrink(demo, HERE / "demo.png")
+    scenario = Scenario.load("ur5e")
+    plant, reference = scenario.build_plant(), scenario.build_reference()
+    law = scenario.build_laws(plant, reference)["TARC"]
+    with tempfile.TemporaryDirectory() as folder:
+        design = Path(folder) / "design.png"
+        design_figure(law, scenario.certify()["TARC"]).savefig(design, dpi=110)
+        shrink(design, HERE / "design.png")

@@ -1,6 +1,6 @@
 from . import certificates, estimators, laws, plants, signals
 from .controller import Controller
-from .errors import TarcError
+from .errors import DesignWarning, TarcError
 from .loop import simulate
 from .run import Run, Status
 from .scenario import Scenario
@@ -8,6 +8,7 @@ from .version import __version__
 
 __all__ = [
     "Controller",
+    "DesignWarning",
     "Run",
     "Scenario",
     "Status",

@@ -1,8 +1,10 @@
 """The command line: parse, call the library, print."""
 
 import json
+import os
 import re
 import sys
+import warnings
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -55,6 +57,40 @@ def demo(out: Out = None, as_json: Json = False, figures: Figures = True) -> Non
 
 
 @app.command()
+def certify(
+    scenario: Annotated[str, typer.Argument(help="A YAML file, or the name of a shipped scenario.")],
+    set_: Set = None,
+    out: Out = None,
+    tube: Annotated[float, typer.Option(help="How far a joint may be from its reference [rad or m].")] = 0.01,
+    full_range: Annotated[
+        bool, typer.Option("--full-range", help="All that the joints reach, instead of the reference.")
+    ] = False,
+    samples: Annotated[int, typer.Option(help="Postures to sample, before a local search.")] = 2000,
+    as_json: Json = False,
+    figures: Figures = True,
+) -> None:
+    """Certify a scenario's laws on its robot: is the design stable, how far from the edge, and in which posture.
+
+    Certified, refuted or inconclusive, each with its margin. The first row is the verdict for the robot, the next are
+    what it rests on, the last what the paper's own conditions say.
+
+    Example: tarc certify ur5e --set law.synchronised=true --set law.inertia.fraction=0.5
+    """
+    from tarc.scenario import Scenario
+
+    described = Scenario.load(scenario, set_ or [])
+    folder = _folder(out or Path("runs") / _stem(described.name))
+    found = described.certify(tube=tube, full_range=full_range, samples=samples)
+    files = save_certificates(described, found, folder, figures)
+    from tarc.report import tables
+
+    if as_json:
+        print(json.dumps(tables.certificate_summary(described, found, files), indent=2, allow_nan=False))
+    else:
+        tables.print_certificates(described, found, files)
+
+
+@app.command()
 def show(
     name: Annotated[str | None, typer.Argument(help="A law, plant, estimator or signal, e.g. TARC.")] = None,
     as_json: Json = False,
@@ -87,14 +123,9 @@ def _stem(name: str) -> str:
 
 
 def _run(scenario: Any, out: Path | None, as_json: bool, figures: bool) -> None:
-    from tarc.errors import TarcError
     from tarc.report import tables
 
-    folder = out or Path("runs") / _stem(scenario.name)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise TarcError(f"--out: cannot write to {folder}: {error.strerror or error}; choose another folder") from None
+    folder = _folder(out or Path("runs") / _stem(scenario.name))
     try:
         runs = scenario.run()
     except KeyboardInterrupt:
@@ -105,6 +136,50 @@ def _run(scenario: Any, out: Path | None, as_json: bool, figures: bool) -> None:
         print(json.dumps(tables.summary(scenario, runs, files), indent=2, allow_nan=False))
     else:
         tables.print_runs(scenario, runs, files)
+
+
+def _folder(path: Path) -> Path:
+    """The folder, made."""
+    from tarc.errors import TarcError
+
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise TarcError(f"--out: cannot write to {path}: {error.strerror or error}; choose another folder") from None
+    return path
+
+
+def save_certificates(scenario: Any, found: dict[str, dict[str, Any]], folder: Path, figures: bool) -> list[Path]:
+    """Write certificates as JSON, one file a law, and their figures into a folder; the files written."""
+    from tarc.errors import TarcError
+
+    files = []
+    for name, certificates in found.items():
+        path = folder / f"{_stem(name)}-certificates.json"
+        content = {kind: json.loads(certificate.to_json()) for kind, certificate in certificates.items()}
+        try:
+            path.write_text(json.dumps(content), encoding="utf-8")
+        except OSError as error:
+            raise TarcError(f"--out: cannot write {path}: {error.strerror or error}; choose another folder") from None
+        files.append(path)
+    if figures:
+        from rich.console import Console
+
+        from tarc.report.certificates import design_figure
+
+        plant, reference = scenario.build_plant(), scenario.build_reference()
+        laws = scenario.build_laws(plant, reference)
+        with Console(stderr=True).status("drawing figures"):
+            for name, certificates in found.items():
+                stem = _stem(name)
+                picture = folder / f"{stem}-design.png"
+                design_figure(laws[name], certificates, scenario.computation_delay).savefig(picture, dpi=110)
+                files.append(picture)
+                for kind, certificate in certificates.items():
+                    picture = folder / f"{stem}-{kind}.png"
+                    certificate.plot().savefig(picture, dpi=110)
+                    files.append(picture)
+    return files
 
 
 def save_all(scenario: Any, runs: dict[str, Any], folder: Path, figures: bool) -> list[Path]:
@@ -134,10 +209,18 @@ def save_all(scenario: Any, runs: dict[str, Any], folder: Path, figures: bool) -
     return files
 
 
+def _warn(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+    """A warning as one line."""
+    print(f"warning: {message}", file=sys.stderr)
+
+
 def main() -> None:
     """Run the command line; errors of the user's making are one line and exit status 2."""
     from tarc.errors import TarcError
 
+    # matrices here are small, and threads on small matrices wait for each other
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    warnings.showwarning = _warn
     try:
         app()
     except TarcError as error:

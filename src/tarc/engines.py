@@ -1,5 +1,6 @@
 """The two engines of `simulate`: fused in CasADi for symbolic plants, stepping for MuJoCo."""
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -10,7 +11,7 @@ import mujoco
 import numpy as np
 
 from tarc import check
-from tarc.errors import TarcError
+from tarc.errors import DesignWarning, TarcError
 from tarc.laws.base import Law
 from tarc.native import compiled
 from tarc.plants.base import Plant
@@ -133,6 +134,21 @@ def plan(
     return Plan(
         times, reference.sample(times), sensor.sample_noise(n, count, noise_rng), blocks, schedules, tuple(events)
     )
+
+
+def variants(plant: Plant, events: Sequence[Any]) -> list[tuple[float, Plant]]:
+    """The robot as it is from each instant [s] on, with what payloads and schedules have made of it by then."""
+    schedules = [event.schedule if isinstance(event, Payload) else event for event in events]
+    schedules = [event for event in schedules if isinstance(event, Schedule)]
+    knots = sorted({0.0, *(float(max(time, 0.0)) for event in schedules for time in np.ravel(event.times))})
+    known, result = plant.parameters, []
+    for knot in knots:
+        values = {}
+        for event in schedules:
+            value = event.sample(np.array([knot]), known[event.parameter])[:, 0]
+            values[event.parameter] = np.reshape(value, np.shape(known[event.parameter]))
+        result.append((knot, plant.with_parameters(values) if values else plant))
+    return result
 
 
 def start(plant: Plant, plan: Plan, position: Any, velocity: Any, torque: Any) -> Start:
@@ -275,6 +291,23 @@ def _plugged(drive: ca.Function, n: int) -> ca.Function:
     torque = y[n : 2 * n] + outside[-n:]
     names = ["x", "q", "v", "a", "outside"], ["x_next", "torque", "row"]
     return ca.Function("plugged", [x, q, v, a, outside], [x_next, torque, ca.vertcat(q, v, a, y)], *names)
+
+
+def warn_if_unstable(plant: Plant, law: Law, plan: Plan, computation_delay: int, postures: int = 60) -> None:
+    """Warn of a design whose loop, at rest in a posture of the reference, is unstable, with the remedy."""
+    from tarc.certificates.robot import remedy, unstable_posture
+
+    moments = np.unique(np.linspace(0, len(plan.times) - 1, postures).astype(int))
+    robots = variants(plant, plan.events)
+    found = None
+    for (begin, robot), (end, _) in pairwise([*robots, (np.inf, plant)]):
+        during = moments[(plan.times[moments] >= begin) & (plan.times[moments] < end)]
+        if during.size:
+            witness = unstable_posture(law, robot, plan.reference[0][:, during], computation_delay)
+            if witness and (found is None or witness["growth rate [1/s]"] > found["growth rate [1/s]"]):
+                found = witness
+    if found:
+        warnings.warn(remedy(law, found, computation_delay), DesignWarning, stacklevel=3)
 
 
 def _check_schedule(plant: Plant, event: Schedule) -> None:

@@ -199,6 +199,11 @@ def simulate(
     ------
     TarcError
         When the parts do not fit together.
+
+    Warns
+    -----
+    DesignWarning
+        When held at rest somewhere along the reference the loop is unstable; the run goes on all the same.
     """
     from tarc import engines
 
@@ -214,6 +219,7 @@ def simulate(
     steps = check.whole("substeps", (2 if fused else 1) if substeps is None else substeps, 1)
     plan = engines.plan(plant, law, reference, duration, sensor, events, steps, seed)
     begin = engines.start(plant, plan, position, velocity, torque)
+    engines.warn_if_unstable(plant, law, plan, computation_delay)
     watch = engines.Watch(plan, divergence, progress)
     if isinstance(plant, EulerLagrange):
         record = engines.run_fused(ClosedLoop(plant, drive, steps), begin, plan, watch, native)

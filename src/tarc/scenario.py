@@ -12,9 +12,14 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 import tarc.plants
 import tarc.signals
 from tarc import check
+from tarc.certificates.base import Certificate
+from tarc.certificates.certify import certificates
+from tarc.certificates.workspace import Workspace
+from tarc.engines import variants
 from tarc.errors import TarcError
 from tarc.loop import simulate
 from tarc.plants.base import Plant
+from tarc.progress import Progress
 from tarc.run import Run
 from tarc.schema import construct, explain, validate
 
@@ -188,13 +193,51 @@ class Scenario(BaseModel):
         mean = plant.mean_inertia(path)
         return fraction * (np.diag(np.diag(mean)) if given.get("diagonal") else mean)
 
+    def build_disturbances(self) -> list[Any]:
+        """The disturbances, payloads and schedules."""
+        return [construct("disturbance", validate("disturbance", part)) for part in self.disturbance]
+
+    def build_laws(self, plant: Plant, reference: Any) -> dict[str, Any]:
+        """Every law, by name."""
+        return {name: self.build_law(part, plant, reference) for name, part in self.laws.items()}
+
+    def certify(
+        self, *, tube: float = 0.01, full_range: bool = False, samples: int = 2000, progress: bool | None = None
+    ) -> dict[str, dict[str, Certificate]]:
+        """Certify every law, by name and then by kind, on the robot with each payload and schedule that it meets.
+
+        Parameters
+        ----------
+        tube
+            How far each joint may be from its reference [rad or m].
+        full_range
+            Certify for all that the joints reach, instead of the reference and the tube about it.
+        samples
+            How many postures to sample.
+        progress
+            Show a progress bar when it takes more than two seconds; None for when standard error is a terminal.
+        """
+        plant, reference = self.build_plant(), self.build_reference()
+        robots = [robot for begin, robot in variants(plant, self.build_disturbances()) if begin < self.duration]
+        workspace = Workspace.of(plant) if full_range else Workspace.path(reference, self.duration, tube=tube)
+        laws = self.build_laws(plant, reference)
+        found: dict[str, dict[str, Certificate]] = {name: {} for name in laws}
+        with Progress("certifying", 9 * len(laws), progress) as bar:
+            for name, law in laws.items():
+                for kind, certificate in certificates(
+                    law, robots, workspace, computation_delay=self.computation_delay, samples=samples
+                ):
+                    found[name][kind] = certificate
+                    bar.advance()
+        return found
+
     def run(self, progress: bool | None = None) -> dict[str, Run]:
         """Simulate every law; by name."""
         plant = self.build_plant()
         reference = self.build_reference()
         sensor = construct("sensor", validate("sensor", {"kind": "Encoder", **self.sensor}))
-        events = [construct("disturbance", validate("disturbance", part)) for part in self.disturbance]
-        laws = {name: self.build_law(part, plant, reference) for name, part in self.laws.items()}
+        events = self.build_disturbances()
+        laws = self.build_laws(plant, reference)
         return {
             name: simulate(
                 plant,

@@ -2,24 +2,43 @@
 
 from tarc.certificates.ball import ball
 from tarc.certificates.base import Certificate
+from tarc.certificates.certify import certify
+from tarc.certificates.gain_bounds import GainBounds, gain_bounds
+from tarc.certificates.lemma1 import condition_c2, lemma1
 from tarc.certificates.loop import loop, stable_interval, stable_intervals
+from tarc.certificates.nominal import nominal, nominal_delay, nominal_window
 from tarc.certificates.norms import h2_norm, hinf_norm
 from tarc.certificates.robot import robot
 from tarc.certificates.slope import slope
+from tarc.certificates.theorem1 import UltimateBound, theorem1, theorem1_delay, ultimate_bound
+from tarc.certificates.theorem2 import theorem2
 from tarc.certificates.workspace import Spread, Workspace, best_shape, spread
 
 __all__ = [
     "Certificate",
+    "GainBounds",
     "Spread",
+    "UltimateBound",
     "Workspace",
     "ball",
     "best_shape",
+    "certify",
+    "condition_c2",
+    "gain_bounds",
     "h2_norm",
     "hinf_norm",
+    "lemma1",
     "loop",
+    "nominal",
+    "nominal_delay",
+    "nominal_window",
     "robot",
     "slope",
     "spread",
     "stable_interval",
     "stable_intervals",
+    "theorem1",
+    "theorem1_delay",
+    "theorem2",
+    "ultimate_bound",
 ]

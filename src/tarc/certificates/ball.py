@@ -133,7 +133,7 @@ def parts_of(channel: Channel, slope: float, intersample: bool) -> tuple[Array, 
     return free, B, C, H, E, wide, np.array([[slope / 2]])
 
 
-def _system(parts: tuple[Array, ...], ratio: float) -> Loop:
+def system(parts: tuple[Array, ...], ratio: float) -> Loop:
     """A, B, C, D with half the slope in the loop: from (a, w) to (v, s k/2), so that a unit ball is the other half."""
     free, into, out, robust, through, wide, share = parts
     half = share.item()
@@ -146,9 +146,9 @@ def _system(parts: tuple[Array, ...], ratio: float) -> Loop:
     return A, np.hstack([wide, W]), np.vstack([C, half * show]), np.block([[D, through], [0 * D, np.zeros((1, 1))]])
 
 
-def _weighed(system: Loop, radius: float, scale: float) -> Loop:
+def weighed(loop: Loop, radius: float, scale: float) -> Loop:
     """The system whose norm must be below one: first output times the radius, the blocks scaled against each other."""
-    A, B, C, D = system
+    A, B, C, D = loop
     rows, columns = np.ones(len(C)), np.ones(B.shape[1])
     rows[0] = radius
     if len(C) > 1:
@@ -212,15 +212,15 @@ class Responses:
 
 def best_scale(parts: tuple[Array, ...], centre: float) -> tuple[float, float]:
     """Scale between the blocks, and the largest radius that is certified at a centre; zero where there is none."""
-    system = _system(parts, centre)
-    if schur(system[0])[0] != "certified":
+    loop = system(parts, centre)
+    if schur(loop[0])[0] != "certified":
         return 1.0, 0.0
-    if len(system[2]) == 1:
-        return 1.0, (1 - DIGITS) / hinf_norm(*system)
+    if len(loop[2]) == 1:
+        return 1.0, (1 - DIGITS) / hinf_norm(*loop)
     scale, radius = Responses(parts).best(centre)
     for shrink in (1.0, 1e-5, 1e-4, 1e-3, 1e-2, 0.1):
         trial = radius * (1 - shrink * 2)
-        if trial > 0 and hinf_norm(*_weighed(system, trial, scale)) < 1:
+        if trial > 0 and hinf_norm(*weighed(loop, trial, scale)) < 1:
             return scale, trial
     return scale, 0.0
 
@@ -233,7 +233,7 @@ def best_centre(parts: tuple[Array, ...], contains: tuple[float, float] | None) 
 
     def worth(log: float) -> float:
         centre = float(np.exp(log))
-        spectral_radius = float(np.max(np.abs(np.linalg.eigvals(_system(parts, centre)[0]))))
+        spectral_radius = float(np.max(np.abs(np.linalg.eigvals(system(parts, centre)[0]))))
         if spectral_radius >= 1:
             return -spectral_radius
         radius = responses.best(centre)[1]
@@ -264,10 +264,10 @@ def best_centre(parts: tuple[Array, ...], contains: tuple[float, float] | None) 
 def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, float, Witness | None]:
     """Verdict and margin from the stored matrices alone: the norm below one, and the radius enough."""
     centre, radius, needed = numbers["centre"], numbers["radius"], numbers["needed"]
-    system = _system(tuple(matrices[name] for name in PARTS), centre)
+    loop = system(tuple(matrices[name] for name in PARTS), centre)
     margin = radius / needed - 1 if needed else radius / centre
-    sound = radius > 0 and schur(system[0])[0] == "certified"
-    sound = sound and hinf_norm(*_weighed(system, radius, numbers["scale"])) < 1 and radius >= needed
+    sound = radius > 0 and schur(loop[0])[0] == "certified"
+    sound = sound and hinf_norm(*weighed(loop, radius, numbers["scale"])) < 1 and radius >= needed
     return ("certified" if sound else "inconclusive"), float(margin), None
 
 

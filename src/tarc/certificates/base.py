@@ -68,7 +68,10 @@ class Certificate:
         """Judge the stored matrices anew, without any solver; whether the verdict is the same."""
         if not all(np.all(np.isfinite(matrix)) for matrix in self.matrices.values()):
             return self.verdict == "inconclusive"
-        return JUDGES[self.kind](self.matrices, self.numbers)[0] == self.verdict
+        try:
+            return JUDGES[self.kind](self.matrices, self.numbers)[0] == self.verdict
+        except (KeyError, ValueError, np.linalg.LinAlgError):  # matrices or numbers that are missing or do not fit
+            return False
 
     def explain(self) -> str:
         """The claim, the verdict and what it rests on, in plain words."""
@@ -107,6 +110,9 @@ Witness = dict[str, float | list[float]]
 Judge = Callable[[dict[str, np.ndarray], dict[str, Any]], tuple[str, float, Witness | None]]
 JUDGES: dict[str, Judge] = {}
 """By kind of certificate: verdict, margin and witness from matrices and numbers alone."""
+
+FORMS: dict[str, Callable[[dict[str, np.ndarray], dict[str, Any]], dict[str, np.ndarray]]] = {}
+"""By kind of certificate: the symmetric forms that must be positive definite, by name; for the figure."""
 
 
 def _said(value: float | list[float]) -> str:

@@ -49,19 +49,16 @@ class Channel:
         """
         n, inner = self.width, self.F.shape[0]
         ratio = ratio * np.eye(n) if np.ndim(ratio) == 0 else np.asarray(ratio)
-        eye, none, T2 = np.eye(n), np.zeros((n, n)), self.period**2
-        free = np.block(
-            [
-                [eye, eye, np.zeros((n, inner))],
-                [none, eye, np.zeros((n, inner))],
-                [self.G, np.zeros((inner, n)), self.F],
-            ]
-        )
-        B = np.concatenate([eye / 2 * T2, eye * T2, np.zeros((inner, n))])
-        C = np.concatenate([self.D, none, self.C], axis=1)
+        eye, T2 = np.eye(n), self.period**2
+        A, B, C = np.zeros((2 * n + inner,) * 2), np.zeros((2 * n + inner, n)), np.zeros((n, 2 * n + inner))
+        A[: 2 * n, : 2 * n] = np.eye(2 * n)
+        A[:n, n : 2 * n] = eye
+        A[2 * n :, :n], A[2 * n :, 2 * n :] = self.G, self.F
+        B[:n], B[n : 2 * n] = T2 / 2 * eye, T2 * eye
+        C[:, :n], C[:, 2 * n :] = self.D, self.C
         W = B @ ratio @ self.E
         W[2 * n :] += self.H
-        return free + B @ ratio @ C, B, C, W, self.E
+        return A + B @ ratio @ C, B, C, W, self.E
 
     def closed(self, ratio: float | Array) -> Array:
         """State matrix of the loop around q̈ = ratio v."""

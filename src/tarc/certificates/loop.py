@@ -8,7 +8,7 @@ import numpy as np
 from tarc import check
 from tarc.certificates.base import JUDGES, Certificate, schur
 from tarc.certificates.linear import Channel, decouple
-from tarc.certificates.norms import h2_norm, hinf_norm, level_angles
+from tarc.certificates.norms import h2_norm, hinf_norm
 from tarc.errors import TarcError
 from tarc.laws.base import Law
 
@@ -205,7 +205,7 @@ def _describe(channels: list[Channel], ratio: float, *, stable: bool) -> dict[st
     if not stable:
         return result
     result["delay margin"] = float(min(_delay_margin(channel, ratio) for channel in channels))
-    for name, system in (("disturbance to error", _disturbance), ("noise to torque", _noise)):
+    for name, system in (("disturbance to error", from_disturbance), ("noise to torque", from_noise)):
         systems = [system(channel, ratio) for channel in channels]
         result[f"{name} h_infinity"] = max(hinf_norm(*one) for one in systems)
         result[f"{name} h2"] = max(h2_norm(*one) for one in systems)
@@ -216,7 +216,7 @@ def _delay_margin(channel: Channel, ratio: float) -> int:
     """How many periods later v may come before the loop is unstable, up to `LONGEST_DELAY`.
 
     The delay d at which a pole reaches the circle solves e^{−jωd} L(e^{jω}) = 1 where |L| = 1, L from v back to v. That
-    guess is kept if the eigenvalues agree on both its sides; else every delay is tried in turn.
+    guess, from a grid, is kept if the eigenvalues agree on both its sides; else every delay is tried in turn.
     """
 
     def stable(periods: int) -> bool:
@@ -224,22 +224,28 @@ def _delay_margin(channel: Channel, ratio: float) -> int:
 
     if channel.width == 1:
         A, b, c = _split(channel)
-        angles = level_angles(A, ratio * b, c, np.zeros((1, 1)), 1.0)
-        z = np.exp(1j * angles[angles > 1e-5])[:, None, None]
-        turn = np.angle((ratio * c @ np.linalg.solve(z * np.eye(len(A)) - A, b + 0 * z))[:, 0, 0]) % (2 * np.pi)
-        guess = min([int(one) for one in turn / np.angle(z[:, 0, 0])], default=LONGEST_DELAY)
-        if guess < LONGEST_DELAY and stable(guess) and not stable(guess + 1):
-            return guess
+        angles = np.geomspace(1e-4, np.pi, 80)
+        z = np.exp(1j * angles)[:, None, None]
+        L = (ratio * c @ np.linalg.solve(z * np.eye(len(A)) - A, b + 0 * z))[:, 0, 0]
+        size, turn = np.log(np.abs(L)), np.angle(L) % (2 * np.pi)
+        k = np.flatnonzero(size[:-1] * size[1:] < 0)
+        share = size[k] / (size[k] - size[k + 1])
+        step = (turn[k + 1] - turn[k] + np.pi) % (2 * np.pi) - np.pi
+        delays = (turn[k] + share * step) % (2 * np.pi) / (angles[k] + share * (angles[k + 1] - angles[k]))
+        guess = int(np.min(delays, initial=LONGEST_DELAY))
+        for d in (guess, guess + 1, guess - 1):
+            if 0 <= d < LONGEST_DELAY and stable(d) and not stable(d + 1):
+                return d
     return next((d for d in range(LONGEST_DELAY) if not stable(d + 1)), LONGEST_DELAY)
 
 
-def _disturbance(channel: Channel, ratio: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def from_disturbance(channel: Channel, ratio: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """From an acceleration, held like the torque, to the position."""
     A, B, C, _, _ = channel.around(ratio)
     return A, B, np.eye(*C.shape), np.zeros_like(channel.D)
 
 
-def _noise(channel: Channel, ratio: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def from_noise(channel: Channel, ratio: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """From an error of the measured position to M̂⁻¹τ."""
     A, B, C, _, _ = channel.around(ratio)
     into = ratio * B @ channel.D

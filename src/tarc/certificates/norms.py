@@ -69,10 +69,12 @@ def level_angles(A: Array, B: Array, C: Array, D: Array, level: float) -> Array:
     from scipy.linalg import eigvals
 
     m, n = len(A), B.shape[1]
-    eye, none, thin = np.eye(m), np.zeros((m, m)), np.zeros((m, n))
     # (zI − A) x = B u;  (I − z Aᵀ) p = z Cᵀ (C x + D u);  level² u = Bᵀ p + Dᵀ (C x + D u)
-    left = np.block([[eye, none, thin], [C.T @ C, A.T, C.T @ D], [thin.T, thin.T, np.zeros((n, n))]])
-    right = np.block([[A, none, B], [none, eye, thin], [D.T @ C, B.T, D.T @ D - level**2 * np.eye(n)]])
+    x, p, u = slice(m), slice(m, 2 * m), slice(2 * m, 2 * m + n)
+    left, right = np.zeros((2 * m + n,) * 2), np.zeros((2 * m + n,) * 2)
+    left[x, x], left[p, x], left[p, p], left[p, u] = np.eye(m), C.T @ C, A.T, C.T @ D
+    right[x, x], right[x, u], right[p, p] = A, B, np.eye(m)
+    right[u, x], right[u, p], right[u, u] = D.T @ C, B.T, D.T @ D - level**2 * np.eye(n)
     z = np.asarray(eigvals(right, left))
     z = z[np.isfinite(z) & (np.abs(np.abs(z) - 1) < 1e-7)]
     return np.abs(np.angle(z))

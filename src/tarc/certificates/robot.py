@@ -1,13 +1,17 @@
 """The verdict for a robot: the spread of its inertia over a workspace against what the loop bears."""
 
 from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from tarc.certificates import ball as balls
+from tarc.certificates.ball import PARTS, ball, best_centre, best_scale, parts_of
+from tarc.certificates.ball import judge as judge_ball
 from tarc.certificates.base import JUDGES, Certificate, Witness, schur
 from tarc.certificates.linear import alike, decouple, whole
+from tarc.certificates.loop import stable_intervals
 from tarc.certificates.workspace import Spread, Workspace, inverse_ratios, spread
 from tarc.errors import TarcError
 from tarc.laws.base import Law
@@ -77,14 +81,14 @@ def robot(
         slope = law.margin * (law.cap or 0.0) / law.boundary * float(np.linalg.norm(law.P2, 2))
     if numbers["alike"]:
         (channel,) = decouple(law, computation_delay)
-        parts = balls.parts_of(channel, slope, intersample=True)
-        centre = balls.best_centre(parts, (found.low, found.high))
-        scale, radius = balls.best_scale(parts, centre)
-        matrices |= dict(zip(balls.PARTS, parts, strict=True))
+        parts = parts_of(channel, slope, intersample=True)
+        centre = best_centre(parts, (found.low, found.high))
+        scale, radius = best_scale(parts, centre)
+        matrices |= dict(zip(PARTS, parts, strict=True))
         numbers |= {"centre": centre, "radius": radius, "scale": scale}
     else:
         channel = whole(law, computation_delay)
-        matrices |= dict(zip(balls.PARTS[:3], channel.around(0.0)[:3], strict=True))
+        matrices |= dict(zip(PARTS[:3], channel.around(0.0)[:3], strict=True))
     verdict, margin, witness = judge(matrices, numbers)
     numbers |= {"least ratio": found.low, "greatest ratio": found.high, "spread": found.ratio, "slope": slope}
     numbers["samples"] = float(found.samples)
@@ -125,7 +129,7 @@ def _assumptions(law: TDE, found: Spread, computation_delay: int) -> tuple[str, 
 
 def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, float, Witness | None]:
     """Verdict, margin and witness from the stored matrices: both worst postures at rest, then the ball."""
-    free, into, out = (matrices[name] for name in balls.PARTS[:3])
+    free, into, out = (matrices[name] for name in PARTS[:3])
     least, greatest = np.inf, 0.0
     worst, witness = 1.0, None
     for end in ("low", "high"):
@@ -145,7 +149,7 @@ def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, flo
         return "inconclusive", 0.0, None
     centre = numbers["centre"]
     needed = max(greatest - centre, centre - least)
-    verdict, margin, _ = balls.judge(matrices, {**numbers, "needed": needed})
+    verdict, margin, _ = judge_ball(matrices, {**numbers, "needed": needed})
     return (verdict if numbers["bounded"] else "inconclusive"), margin, None
 
 
@@ -167,12 +171,64 @@ def unstable_posture(law: Law, plant: Plant, positions: Array, computation_delay
     ratios = 1 / inverse_ratios(inertias, law.M)
     found = None
     for ratio in (ratios.min(), ratios.max()):
-        answer, radius, mode = schur(free + ratio * into @ out)
+        loop = free + ratio * into @ out
+        if np.max(np.abs(np.linalg.eigvals(loop))) <= 1:  # the full test only where there is something to show
+            continue
+        answer, radius, mode = schur(loop)
         if answer == "refuted" and (found is None or radius > found[0]):
             witness = _growing(ratio, radius, mode, law.period)
             where = int(np.argwhere(ratios == ratio)[0, 0])
             found = radius, witness | {"posture": np.asarray(positions)[:, where].tolist()}
     return found[1] if found else None
+
+
+def advice(law: TDE, verdict: Certificate, computation_delay: int = 0) -> str:
+    """What to change in a design that was not certified, with numbers; empty for one that was."""
+    if verdict.witness:
+        return remedy(law, verdict.witness, computation_delay)
+    if verdict.certified:
+        return ""
+    if not alike(law):
+        return "Give all joints the same bandwidth and damping, which the ball needs"
+    if isinstance(law, TARC) and law.cap is None:
+        return "Give the gain a cap, without which nothing bounds the robust term"
+    needed, slope = verdict.numbers["spread"], verdict.numbers["slope"]
+    lines = []
+    for name, other in (("literal", False), ("synchronised", True)):
+        if other or not law.synchronised:
+            trial = replace(law, synchronised=other, delay=None if other else law.delay)
+            with suppress(TarcError):
+                found = ball(trial, slope=slope, computation_delay=computation_delay).numbers
+                scale = (found["low"] * found["high"]) ** 0.5
+                scale /= (verdict.numbers["least ratio"] * verdict.numbers["greatest ratio"]) ** 0.5
+                lines.append(f"{found['ratio']:.3g} ({name}, with {scale:.3g} of this M̂)")
+    return (
+        f"The robot's spread is {needed:.3g}; the widest ball of this loop holds {' or '.join(lines) or 'none'}. A "
+        "shorter window, a lower bandwidth, a smaller cap or more rotor inertia narrow the gap; inconclusive does not "
+        "mean unstable"
+    )
+
+
+def remedy(law: Law, witness: Witness, computation_delay: int = 0) -> str:
+    """What `unstable_posture` found, and what to do about it, in a sentence each."""
+    ratio, rate = float(np.ravel(witness["ratio"])[0]), float(np.ravel(witness["growth rate [1/s]"])[0])
+    posture = ", ".join(f"{one:.3g}" for one in np.ravel(witness["posture"]))
+    text = (
+        f"{type(law).__name__}: held at rest at q = ({posture}) the loop is unstable: an eigenvalue of M(q)⁻¹M̂ is "
+        f"{ratio:.4g}, and a mode grows by e in {1 / rate:.2g} s"
+    )
+    ranges = stable_intervals(law, computation_delay=computation_delay)
+    if not ranges:
+        return f"{text}. No ratio is stable: lower the bandwidth, shorten the window, or take out computation delay"
+    low, high = max(ranges, key=lambda ends: ends[1] / max(ends[0], 1e-300))
+    text += f"; the loop is stable from {low:.4g} to {high:.4g}. "
+    if ratio < low:
+        return text + "Use a larger inertia or a lower bandwidth"
+    return (
+        text
+        + "Use a smaller inertia, a shorter window"
+        + (" or less bandwidth" if isinstance(law, TDE) and law.synchronised else " or synchronised=True")
+    )
 
 
 JUDGES["robot"] = judge

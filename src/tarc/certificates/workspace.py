@@ -229,9 +229,9 @@ def extremes(
 ) -> list[Extremum]:
     """Greatest value of each function of the inertia matrix over a workspace: samples, then local search.
 
-    Low-discrepancy samples (Halton) of all plants, shared by the functions; from the best of them L-BFGS-B inside the
-    box. Largest eigenvalues and singular values have kinks where two of them cross, but as the greater of smooth
-    functions they have no maximum on a kink, so that gradients serve. A greater value elsewhere is not excluded.
+    Low-discrepancy samples (Halton) of all plants, shared by the functions; from the best of them SLSQP inside the box.
+    Largest eigenvalues and singular values have kinks where two of them cross, but as the greater of smooth functions
+    they have no maximum on a kink, so that gradients serve. A greater value elsewhere is not excluded.
 
     Parameters
     ----------
@@ -404,18 +404,29 @@ def _top(peaks: list[Extremum]) -> Extremum:
 def _climb(
     function: Stacked, plant: Plant, place: Callable[[np.ndarray], np.ndarray], start: np.ndarray
 ) -> tuple[float, np.ndarray]:
-    """Local maximum of the function, and where, in the unit cube."""
+    """Local maximum of the function, and where, in the unit cube.
+
+    SLSQP and not L-BFGS-B, which calls threaded LAPACK for each small step in scipy 1.17 and then takes seconds where
+    the cores are shared.
+    """
+    import warnings
+
     from scipy.optimize import minimize
 
     nudges = STEP * np.concatenate([np.zeros((1, len(start))), np.eye(len(start))])
+    size = max(abs(float(function(_inertias(plant, place(start[None])))[0])), 1e-300)
 
     def downhill(unit: np.ndarray) -> tuple[float, np.ndarray]:
         inward = np.where(unit > 0.5, -1.0, 1.0)
-        values = -function(_inertias(plant, place(unit + nudges * inward)))
-        return float(values[0]), (values[1:] - values[0]) / (STEP * inward)
+        near = -function(_inertias(plant, place(unit + nudges * inward))) / size
+        return float(near[0]), (near[1:] - near[0]) / (STEP * inward)
 
-    end = minimize(downhill, start, jac=True, method="L-BFGS-B", bounds=[(0.0, 1.0)] * len(start))
-    return -float(end.fun), np.asarray(end.x)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Values in x were outside bounds")  # by rounding; they are clipped
+        end = minimize(
+            downhill, start, jac=True, method="SLSQP", bounds=[(0.0, 1.0)] * len(start), options={"ftol": 1e-10}
+        )
+    return -float(end.fun) * size, np.clip(end.x, 0, 1)
 
 
 def _inertias(plant: Plant, postures: np.ndarray) -> np.ndarray:

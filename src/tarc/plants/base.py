@@ -1,7 +1,7 @@
 """What every plant offers: joints, parameters, and the inertia matrix for the certificates."""
 
 from abc import ABC, abstractmethod
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -39,6 +39,10 @@ class Plant(ABC):
     @abstractmethod
     def gravity_torque(self, position: Any) -> Any:
         """Torque [N m or N] that holds the robot at rest at a position (n,), shape (n,)."""
+
+    @abstractmethod
+    def with_parameters(self, values: dict[str, Any]) -> Self:
+        """The same robot with other `parameters`, by name."""
 
     @property
     def home(self) -> np.ndarray:

@@ -1,10 +1,10 @@
 """Euler–Lagrange plants from their energies, by symbolic differentiation."""
 
 from abc import abstractmethod
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, Self
 
 import casadi as ca
 import numpy as np
@@ -107,6 +107,12 @@ class EulerLagrange(Parametric, Plant):
             "energy": function("energy", [q, dq], T + V),
             "acceleration": function("acceleration", [q, dq, tau], acceleration),
         }
+
+    def with_parameters(self, values: dict[str, Any]) -> Self:
+        """The same plant with other fields."""
+        for name in values:
+            check.one_of("parameters", name, self.parameters)
+        return replace(self, **values)
 
     def evaluate(self, what: str, *arguments: Any, parameters: dict[str, Any] | None = None) -> Any:
         """One of the model's functions, on arrays or on CasADi symbols.

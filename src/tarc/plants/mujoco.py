@@ -158,6 +158,18 @@ class MujocoPlant(Plant):
             "coulomb": model.dof_frictionloss.copy(),
         }
 
+    def with_parameters(self, values: dict[str, Any]) -> "MujocoPlant":
+        """The same robot with another payload, armature or friction."""
+        import copy
+
+        for name in values:
+            check.one_of("parameters", name, self.parameters)
+        other = copy.copy(self)
+        other.model = self.copy_model()
+        other.set_parameters(other.model, values)
+        other._scratch = mujoco.MjData(other.model)
+        return other
+
     def set_parameters(self, model: mujoco.MjModel, values: dict[str, np.ndarray]) -> None:
         """Write parameters, as `parameters` names them, into a model of this robot."""
         if "payload" in values:

@@ -12,6 +12,7 @@ from rich.table import Table
 
 import tarc.laws
 from tarc import check
+from tarc.certificates.base import Certificate
 from tarc.errors import TarcError
 from tarc.plants.mujoco import MujocoPlant
 from tarc.plants.robot_file import shipped_robots
@@ -77,6 +78,83 @@ def print_runs(scenario: Scenario, runs: dict[str, Run], files: list[Path]) -> N
     console.print(table)
     if not any(results.values()):
         console.print(f"no measures: no run lasts beyond measure_from, {scenario.measure_from:g} s")
+    console.print("written: " + ", ".join(escape(str(file)) for file in files), soft_wrap=True)
+
+
+CERTIFICATES = {
+    "robot": "this robot, however it moves in the workspace",
+    "loop": "each constant inertia ratio that occurs",
+    "slope": "constant ratio, any switching of the robust term",
+    "ball": "any changing ratio: the widest ball",
+    "lemma1": "paper, Lemma 1: ‖M(q)⁻¹M̂ − I‖ < 1",
+    "c2": "paper, condition (c2): P3 P2ᵀ > 0",
+    "theorem1": "paper, Theorem 1: Ψ > 0, nominal",
+    "theorem2": "paper, Theorem 2 as printed: Θ > 0",
+    "nominal": "Theorem 2 repaired, nominal",
+}
+"""What each kind of certificate is about, in the order of the table."""
+
+
+def certificate_summary(
+    scenario: Scenario, found: dict[str, dict[str, Certificate]], files: list[Path]
+) -> dict[str, Any]:
+    """Certificates as plain data, ready for JSON; their matrices are in the files."""
+    laws = {
+        name: {
+            kind: {
+                "claim": one.claim,
+                "verdict": one.verdict,
+                "margin": one.margin if math.isfinite(one.margin) else None,
+                "margin_meaning": one.margin_meaning,
+                "proof_grade": one.proof_grade,
+                "numbers": {key: value if math.isfinite(value) else None for key, value in one.numbers.items()},
+                "witness": one.witness,
+                "assumptions": list(one.assumptions),
+            }
+            for kind, one in certificates.items()
+        }
+        for name, certificates in found.items()
+    }
+    return {"name": scenario.name, "certificates": laws, "files": [str(file) for file in files]}
+
+
+def print_certificates(scenario: Scenario, found: dict[str, dict[str, Certificate]], files: list[Path]) -> None:
+    """A table a law, with the worst configuration and, where a design is refuted, what to do."""
+    from tarc.certificates.robot import advice
+
+    console = Console()
+    colours = {"certified": "green", "refuted": "red", "inconclusive": "yellow"}
+    laws = scenario.build_laws(scenario.build_plant(), scenario.build_reference())
+    for name, certificates in found.items():
+        table = Table(title=f"{scenario.name}: {name}", title_justify="left")
+        for column in ("certificate", "verdict", "margin", "which is", "decided in"):
+            table.add_column(column, justify="right" if column == "margin" else "left")
+        for kind, one in certificates.items():
+            if kind == "lemma1":
+                table.add_section()
+            table.add_row(
+                CERTIFICATES[kind],
+                f"[{colours[one.verdict]}]{one.verdict}[/]",
+                f"{one.margin:.3g}",
+                one.margin_meaning,
+                "ball arithmetic" if one.proof_grade else "floating point",
+            )
+        console.print(table)
+        verdict = certificates["robot"]
+        for end, word in (("low", "least"), ("high", "greatest")):
+            posture = ", ".join(f"{one:.3g}" for one in verdict.matrices[f"posture_{end}"])
+            console.print(f"{word} ratio {verdict.numbers[f'{word} ratio']:.4g} at q = ({posture})", highlight=False)
+        numbers = verdict.numbers
+        count = f"{numbers['samples']:.0f} postures and local search"
+        held = ""
+        if numbers.get("radius"):
+            low, high = numbers["centre"] - numbers["radius"], numbers["centre"] + numbers["radius"]
+            held = f"; the ball that fits best holds {low:.4g} to {high:.4g}"
+        console.print(f"spread {numbers['spread']:.3g}, from {count}{held}", highlight=False)
+        text = advice(laws[name], verdict, scenario.computation_delay)
+        if text:
+            console.print(f"[{colours[verdict.verdict]}]{escape(text)}[/]", highlight=False)
+        console.print()
     console.print("written: " + ", ".join(escape(str(file)) for file in files), soft_wrap=True)
 
 

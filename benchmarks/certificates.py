@@ -1,0 +1,57 @@
+"""Certificates: one joint, thirty joints, and everything there is for a robot."""
+
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import tarc
+from benchmarks.measure import Row, best
+from tarc.certificates import ball, loop, theorem1
+
+LIMITS = {"loop": 5e-3, "ball": 0.1, "theorem1": 1.0}
+
+
+def law(joints: int) -> tarc.laws.TDC:
+    """TDC at 1 kHz with a window of ten periods, made anew, so that nothing about it is known yet."""
+    estimator = tarc.estimators.Algebraic(window=0.010, degree=2)
+    inertia = 0.1 * (np.eye(joints) + 0.2 * np.ones((joints, joints)))
+    return tarc.laws.TDC(inertia=inertia, bandwidth=10.0, period=1e-3, estimator=estimator)
+
+
+def one_and_thirty() -> list[Row]:
+    """The loop, the ball and the paper's first theorem: the making of the law, its tracing and all numbers included."""
+    calls: dict[str, Any] = {
+        "loop": lambda joints: loop(law(joints), 0.08),
+        "ball": lambda joints: ball(law(joints)),
+        "theorem1": lambda joints: theorem1(law(joints)),
+    }
+    rows = []
+    for name, call in calls.items():
+        call(1)
+        one, many = best([lambda call=call: call(1), lambda call=call: call(30)], 1, 9)
+        limit = LIMITS[name]
+        target = f"≤ {1e3 * limit:g} ms; 30 joints as 1"
+        what = f"certificates.{name}, 1 joint"
+        rows.append(
+            Row(what, f"{1e3 * one:.1f} ms", f"30 joints: {1e3 * many:.1f} ms", many / one, target, one <= limit)
+        )
+    return rows
+
+
+def command() -> list[Row]:
+    """`tarc certify ur5e` as a user types it, two laws, with and without its figures."""
+    tool = Path(sys.executable).parent / "tarc"
+    times = []
+    for options in (["--no-figures"], []):
+        with tempfile.TemporaryDirectory() as folder:
+            begin = time.perf_counter()
+            subprocess.run([tool, "certify", "ur5e", *options, "-o", folder], check=True, capture_output=True)
+            times.append(time.perf_counter() - begin)
+    plain, drawn = times
+    what = "tarc certify ur5e, two laws, without figures"
+    return [Row(what, f"{plain:.1f} s", f"with figures: {drawn:.1f} s", None, "≤ 5 s", plain <= 5)]

@@ -1,0 +1,458 @@
+"""Whether the certificates tell the truth: ``python -m benchmarks.soundness`` simulates random designs against them.
+
+Nothing here uses the matrices of a certificate. The loops are recurrences written by hand from the equations of the
+laws, with weights from least squares of their own, and the adversaries choose what the certificates say may vary:
+the mismatch E(t) within its ball, in two dimensions, and the slope κ(t) of the robust term.
+"""
+
+import argparse
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tarc import estimators, laws
+from tarc.certificates import ball, loop, slope, stable_intervals
+from tarc.progress import Progress
+
+Array = np.ndarray
+
+PERIOD = 1e-3
+SUBSTEPS = 4
+"""Stretches of a period over which a mismatch that may change within it is constant."""
+LOOK = 50
+"""Steps between two measurements of the size of the states."""
+
+
+@dataclass(frozen=True)
+class Design:
+    """A law in numbers, and the inertia ratio and slope of its robust term that it is to bear."""
+
+    bandwidth: float = 10.0
+    damping: float = 1.0
+    window: int = 10
+    degree: int = 2
+    cutoff: float = 0.0
+    synchronised: bool = False
+    periods: int = 1
+    computation: int = 0
+    actuation: int = 0
+    ratio: float = 0.1
+    kappa: float = 0.0
+    weight: float = 1.0
+    boundary: float = 0.01
+    margin: float = 1.0
+
+    @property
+    def estimator(self) -> estimators.Estimator:
+        """Filtered difference where there is a cutoff, plain where the window is zero, else the sliding window."""
+        if self.cutoff:
+            return estimators.FilteredDifference(cutoff=self.cutoff)
+        if not self.window:
+            return estimators.BackwardDifference()
+        return estimators.Algebraic(window=self.window * PERIOD, degree=self.degree)
+
+    @property
+    def law(self) -> laws.TDE:
+        """The law of the package with these numbers: TARC where there is a robust term."""
+        options: dict[str, Any] = {
+            "inertia": 0.1,
+            "stiffness": self.bandwidth**2,
+            "viscosity": 2 * self.damping * self.bandwidth,
+            "period": PERIOD,
+            "estimator": self.estimator,
+            "synchronised": self.synchronised,
+            "actuation_delay": self.actuation,
+            "delay": None if self.periods == 1 else self.periods * PERIOD,
+        }
+        if not self.kappa:
+            return laws.TDC(**options)
+        weight = [2 * self.bandwidth**2 * self.weight, 2.0]  # P2 = q1 / (2 K1)
+        options |= {"weight": weight, "boundary": self.boundary, "margin": self.margin}
+        return laws.TARC(rise=100.0, fall=100.0, **options)
+
+    @property
+    def gain(self) -> float:
+        """The frozen ĉ [rad/s²] that makes the slope α ĉ P2/ε."""
+        return self.kappa * self.boundary / (self.margin * self.weight)
+
+
+def draw(rng: np.random.Generator, robust: bool = False) -> Design:
+    """A random design, ratio and slope aside."""
+    kind = rng.choice(["window", "difference", "filter"], p=[0.8, 0.08, 0.12])
+    degree = int(rng.choice([2, 3], p=[0.75, 0.25]))
+    synchronised = bool(rng.random() < 0.5)
+    return Design(
+        bandwidth=float(np.exp(rng.uniform(np.log(2), np.log(60)))),
+        damping=float(rng.uniform(0.5, 2)),
+        window=int(rng.integers(degree, 26)) if kind == "window" else 0,
+        degree=degree,
+        cutoff=float(np.exp(rng.uniform(np.log(50), np.log(2000)))) if kind == "filter" else 0.0,
+        synchronised=synchronised,
+        periods=1 if synchronised or rng.random() < 0.9 else 3,
+        computation=int(rng.choice([0, 1, 2, 3], p=[0.5, 0.2, 0.15, 0.15])),
+        # with literal estimation an odd one leaves a torque that alternates undamped, which no ratio makes stable
+        actuation=int(rng.choice([1, 2, 3] if synchronised else [2])) if rng.random() < 0.15 else 0,
+        weight=float(np.exp(rng.uniform(-1, 1))) if robust else 1.0,
+        boundary=float(np.exp(rng.uniform(np.log(1e-3), np.log(0.1)))) if robust else 0.01,
+        margin=float(rng.uniform(1, 2)) if robust else 1.0,
+    )
+
+
+class Recurrence(NamedTuple):
+    """v_k = Σ_{i≥1} v_i v_{k−i} + Σ_{i≥0} q_i q_{k−i} + w_k + e w_{k−1}, which acts ``delay`` periods later."""
+
+    v: Array
+    q: Array
+    e: float
+    delay: int
+
+
+def least_squares(window: int, degree: int, derivative: int) -> Array:
+    """Weights of the window's samples, newest first, by fitting a polynomial to each sample's own unit."""
+    if not window:  # backward differences
+        return np.array([[1.0, -1.0, 0.0], [1.0, -2.0, 1.0]])[derivative - 1] / PERIOD**derivative
+    age = -np.arange(window + 1) * PERIOD
+    fit = np.polynomial.polynomial.polyfit(age / PERIOD, np.eye(window + 1), degree)
+    return fit[derivative] * derivative / PERIOD**derivative  # j! is j for the first two derivatives
+
+
+def recurrence(design: Design) -> Recurrence:
+    """The law as a recurrence.
+
+    Literal: v = u − z⁻ᵐ â + z⁻ᵐ⁻ᵃ v; synchronised: v = u − â + z⁻¹⁻ᵃ c(z) v, both with u = −K1 q − K2 v̂ + w and, behind a
+    low-pass, times its 1 − p z⁻¹.
+    """
+    pole = np.exp(-design.cutoff * PERIOD) if design.cutoff else 0.0
+    lag = np.array([1.0, -pole])
+    rate, second = ((1 - pole) * least_squares(design.window, design.degree, j) for j in (1, 2))
+    K1, K2 = design.bandwidth**2, 2 * design.damping * design.bandwidth
+
+    def later(polynomial: Array, periods: int) -> Array:
+        return np.concatenate([np.zeros(periods), polynomial])
+
+    if design.synchronised:
+        # the second difference estimate of a motion whose acceleration is one in a single period, then zero
+        since = np.arange(len(second))
+        pulse = PERIOD**2 * np.where(since > 0, since - 0.5, 0.0)
+        average = np.array([second[: k + 1] @ pulse[k::-1] for k in range(1, len(second))])
+        past, estimate = later(average, 1 + design.actuation), second
+    else:
+        past = later(lag, design.periods + design.actuation)
+        estimate = later(second, design.periods)
+    v = _sum(past, later(-lag[1:], 1))
+    q = -_sum(_sum(K1 * lag, K2 * rate), estimate)
+    return Recurrence(v[1:], q, float(lag[1]), design.computation)
+
+
+def _sum(one: Array, two: Array) -> Array:
+    """Of two polynomials, constant first."""
+    return np.polynomial.polynomial.polyadd(one, two)
+
+
+def _padded(polynomial: Array, length: int) -> Array:
+    return np.pad(polynomial, (0, length - len(polynomial)))
+
+
+class Polynomials(NamedTuple):
+    """In powers of z⁻¹, constant first: of the closed loop, and of the numerators from a and w to v, and w to q."""
+
+    closed: Array
+    a_to_v: Array
+    w_to_q: Array
+
+
+def polynomials(law: Recurrence, ratio: float, kappa: float = 0.0) -> Polynomials:
+    """Of the loop around q̈ = ρ v, held for a period, with a constant slope in it."""
+    multiply = np.polynomial.polynomial.polymul
+    own, side = np.concatenate([[1.0], -law.v]), _sum(-law.q, kappa * np.array([1.0, law.e]))
+    motion = PERIOD**2 / 2 * np.array([0.0, 1.0, 1.0])  # q = motion / (1 − z⁻¹)² of an acceleration
+    late = np.concatenate([np.zeros(law.delay), motion])
+    free = multiply(own, [1.0, -2.0, 1.0])
+    closed = _sum(free, ratio * multiply(late, side))
+    return Polynomials(closed, -multiply(motion, side), ratio * multiply(late, [1.0, law.e]))
+
+
+def radius(closed: Array) -> float:
+    """Largest root of a closed loop's polynomial."""
+    return float(np.max(np.abs(np.roots(closed))))
+
+
+def respond(top: Array, bottom: Array, angles: Array) -> Array:
+    """Frequency response at angles [rad a period]."""
+    back = np.exp(-1j * angles)
+    value = np.polynomial.polynomial.polyval
+    return value(back, top) / value(back, bottom)
+
+
+ANGLES = np.concatenate([np.geomspace(1e-5, 0.3, 1500), np.linspace(0.3, np.pi, 1500)])
+
+
+def peak(top: Array, bottom: Array) -> tuple[float, float]:
+    """Largest gain on a grid, drawn closer three times around its best point, and where [rad a period]."""
+    return _highest(lambda angles: np.abs(respond(top, bottom, angles)))
+
+
+def most_negative(top: Array, bottom: Array) -> tuple[float, float]:
+    """How far the response reaches to the left of zero, and where [rad a period]."""
+    return _highest(lambda angles: -respond(top, bottom, angles).real)
+
+
+def _highest(function: Callable[[Array], Array]) -> tuple[float, float]:
+    angles, best, where = ANGLES, -np.inf, 0.0
+    for _ in range(4):
+        values = function(angles)
+        top = int(np.argmax(values))
+        if values[top] > best:
+            best, where = float(values[top]), float(angles[top])
+        angles = np.linspace(angles[max(top - 1, 0)], angles[min(top + 1, len(angles) - 1)], 41)
+    return best, where
+
+
+# Constant loops, simulated
+
+
+def trend(closed: Array, guess: float, most: int = 400_000) -> float:
+    """Simulate a constant loop after a kick: the logarithm of its last quarter's peak over its second's.
+
+    Long enough to show which way a mode of the guessed radius goes; NaN if that takes more steps than allowed.
+    """
+    from scipy.signal import lfilter
+
+    steps = int(40 / max(abs(np.log(guess)), 1e-12)) + 40 * len(closed)
+    if steps > most:
+        return np.nan
+    kick = np.zeros(steps)
+    kick[0] = 1.0
+    size = np.abs(np.asarray(lfilter([1.0], closed, kick)))
+    if not np.all(np.isfinite(size)):
+        return np.inf
+    quarter = steps // 4
+    late, early = size[3 * quarter :].max(), size[quarter : 2 * quarter].max()
+    return float(np.log(max(late, 1e-300) / max(early, 1e-300)))
+
+
+# Loops that an adversary changes, simulated
+
+
+class Adversary(NamedTuple):
+    """How the mismatch and the slope are chosen, by the names in `Fleet.run`."""
+
+    mismatch: str = "none"
+    slope: str = "none"
+
+
+MISMATCHES = ("rotate at the peak", "rotate at half", "rotate", "switch", "bang", "greedy", "greedy output", "random")
+SLOPES = ("pulse at the peak", "pulse", "greedy", "greedy output", "returning", "phase")
+
+
+class Case(NamedTuple):
+    """A loop, the centre and radius of its mismatch, and its largest slope."""
+
+    law: Recurrence
+    centre: float
+    radius: float = 0.0
+    slope: float = 0.0
+
+
+def matrices(case: Case) -> tuple[Array, Array, Array, Array]:
+    """A, B, W, C of the loop at the centre with half the slope: x⁺ = A x + B a + W w, v = C x.
+
+    The state is q, q̇ T, the positions before, the newest first, and likewise v, and the last w.
+    """
+    law, T2 = case.law, PERIOD**2
+    m, n = len(law.q) - 1, max(len(law.v), law.delay)
+    size = 2 + m + n + 1
+    C, act, first = np.zeros(size), np.zeros(size), 2 + m
+    C[0], C[2:first], C[first : first + len(law.v)], C[-1] = law.q[0], law.q[1:], law.v, law.e
+    half = -case.slope / 2 * np.eye(1, size)[0]  # w = half x
+    C = C + half
+    act[:] = C if law.delay == 0 else 0
+    if law.delay:
+        act[first + law.delay - 1] = 1.0
+    A, B, W = np.zeros((size, size)), np.zeros(size), np.zeros(size)
+    A[0, :2], A[1, 1] = 1.0, 1.0
+    A[0] += case.centre * T2 / 2 * act
+    A[1] += case.centre * T2 * act
+    if m:
+        A[2, 0] = 1.0
+        A[np.arange(3, first), np.arange(2, first - 1)] = 1.0
+    if n:
+        A[first] = C
+        A[np.arange(first + 1, first + n), np.arange(first, first + n - 1)] = 1.0
+    A[-1] = half
+    B[:2] = T2 / 2, T2
+    if law.delay == 0:
+        W[:2] = case.centre * B[:2]
+    W[first] = 1.0
+    W[-1] = 1.0
+    return A, B, W, C
+
+
+class Fleet:
+    """Many loops at once, each in two dimensions as complex numbers, under many adversaries each.
+
+    A symmetric mismatch Δ with eigenvalues l and m, turned by θ, takes v to (l+m)/2 v + (l−m)/2 e^{2iθ} v̄.
+    """
+
+    def __init__(self, cases: Sequence[Case], adversaries: Sequence[Adversary], seed: int = 0):
+        self.cases, self.adversaries = cases, adversaries
+        self.rng = np.random.default_rng(seed)
+        count = len(cases)
+        self.length = max(max(len(case.law.q), len(case.law.v) + 1, case.law.delay + 1) for case in cases)
+        self.q, self.v = np.zeros((self.length, count)), np.zeros((self.length, count))
+        for i, case in enumerate(cases):
+            self.q[: len(case.law.q), i] = case.law.q
+            self.v[1 : len(case.law.v) + 1, i] = case.law.v
+        self.e, self.centre, self.radius, self.slope = (
+            np.array(one) for one in zip(*((c.law.e, c.centre, c.radius, c.slope) for c in cases), strict=True)
+        )
+        self.delay = np.array([case.law.delay for case in cases])
+        self.peak, self.turn = np.zeros(count), np.zeros(count)
+        for i, case in enumerate(cases):
+            known = polynomials(case.law, case.centre, case.slope / 2)
+            self.peak[i] = peak(known.a_to_v, known.closed)[1]
+            self.turn[i] = most_negative(known.w_to_q, known.closed)[1] if case.slope else self.peak[i]
+        self.functionals = {kind: self._functional(kind) for kind in ("greedy", "greedy output") if self._uses(kind)}
+
+    def _uses(self, kind: str) -> bool:
+        return any(kind in adversary for adversary in self.adversaries)
+
+    def _functional(self, kind: str) -> dict[str, Array]:
+        """Weights of the histories in BᵀPAx for the two rows that an acceleration enters, and in WᵀPAx.
+
+        P is a Lyapunov matrix of the loop at the centre: of the state, or of v alone.
+        """
+        from scipy.linalg import solve_discrete_lyapunov
+
+        count = len(self.cases)
+        rows = {"q": np.zeros((3, self.length, count)), "v": np.zeros((3, self.length, count))}
+        rows |= {"rate": np.zeros((3, count)), "w": np.zeros((3, count))}
+        for i, case in enumerate(self.cases):
+            A, _, W, C = matrices(case)
+            if kind == "greedy":
+                scale = np.ones(len(A))
+                scale[[*range(2 + len(case.law.q) - 1, len(A))]] = PERIOD**2  # so that v counts as q does
+                weight = np.diag(scale**2)
+            else:
+                weight = np.outer(C, C) * PERIOD**4
+            P = solve_discrete_lyapunov(A.T, weight)
+            P = (P + P.T) / 2
+            m = len(case.law.q) - 1
+            picked = np.stack([P[0] @ A, P[1] @ A, W @ P @ A])
+            rows["q"][:, 0, i], rows["rate"][:, i] = picked[:, 0], picked[:, 1]
+            rows["q"][:, 1 : m + 1, i] = picked[:, 2 : 2 + m]
+            width = min(picked.shape[1] - 3 - m, self.length - 1)
+            rows["v"][:, 1 : width + 1, i] = picked[:, 2 + m : 2 + m + width]
+            rows["w"][:, i] = picked[:, -1]
+        return rows
+
+    def run(self, steps: int, *, within: bool = False) -> Array:
+        """Logarithm of the growth over the second half of the steps, (adversaries, cases).
+
+        With ``within`` the mismatch may change inside a period.
+        """
+        kinds, count, L = len(self.adversaries), len(self.cases), self.length
+        shape = (kinds, count)
+        rng, T2 = self.rng, PERIOD**2
+        q = rng.normal(size=shape) + 1j * rng.normal(size=shape)
+        rate = np.zeros(shape, dtype=complex)
+        room = 8 * L
+        Q, V = np.zeros((room, *shape), dtype=complex), np.zeros((room, *shape), dtype=complex)
+        last_w = np.zeros(shape, dtype=complex)
+        at, log, half = L - 1, np.zeros(shape), np.zeros(shape)
+        rates = {"rotate": rng.uniform(0, 2, count) * self.peak, "pulse": rng.uniform(0, 3, count) * self.turn}
+        lean = rng.uniform(0, 2 * np.pi, count)
+        columns, held = np.arange(count), 1 if not within else SUBSTEPS
+        for k in range(steps):
+            if at == room - 1:
+                Q[: L - 1], V[: L - 1] = Q[-(L - 1) :], V[-(L - 1) :]
+                at = L - 2
+            at += 1
+            Q[at] = q
+            past_q, past_v = Q[at : at - L if at >= L else None : -1], V[at : at - L if at >= L else None : -1]
+            V[at] = 0
+            v = np.einsum("lc,lkc->kc", self.q, past_q) + np.einsum("lc,lkc->kc", self.v, past_v) + self.e * last_w
+            pulls = {kind: self._pull(rows, past_q, past_v, rate, last_w) for kind, rows in self.functionals.items()}
+            kappa = np.zeros(shape)
+            for i, adversary in enumerate(self.adversaries):
+                if adversary.slope != "none":
+                    on = self._steep(adversary.slope, i, k, q, rate, pulls, rates, lean)
+                    kappa[i] = np.where(on, self.slope, 0.0)
+            w = -kappa * q
+            v += w
+            V[at] = v
+            acting = V[at - self.delay, :, columns].T
+            last_w = w
+            free_q, free_rate = q + rate + self.centre * T2 / 2 * acting, rate + self.centre * T2 * acting
+            for j in range(held):
+                reach = (held - j - 0.5) / held
+                for i, adversary in enumerate(self.adversaries):
+                    if adversary.mismatch == "none":
+                        continue
+                    moment = k + (j + 0.5) / held
+                    push = self._push(adversary.mismatch, i, moment, reach, acting[i], pulls, rates["rotate"]) / held
+                    free_q[i] += reach * T2 * push
+                    free_rate[i] += T2 * push
+            q, rate = free_q, free_rate
+            if k % LOOK == LOOK - 1:
+                size = np.maximum(np.max(np.abs(Q[at - L + 1 : at + 1]), axis=0), np.abs(q)) + 1e-290
+                size = np.maximum(size, np.max(np.abs(V[at - L + 1 : at + 1]), axis=0) * T2)
+                q, rate, last_w = q / size, rate / size, last_w / size
+                Q[at - L + 1 : at + 1] /= size
+                V[at - L + 1 : at + 1] /= size
+                log += np.log(size)
+                if k < steps // 2:
+                    half = log.copy()
+        return log - half
+
+    def _pull(self, rows: dict[str, Array], Q: Array, V: Array, rate: Array, w: Array) -> Array:
+        """The three functionals of the state, (3, adversaries, cases)."""
+        sums = np.einsum("rlc,lkc->rkc", rows["q"], Q) + np.einsum("rlc,lkc->rkc", rows["v"], V)
+        return sums + rows["rate"][:, None] * rate + rows["w"][:, None] * w
+
+    def _push(
+        self, kind: str, i: int, moment: float, reach: float, v: Array, pulls: dict[str, Array], rates: Array
+    ) -> Array:
+        """Δ v of one adversary, of a norm of at most the radius times that of v."""
+        if kind.startswith("rotate"):
+            rate = {"rotate": rates, "rotate at half": self.peak / 2}.get(kind, self.peak)
+            return self.radius * np.exp(2j * rate * moment) * v.conj()
+        if kind == "switch":
+            return self.radius * np.sign(np.sin(rates * moment + 0.1)) * v
+        if kind == "random":
+            one, turn = self.rng.uniform(-1, 1, len(v)), np.exp(2j * self.rng.uniform(0, np.pi, len(v)))
+            return self.radius * ((1 + one) / 2 * v + (1 - one) / 2 * turn * v.conj())
+        pull = pulls["greedy output" if kind == "greedy output" else "greedy"][:, i]
+        goal = reach * pull[0] + pull[1]
+        if kind == "bang":
+            return self.radius * np.where((goal.conj() * v).real >= 0, 1.0, -1.0) * v
+        # a reflection takes v to any direction
+        return self.radius * np.abs(v) * goal / np.maximum(np.abs(goal), 1e-300)
+
+    def _steep(
+        self,
+        kind: str,
+        i: int,
+        k: int,
+        q: Array,
+        rate: Array,
+        pulls: dict[str, Array],
+        rates: dict[str, Array],
+        lean: Array,
+    ) -> Array:
+        """Whether the slope is at its largest, else it is zero."""
+        if kind == "pulse at the peak":
+            return np.sin(2 * self.turn * k + lean) > 0
+        if kind == "pulse":
+            return np.sin(rates["pulse"] * k + lean) > 0
+        if kind == "returning":
+            return (q[i].conj() * rate[i]).real < 0
+        if kind == "phase":
+            aside = np.cos(lean) * q[i] + np.sin(lean) * rate[i] / np.maximum(self.turn, 1e-6)
+            return (q[i].conj() * aside).real > 0
+        # the functional is that of the loop with half the slope: more of it there takes ∓ k/2 q along W
+        # in the loop with half the slope, more of it adds −k/2 q along W and less of it k/2 q
+        return (pulls[kind][2, i].conj() * q[i]).real < 0

@@ -1,0 +1,97 @@
+"""All certificates of a law on a robot at once."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+
+from tarc.certificates.ball import ball
+from tarc.certificates.base import Certificate
+from tarc.certificates.lemma1 import condition_c2, lemma1
+from tarc.certificates.linear import alike, decouple
+from tarc.certificates.loop import loop
+from tarc.certificates.nominal import nominal
+from tarc.certificates.robot import robot
+from tarc.certificates.slope import slope
+from tarc.certificates.theorem1 import theorem1
+from tarc.certificates.theorem2 import theorem2
+from tarc.certificates.workspace import Workspace
+from tarc.errors import TarcError
+from tarc.estimators.algebraic import Algebraic
+from tarc.laws.base import Law
+from tarc.laws.tarc import TARC
+from tarc.laws.tde import TDE
+from tarc.plants.base import Plant
+
+
+def certify(
+    law: Law,
+    plant: Plant | Sequence[Plant],
+    workspace: Workspace,
+    *,
+    computation_delay: int = 0,
+    samples: int = 2000,
+    seed: int = 0,
+) -> dict[str, Certificate]:
+    """All certificates that apply to a law on a robot, the verdict for the robot first.
+
+    Parameters
+    ----------
+    law
+        A law on time-delay estimation.
+    plant
+        The robot, or several, such as one without and one with its payload.
+    workspace
+        The postures that it takes.
+    computation_delay
+        Periods between a measurement and its torque.
+    samples, seed
+        Of the workspace.
+
+    Returns
+    -------
+    dict
+        By kind. ``robot``; ``loop`` for every constant ratio that occurs; ``slope``, for TARC, at the one of the
+        occurring ratios that bears least; ``ball``, the widest; then what the paper states: ``lemma1``, ``c2``,
+        ``theorem1``, ``theorem2``, and ``nominal``, its second theorem repaired. Those that do not apply are left out.
+
+    Raises
+    ------
+    TarcError
+        For a law without an inertia, and as `robot` does.
+    """
+    return dict(certificates(law, plant, workspace, computation_delay=computation_delay, samples=samples, seed=seed))
+
+
+def certificates(
+    law: Law,
+    plant: Plant | Sequence[Plant],
+    workspace: Workspace,
+    *,
+    computation_delay: int = 0,
+    samples: int = 2000,
+    seed: int = 0,
+) -> Iterator[tuple[str, Certificate]]:
+    """Those of `certify`, one after the other."""
+    if not isinstance(law, TDE):
+        raise TarcError(
+            f"law: got {type(law).__name__}; certificates need a law with an inertia M̂, such as TDC or TARC"
+        )
+    verdict = robot(law, plant, workspace, computation_delay=computation_delay, samples=samples, seed=seed)
+    yield "robot", verdict
+    low, high = verdict.numbers["least ratio"], verdict.numbers["greatest ratio"]
+    if all(channel.width == 1 for channel in decouple(law, computation_delay)):
+        yield "loop", loop(law, (low, high), computation_delay=computation_delay)
+    if isinstance(law, TARC):
+        occurring = [
+            slope(law, ratio, computation_delay=computation_delay) for ratio in (low, (low * high) ** 0.5, high)
+        ]
+        yield "slope", min(occurring, key=lambda one: one.numbers.get("circle limit", float("inf")))
+    if alike(law):
+        with suppress(TarcError):  # stable for no ratio, which the verdict for the robot has shown already
+            yield "ball", ball(law, computation_delay=computation_delay)
+    yield "lemma1", lemma1(law, plant, workspace, samples=samples, seed=seed)
+    if isinstance(law, TARC):
+        yield "c2", condition_c2(law)
+    yield "theorem1", theorem1(law)
+    if isinstance(law.estimator, Algebraic):
+        yield "theorem2", theorem2(law)
+        yield "nominal", nominal(law)

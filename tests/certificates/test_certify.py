@@ -1,0 +1,121 @@
+"""All certificates at once: from Python, from a scenario, from the command line."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+import tarc
+from family import make_law, make_tdc
+from tarc.certificates import Certificate, Workspace, certify
+
+TARC = str(Path(sys.executable).parent / "tarc")
+ARM = tarc.plants.TwoLinkArm()
+BOX = Workspace.box([-0.5, 1.0], [0.5, 2.0])
+
+
+def adaptive(**options):
+    return make_law(tarc.laws.TARC, inertia=0.05 * ARM.inertia([0.0, 1.5]), boundary=0.1, **options)
+
+
+def test_every_certificate_that_applies_verifies_and_survives_json(tmp_path):
+    found = certify(adaptive(cap=1.0), ARM, BOX, samples=50)
+    assert list(found) == ["robot", "loop", "slope", "ball", "lemma1", "c2", "theorem1", "theorem2", "nominal"]
+    for kind, one in found.items():
+        assert one.kind == kind
+        again = Certificate.from_json(one.to_json())
+        assert again.verdict == one.verdict
+        assert again.verify(), kind
+        assert one.claim.split()[0] in one.explain()
+        one.plot().savefig(tmp_path / f"{kind}.png")
+        assert (tmp_path / f"{kind}.png").stat().st_size > 5000
+
+
+def test_those_that_do_not_apply_are_left_out():
+    plain = certify(make_tdc(inertia=0.05 * ARM.inertia([0.0, 1.5])), ARM, BOX, samples=50)
+    assert not {"slope", "c2"} & set(plain)
+    filtered = tarc.estimators.FilteredDifference(cutoff=300.0)
+    other = certify(make_law(tarc.laws.TDC, inertia=[0.05, 0.02], estimator=filtered), ARM, BOX, samples=50)
+    assert not {"theorem2", "nominal"} & set(other)
+    apart = certify(make_law(tarc.laws.TDC, inertia=[0.05, 0.02], bandwidth=[10.0, 20.0]), ARM, BOX, samples=50)
+    assert "ball" not in apart
+    assert apart["robot"].verdict in ("inconclusive", "refuted")
+
+
+def test_the_loop_is_tested_over_the_ratios_that_the_robot_has():
+    found = certify(adaptive(cap=1.0), ARM, BOX, samples=50)
+    assert found["loop"].numbers["low"] == found["robot"].numbers["least ratio"]
+    assert found["loop"].numbers["high"] == found["robot"].numbers["greatest ratio"]
+
+
+@pytest.fixture
+def scenario(tmp_path):
+    content = {
+        "robot": {"kind": "TwoLinkArm"},
+        "law": [{"kind": "TDC", "inertia": {"fraction": 0.05}, "bandwidth": 10.0}],
+        "estimator": {"kind": "Algebraic", "window": 0.010},
+        "reference": {"kind": "Sinusoid", "amplitude": [0.3, 0.3], "frequency": 2.0, "offset": [0.0, 1.5]},
+        "disturbance": [{"kind": "Schedule", "parameter": "masses", "times": [0.5], "values": [[1.0, 3.0]]}],
+        "duration": 1.0,
+    }
+    (tmp_path / "swing.yaml").write_text(yaml.safe_dump(content))
+    return tmp_path
+
+
+def call(*arguments, cwd, status=0):
+    done = subprocess.run([TARC, "certify", *arguments], cwd=cwd, capture_output=True, text=True, check=False)
+    assert done.returncode == status, done.stderr
+    return done
+
+
+def test_command_prints_verdicts_and_writes_certificates(scenario):
+    done = call("swing.yaml", cwd=scenario)
+    for part in ("certified", "this robot", "Lemma 1", "Theorem 2", "least ratio", "ball arithmetic", "spread"):
+        assert part in done.stdout
+    stored = json.loads((scenario / "runs/swing/TDC-certificates.json").read_text())
+    assert all(Certificate.from_json(json.dumps(one)).verify() for one in stored.values())
+    assert (scenario / "runs/swing/TDC-design.png").stat().st_size > 20000
+    assert (scenario / "runs/swing/TDC-robot.png").is_file()
+
+
+def test_command_as_json_with_settings(scenario):
+    done = call("swing.yaml", "--json", "--no-figures", "--set", "law.0.inertia.fraction=0.5", cwd=scenario)
+    content = json.loads(done.stdout)
+    verdict = content["certificates"]["TDC"]["robot"]
+    assert verdict["verdict"] == "refuted"
+    assert len(verdict["witness"]["posture"]) == 2
+    assert content["files"] == ["runs/swing/TDC-certificates.json"]
+
+
+def test_a_schedule_counts_only_if_it_comes_before_the_end(scenario):
+    whole = tarc.Scenario.load(scenario / "swing.yaml").certify(samples=50)["TDC"]["robot"]
+    short = tarc.Scenario.load(scenario / "swing.yaml", ["duration=0.4"]).certify(samples=50)["TDC"]["robot"]
+    assert whole.numbers["least ratio"] < 0.8 * short.numbers["least ratio"]
+
+
+def test_full_range_is_wider_than_the_path(scenario):
+    described = tarc.Scenario.load(scenario / "swing.yaml")
+    path = described.certify(samples=100)["TDC"]["robot"].numbers["spread"]
+    assert described.certify(samples=100, full_range=True)["TDC"]["robot"].numbers["spread"] > path
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("swing.yaml", "--tube", "-1"), "tube: got"),
+        (("swing.yaml", "--samples", "0"), "samples: got 0"),
+        (("nowhere.yaml",), "not found"),
+    ],
+)
+def test_bad_input(scenario, arguments, message):
+    done = call(*arguments, "--no-figures", cwd=scenario, status=2)
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_law_without_an_inertia_is_refused():
+    with pytest.raises(tarc.TarcError, match="needs? a law with an inertia"):
+        certify("PID", ARM, BOX)  # type: ignore[arg-type]

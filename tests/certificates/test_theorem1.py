@@ -1,0 +1,280 @@
+"""Theorem 1 against the exact margin of its equation, simulations, and its own other forms."""
+
+import json
+import time
+from typing import Any
+
+import cvxpy
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from family import make_tdc
+from tarc import TarcError, laws
+from tarc.certificates import Certificate
+from tarc.certificates.exact import FLOATS
+from tarc.certificates.sdp import gains
+from tarc.certificates.theorem1 import _Program, psi, theorem1, theorem1_delay, ultimate_bound
+
+
+def tdc(bandwidth: Any = 1.0, joints=1, **options):
+    return make_tdc(bandwidth=bandwidth, inertia=0.1 * np.eye(joints), **options)
+
+
+def coupled(K1, K2) -> laws.TDC:
+    return make_tdc(bandwidth=None, inertia=0.1 * np.eye(len(K1)), stiffness=K1, viscosity=K2)
+
+
+def rightmost(K1, K2, h, points=20):
+    """Largest real part of the roots of ė = A1 e + B1 e_h: the generator of the delay equation collocated at Chebyshev
+    nodes in [−h, 0].
+    """
+    n = len(K1)
+    node = np.cos(np.pi * np.arange(points + 1) / points)
+    end = np.where(np.arange(points + 1) % points == 0, 2.0, 1.0) * (-1.0) ** np.arange(points + 1)
+    D = np.outer(end, 1 / end) / (node[:, None] - node + np.eye(points + 1))
+    D -= np.diag(D.sum(axis=1))
+    generator = np.kron(2 / h * D, np.eye(2 * n))
+    generator[: 2 * n] = 0
+    generator[:n, n : 2 * n] = np.eye(n)
+    generator[n : 2 * n, -2 * n :] = -np.concatenate([K1, K2], axis=1)
+    return float(np.max(np.linalg.eigvals(generator).real))
+
+
+def margin(bandwidth, damping):
+    """The delay at which s² + (k2 s + k1) e^(−sh) has its first roots ± jω: ω⁴ = k1² + k2²ω², ωh = arctan(k2ω/k1)."""
+    k1, k2 = bandwidth**2, 2 * damping * bandwidth
+    omega = np.sqrt((k2**2 + np.sqrt(k2**4 + 4 * k1**2)) / 2)
+    return np.arctan2(k2 * omega, k1) / omega
+
+
+def respond(h, start, drive, duration, steps=20):
+    """ė = A1 e + B1 e_h + B σ1 for ωn = ζ = 1 by the method of steps; σ1 = drive(i, e)."""
+    dt, count = h / steps, round(duration / h * steps)
+    e = np.zeros((count + 1, 2))
+    e[0] = start
+
+    def slope(now, past, push):
+        return np.array([now[1], push - past[0] - 2 * past[1]])
+
+    for i in range(count):
+        past = [e[i + j - steps] if i + j >= steps else np.zeros(2) for j in (0, 1)]
+        push = drive(i, e[i])
+        a = slope(e[i], past[0], push)
+        b = slope(e[i] + dt / 2 * a, (past[0] + past[1]) / 2, push)
+        c = slope(e[i] + dt / 2 * b, (past[0] + past[1]) / 2, push)
+        d = slope(e[i] + dt * c, past[1], push)
+        e[i + 1] = e[i] + dt / 6 * (a + 2 * b + 2 * c + d)
+    return e
+
+
+def test_oracles_agree_on_the_exact_margin():
+    assert margin(1.0, 1.0) == pytest.approx(0.6474, abs=5e-5)
+    K1, K2 = np.eye(1), 2 * np.eye(1)
+    assert abs(rightmost(K1, K2, margin(1.0, 1.0))) < 1e-9
+    assert rightmost(K1, K2, 0.64) < 0 < rightmost(K1, K2, 0.65)
+
+
+def test_known_delays():
+    assert theorem1_delay(tdc()) == pytest.approx(0.24543, abs=1e-5)
+    assert theorem1_delay(tdc(), disturbance_term=False) == pytest.approx(0.27081, abs=1e-5)
+
+
+def test_without_the_disturbance_term_the_delay_scales_with_the_bandwidth_and_as_printed_it_does_not():
+    """As printed, D⁻¹ adds a term with another unit of time."""
+    free = [theorem1_delay(tdc(w), disturbance_term=False) * w for w in (0.1, 1.0, 30.0)]
+    np.testing.assert_allclose(free, free[1], rtol=1e-6)
+    printed = [theorem1_delay(tdc(w)) * w for w in (0.1, 1.0, 30.0)]
+    assert printed[0] < 0.06
+    assert 0.9 * free[1] < printed[1] < printed[2] < free[1]
+
+
+@settings(deadline=None, max_examples=10)
+@given(st.floats(0.5, 100.0), st.floats(0.1, 3.0), st.booleans())
+def test_certified_is_stable(bandwidth, damping, term):
+    """The longest certified delay is below the exact margin, and certifies; a little more does not."""
+    law = tdc(bandwidth, damping=damping)
+    h = theorem1_delay(law, disturbance_term=term)
+    assert 0 < h < margin(bandwidth, damping)
+    assert rightmost(law.K1, law.K2, h) < 0
+    certificate = theorem1(law, delay=h, disturbance_term=term)
+    assert certificate.certified
+    assert certificate.proof_grade
+    assert certificate.verify()
+    beyond = theorem1(law, delay=1.001 * h, disturbance_term=term)
+    assert beyond.verdict == "inconclusive"
+    assert beyond.verify()
+    assert "P_0" not in beyond.matrices
+
+
+def test_decoupled_equals_the_full_program():
+    stiffness = np.diag([100.0, 100.0, 225.0])
+    law = coupled(stiffness, 2 * np.sqrt(stiffness))
+    assert len(gains(law)) == 2
+    full = _Program(law.K1, law.K2, None, True).longest()
+    assert theorem1_delay(law) == pytest.approx(full, rel=1e-5)
+
+
+def test_rotated_gains_give_what_they_give_unrotated():
+    """Without the disturbance term the condition does not see an orthogonal change of joints."""
+    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    omega = np.diag([8.0, 10.0, 15.0])
+    law = coupled(turn @ omega**2 @ turn.T, 2 * turn @ omega @ turn.T)
+    assert len(gains(law)) == 1
+    assert theorem1_delay(law) == pytest.approx(theorem1_delay(tdc(15.0)), rel=1e-3)
+    certificate = theorem1(law)
+    assert certificate.certified
+    assert Certificate.from_json(certificate.to_json()).verify()
+
+
+def test_many_joints_cost_and_give_what_one_does():
+    theorem1(tdc(10.0))
+    begin = time.perf_counter()
+    certificate = theorem1(tdc(10.0, joints=30))
+    assert time.perf_counter() - begin < 1.0
+    assert certificate.matrices["P_0"].shape == (2, 2)
+    assert certificate.margin == theorem1(tdc(10.0)).margin
+
+
+def test_psi_is_the_printed_one():
+    """Against the formula written out, for full matrices."""
+    rng = np.random.default_rng(3)
+    n, h, beta, xi = 2, 0.03, 0.7, 1.2
+    K1, K2 = (np.diag([9.0, 4.0]) + 0.3 * rng.normal(size=(n, n)) for _ in range(2))
+    R, S = rng.normal(size=(2, 4, 4))
+    P, D = R @ R.T + np.eye(4), S @ S.T + np.eye(4)
+    A1, B1 = np.zeros((4, 4)), np.zeros((4, 4))
+    A1[:2, 2:], B1[2:, :2], B1[2:, 2:] = np.eye(2), -K1, -K2
+    Di, A = np.linalg.inv(D), A1 + B1
+    E = beta * P @ B1 @ (A1 @ Di @ A1.T + B1 @ Di @ B1.T + Di) @ B1.T @ P
+    numbers = {"delay": h, "beta": beta, "xi": xi, "disturbance term": 1.0}
+    first, second = psi((K1, K2, P, D), numbers, FLOATS)
+    np.testing.assert_allclose(first, -(A.T @ P + P @ A) - E - (1 + xi) * h**2 / beta * D)
+    np.testing.assert_allclose(second, (xi - 1) * h**2 / beta * D)
+
+
+def test_given_numbers_are_certified_or_refuted_with_a_vector():
+    good = theorem1(tdc(), delay=0.01, weight=1.0, D=100.0)
+    assert good.certified
+    assert good.verify()
+    bad = theorem1(tdc(), delay=0.26, weight=1.0, D=1.0, xi=1.1, beta=2.0)
+    assert bad.verdict == "refuted"
+    assert bad.proof_grade
+    assert "the given Q and D" in bad.claim
+    assert bad.witness is not None
+    e = np.array(bad.witness["e"])
+    part = tuple(bad.matrices[f"{name}_0"] for name in ("K1", "K2", "P", "D"))
+    assert e @ psi(part, bad.numbers, FLOATS)[0] @ e < 0
+    assert Certificate.from_json(bad.to_json()).verify()
+    # P is that of the given Q
+    A = tdc().A
+    np.testing.assert_allclose(A.T @ part[2] + part[2] @ A, -np.eye(2), atol=1e-12)
+
+
+def test_given_weight_alone_leaves_D_to_be_found():
+    certificate = theorem1(tdc(), delay=0.05, weight=[1.0, 2.0])
+    assert certificate.certified
+    P, A = certificate.matrices["P_0"], tdc().A
+    np.testing.assert_allclose(A.T @ P + P @ A, -np.diag([1.0, 2.0]), atol=1e-12)
+    assert theorem1(tdc(), delay=0.24, weight=1.0).verdict == "inconclusive"
+
+
+@pytest.mark.parametrize("term", [True, False])
+def test_ultimate_bound_holds_against_the_worst_disturbance(term):
+    """Bang-bang after the impulse response reaches the largest error that any |σ1| ≤ c can; so does not feedback."""
+    h, c, steps, duration = 0.1, 0.5, 20, 20.0
+    certificate = theorem1(tdc(), delay=h, disturbance_term=term)
+    bound = ultimate_bound(certificate, c)
+    impulse = respond(h, [0.0, 1.0], lambda i, e: 0.0, duration)
+    signs = np.sign(impulse[::-1])
+    P = certificate.matrices["P_0"]
+    runs = [respond(h, [0.0, 0.0], lambda i, e, k=k: c * signs[i, k], duration, steps) for k in (0, 1)] + [
+        respond(h, [0.0, 0.0], lambda i, e: c * np.sign(P[1] @ e) if i else c, duration, steps)
+    ]
+    worst_position = c * np.sum(np.abs(impulse[:, 0])) * h / steps
+    assert runs[0][-1, 0] == pytest.approx(worst_position, rel=1e-2)
+    assert worst_position < bound.position < 10 * worst_position
+    assert max(np.max(np.linalg.norm(run, axis=1)) for run in runs) < bound.error
+    assert bound.rate > 0
+    assert ultimate_bound(certificate, 2 * c).position == pytest.approx(2 * bound.position)
+    numbers, part = certificate.numbers, tuple(certificate.matrices[f"{name}_0"] for name in ("K1", "K2", "P", "D"))
+    if term:
+        narrow = min(np.linalg.eigvalsh(form)[0] for form in psi(part, numbers, FLOATS))
+        r, iota, Gamma = bound.printed, np.linalg.norm(P[1]), h**2 * c**2 * part[3][1, 1]
+        assert narrow * r**2 == pytest.approx(Gamma + 2 * iota * c * r)
+
+
+def test_ultimate_bound_of_identical_joints_is_that_of_one():
+    one, many = (ultimate_bound(theorem1(tdc(10.0, joints=n)), 1.0) for n in (1, 5))
+    assert one == many
+    mixed = ultimate_bound(theorem1(tdc([10.0, 20.0], joints=2)), 1.0)
+    assert mixed.position >= 0.8 * one.position
+
+
+def test_says_that_it_is_conditional():
+    text = theorem1(tdc()).explain()
+    for part in ("‖σ1‖ ≤ c for all time", "neither the sampled loop", "sufficient only", "decided in ball arithmetic"):
+        assert part in text
+
+
+def test_a_solver_that_fails_certifies_nothing(monkeypatch):
+    def fail(*_, **__):
+        raise cvxpy.SolverError("no")
+
+    monkeypatch.setattr(cvxpy.Problem, "solve", fail)
+    certificate = theorem1(tdc())
+    assert certificate.verdict == "inconclusive"
+    assert certificate.verify()
+    assert "NaN" not in certificate.to_json()
+    assert theorem1_delay(tdc()) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        (("numbers", "delay"), 0.4),
+        (("numbers", "xi"), 5.0),
+        (("numbers", "xi"), 1.0),
+        (("matrices", "P_0"), [[1.0, 0.0], [0.0, 1.0]]),
+        (("matrices", "P_0"), [[1.0, 0.2], [0.1, 1.0]]),
+        (("matrices", "D_0"), [[-1.0, 0.0], [0.0, 1.0]]),
+        (("matrices", "D_0"), [[0.0, 0.0], [0.0, 0.0]]),
+        (("matrices", "K1_0"), [[9.0]]),
+        (("matrices", "K1_0"), [[1.0, 0.0], [0.0, 1.0]]),
+        (("matrices", "P_0"), [[1e400, 0.0], [0.0, 1.0]]),
+        (("verdict",), "refuted"),
+    ],
+)
+def test_tampering_shows(place, value):
+    content = json.loads(theorem1(tdc(), delay=0.2).to_json())
+    within = content
+    for key in place[:-1]:
+        within = within[key]
+    within[place[-1]] = value
+    assert not Certificate.from_json(json.dumps(content)).verify()
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: theorem1("TDC"), "law: got str; needs a law on time-delay estimation"),  # type: ignore[arg-type]
+        (lambda: theorem1_delay(3), "law: got int"),  # type: ignore[arg-type]
+        (lambda: theorem1(tdc(), delay=0.0), "delay: got 0"),
+        (lambda: theorem1(tdc(), weight=[[1.0, 2.0], [2.0, 1.0]]), "weight: its smallest eigenvalue is -1"),
+        (lambda: theorem1(tdc(), weight=1.0, D=[1.0, np.nan]), "D: got nan"),
+        (lambda: theorem1(tdc(), weight=1.0, D=-1.0), "D: its smallest eigenvalue is -1"),
+        (lambda: theorem1(tdc(), weight=1.0, D=1.0, xi=1.0), "xi: got 1; needs a finite number above 1"),
+        (lambda: theorem1(tdc(), weight=1.0, D=1.0, beta=0.0), "beta: got 0"),
+        (lambda: theorem1(tdc(), D=1.0), "weight: missing"),
+        (lambda: theorem1(tdc(), xi=1.5), "beta, xi: given without D"),
+        (
+            lambda: ultimate_bound(theorem1(tdc(), delay=0.5), 1.0),
+            "certificate: got one of theorem1 that is inconclusive",
+        ),
+        (lambda: ultimate_bound(theorem1(tdc(), delay=0.1), -1.0), "bound: got -1"),
+    ],
+)
+def test_bad_input(call, message):
+    with pytest.raises(TarcError, match=message):
+        call()

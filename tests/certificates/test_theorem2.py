@@ -1,0 +1,180 @@
+"""Theorem 2 is met by nothing: its witness, on the form written out as printed, for numbers of all kinds."""
+
+import json
+from dataclasses import replace
+
+import cvxpy
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad
+
+from family import make_tdc
+from tarc import TarcError, estimators
+from tarc.certificates import Certificate
+from tarc.certificates.exact import FLOATS
+from tarc.certificates.sdp import store
+from tarc.certificates.theorem2 import NAMES, judge, printed, theorem2, theta
+
+NUMBERS = {"delay": 0.01, "window": 0.1, "degree": 2.0, "beta": 1.0, "xi": 3.0}
+
+
+def written_out(part, numbers, sign=1.0):
+    """Θ as the paper prints it, (8n, 8n), each block by its own formula; sign −1 for the (1,2) block of the proof."""
+    K1, K2, P, D, L = part
+    n, h, beta, xi = len(K1), numbers["delay"], numbers["beta"], numbers["xi"]
+    none, eye = np.zeros((n, n)), np.eye(n)
+    A1, B1 = np.block([[none, eye], [none, none]]), np.block([[none, none], [-K1, -K2]])
+    B = np.concatenate([none, eye])
+    bar, breve = B @ np.concatenate([K2, none], axis=1), B @ np.concatenate([none, K2], axis=1)
+    A, Di = A1 + B1, np.linalg.inv(D)
+    Q = -(A.T @ P + P @ A)
+    estimator = estimators.Algebraic(window=numbers["window"], degree=int(numbers["degree"]))
+    energy = quad(lambda psi: float(estimator.kernel(psi)) ** 2, -numbers["window"], 0, epsabs=0)[0]
+    E = beta * P @ B1 @ (A1 @ Di @ A1.T + B1 @ Di @ B1.T + Di + bar @ Di @ bar.T) @ B1.T @ P
+    F = (h**2 / beta * D + L) * numbers["window"] * energy
+    J = np.concatenate([np.zeros((2 * n, 2 * n)), np.eye(2 * n)], axis=1)
+    wide = np.zeros((2 * n, 4 * n))
+    return np.block(
+        [
+            [Q - E - (1 + xi) * h**2 / beta * D, sign * P @ breve, P @ bar @ J],
+            [sign * breve.T @ P, (xi - 1) * h**2 / beta * D - F, wide],
+            [J.T @ bar.T @ P, wide.T, J.T @ L @ J],
+        ]
+    )
+
+
+def random_part(seed, n, spread=1.0):
+    """Any real gains, and weights whose eigenvalues span decades."""
+    rng = np.random.default_rng(seed)
+    weights = []
+    for _ in range(3):
+        basis = np.linalg.qr(rng.normal(size=(2 * n, 2 * n)))[0]
+        weight = basis @ np.diag(10 ** rng.uniform(-spread, spread, 2 * n)) @ basis.T
+        weights.append((weight + weight.T) / 2)
+    gains = (rng.normal(size=(n, n)) * 10 ** rng.uniform(-1, 2) for _ in range(2))
+    return (*gains, *weights)
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    seed=st.integers(0, 10_000),
+    n=st.integers(1, 3),
+    logs=st.tuples(*[st.floats(-3, 0.5)] * 4),
+    degree=st.integers(1, 5),
+)
+def test_refuted_whatever_the_numbers(seed, n, logs, degree):
+    part = random_part(seed, n, spread=1.5)
+    h, window, beta, above = (10**value for value in logs)
+    numbers = {"delay": h, "window": window, "degree": float(degree), "beta": beta, "xi": 1 + above}
+    verdict, margin, witness = judge(store([part], NAMES), numbers)
+    assert verdict == "refuted"
+    assert margin < 0
+    assert witness is not None
+    e = np.array(witness["e"])
+    for sign in (1.0, -1.0):
+        vector = np.concatenate([e, -sign * e, np.zeros(4 * n)])
+        assert vector @ written_out(part, numbers, sign) @ vector < 0
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize("n", [1, 2])
+def test_theta_is_the_printed_one_and_singular(n, degree):
+    part, numbers = random_part(n, n), NUMBERS | {"degree": float(degree)}
+    reduced = theta(part, numbers, FLOATS)
+    expected = written_out(part, numbers)
+    np.testing.assert_allclose(printed(reduced), expected, rtol=1e-7, atol=1e-9 * np.max(np.abs(expected)))
+    assert reduced.shape == (6 * n, 6 * n)
+    assert np.linalg.matrix_rank(expected) <= 6 * n
+    assert np.linalg.matrix_rank(expected[4 * n :, 4 * n :]) == 2 * n
+
+
+def test_trace_argument():
+    """tr(P⁻¹S) = 2 tr A_b = 0 for any P and K1: no S is negative definite."""
+    for seed in range(20):
+        K1, _, P, _, _ = random_part(seed, 2)
+        A_b = np.block([[np.zeros((2, 2)), np.eye(2)], [-K1, np.zeros((2, 2))]])
+        S = P @ A_b + A_b.T @ P
+        assert abs(np.trace(np.linalg.solve(P, S))) < 1e-9 * np.linalg.norm(S) * np.linalg.norm(np.linalg.inv(P))
+        assert np.linalg.eigvalsh(S)[-1] > 0
+
+
+@pytest.mark.parametrize("weights", [{}, {"weight": 1.0}, {"D": 3.0, "L": [0.1, 2.0], "beta": 0.5, "xi": 2.0}])
+@pytest.mark.parametrize("bandwidth", [1.0, 10.0, 100.0])
+def test_refuted_for_a_law(bandwidth, weights):
+    certificate = theorem2(make_tdc(bandwidth=bandwidth), **weights)
+    assert certificate.verdict == "refuted"
+    assert certificate.proof_grade
+    assert certificate.verify()
+    assert "Shown by: e (" in certificate.explain()
+    assert "tr(P⁻¹S) = 2 tr A_b = 0" in certificate.explain()
+    assert ("given weights" in certificate.claim) == bool(weights)
+
+
+def test_the_program_finds_a_better_least_eigenvalue_than_plain_weights():
+    def worst(certificate):
+        part = tuple(certificate.matrices[f"{name}_0"] for name in NAMES)
+        return np.linalg.eigvalsh(theta(part, certificate.numbers, FLOATS) / np.trace(part[2]))[0]
+
+    law = make_tdc(bandwidth=1.0)
+    best, plain = worst(theorem2(law, window=1.0)), worst(theorem2(law, window=1.0, D=1.0))
+    assert plain < best < 0
+
+
+def test_a_coupled_law_and_many_joints():
+    law = make_tdc(bandwidth=None, inertia=np.eye(2), stiffness=[[9.0, 5.0], [-1.0, 4.0]], viscosity=[6.0, 4.0])
+    certificate = theorem2(law)
+    assert certificate.verdict == "refuted"
+    assert certificate.matrices["P_0"].shape == (4, 4)
+    many = theorem2(make_tdc(bandwidth=10.0, inertia=0.1 * np.eye(30)))
+    assert many.matrices["P_0"].shape == (2, 2)
+    assert many.numbers["size of JᵀLJ"] == 120
+    assert many.numbers["rank of JᵀLJ"] == 60
+
+
+def test_a_solver_that_fails_changes_nothing(monkeypatch):
+    def fail(*_, **__):
+        raise cvxpy.SolverError("no")
+
+    monkeypatch.setattr(cvxpy.Problem, "solve", fail)
+    assert theorem2(make_tdc()).verdict == "refuted"
+
+
+def test_json_round_trip_verifies_and_tampering_shows():
+    text = theorem2(make_tdc()).to_json()
+    assert "NaN" not in text
+    assert Certificate.from_json(text).verify()
+    for place, value in [
+        (("verdict",), "certified"),
+        (("matrices", "P_0"), [[-1.0, 0.0], [0.0, 1.0]]),
+        (("matrices", "D_0"), [[1.0]]),
+        (("numbers", "xi"), 0.5),
+        (("numbers", "degree"), 40.0),
+    ]:
+        content = json.loads(text)
+        within = content
+        for key in place[:-1]:
+            within = within[key]
+        within[place[-1]] = value
+        assert not Certificate.from_json(json.dumps(content)).verify()
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: theorem2("TDC"), "law: got str"),  # type: ignore[arg-type]
+        (
+            lambda: theorem2(replace(make_tdc(), estimator=estimators.BackwardDifference())),
+            "its estimator is BackwardDifference; this certificate is about the kernel of tarc.estimators.Algebraic",
+        ),
+        (lambda: theorem2(make_tdc(), window=0.0), "window: got 0"),
+        (lambda: theorem2(make_tdc(), L=-1.0), "L: its smallest eigenvalue is -1"),
+        (lambda: theorem2(make_tdc(), D=np.inf), "D: got inf"),
+        (lambda: theorem2(make_tdc(), xi=0.9), "xi: got 0.9"),
+        (lambda: theorem2(make_tdc(), beta=-1.0), "beta: got -1"),
+    ],
+)
+def test_bad_input(call, message):
+    with pytest.raises(TarcError, match=message):
+        call()

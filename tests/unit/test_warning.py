@@ -1,0 +1,74 @@
+"""`simulate` warns of a design that is shown to be unstable, with the remedy, and of no other."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+import tarc
+from family import make_tdc
+
+ARM = tarc.plants.TwoLinkArm()
+SWING = tarc.signals.Sinusoid(amplitude=[0.3, 0.3], frequency=[2.0, 2.5])
+
+
+def law(share, **options):
+    return make_tdc(inertia=share * ARM.inertia([0.0, 0.0]), **options)
+
+
+def test_names_posture_range_and_remedy():
+    with pytest.warns(
+        tarc.DesignWarning, match="stable from 0.00486 to 0.2616. Use a smaller inertia, a shorter window"
+    ) as caught:
+        run = tarc.simulate(ARM, law(0.9), SWING, 0.5)
+    assert caught[0].filename == __file__
+    assert not run.status.completed
+    assert "held at rest at q = (" in str(caught[0].message)
+
+
+@pytest.mark.parametrize(
+    ("options", "delay", "message"),
+    [
+        ({"share": 1e-3}, 0, "Use a larger inertia or a lower bandwidth"),
+        ({"share": 4.0, "synchronised": True}, 0, "a shorter window or less bandwidth"),
+        ({"share": 0.05, "bandwidth": 200.0}, 60, "No ratio is stable: lower the bandwidth"),
+    ],
+)
+def test_the_remedy_fits_the_fault(options, delay, message):
+    with pytest.warns(tarc.DesignWarning, match=message):
+        tarc.simulate(ARM, law(**options), SWING, 0.1, computation_delay=delay)
+
+
+def test_a_sound_design_draws_no_warning():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run = tarc.simulate(ARM, law(0.05), SWING, 1.0)
+    assert run.status.completed
+
+
+def test_a_payload_to_come_counts_from_when_it_comes():
+    """A lighter second link raises the ratio past its range, but only in the second half."""
+    design = law(0.06)
+    lighter = tarc.signals.Schedule(parameter="masses", times=[0.5], values=[[0.2, 0.1]])
+    with pytest.warns(tarc.DesignWarning, match="smaller inertia"):
+        tarc.simulate(ARM, design, SWING, 1.0, disturbance=lighter)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        tarc.simulate(ARM, design, SWING, 0.4, disturbance=lighter)
+
+
+def test_variants_are_the_robot_as_it_is_from_each_instant():
+    from tarc.engines import variants
+
+    events = [
+        tarc.signals.Payload(mass=2.0, at=1.0),
+        tarc.signals.Schedule(parameter="viscous", times=[0.0, 3.0], values=[1.0, 2.0]),
+    ]
+    robot = tarc.plants.MujocoPlant.from_file("ur5e", armature=0.1)
+    found = variants(robot, events)
+    assert [begin for begin, _ in found] == [0.0, 1.0, 3.0]
+    assert [float(one.parameters["payload"]) for _, one in found] == [0.0, 2.0, 2.0]
+    assert [one.parameters["viscous"][0] for _, one in found] == [1.0, 1.0, 2.0]
+    loaded = tarc.plants.MujocoPlant.from_file("ur5e", armature=0.1, payload=2.0)
+    np.testing.assert_allclose(found[2][1].inertia(robot.home), loaded.inertia(robot.home), rtol=1e-12)
+    assert float(robot.parameters["payload"]) == 0.0
