@@ -5,17 +5,13 @@ laws, with weights from least squares of their own, and the adversaries choose w
 the mismatch E(t) within its ball, in two dimensions, and the slope κ(t) of the robust term.
 """
 
-import argparse
-import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from tarc import estimators, laws
-from tarc.certificates import ball, loop, slope, stable_intervals
-from tarc.progress import Progress
 
 Array = np.ndarray
 
@@ -122,8 +118,8 @@ def least_squares(window: int, degree: int, derivative: int) -> Array:
 def recurrence(design: Design) -> Recurrence:
     """The law as a recurrence.
 
-    Literal: v = u − z⁻ᵐ â + z⁻ᵐ⁻ᵃ v; synchronised: v = u − â + z⁻¹⁻ᵃ c(z) v, both with u = −K1 q − K2 v̂ + w and, behind a
-    low-pass, times its 1 − p z⁻¹.
+    Literal: v = u − z⁻ᵐ â + z⁻ᵐ⁻ᵃ v; synchronised: v = u − â + z⁻¹⁻ᵃ c(z) v; with u = −K1 q − K2 v̂ + w, and behind a
+    low-pass both times its 1 − p z⁻¹.
     """
     pole = np.exp(-design.cutoff * PERIOD) if design.cutoff else 0.0
     lag = np.array([1.0, -pole])
@@ -197,7 +193,7 @@ def peak(top: Array, bottom: Array) -> tuple[float, float]:
 
 def most_negative(top: Array, bottom: Array) -> tuple[float, float]:
     """How far the response reaches to the left of zero, and where [rad a period]."""
-    return _highest(lambda angles: -respond(top, bottom, angles).real)
+    return _highest(lambda angles: -np.real(respond(top, bottom, angles)))
 
 
 def _highest(function: Callable[[Array], Array]) -> tuple[float, float]:

@@ -205,6 +205,30 @@ def test_infinity_norm_finds_a_peak_between_grid_points():
     assert hinf_norm(A, B, C, D) == pytest.approx(peak, rel=1e-5)
 
 
+def test_norms_of_what_is_not_stable_are_infinite():
+    grows = np.array([[1.01]]), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1))
+    assert hinf_norm(*grows) == np.inf
+    assert h2_norm(*grows) == np.inf
+
+
+@pytest.mark.parametrize("norm", [hinf_norm, h2_norm])
+def test_norms_refuse_what_is_no_system(norm):
+    one = np.ones((1, 1))
+    with pytest.raises(TarcError, match=r"A: got nan at \[0, 0\]; needs finite numbers"):
+        norm(np.nan * one, one, one, one)
+    with pytest.raises(TarcError, match=r"got shapes \(1, 1\), \(1, 1\), \(1, 2\)"):
+        norm(one / 2, one, np.ones((1, 2)), one)
+
+
+def test_a_certificate_that_holds_no_numbers_does_not_verify():
+    certificate = loop(tdc(), 0.08)
+    certificate.matrices["A0"][0, 0] = np.nan
+    assert not certificate.verify()
+    lacking = Certificate.from_json(loop(tdc(), 0.08).to_json())
+    del lacking.matrices["b0"]
+    assert not lacking.verify()
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [

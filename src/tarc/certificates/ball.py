@@ -84,7 +84,7 @@ def ball(
     centre = check.number("centre", best_centre(parts, contains) if centre is None else centre, 0, strict=True)
     scale, radius = best_scale(parts, centre)
     needed = 0.0 if contains is None else max(contains[1] - centre, centre - contains[0])
-    matrices = dict(zip(PARTS, parts, strict=True))
+    matrices: dict[str, Array] = dict(zip(PARTS, parts, strict=True))
     numbers = {"centre": centre, "radius": radius, "scale": scale, "needed": needed}
     verdict, margin, witness = judge(matrices, numbers)
     numbers |= {"low": centre - radius, "high": centre + radius, "slope": slope, "period": law.period}

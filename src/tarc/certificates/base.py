@@ -106,7 +106,8 @@ class Certificate:
         return certificate_figure(self)
 
 
-Witness = dict[str, float | list[float]]
+Witness = dict[str, Any]
+"""Numbers and lists of numbers, by name and unit."""
 Judge = Callable[[dict[str, np.ndarray], dict[str, Any]], tuple[str, float, Witness | None]]
 JUDGES: dict[str, Judge] = {}
 """By kind of certificate: verdict, margin and witness from matrices and numbers alone."""

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from tarc import check
-from tarc.certificates.base import JUDGES, Certificate, schur
+from tarc.certificates.base import JUDGES, Certificate, Witness, schur
 from tarc.certificates.linear import Channel, decouple
 from tarc.certificates.norms import h2_norm, hinf_norm
 from tarc.errors import TarcError
@@ -147,7 +147,7 @@ def crossings(A: np.ndarray, b: np.ndarray, c: np.ndarray, low: float = 1e-9, hi
     return unique
 
 
-def judge(matrices: dict[str, np.ndarray], numbers: dict[str, Any]) -> tuple[str, float, dict[str, float] | None]:
+def judge(matrices: dict[str, np.ndarray], numbers: dict[str, Any]) -> tuple[str, float, Witness | None]:
     """Verdict, margin and witness from the stored matrices: stable at both ends, and no crossing between them."""
     low, high, period = numbers["low"], numbers["high"], numbers["period"]
     count = sum(name.startswith("A") for name in matrices)

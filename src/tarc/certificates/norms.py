@@ -2,13 +2,27 @@
 
 import numpy as np
 
+from tarc import check
+from tarc.errors import TarcError
+
 Array = np.ndarray
 
 
 def h2_norm(A: Array, B: Array, C: Array, D: Array) -> float:
-    """Root mean square of y for white u of unit variance: tr(C X Cᵀ + D Dᵀ)^½ with X = A X Aᵀ + B Bᵀ."""
+    """Root mean square of y for white u of unit variance: tr(C X Cᵀ + D Dᵀ)^½ with X = A X Aᵀ + B Bᵀ.
+
+    Infinite for a system that is not stable.
+
+    Raises
+    ------
+    TarcError
+        For matrices that are not finite or do not fit together.
+    """
     from scipy.linalg import solve_discrete_lyapunov
 
+    A, B, C, D = _checked(A, B, C, D)
+    if np.max(np.abs(np.linalg.eigvals(A)), initial=0.0) >= 1:
+        return np.inf
     A, B, C = balance(A, B, C)
     X = solve_discrete_lyapunov(A, B @ B.T)
     return float(np.sqrt(np.trace(C @ X @ C.T + D @ D.T)))
@@ -19,12 +33,21 @@ def hinf_norm(A: Array, B: Array, C: Array, D: Array, tolerance: float = 1e-6) -
 
     Bruinsma and Steinbuch's method: a level γ is an upper bound if the pencil of γ² I − G(1/z)ᵀ G(z) has no
     eigenvalue on the unit circle; where it has, the frequencies between give a better lower bound. The value returned
-    is a level at which there was none; infinite if none was found, as with poles within rounding of the circle.
+    is a level at which there was none; infinite if none was found, as with poles within rounding of the circle, and for
+    a system that is not stable.
+
+    Raises
+    ------
+    TarcError
+        For matrices that are not finite or do not fit together.
 
     References
     ----------
     N. A. Bruinsma and M. Steinbuch, Systems & Control Letters 14(4), 1990.
     """
+    A, B, C, D = _checked(A, B, C, D)
+    if np.max(np.abs(np.linalg.eigvals(A)), initial=0.0) >= 1:
+        return np.inf
     A, B, C = balance(A, B, C)
     low = _peak(A, B, C, D)
     for _ in range(60):
@@ -35,6 +58,18 @@ def hinf_norm(A: Array, B: Array, C: Array, D: Array, tolerance: float = 1e-6) -
         better = float(np.max(gains(A, B, C, D, (angles[1:] + angles[:-1]) / 2)))
         low = max(better, level)  # where rounding alone leaves a crossing, the level itself goes up
     return np.inf
+
+
+def _checked(*matrices: Array) -> tuple[Array, Array, Array, Array]:
+    A, B, C, D = (check.array(name, matrix) for name, matrix in zip("ABCD", matrices, strict=True))
+    fits = all(matrix.ndim == 2 for matrix in (A, B, C, D))
+    fits = fits and A.shape[0] == A.shape[1] == B.shape[0] == C.shape[1] and D.shape == (C.shape[0], B.shape[1])
+    if not fits:
+        raise TarcError(
+            f"A, B, C, D: got shapes {A.shape}, {B.shape}, {C.shape}, {D.shape}; needs (m, m), (m, inputs), "
+            "(outputs, m), (outputs, inputs)"
+        )
+    return A, B, C, D
 
 
 def balance(A: Array, B: Array, C: Array) -> tuple[Array, Array, Array]:

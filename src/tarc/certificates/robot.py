@@ -211,8 +211,8 @@ def advice(law: TDE, verdict: Certificate, computation_delay: int = 0) -> str:
 
 def remedy(law: Law, witness: Witness, computation_delay: int = 0) -> str:
     """What `unstable_posture` found, and what to do about it, in a sentence each."""
-    ratio, rate = float(np.ravel(witness["ratio"])[0]), float(np.ravel(witness["growth rate [1/s]"])[0])
-    posture = ", ".join(f"{one:.3g}" for one in np.ravel(witness["posture"]))
+    ratio, rate = witness["ratio"], witness["growth rate [1/s]"]
+    posture = ", ".join(f"{one:.3g}" for one in witness["posture"])
     text = (
         f"{type(law).__name__}: held at rest at q = ({posture}) the loop is unstable: an eigenvalue of M(q)⁻¹M̂ is "
         f"{ratio:.4g}, and a mode grows by e in {1 / rate:.2g} s"

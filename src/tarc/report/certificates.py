@@ -47,7 +47,7 @@ def _eigenvalues(axes: Axes, loops: dict[str, np.ndarray]) -> None:
 def _block(loops: list[tuple[np.ndarray, ...]], ratio: float) -> np.ndarray:
     from scipy.linalg import block_diag
 
-    return block_diag(*(A + ratio * b @ c for A, b, c in loops))
+    return np.asarray(block_diag(*(A + ratio * b @ c for A, b, c in loops)))
 
 
 def _loop(certificate: "Certificate") -> Figure:
@@ -177,7 +177,11 @@ def design_figure(law: "TDE", certificates: dict[str, "Certificate"], computatio
     from scipy.linalg import block_diag
 
     _eigenvalues(
-        circle, {f"{name}, {one:.4g}": block_diag(*(c.closed(one) for c in channels)) for name, one in ratios.items()}
+        circle,
+        {
+            f"{name}, {one:.4g}": np.asarray(block_diag(*(c.closed(one) for c in channels)))
+            for name, one in ratios.items()
+        },
     )
     angles = np.geomspace(1e-4, 0.99 * np.pi, 500)
     for axes, system, label in (
@@ -230,8 +234,12 @@ def _map(axes: Axes, law: "TDE", low: float, high: float, computation_delay: int
                 held[i] = numbers["low"], numbers["high"]
             except TarcError:
                 pass
-    axes.fill_between(counts, *exact.T, color=COLOURS[5], alpha=0.5, lw=0, label="stable if the ratio is constant")
-    axes.fill_between(counts, *held.T, color=COLOURS[2], alpha=0.6, lw=0, label="stable if it varies: widest ball")
+    axes.fill_between(
+        counts, exact[:, 0], exact[:, 1], color=COLOURS[5], alpha=0.5, lw=0, label="stable if the ratio is constant"
+    )
+    axes.fill_between(
+        counts, held[:, 0], held[:, 1], color=COLOURS[2], alpha=0.6, lw=0, label="stable if it varies: widest ball"
+    )
     axes.plot([own, own], [low, high], "o-", color=COLOURS[1], lw=3, ms=4, label="this design on this robot")
     axes.set_yscale("log")
     axes.yaxis.set_major_formatter("{x:g}")
