@@ -127,7 +127,8 @@ def _decouple(law: TDE, gain: float) -> list[Channel]:
     groups: dict[tuple[float, float], list[int]] = {}
     for joint in range(law.joints):
         groups.setdefault((float(law.K1[joint, joint]), float(law.K2[joint, joint])), []).append(joint)
-    plain: dict[str, Any] = {"inertia": 1.0, "torque_limit": None, "bandwidth": None, "safe_torque": "zero"}
+    plain: dict[str, Any] = {"inertia": 1.0, "torque_limit": None, "bandwidth": None, "damping": 1.0}
+    plain["safe_torque"] = "zero"
     if gain:
         plain["weight"] = [2 * law.K1[0, 0] * P2[0, 0], 2.0]  # the weight Q of one joint that has this P2
     elif hasattr(law, "weight"):

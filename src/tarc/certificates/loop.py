@@ -13,6 +13,8 @@ from tarc.errors import TarcError
 from tarc.laws.base import Law
 
 LONGEST_DELAY = 200
+ON_CIRCLE = 1e-9
+"""Distance from the unit circle within which an eigenvalue counts as on it."""
 
 
 def loop(
@@ -85,14 +87,28 @@ def stable_intervals(law: Law, *, computation_delay: int = 0, gain: float = 0.0)
     of a matrix pencil, and not on a grid; for that the gains must not couple the joints.
     """
     channels = decouple(law, computation_delay, gain)
-    edges = sorted({0.0, *(edge for channel in channels for edge in crossings(*_split(channel)))})
+    edges = {0.0, *(edge for channel in channels for edge in crossings(*_split(channel)))}
+    edges = sorted(edges | set(_changes(channels, edges)))
     bounds = [*edges, edges[-1] * 2 + 1.0]
     found: list[tuple[float, float]] = []
     for low, high in pairwise(bounds):
-        if _radius(channels, (low + high) / 2) < 1:
+        if _radius(channels, (low + high) / 2) < 1 - ON_CIRCLE:
             end = np.inf if high == bounds[-1] else high
             joined = found and found[-1][1] == low
             found[-1:] = [(found[-1][0], end)] if joined else [*found[-1:], (low, end)]
+    return found
+
+
+def _changes(channels: list[Channel], edges: set[float]) -> list[float]:
+    """Ratios at which the loop gains or loses stability with no edge between: what rounding hid from the pencil."""
+    from scipy.optimize import brentq
+
+    trials = np.unique([*np.geomspace(1e-4, 30.0, 25), *((one + two) / 2 for one, two in pairwise(sorted(edges)))])
+    radii = [_radius(channels, float(trial)) - 1 for trial in trials]
+    found = []
+    for (one, before), (two, after) in pairwise(zip(trials, radii, strict=True)):
+        if before * after < 0 and not any(one <= edge <= two for edge in edges):
+            found.append(float(brentq(lambda ratio: _radius(channels, ratio) - 1, one, two, rtol=1e-10)))
     return found
 
 
@@ -131,20 +147,35 @@ def crossings(A: np.ndarray, b: np.ndarray, c: np.ndarray, low: float = 1e-9, hi
     left = np.block([[eye, none, 0 * b], [none, -A, -b], [0 * c, 0 * c, np.zeros((1, 1))]])
     right = np.block([[A, none, b], [none, -eye, 0 * b], [c, -c, np.zeros((1, 1))]])
     z = np.asarray(eigvals(right, left))
-    z = z[np.isfinite(z) & (np.abs(np.abs(z) - 1) < 1e-3) & (np.imag(z) >= 0)]
     ratios = []
-    for point in z / np.abs(z):
+    for angle in np.abs(np.angle(z[np.isfinite(z) & (np.abs(np.abs(z) - 1) < 1e-2) & (z.imag >= -1e-9)])):
         try:
-            response = (c @ np.linalg.solve(point * eye - A, b)).item()
+            response = _real_response(A, b, c, float(angle))
         except np.linalg.LinAlgError:  # on a pole of the open loop, where the ratio is zero
             continue
-        if response.real > 0 and abs(response.imag) < 1e-4 * abs(response):
+        # one too many does no harm, for every range between two is tested; one too few does
+        if response.real > 0 and abs(response.imag) < 0.1 * abs(response):
             ratios.append(float(1 / response.real))
     unique: list[float] = []
     for ratio in sorted(ratios):
         if low < ratio < high and (not unique or ratio > unique[-1] * (1 + 1e-7)):
             unique.append(ratio)
     return unique
+
+
+def _real_response(A: np.ndarray, b: np.ndarray, c: np.ndarray, angle: float) -> complex:
+    """G(e^{jω}) where it is real, by Newton's method on its imaginary part from an angle nearby."""
+    response = 0j
+    for _ in range(8):
+        z = np.exp(1j * angle)
+        inner = np.linalg.solve(z * np.eye(len(A)) - A, b)
+        response = complex((c @ inner).item())
+        slope = (-1j * z * (c @ np.linalg.solve(z * np.eye(len(A)) - A, inner)).item()).imag
+        move = -response.imag / slope if slope else 0.0
+        if abs(response.imag) < 1e-12 * abs(response) or abs(move) > 0.1 * angle:
+            break
+        angle += move
+    return response
 
 
 def judge(matrices: dict[str, np.ndarray], numbers: dict[str, Any]) -> tuple[str, float, Witness | None]:
@@ -157,8 +188,8 @@ def judge(matrices: dict[str, np.ndarray], numbers: dict[str, Any]) -> tuple[str
         trials = {low, high}
         if low < high:
             inner = [edge for edge in crossings(A, b, c) if low < edge < high]
-            cuts = [low, *inner, high]
-            trials |= {(one + two) / 2 for one, two in pairwise(cuts)}
+            trials |= {(one + two) / 2 for one, two in pairwise([low, *inner, high])}
+            trials |= set(np.geomspace(low, high, 8)[1:-1].tolist())
         for trial in sorted(trials):
             answer, radius, mode = schur(A + trial * b @ c)
             if trial in (low, high):

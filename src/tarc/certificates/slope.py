@@ -136,6 +136,8 @@ def circle_limit(A: Array, B: Array, C: Array) -> float:
 
 def _within_circle(A: Array, B: Array, C: Array, k: float) -> bool:
     middle = A - k / 2 * B @ C
+    if k <= 0:
+        return False
     if schur(middle)[0] != "certified":
         return False
     return hinf_norm(middle, B, C, np.zeros((len(C), B.shape[1])), 1e-7) <= 2 / k
@@ -146,8 +148,12 @@ def frozen_limit(A: Array, B: Array, C: Array) -> float:
     if np.max(np.abs(np.linalg.eigvals(A))) >= 1:
         return 0.0
     if B.shape[1] == 1:
-        edges = crossings(A, -B, C, 1e-9, 1e12)
-        return edges[0] if edges else np.inf
+        edges = [0.0, *crossings(A, -B, C, 1e-9, 1e12), np.inf]
+        for low, high in pairwise(edges):
+            middle = (low + min(high, 2 * low + 1)) / 2
+            if np.max(np.abs(np.linalg.eigvals(A - middle * B @ C))) >= 1:
+                return low
+        return np.inf
     k = np.inf
     for trial in np.geomspace(1e-3, 1e9, 1201):  # coupled joints: no pencil; stepped through by two per cent
         if np.max(np.abs(np.linalg.eigvals(A - trial * B @ C))) >= 1:

@@ -41,7 +41,9 @@ class TDE(Law):
         K1 [1/s²] and K2 [1/s] themselves, instead: one number, one a joint, or a matrix; A must be Hurwitz, as it
         is whenever both are symmetric positive definite.
     delay
-        h [s], a whole multiple of the period; None for one period.
+        h [s], a whole multiple of the period; None for one period. Where it and the actuation delay together are an
+        even number of periods, a literal law never damps a torque that alternates from period to period, since no
+        sampled position shows it.
     synchronised
         Average the past torques with the weights that pair with the estimator's window instead of taking τ_h alone.
         It keeps the torque and the acceleration in step, so that a far larger M̂ is stable.
