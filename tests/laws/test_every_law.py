@@ -12,13 +12,30 @@ from hypothesis import strategies as st
 from family import ESTIMATORS, concrete_laws, make_law
 from tarc import Controller, TarcError, plants, signals, simulate
 from tarc.estimators import Algebraic
-from tarc.laws import LawInput
+from tarc.laws import TDE, LawInput, PolePlacement
+from tarc.schema import parameters
 from tarc.system import leaves, pack, trace, unpack
 
 LAWS = concrete_laws()
-every_law = pytest.mark.parametrize("kind", LAWS, ids=lambda kind: kind.__name__)
+
+
+def each(kinds):
+    return pytest.mark.parametrize("kind", kinds, ids=lambda kind: kind.__name__)
+
+
+every_law = each(LAWS)
+every_law_with_poles = each([kind for kind in LAWS if issubclass(kind, PolePlacement)])
+every_law_on_tde = each([kind for kind in LAWS if issubclass(kind, TDE)])
+every_way = pytest.mark.parametrize(
+    ("kind", "options"),
+    [
+        pytest.param(kind, {name: True} if name else {}, id=f"{kind.__name__} {name or ''}".strip())
+        for kind in LAWS
+        for name in (None, "synchronised", "time_delay")
+        if name is None or name in parameters(kind)
+    ],
+)
 every_estimator = pytest.mark.parametrize("estimator", ESTIMATORS)
-both_ways = pytest.mark.parametrize("synchronised", [False, True], ids=["literal", "synchronised"])
 
 
 def random_state(law, rng):
@@ -30,14 +47,13 @@ def random_state(law, rng):
     return numbers._replace(missing=zero, fault=zero)
 
 
-@every_law
+@every_way
 @every_estimator
-@both_ways
 @pytest.mark.parametrize("symbol", [ca.SX, ca.MX], ids=["SX", "MX"])
 @settings(deadline=None, max_examples=10)
 @given(seed=st.integers(0, 2**32 - 1), lost=st.sampled_from([None, np.nan, np.inf]))
-def test_traced_equals_numpy(kind, estimator, synchronised, symbol, seed, lost):
-    law = make_law(kind, 3, estimator, synchronised=synchronised)
+def test_traced_equals_numpy(kind, options, estimator, symbol, seed, lost):
+    law = make_law(kind, 3, estimator, **options)
     function, example = trace(law.step, *law.example(), symbol=symbol)
     rng = np.random.default_rng(seed)
     state, value = random_state(law, rng), LawInput(*rng.normal(size=(4, 3)))
@@ -51,13 +67,12 @@ def test_traced_equals_numpy(kind, estimator, synchronised, symbol, seed, lost):
     assert [np.shape(leaf) for leaf in leaves(output)] == [np.shape(leaf) for leaf in leaves(example)]
 
 
-@every_law
-@both_ways
+@every_way
 @settings(deadline=None, max_examples=30)
 @given(data=st.data())
-def test_never_emits_nan(kind, synchronised, data):
+def test_never_emits_nan(kind, options, data):
     """Whatever comes in, NaN and infinities and numbers near overflow included, finite torque comes out."""
-    law = make_law(kind, 2, synchronised=synchronised, max_missing=3)
+    law = make_law(kind, 2, max_missing=3, **options)
     state, _ = law.example()
     anything = st.lists(st.floats(width=64), min_size=8, max_size=8)
     for _ in range(8):
@@ -68,11 +83,11 @@ def test_never_emits_nan(kind, synchronised, data):
         assert all(np.all(np.isfinite(leaf)) for leaf in leaves(output)), "output"
 
 
-@every_law
-@both_ways
-def test_controller_equals_simulation(kind, synchronised):
+@every_way
+def test_controller_equals_simulation(kind, options):
     """The real-time face, fed with the measurements of a run, gives the torques of that run."""
-    law = make_law(kind, synchronised=synchronised, inertia=[0.15, 0.05], torque_limit=60.0)
+    options = {**options, **({"inertia": [0.15, 0.05]} if issubclass(kind, PolePlacement) else {})}
+    law = make_law(kind, torque_limit=60.0, **options)
     reference = signals.Sinusoid(amplitude=[0.3, 0.4], frequency=[2.0, 3.0])
     sensor = signals.Encoder(bits=14, dropout=0.02)
     run = simulate(plants.TwoLinkArm(), law, reference, 0.5, sensor=sensor, torque="rest", seed=3)
@@ -138,7 +153,7 @@ def test_lost_reference_is_held(kind):
     np.testing.assert_allclose(output.torque, 0.0, atol=1e-6)
 
 
-@every_law
+@every_law_on_tde
 def test_is_at_rest_on_target(kind):
     """On the reference at rest every law keeps the torque that was applied."""
     law = make_law(kind)
@@ -157,6 +172,17 @@ def test_is_at_rest_on_target(kind):
         ({"torque_limit": [1.0, 2.0, 3.0]}, r"torque_limit: got shape \(3,\)"),
         ({"torque_limit": -1.0}, "torque_limit"),
         ({"safe_torque": "brake"}, "safe_torque: got 'brake'; known are zero, hold"),
+    ],
+)
+def test_bad_parameters_are_refused(kind, options, message):
+    with pytest.raises(TarcError, match=message):
+        make_law(kind, **options)
+
+
+@every_law_with_poles
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
         ({"inertia": [[1.0, 0.5], [0.4, 1.0]]}, "inertia: .* not symmetric"),
         ({"inertia": [[1.0, 2.0], [2.0, 1.0]]}, "inertia: its smallest eigenvalue is -1"),
         ({"inertia": [[1.0, 2.0, 3.0], [2.0, 1.0, 3.0]]}, r"inertia: got shape \(2, 3\)"),
@@ -165,19 +191,30 @@ def test_is_at_rest_on_target(kind):
         ({"bandwidth": -3.0}, "bandwidth: .*above 0"),
         ({"viscosity": [-1.0, 10.0]}, "A = .* is not Hurwitz, an eigenvalue has real part"),
         ({"stiffness": 100.0}, "bandwidth, stiffness: both are given"),
+    ],
+)
+def test_bad_poles_are_refused(kind, options, message):
+    with pytest.raises(TarcError, match=message):
+        make_law(kind, **options)
+
+
+@every_law_on_tde
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
         ({"delay": 0.0015}, "delay: got 0.0015 s, which is no whole multiple of the period 0.001 s"),
         ({"delay": 0.002, "synchronised": True}, "delay: got 0.002 s with synchronised=True"),
     ],
 )
-def test_bad_parameters_are_refused(kind, options, message):
+def test_bad_delays_are_refused(kind, options, message):
     with pytest.raises(TarcError, match=message):
         make_law(kind, **options)
 
 
 @every_law
 def test_unknown_and_missing_parameters(kind):
-    with pytest.raises(TarcError, match=r"unknown parameter 'bandwith'.*Did you mean 'bandwidth'\?"):
-        make_law(kind, bandwith=3.0)
+    with pytest.raises(TarcError, match=r"unknown parameter 'perod'.*Did you mean 'period'\?"):
+        make_law(kind, perod=3.0)
     with pytest.raises(TarcError, match="parameter 'period' is missing"):
         kind()
 
@@ -189,10 +226,11 @@ def test_survives_pickling_and_replacement(kind):
     state, value = law.example()
     torques = [one.step(state, value._replace(reference=np.ones(2)))[1].torque for one in (law, twin)]
     np.testing.assert_array_equal(*torques)
-    assert replace(law, bandwidth=7.0).K1[0, 0] == pytest.approx(49.0)
+    if isinstance(law, PolePlacement):
+        assert replace(law, bandwidth=7.0).K1[0, 0] == pytest.approx(49.0)
 
 
-@every_law
+@every_law_on_tde
 def test_estimator_without_acceleration_is_refused(kind):
     with pytest.raises(TarcError, match="gives no acceleration"):
         make_law(kind, estimator=Algebraic(window=0.008, degree=1))

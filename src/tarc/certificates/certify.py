@@ -17,8 +17,8 @@ from tarc.certificates.workspace import Workspace
 from tarc.errors import TarcError
 from tarc.estimators.algebraic import Algebraic
 from tarc.laws.base import Law
+from tarc.laws.poles import PolePlacement
 from tarc.laws.tarc import TARC
-from tarc.laws.tde import TDE
 from tarc.plants.base import Plant
 
 
@@ -71,7 +71,7 @@ def certificates(
     seed: int = 0,
 ) -> Iterator[tuple[str, Certificate]]:
     """Those of `certify`, one after the other."""
-    if not isinstance(law, TDE):
+    if not isinstance(law, PolePlacement):
         raise TarcError(
             f"law: got {type(law).__name__}; certificates need a law with an inertia M̂, such as TDC or TARC"
         )

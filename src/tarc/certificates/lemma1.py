@@ -10,8 +10,8 @@ from tarc.certificates.exact import balls, negative_at, positive, prove
 from tarc.certificates.workspace import Workspace, extremes, inverse_ratios
 from tarc.errors import TarcError
 from tarc.laws.base import Law
+from tarc.laws.poles import PolePlacement
 from tarc.laws.tarc import TARC
-from tarc.laws.tde import TDE
 from tarc.plants.base import Plant
 
 Array = np.ndarray
@@ -52,7 +52,7 @@ def lemma1(
     ----------
     Paper, Lemma 1, (mass).
     """
-    if not isinstance(law, TDE):
+    if not isinstance(law, PolePlacement):
         raise TarcError(f"law: got {type(law).__name__}; Lemma 1 is about M̂, so give a law on time-delay estimation")
     nominal, eye = law.M, np.eye(law.joints)
     robots = list(plant) if isinstance(plant, Sequence) else [plant]

@@ -10,7 +10,7 @@ import numpy as np
 from tarc import check
 from tarc.errors import TarcError
 from tarc.laws.base import Law
-from tarc.laws.tde import TDE
+from tarc.laws.poles import PolePlacement
 from tarc.loop import Drive, DriveInput
 from tarc.signals.sensors import Encoder
 from tarc.system import expressions, leaves, names, pack
@@ -93,7 +93,7 @@ def decouple(law: Law, computation_delay: int = 0, gain: float = 0.0) -> list[Ch
     gain
         Frozen switching gain ĉ [rad/s²]: inside its boundary layer the law adds α ĉ P2/ε to K1.
     """
-    if not isinstance(law, TDE):
+    if not isinstance(law, PolePlacement):
         raise TarcError(f"law: got {type(law).__name__}; the loop certificate needs a law with an inertia M̂")
     check.number("gain", gain, 0)
     check.whole("computation_delay", computation_delay)
@@ -107,18 +107,18 @@ _CHANNELS: WeakKeyDictionary[Law, dict[float, list[Channel]]] = WeakKeyDictionar
 """What was linearised, by law and gain: the certificates of one law all start from it."""
 
 
-def whole(law: TDE, computation_delay: int = 0) -> Channel:
+def whole(law: PolePlacement, computation_delay: int = 0) -> Channel:
     """The loop of all joints at once, for a mismatch that is no multiple of the identity; the gain at zero."""
     return _linearise(law, 0.0, tuple(range(law.joints))).delayed(computation_delay)
 
 
 def alike(law: Law) -> bool:
     """Whether K1, K2 and, with a robust term, P2 are multiples of the identity, so that all joints' loops are one."""
-    matrices = (law.K1, law.K2, getattr(law, "P2", law.K1)) if isinstance(law, TDE) else ()
+    matrices = (law.K1, law.K2, getattr(law, "P2", law.K1)) if isinstance(law, PolePlacement) else ()
     return bool(matrices) and all(np.allclose(K, K[0, 0] * np.eye(len(K)), rtol=1e-9) for K in matrices)
 
 
-def _decouple(law: TDE, gain: float) -> list[Channel]:
+def _decouple(law: PolePlacement, gain: float) -> list[Channel]:
     diagonal = all(np.allclose(K, np.diag(np.diag(K))) for K in (law.K1, law.K2))
     P2 = getattr(law, "P2", np.zeros_like(law.K1)) if gain else np.zeros_like(law.K1)
     scalar = all(np.allclose(K, K[0, 0] * np.eye(law.joints), rtol=1e-9) for K in (law.K1, law.K2, P2))
@@ -137,7 +137,7 @@ def _decouple(law: TDE, gain: float) -> list[Channel]:
     return [_linearise(ones[gains], gain, tuple(joints)) for gains, joints in groups.items()]
 
 
-def _linearise(law: TDE, gain: float, joints: tuple[int, ...]) -> Channel:
+def _linearise(law: PolePlacement, gain: float, joints: tuple[int, ...]) -> Channel:
     """Jacobian of the traced drive at rest; what adapts or counts is frozen.
 
     The acceleration reference enters the auxiliary input as Δu does, so that its columns are those of w.

@@ -108,7 +108,8 @@ def _changes(channels: list[Channel], edges: set[float]) -> list[float]:
     found = []
     for (one, before), (two, after) in pairwise(zip(trials, radii, strict=True)):
         if before * after < 0 and not any(one <= edge <= two for edge in edges):
-            found.append(float(brentq(lambda ratio: _radius(channels, ratio) - 1, one, two, rtol=1e-10)))
+            edge: Any = brentq(lambda ratio: _radius(channels, ratio) - 1, float(one), float(two))
+            found.append(float(edge))
     return found
 
 
@@ -148,7 +149,7 @@ def crossings(A: np.ndarray, b: np.ndarray, c: np.ndarray, low: float = 1e-9, hi
     right = np.block([[A, none, b], [none, -eye, 0 * b], [c, -c, np.zeros((1, 1))]])
     z = np.asarray(eigvals(right, left))
     ratios = []
-    for angle in np.abs(np.angle(z[np.isfinite(z) & (np.abs(np.abs(z) - 1) < 1e-2) & (z.imag >= -1e-9)])):
+    for angle in np.abs(np.angle(z[np.isfinite(z) & (np.abs(np.abs(z) - 1) < 1e-2) & (np.imag(z) >= -1e-9)])):
         try:
             response = _real_response(A, b, c, float(angle))
         except np.linalg.LinAlgError:  # on a pole of the open loop, where the ratio is zero

@@ -15,6 +15,7 @@ from tarc.certificates.loop import stable_intervals
 from tarc.certificates.workspace import Spread, Workspace, inverse_ratios, spread
 from tarc.errors import TarcError
 from tarc.laws.base import Law
+from tarc.laws.poles import PolePlacement
 from tarc.laws.tarc import TARC
 from tarc.laws.tde import TDE
 from tarc.plants.base import Plant
@@ -63,7 +64,7 @@ def robot(
     TarcError
         For joints that do not match, a singular inertia matrix, a law without an inertia.
     """
-    if not isinstance(law, TDE):
+    if not isinstance(law, PolePlacement):
         raise TarcError(f"law: got {type(law).__name__}; the robot certificate needs a law with an inertia M̂")
     plants = [plant] if isinstance(plant, Plant) else list(plant)
     found = spread(plants, law.M, workspace, samples=samples, seed=seed)
@@ -109,7 +110,7 @@ def robot(
     )
 
 
-def _assumptions(law: TDE, found: Spread, computation_delay: int) -> tuple[str, ...]:
+def _assumptions(law: PolePlacement, found: Spread, computation_delay: int) -> tuple[str, ...]:
     def posture(q: Array) -> str:
         return "(" + ", ".join(f"{one:.3g}" for one in q) + ")"
 
@@ -164,7 +165,7 @@ def unstable_posture(law: Law, plant: Plant, positions: Array, computation_delay
     Quick: one linearisation, and the inertia in each position. Only for laws on time-delay
     estimation whose gains are the same on every joint; None for others.
     """
-    if not alike(law) or not isinstance(law, TDE):
+    if not alike(law) or not isinstance(law, PolePlacement):
         return None
     free, into, out = decouple(law, computation_delay)[0].around(0.0)[:3]
     inertias = np.array([plant.inertia(q) for q in np.asarray(positions).T])
@@ -182,7 +183,7 @@ def unstable_posture(law: Law, plant: Plant, positions: Array, computation_delay
     return found[1] if found else None
 
 
-def advice(law: TDE, verdict: Certificate, computation_delay: int = 0) -> str:
+def advice(law: PolePlacement, verdict: Certificate, computation_delay: int = 0) -> str:
     """What to change in a design that was not certified, with numbers; empty for one that was."""
     if verdict.witness:
         return remedy(law, verdict.witness, computation_delay)
@@ -193,15 +194,16 @@ def advice(law: TDE, verdict: Certificate, computation_delay: int = 0) -> str:
     if isinstance(law, TARC) and law.cap is None:
         return "Give the gain a cap, without which nothing bounds the robust term"
     needed, slope = verdict.numbers["spread"], verdict.numbers["slope"]
+    trials = {"as it is": law}
+    if isinstance(law, TDE) and not law.synchronised:
+        trials["synchronised"] = replace(law, synchronised=True, delay=None)
     lines = []
-    for name, other in (("literal", False), ("synchronised", True)):
-        if other or not law.synchronised:
-            trial = replace(law, synchronised=other, delay=None if other else law.delay)
-            with suppress(TarcError):
-                found = ball(trial, slope=slope, computation_delay=computation_delay).numbers
-                scale = (found["low"] * found["high"]) ** 0.5
-                scale /= (verdict.numbers["least ratio"] * verdict.numbers["greatest ratio"]) ** 0.5
-                lines.append(f"{found['ratio']:.3g} ({name}, with {scale:.3g} of this M̂)")
+    for name, trial in trials.items():
+        with suppress(TarcError):
+            found = ball(trial, slope=slope, computation_delay=computation_delay).numbers
+            scale = (found["low"] * found["high"]) ** 0.5
+            scale /= (verdict.numbers["least ratio"] * verdict.numbers["greatest ratio"]) ** 0.5
+            lines.append(f"{found['ratio']:.3g} ({name}, with {scale:.3g} of this M̂)")
     return (
         f"The robot's spread is {needed:.3g}; the widest ball of this loop holds {' or '.join(lines) or 'none'}. A "
         "shorter window, a lower bandwidth, a smaller cap or more rotor inertia narrow the gap; inconclusive does not "
@@ -224,11 +226,8 @@ def remedy(law: Law, witness: Witness, computation_delay: int = 0) -> str:
     text += f"; the loop is stable from {low:.4g} to {high:.4g}. "
     if ratio < low:
         return text + "Use a larger inertia or a lower bandwidth"
-    return (
-        text
-        + "Use a smaller inertia, a shorter window"
-        + (" or less bandwidth" if isinstance(law, TDE) and law.synchronised else " or synchronised=True")
-    )
+    literal = isinstance(law, TDE) and not law.synchronised
+    return text + f"Use a smaller inertia, a shorter window or {'synchronised=True' if literal else 'less bandwidth'}"
 
 
 JUDGES["robot"] = judge

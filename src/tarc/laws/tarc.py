@@ -30,7 +30,7 @@ class TARC(TDE):
 
     The gain rises while the error grows and falls while it does not; no bound on the uncertainty and no threshold
     on the error is set beforehand. The adaptation runs as forward Euler, held at the floor γ from below as the
-    continuous law is. Takes the parameters of `TDE` and `Law`, and:
+    continuous law is. Takes the parameters of `TDE`, `PolePlacement` and `Law`, and:
 
     Parameters
     ----------

@@ -12,7 +12,7 @@ from tarc.report.figures import COLOURS
 
 if TYPE_CHECKING:
     from tarc.certificates.base import Certificate
-    from tarc.laws.tde import TDE
+    from tarc.laws.poles import PolePlacement
 
 VERDICT_COLOURS = {"certified": COLOURS[2], "refuted": COLOURS[1], "inconclusive": COLOURS[4]}
 
@@ -151,7 +151,7 @@ def _forms(certificate: "Certificate") -> Figure:
 FIGURES: dict[str, Callable[[Any], Figure]] = {"loop": _loop, "slope": _slope, "ball": _ball, "robot": _ball}
 
 
-def design_figure(law: "TDE", certificates: dict[str, "Certificate"], computation_delay: int = 0) -> Figure:
+def design_figure(law: "PolePlacement", certificates: dict[str, "Certificate"], computation_delay: int = 0) -> Figure:
     """Where a design stands: stability over window and ratio, gains over frequency, eigenvalues.
 
     Parameters
@@ -201,7 +201,7 @@ def design_figure(law: "TDE", certificates: dict[str, "Certificate"], computatio
     return figure
 
 
-def _map(axes: Axes, law: "TDE", low: float, high: float, computation_delay: int) -> None:
+def _map(axes: Axes, law: "PolePlacement", low: float, high: float, computation_delay: int) -> None:
     """Stable ratios, and the widest ball, over the window, with the design marked; without a window over the ratio."""
     from tarc.certificates.ball import ball
     from tarc.certificates.linear import alike, decouple

@@ -203,7 +203,8 @@ def _defaults(kind: Any) -> dict[str, Any]:
 def print_kind(name: str, as_json: bool) -> None:
     """One kind: its documentation, and its parameters with defaults."""
     found = {key: kind for kinds in _entries().values() for key, kind in kinds.items()}
-    found |= {"TDE": tarc.laws.TDE, "Law": tarc.laws.Law}  # their parameters are those of every law on them
+    # their parameters are those of every law on them
+    found |= {name: getattr(tarc.laws, name) for name in ("TDE", "PolePlacement", "Law")}
     if name not in found:
         raise TarcError(f"show: nothing is called {name!r}; there are {', '.join(found)}.{check.nearest(name, found)}")
     kind = found[name]

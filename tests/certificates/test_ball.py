@@ -1,0 +1,334 @@
+"""The robust ball against loops written by hand, rotating mismatches and the norm of a finely cut period."""
+
+import numpy as np
+import pytest
+
+from benchmarks.soundness import (
+    ANGLES,
+    PERIOD,
+    SUBSTEPS,
+    Adversary,
+    Case,
+    Design,
+    Fleet,
+    matrices,
+    peak,
+    polynomials,
+    radius,
+    recurrence,
+    respond,
+)
+from family import make_law
+from tarc import TarcError, estimators, laws
+from tarc.certificates import Certificate, ball, hinf_norm, stable_interval, stable_intervals
+from tarc.certificates.ball import PARTS
+from tarc.certificates.base import schur
+from tarc.certificates.linear import whole
+
+LITERAL, SYNCHRONISED = Design(window=10), Design(window=10, synchronised=True)
+
+# theory: centre and radius of the widest ball, ratio of its ends
+KNOWN = [
+    (Design(window=10), 0.079, 0.0630, 8.6),
+    (Design(window=5), 0.140, 0.1218, 14.7),
+    (Design(window=20, synchronised=True), 0.999, 0.848, 12.2),
+    (Design(window=10, synchronised=True), 1.074, 0.981, 22.2),
+    (Design(window=5, synchronised=True), 1.110, 1.056, 39.5),
+]
+
+
+def hand_radius(design, centre):
+    """1/‖T‖∞ by the polynomials of the recurrence, for a mismatch held over each period."""
+    found = polynomials(recurrence(design), centre)
+    assert radius(found.closed) < 1
+    return 1 / peak(found.a_to_v, found.closed)[0]
+
+
+@pytest.mark.parametrize(("design", "centre", "known", "ratio"), KNOWN)
+def test_known_balls(design, centre, known, ratio):
+    there = ball(design.law, centre, intersample=False)
+    assert there.certified
+    # the centres are known to three digits, within which the radius moves by more than its own last digit
+    assert there.numbers["radius"] == pytest.approx(known, rel=0.01)
+    assert there.numbers["radius"] == pytest.approx(hand_radius(design, centre), rel=5e-6)
+    assert there.numbers["radius"] <= hand_radius(design, centre)
+    widest = ball(design.law, intersample=False).numbers
+    assert round(widest["ratio"], 1) == ratio
+    assert widest["centre"] == pytest.approx(centre, rel=0.01)
+    lifted = ball(design.law).numbers
+    assert widest["ratio"] * 0.98 < lifted["ratio"] < widest["ratio"]
+    low, high = stable_interval(design.law)
+    assert low < lifted["low"] < lifted["high"] < high
+
+
+@pytest.mark.parametrize("window", [5, 10])
+def test_widest_is_the_widest(window):
+    design = Design(window=window, synchronised=True)
+    found = ball(design.law, intersample=False).numbers["ratio"]
+    others = [hand_radius(design, centre) / centre for centre in np.geomspace(0.2, 2.5, 60)]
+    assert found == pytest.approx((1 + max(others)) / (1 - max(others)), rel=2e-3)
+
+
+@pytest.mark.parametrize(("design", "centre"), [(LITERAL, 0.08), (Design(window=5), 0.2), (SYNCHRONISED, 1.0)])
+@pytest.mark.parametrize("computation", [0, 2])
+def test_lifted_norm_against_a_period_cut_into_fifty(design, centre, computation):
+    """A mismatched acceleration that is constant over each fiftieth, of unit mean square over the period."""
+    cuts = 50
+    law = recurrence(design)._replace(delay=computation)
+    closed, side = polynomials(law, centre).closed, np.concatenate([-law.q, [0.0]])
+    power = np.zeros(len(ANGLES))
+    for j in range(cuts):
+        reach = (cuts - j - 0.5) / cuts
+        motion = PERIOD**2 / np.sqrt(cuts) * np.array([0.0, reach, 1.0 - reach])
+        power += np.abs(respond(np.convolve(motion, side), closed, ANGLES)) ** 2
+    expected = 1 / np.sqrt(power.max())
+    found = ball(design.law, centre, computation_delay=computation)
+    # fifty pieces bind the adversary a little, so that its norm is the smaller one
+    assert expected * (1 - 1e-4) < found.numbers["radius"] < expected
+    assert found.numbers["radius"] < ball(design.law, centre, intersample=False, computation_delay=computation).numbers[
+        "radius"
+    ]
+
+
+def growth_of_rotating(design, low, high, rates):
+    """Largest Floquet multiplier for a mismatch with two eigenvalues that turns by a rate [rad a period].
+
+    In the frame that turns along, the loop of the complex q does not depend on time.
+    """
+    A, B, _, C = matrices(Case(recurrence(design), 0.0))
+    gain = np.outer(B, C)
+    sizes = []
+    for rate in np.atleast_1d(rates):
+        turn = np.exp(-1j * rate)
+        same, other = turn * (A + (low + high) / 2 * gain), turn * (low - high) / 2 * gain
+        both = np.block([[(same + other).real, (other - same).imag], [(same + other).imag, (same - other).real]])
+        sizes.append(np.max(np.abs(np.linalg.eigvals(both))))
+    return np.array(sizes)
+
+
+def test_a_rotating_mismatch_inside_the_frozen_interval_diverges():
+    """Both eigenvalues lie well inside the range that every constant ratio may have."""
+    low, high = 0.006, 0.255
+    edges = stable_interval(LITERAL.law)
+    assert edges[0] < low < high < edges[1]
+    rates = np.array([10.0, 11.5, 153.6, 3000.0, 3141.0]) * PERIOD
+    grows = growth_of_rotating(LITERAL, low, high, rates) > 1
+    assert grows.tolist() == [False, True, True, True, False]
+    # fastest at 153.6 rad/s, by e in 30 ms
+    fastest = np.linspace(100, 200, 101) * PERIOD
+    sizes = growth_of_rotating(LITERAL, low, high, fastest)
+    assert fastest[np.argmax(sizes)] / PERIOD == pytest.approx(153.6, abs=2)
+    assert PERIOD / np.log(sizes.max()) == pytest.approx(0.0298, rel=0.01)
+    assert ball(LITERAL.law, contains=(low, high)).verdict == "inconclusive"
+
+
+@pytest.mark.parametrize("design", [LITERAL, Design(window=5), SYNCHRONISED])
+def test_sharp_in_two_dimensions(design):
+    """Rotating at the peak of the norm, a mismatch diverges just outside the ball and not just inside."""
+    found = ball(design.law, intersample=False).numbers
+    known = polynomials(recurrence(design), found["centre"])
+    rate = peak(known.a_to_v, known.closed)[1]
+    inside, outside = (
+        growth_of_rotating(design, found["centre"] - size, found["centre"] + size, rate)[0]
+        for size in (0.999 * found["radius"], 1.001 * found["radius"])
+    )
+    assert inside < 1 < outside
+
+
+def test_the_fleet_agrees_with_the_floquet_multiplier():
+    """The simulation that the soundness benchmark rests on can find what there is to find."""
+    found = ball(LITERAL.law, intersample=False).numbers
+    law = recurrence(LITERAL)
+    cases = [Case(law, found["centre"], share * found["radius"]) for share in (0.95, 1.05)]
+    growth = Fleet(cases, [Adversary("rotate at the peak")]).run(8000)[0]
+    known = polynomials(law, found["centre"])
+    rate = peak(known.a_to_v, known.closed)[1]
+    for case, log in zip(cases, growth, strict=True):
+        size = growth_of_rotating(LITERAL, case.centre - case.radius, case.centre + case.radius, rate)[0]
+        assert log / 4000 == pytest.approx(np.log(size), rel=0.05)
+
+
+@pytest.mark.parametrize("intersample", [False, True])
+def test_nothing_inside_a_ball_diverges(intersample):
+    """With a varying slope at the same time, of adversaries that know the loop."""
+    cases = []
+    for design, centre in ((LITERAL, 0.08), (SYNCHRONISED, 1.0), (SYNCHRONISED, 0.4)):
+        for slope in (100.0, 300.0):
+            found = ball(design.law, centre, slope=slope, intersample=intersample)
+            assert found.certified
+            cases.append(Case(recurrence(design), centre, found.numbers["radius"], slope))
+    adversaries = [
+        Adversary(mismatch, slope)
+        for mismatch in ("rotate at the peak", "greedy output", "switch")
+        for slope in ("returning", "greedy output")
+    ]
+    assert SUBSTEPS > 1
+    assert np.all(Fleet(cases, adversaries).run(6000, within=intersample) < 0)
+
+
+def test_a_slope_costs_radius_and_none_costs_nothing():
+    radii = [ball(LITERAL.law, 0.08, slope=slope).numbers["radius"] for slope in (0.0, 1e-6, 100.0, 300.0, 600.0)]
+    assert radii[0] == pytest.approx(radii[1], rel=1e-3)
+    assert np.all(np.diff(radii[1:]) < 0)
+    # with no mismatch at all there remains the circle criterion, at 692
+    assert ball(LITERAL.law, 0.08, slope=680.0).certified
+    assert ball(LITERAL.law, 0.08, slope=700.0).verdict == "inconclusive"
+
+
+def test_contains():
+    verdict = ball(LITERAL.law, contains=(0.03, 0.12))
+    assert verdict.certified
+    numbers = verdict.numbers
+    assert numbers["low"] < 0.03
+    assert numbers["high"] > 0.12
+    assert verdict.margin == pytest.approx(
+        numbers["radius"] / max(0.12 - numbers["centre"], numbers["centre"] - 0.03) - 1
+    )
+    assert "from 0.03 to 0.12" in verdict.claim
+    assert ball(LITERAL.law, contains=(0.05, 0.05)).certified
+    # a spread below that of the widest ball, but not around its centre
+    assert ball(LITERAL.law, contains=(0.1, 0.8)).verdict == "inconclusive"
+    assert ball(LITERAL.law, contains=(0.01, 0.2)).verdict == "inconclusive"
+    given = ball(LITERAL.law, 0.08, contains=(0.03, 0.12))
+    assert given.certified
+    assert given.numbers["centre"] == 0.08
+
+
+def test_many_joints_cost_and_give_what_one_does():
+    one = ball(make_law(laws.TDC, 1), slope=50.0)
+    many = ball(make_law(laws.TDC, 30), slope=50.0)
+    assert many.numbers == one.numbers
+    assert [matrix.shape for matrix in many.matrices.values()] == [matrix.shape for matrix in one.matrices.values()]
+
+
+def test_one_joint_stands_for_three_with_a_full_inertia():
+    """In coordinates M̂^½ q; the mismatch of the full matrices is any symmetric E within the ball."""
+    mixed = np.array([[0.3, 0.1, 0.02], [0.1, 0.2, 0.05], [0.02, 0.05, 0.08]])
+    law = make_law(laws.TDC, 3, inertia=mixed)
+    found = ball(law, intersample=False).numbers
+    values, vectors = np.linalg.eigh(mixed)
+    root = vectors @ np.diag(np.sqrt(values)) @ vectors.T
+    A, B, C, _, _ = whole(law).around(found["centre"])
+    norm = hinf_norm(A, B @ np.linalg.inv(root), root @ C, np.zeros((3, 3)))
+    assert 1 / norm == pytest.approx(found["radius"], rel=5e-6)
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        E = turn @ np.diag(rng.uniform(found["low"], found["high"], 3)) @ turn.T
+        assert schur(whole(law).closed(np.linalg.inv(root) @ E @ root))[0] == "certified"
+    beyond = np.diag([stable_interval(law)[1] * 1.01, 0.05, 0.05])
+    assert schur(whole(law).closed(np.linalg.inv(root) @ beyond @ root))[0] == "refuted"
+
+
+def test_json_round_trip_verifies_and_tampering_shows():
+    for certificate in (ball(LITERAL.law), ball(SYNCHRONISED.law, contains=(0.5, 1.5), slope=50.0)):
+        read = Certificate.from_json(certificate.to_json())
+        assert read.certified
+        assert read.verify()
+        assert read.numbers == certificate.numbers
+        for name, factor in (("radius", 1.01), ("centre", 2.0)):
+            numbers = {**read.numbers, name: read.numbers[name] * factor}
+            changed = Certificate.from_json(certificate.to_json())
+            changed.numbers.update(numbers)
+            assert not changed.verify()
+        for name in PARTS[:3]:
+            changed = Certificate.from_json(certificate.to_json())
+            changed.matrices[name] *= 1.5
+            assert not changed.verify()
+            changed.matrices.pop(name)
+            assert not changed.verify()
+
+
+def test_explains_itself_and_draws(tmp_path):
+    certificate = ball(LITERAL.law, slope=100.0)
+    for part in ("Verdict: certified", "radius over the centre", "slope between 0 and 100 1/s²", "E changes at any time"):
+        assert part in certificate.explain()
+    assert "E is constant within each period" in ball(LITERAL.law, intersample=False).explain()
+    certificate.plot().savefig(tmp_path / "ball.png")
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: ball(make_law(laws.TDC, bandwidth=[10.0, 20.0])), "ball: the joints' gains differ or couple"),
+        (
+            lambda: ball(make_law(laws.TDC, bandwidth=None, stiffness=[[100.0, 5.0], [5.0, 100.0]], viscosity=20.0)),
+            "gains differ or couple",
+        ),
+        (
+            lambda: ball(make_law(laws.TARC, weight=[[1.0, 2.0], [1.0, 1.0]])),
+            "gains differ or couple",
+        ),
+        (lambda: ball(LITERAL.law, 0.0), "centre: got 0"),
+        (lambda: ball(LITERAL.law, np.inf), "centre: got inf"),
+        (lambda: ball(LITERAL.law, slope=-1.0), "slope: got -1"),
+        (lambda: ball(LITERAL.law, contains=(0.2, 0.1)), "contains: got 0.1; needs a finite number of at least 0.2"),
+        (lambda: ball(LITERAL.law, contains=(0.0, 0.1)), "contains: got 0"),
+        (lambda: ball(LITERAL.law, computation_delay=-1), "computation_delay: got -1"),
+        (lambda: ball("TDC"), "law: got str"),  # type: ignore[arg-type]
+        (lambda: ball(Design(bandwidth=200.0).law, computation_delay=60), "no inertia ratio makes this loop stable"),
+        (lambda: ball(LITERAL.law, slope=1e6), "a smaller slope"),
+    ],
+)
+def test_bad_input(call, message):
+    with pytest.raises(TarcError, match=message):
+        call()
+
+
+# What rounding once made wrong
+
+
+def test_a_norm_that_the_grid_of_frequencies_hides_is_not_too_low():
+    """Synchronised, windows of two periods: a narrow peak beside a lightly damped mode at half the sampling rate."""
+    checked = 0
+    for window in (0, 2):
+        for bandwidth in (2.0, 5.260581486313681, 20.0, 60.0):
+            design = Design(bandwidth=bandwidth, damping=1.0805602401238095, window=window, synchronised=True)
+            for centre in (1.5, 2.2, 2.6, 2.8651634841107407, 2.95):
+                if radius(polynomials(recurrence(design), centre).closed) > 1 - 1e-9:
+                    continue
+                found = ball(design.law, centre, intersample=False)
+                assert found.certified
+                # the polynomials themselves carry rounding beside such a pole
+                assert found.numbers["radius"] <= hand_radius(design, centre) * (1 + 1e-6)
+                assert found.numbers["radius"] >= hand_radius(design, centre) * (1 - 1e-4)
+                checked += 1
+    assert checked > 20
+
+
+def test_a_rotating_mismatch_within_the_ball_of_that_design_decays():
+    design = Design(bandwidth=5.260581486313681, damping=1.0805602401238095, window=2, synchronised=True)
+    found = ball(design.law, 2.8651634841107407, intersample=False).numbers
+    inside = growth_of_rotating(
+        design, found["centre"] - found["radius"], found["centre"] + found["radius"], 2.0765797453418324
+    )
+    assert inside[0] < 1
+
+
+@pytest.mark.parametrize(("periods", "actuation"), [(2, 0), (1, 1), (1, 3), (3, 1), (4, 0)])
+def test_a_torque_that_alternates_undamped_is_not_certified(periods, actuation):
+    """Literal, with an even number of periods in all: a mode on the circle that no sampled position shows."""
+    law = Design(periods=periods, actuation=actuation).law
+    assert stable_intervals(law) == []
+    for centre in (0.02, 0.05, 0.1):
+        assert ball(law, centre).verdict == "inconclusive"
+    with pytest.raises(TarcError, match="no inertia ratio makes this loop stable"):
+        ball(law)
+
+
+@pytest.mark.parametrize("damping", [0.5, 0.7, 2.0])
+def test_any_damping(damping):
+    estimator = estimators.Algebraic(window=0.010)
+    law = laws.TDC(inertia=0.1, bandwidth=10.0, damping=damping, period=PERIOD, estimator=estimator)
+    found = ball(law, 0.08, intersample=False)
+    assert found.numbers["radius"] == pytest.approx(hand_radius(Design(damping=damping), 0.08), rel=5e-6)
+
+
+def test_schur_judges_what_has_no_basis_of_eigenvectors():
+    block = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
+    assert schur(block + 0.5 * np.eye(3))[0] == "certified"
+    assert schur(block + 2.0 * np.eye(3))[0] == "refuted"
+    assert schur(block + np.eye(3))[0] == "inconclusive"
+    assert schur(np.diag([1.0, -1.0]))[0] == "inconclusive"
+    assert schur(np.diag([1.0 - 1e-15, 0.5]))[0] == "certified"
+    assert schur(np.diag([1.0 + 1e-15, 0.5]))[0] == "refuted"
