@@ -5,13 +5,21 @@ laws, with weights from least squares of their own, and the adversaries choose w
 the mismatch E(t) within its ball, in two dimensions, and the slope κ(t) of the robust term.
 """
 
+import argparse
+import time
+import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from rich.console import Console
+from rich.table import Table
 
 from tarc import estimators, laws
+from tarc.certificates import ball, loop, slope, stable_intervals
+from tarc.progress import Progress
 
 Array = np.ndarray
 
@@ -50,13 +58,13 @@ class Design:
             return estimators.BackwardDifference()
         return estimators.Algebraic(window=self.window * PERIOD, degree=self.degree)
 
-    @property
+    @cached_property
     def law(self) -> laws.TDE:
         """The law of the package with these numbers: TARC where there is a robust term."""
         options: dict[str, Any] = {
             "inertia": 0.1,
-            "stiffness": self.bandwidth**2,
-            "viscosity": 2 * self.damping * self.bandwidth,
+            "bandwidth": self.bandwidth,
+            "damping": self.damping,
             "period": PERIOD,
             "estimator": self.estimator,
             "synchronised": self.synchronised,
@@ -68,6 +76,11 @@ class Design:
         weight = [2 * self.bandwidth**2 * self.weight, 2.0]  # P2 = q1 / (2 K1)
         options |= {"weight": weight, "boundary": self.boundary, "margin": self.margin}
         return laws.TARC(rise=100.0, fall=100.0, **options)
+
+    @property
+    def alternates(self) -> bool:
+        """Whether a torque that alternates from period to period is never damped: a pole at −1 for every ratio."""
+        return not self.synchronised and (self.periods + self.actuation) % 2 == 0
 
     @property
     def gain(self) -> float:
@@ -87,10 +100,9 @@ def draw(rng: np.random.Generator, robust: bool = False) -> Design:
         degree=degree,
         cutoff=float(np.exp(rng.uniform(np.log(50), np.log(2000)))) if kind == "filter" else 0.0,
         synchronised=synchronised,
-        periods=1 if synchronised or rng.random() < 0.9 else 3,
+        periods=1 if synchronised or rng.random() < 0.9 else int(rng.choice([2, 3])),
         computation=int(rng.choice([0, 1, 2, 3], p=[0.5, 0.2, 0.15, 0.15])),
-        # with literal estimation an odd one leaves a torque that alternates undamped, which no ratio makes stable
-        actuation=int(rng.choice([1, 2, 3] if synchronised else [2])) if rng.random() < 0.15 else 0,
+        actuation=int(rng.choice([1, 2, 3])) if rng.random() < 0.15 else 0,
         weight=float(np.exp(rng.uniform(-1, 1))) if robust else 1.0,
         boundary=float(np.exp(rng.uniform(np.log(1e-3), np.log(0.1)))) if robust else 0.01,
         margin=float(rng.uniform(1, 2)) if robust else 1.0,
@@ -176,6 +188,15 @@ def radius(closed: Array) -> float:
     return float(np.max(np.abs(np.roots(closed))))
 
 
+def blur(closed: Array) -> float:
+    """How far rounding of the coefficients may move the largest root, with room."""
+    roots = np.roots(closed)
+    lead = roots[np.argmax(np.abs(roots))]
+    size = np.abs(lead) ** np.arange(len(closed) - 1, -1, -1)
+    steep = np.abs(np.polyval(np.polyder(closed), lead))
+    return float(1e4 * np.finfo(float).eps * (size @ np.abs(closed)) / max(steep, 1e-300)) + 1e-10
+
+
 def respond(top: Array, bottom: Array, angles: Array) -> Array:
     """Frequency response at angles [rad a period]."""
     back = np.exp(-1j * angles)
@@ -213,7 +234,8 @@ def _highest(function: Callable[[Array], Array]) -> tuple[float, float]:
 def trend(closed: Array, guess: float, most: int = 400_000) -> float:
     """Simulate a constant loop after a kick: the logarithm of its last quarter's peak over its second's.
 
-    Long enough to show which way a mode of the guessed radius goes; NaN if that takes more steps than allowed.
+    Long enough to show which way a mode of the guessed radius goes; NaN if that takes more steps than allowed: then
+    the roots must decide.
     """
     from scipy.signal import lfilter
 
@@ -230,7 +252,7 @@ def trend(closed: Array, guess: float, most: int = 400_000) -> float:
     return float(np.log(max(late, 1e-300) / max(early, 1e-300)))
 
 
-# Loops that an adversary changes, simulated
+# Loops that an adversary changes
 
 
 class Adversary(NamedTuple):
@@ -287,6 +309,30 @@ def matrices(case: Case) -> tuple[Array, Array, Array, Array]:
     return A, B, W, C
 
 
+def multiplier(case: Case, kappa: float, rates: Array) -> Array:
+    """How much a period multiplies the state by, exactly, while a mismatch at the radius turns at each rate [rad].
+
+    Its eigenvalues are the centre ± the radius. In the frame that turns along, the loop of the complex q has constant
+    coefficients. The slope is constant.
+    """
+    A, B, W, C = matrices(case)
+    A, C = A + np.outer(W, (case.slope / 2 - kappa) * np.eye(1, len(A))[0]), C.copy()
+    C[0] += case.slope / 2 - kappa
+    gain = case.radius * (np.outer(B, C) if case.law.delay == 0 else np.outer(B, np.eye(len(A))[_queue_end(case)]))
+    found = []
+    for rate in np.atleast_1d(rates):
+        turn = np.exp(-1j * rate)
+        same, other = turn * A, turn * gain
+        both = np.block([[(same + other).real, (other - same).imag], [(same + other).imag, (same - other).real]])
+        found.append(float(np.max(np.abs(np.linalg.eigvals(both)))))
+    return np.array(found)
+
+
+def _queue_end(case: Case) -> int:
+    """Where in the state the v is that acts now."""
+    return 2 + len(case.law.q) - 1 + case.law.delay - 1
+
+
 class Fleet:
     """Many loops at once, each in two dimensions as complex numbers, under many adversaries each.
 
@@ -328,14 +374,14 @@ class Fleet:
         rows |= {"rate": np.zeros((3, count)), "w": np.zeros((3, count))}
         for i, case in enumerate(self.cases):
             A, _, W, C = matrices(case)
-            if kind == "greedy":
-                scale = np.ones(len(A))
-                scale[[*range(2 + len(case.law.q) - 1, len(A))]] = PERIOD**2  # so that v counts as q does
-                weight = np.diag(scale**2)
-            else:
-                weight = np.outer(C, C) * PERIOD**4
-            P = solve_discrete_lyapunov(A.T, weight)
-            P = (P + P.T) / 2
+            scale = np.ones(len(A))
+            scale[2 + len(case.law.q) - 1 :] = PERIOD**2  # so that v counts as q does
+            row = C * PERIOD**2 / scale
+            weight = np.eye(len(A)) if kind == "greedy" else np.outer(row, row)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # whatever P is, the adversary is allowed; it only guesses worse
+                P = solve_discrete_lyapunov(A.T * np.outer(1 / scale, scale), weight, method="bilinear")
+            P = (P + P.T) / 2 * np.outer(scale, scale)
             m = len(case.law.q) - 1
             picked = np.stack([P[0] @ A, P[1] @ A, W @ P @ A])
             rows["q"][:, 0, i], rows["rate"][:, i] = picked[:, 0], picked[:, 1]
@@ -449,6 +495,229 @@ class Fleet:
         if kind == "phase":
             aside = np.cos(lean) * q[i] + np.sin(lean) * rate[i] / np.maximum(self.turn, 1e-6)
             return (q[i].conj() * aside).real > 0
-        # the functional is that of the loop with half the slope: more of it there takes ∓ k/2 q along W
         # in the loop with half the slope, more of it adds −k/2 q along W and less of it k/2 q
         return (pulls[kind][2, i].conj() * q[i]).real < 0
+
+
+# Designs against their certificates
+
+EDGE = 3.0
+"""Least logarithm of growth, or of decay, that shows which way a loop goes."""
+STEPS = 4000
+INSIDE = (0.25, 0.7, 0.05)
+"""Shares of the ratios for what needs a stable loop to begin with."""
+
+
+@dataclass
+class Tally:
+    """Verdicts counted; undecided are those that neither simulation nor roots can tell from the edge."""
+
+    designs: int = 0
+    certified: int = 0
+    refuted: int = 0
+    inconclusive: int = 0
+    undecided: int = 0
+    violations: list[str] = field(default_factory=list)
+    seconds: float = 0.0
+
+    def count(self, verdict: str) -> None:
+        self.designs += 1
+        setattr(self, verdict, getattr(self, verdict) + 1)
+
+
+def ratios(
+    design: Design, rng: np.random.Generator, count: int, shares: tuple[float, float, float] = (0.5, 0.3, 0.2)
+) -> Array:
+    """Ratios to try: these shares near where stability ends, between its ends, and anywhere."""
+    found = stable_intervals(design.law, computation_delay=design.computation)
+    edges = np.array([edge for ends in found for edge in ends if 1e-6 < edge < 1e3])
+    anywhere = np.exp(rng.uniform(np.log(2e-3), np.log(4.0), count))
+    if not edges.size:
+        return anywhere
+    inside = np.exp(rng.uniform(np.log(edges.min()), np.log(edges.max()), count))
+    near = rng.choice(edges, count) * np.exp(rng.choice([-1, 1], count) * 10 ** rng.uniform(-3.5, -0.5, count))
+    return np.choose(rng.choice(3, count, p=shares), [near, inside, anywhere])
+
+
+def check_loop(design: Design, rng: np.random.Generator, tally: Tally) -> None:
+    """One ratio, simulated after a kick."""
+    ratio = float(ratios(design, rng, 1)[0])
+    verdict = loop(design.law, ratio, computation_delay=design.computation).verdict
+    tally.count(verdict)
+    if verdict == "inconclusive":
+        return
+    closed = polynomials(recurrence(design), ratio).closed
+    size = radius(closed)
+    way = trend(closed, size)
+    if np.isnan(way) and abs(size - 1) > blur(closed):
+        way = np.copysign(np.inf, size - 1)
+    if design.alternates and verdict == "certified":
+        way = 0.0  # by construction, whatever rounding makes of it
+    elif np.isnan(way) or abs(way) < EDGE:
+        tally.undecided += 1
+        return
+    if (way < -EDGE) != (verdict == "certified"):
+        tally.violations.append(f"loop {verdict} at {ratio!r}, but log growth {way:.3g}: {design}")
+
+
+def check_range(design: Design, rng: np.random.Generator, tally: Tally) -> None:
+    """A range of ratios, by roots at ratios that it holds."""
+    hand = recurrence(design)
+    low, high = (float(end) for end in np.sort(ratios(design, rng, 2)))
+    found = loop(design.law, (low, high), computation_delay=design.computation)
+    tally.count(found.verdict)
+    if found.verdict == "inconclusive":
+        return
+    if found.witness:
+        size = radius(polynomials(hand, found.witness["ratio"]).closed)
+        wrong = not low <= found.witness["ratio"] <= high or size < 1 - 1e-6
+        tally.undecided += abs(size - 1) <= 1e-6
+    else:
+        size = max(radius(polynomials(hand, one).closed) for one in np.geomspace(low, high, 25))
+        wrong = size > 1 + 1e-6 or design.alternates
+    if wrong:
+        tally.violations.append(f"loop {found.verdict} from {low!r} to {high!r}, but radius {size!r}: {design}")
+
+
+def check_balls(
+    designs: Sequence[Design], rng: np.random.Generator, tally: Tally, steps: int, advance: Callable[[], None]
+) -> None:
+    """Balls about random centres, or to hold random ranges, half of them with a slope, against adversaries."""
+    cases: dict[bool, list[tuple[Design, Case]]] = {False: [], True: []}
+    for design in designs:
+        hand = recurrence(design)
+        centre = float(ratios(design, rng, 1, INSIDE)[0])
+        known = polynomials(hand, centre)
+        options: dict[str, Any] = {"intersample": bool(rng.random() < 0.5), "computation_delay": design.computation}
+        if rng.random() < 0.5 and radius(known.closed) < 1:
+            reach = max(most_negative(known.w_to_q, known.closed)[0], 1e-9)
+            options["slope"] = float(rng.uniform(0.02, 1.2) / reach)
+        if rng.random() < 0.4:
+            spread = np.exp(10 ** rng.uniform(-2, 0.3))
+            options["contains"] = centre / spread, centre * spread
+        found = ball(design.law, None if "contains" in options else centre, **options)
+        tally.count(found.verdict)
+        if found.certified:
+            numbers = found.numbers
+            case = Case(hand, numbers["centre"], numbers["radius"], numbers["slope"])
+            cases[options["intersample"]].append((design, case))
+        advance()
+    both = [(mismatch, SLOPES[i % len(SLOPES)]) for i, mismatch in enumerate(MISMATCHES)]
+    for within, pairs in cases.items():
+        for design, case in pairs:
+            wrong = frozen_or_turning(case)
+            if wrong:
+                tally.violations.append(f"ball {case[1:]}, but {wrong}: {design}")
+        simulate(pairs, [Adversary(*one) for one in both], rng, tally, steps, within)
+
+
+def frozen_or_turning(case: Case) -> str:
+    """What is unstable of loops that a ball covers: constant ones, and those whose mismatch turns at the worst rate."""
+    for kappa in (0.0, case.slope / 2, case.slope):
+        for ratio in case.centre + case.radius * np.linspace(-1, 1, 5):
+            size = radius(polynomials(case.law, ratio, kappa).closed)
+            if size > 1 + 1e-6:
+                return f"radius {size!r} at ratio {ratio!r}, slope {kappa!r}"
+        known = polynomials(case.law, case.centre, kappa)
+        rate = peak(known.a_to_v, known.closed)[1]
+        size = multiplier(case, kappa, np.array([rate / 2, rate])).max()
+        if size > 1 + 1e-6:
+            return f"multiplier {size!r} turning at {rate!r} rad a period, slope {kappa!r}"
+    return ""
+
+
+def check_slopes(
+    designs: Sequence[Design], rng: np.random.Generator, tally: Tally, steps: int, advance: Callable[[], None]
+) -> None:
+    """Caps on the gain of TARC from below the circle criterion to beyond the frozen limit, against adversaries."""
+    pairs = []
+    for design in designs:
+        hand, ratio = recurrence(design), float(ratios(design, rng, 1, INSIDE)[0])
+        known = polynomials(hand, ratio)
+        reach = most_negative(known.w_to_q, known.closed)[0] if radius(known.closed) < 1 else 1e-2
+        kappa = float(np.exp(rng.uniform(-0.7, 1.2)) / max(reach, 1e-9))
+        robust = replace(design, kappa=kappa, ratio=ratio)
+        found = slope(robust.law, ratio, cap=robust.gain, computation_delay=design.computation)
+        tally.count(found.verdict)
+        if found.witness:
+            shown = found.witness["gain [rad/s²]"] * design.margin * design.weight / design.boundary
+            size = radius(polynomials(hand, ratio, shown).closed)
+            tally.undecided += abs(size - 1) <= 1e-6
+            if size < 1 - 1e-6 or shown > kappa * (1 + 1e-9):
+                tally.violations.append(f"slope refuted at {shown!r}, but radius {size!r}: {robust}")
+        if found.certified:
+            pairs.append((robust, Case(hand, ratio, 0.0, kappa)))
+            size = max(radius(polynomials(hand, ratio, kappa * share).closed) for share in np.linspace(0, 1, 9))
+            if size > 1 + 1e-6 or design.alternates:
+                tally.violations.append(f"slope certified, but radius {size!r}: {robust}")
+        advance()
+    simulate(pairs, [Adversary("none", kind) for kind in SLOPES], rng, tally, steps, within=False)
+
+
+def simulate(
+    pairs: Sequence[tuple[Design, Case]],
+    adversaries: Sequence[Adversary],
+    rng: np.random.Generator,
+    tally: Tally,
+    steps: int,
+    within: bool,
+) -> None:
+    """Certified cases against adversaries: what grows must do so four times as long too, or was a transient."""
+    for start in range(0, len(pairs), 300):
+        some = pairs[start : start + 300]
+        growth = Fleet([case for _, case in some], adversaries, int(rng.integers(2**31))).run(steps, within=within)
+        suspects = np.flatnonzero(growth.max(axis=0) > 0.5)
+        if not suspects.size:
+            continue
+        again = Fleet([some[i][1] for i in suspects.tolist()], adversaries, 0).run(4 * steps, within=within)
+        for i, log in zip(suspects.tolist(), again.T, strict=True):
+            design, case = some[i]
+            if log.max() > EDGE:
+                which = adversaries[int(np.argmax(log))]
+                tally.violations.append(f"{case[1:]} certified, but {which} makes log growth {log.max():.3g}: {design}")
+            elif log.max() > 0.5:
+                tally.undecided += 1
+
+
+def measure(count: int, seed: int = 0, show: bool | None = False, steps: int = STEPS) -> dict[str, Tally]:
+    """Tallies of all certificates: so many loops, a quarter as many balls and slopes, an eighth as many ranges."""
+    rng = np.random.default_rng(seed)
+    plan = {"loop": count, "loop, a range": count // 8, "ball": count // 4, "slope": count // 4}
+    tallies = {}
+    for name, designs in plan.items():
+        tally = tallies[name] = Tally()
+        begin = time.perf_counter()
+        drawn = [draw(rng, name == "slope") for _ in range(designs)]
+        with Progress(name, designs, show) as progress:
+            if name.startswith("loop"):
+                for design in drawn:
+                    (check_loop if name == "loop" else check_range)(design, rng, tally)
+                    progress.advance()
+            else:
+                (check_balls if name == "ball" else check_slopes)(drawn, rng, tally, steps, progress.advance)
+        tally.seconds = time.perf_counter() - begin
+    return tallies
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.soundness", description=__doc__)
+    parser.add_argument("--designs", type=int, default=10_000, help="random designs (default 10000)")
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    tallies = measure(options.designs, options.seed, None)
+    table = Table(
+        "certificate", "designs", "certified", "refuted", "inconclusive", "undecided", "violations", "time [s]"
+    )
+    for name, tally in tallies.items():
+        numbers = (tally.designs, tally.certified, tally.refuted, tally.inconclusive, tally.undecided)
+        table.add_row(name, *map(str, numbers), str(len(tally.violations)), f"{tally.seconds:.0f}")
+    table.caption = "Undecided: too near the edge for a simulation to tell; counted among the verdicts too."
+    console = Console(width=None if Console().is_terminal else 120)
+    console.print(table)
+    for tally in tallies.values():
+        for violation in tally.violations[:20]:
+            console.print(violation, style="red", highlight=False)
+
+
+if __name__ == "__main__":
+    main()

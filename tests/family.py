@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from tarc import estimators, laws
+from tarc import estimators, laws, plants
 from tarc.schema import parameters
 
 PERIOD = 1e-3
@@ -15,9 +15,31 @@ ESTIMATORS: dict[str, estimators.Estimator] = {
     "cubic": estimators.Algebraic(window=0.010, degree=3),
     "difference": estimators.BackwardDifference(),
     "filtered": estimators.FilteredDifference(cutoff=300.0),
+    "kalman": estimators.Kalman(noise=1e-5, jerk=100.0),
+    "high gain": estimators.HighGain(time_constant=0.004),
+    "implicit": estimators.RobustDifferentiator(lipschitz=100.0),
+    "explicit": estimators.RobustDifferentiator(lipschitz=100.0, implicit=False),
 }
 
-NEEDED: dict[str, Any] = {"inertia": None, "rise": 3000.0, "fall": 2000.0}
+NEEDED: dict[str, Any] = {
+    "inertia": None,
+    "rise": 3000.0,
+    "fall": 2000.0,
+    "gain": 5.0,
+    "speed": 20.0,
+    "threshold": 0.1,
+    "growth": 20.0,
+    "velocity_gain": 10.0,
+    "time_constant": 0.1,
+    "nonlinear_damping": 5.0,
+    "observer_bandwidth": 60.0,
+    "disturbance_rate": 200.0,
+    "bound": 5.0,
+    "model": None,
+    "rate": 300.0,
+    "cap": 30.0,
+    "bounds": {"masses": [0.5, 2.0], "dampers": [0.0, 1.0]},
+}
 """Values for the parameters that some law needs."""
 
 
@@ -32,11 +54,13 @@ def concrete_laws() -> list[type[laws.Law]]:
 def make_law(kind: type[laws.Law], joints: int = 2, estimator_name: str = "algebraic", **options: Any) -> Any:
     """A law of this kind with plain gains."""
     mixed = 0.05 * (np.eye(joints) + 0.2 * np.ones((joints, joints)))
-    given: dict[str, Any] = {**NEEDED, "inertia": mixed}
+    given: dict[str, Any] = {**NEEDED, "inertia": mixed, "bandwidth": 12.0}
     needed = {name: parameter for name, parameter in parameters(kind).items() if parameter.needed}
     unknown = set(needed) - set(given)
     assert not unknown, f"give {unknown} of {kind.__name__} a value in NEEDED in tests/family.py"
     needed = {name: given[name] for name in needed}
+    if "model" in needed:
+        needed["model"] = plants.MassSpringDamper(masses=(1.0,) * joints, springs=0.0, dampers=0.2)
     if "bandwidth" in parameters(kind):
         needed["bandwidth"] = 12.0
     return kind(**{"period": PERIOD, "estimator": ESTIMATORS[estimator_name], **needed, **options})

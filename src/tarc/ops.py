@@ -62,6 +62,21 @@ def maximum(x: Any, y: Any) -> Any:
     return ca.fmax(x, y) if symbolic(x, y) else np.maximum(x, y)
 
 
+def minimum(x: Any, y: Any) -> Any:
+    """Smaller of the two, element by element."""
+    return ca.fmin(x, y) if symbolic(x, y) else np.minimum(x, y)
+
+
+def sign(x: Any) -> Any:
+    """−1, 0 or 1, element by element."""
+    return ca.sign(x) if symbolic(x) else np.sign(x)
+
+
+def magnitude(x: Any) -> Any:
+    """|x|, element by element."""
+    return ca.fabs(x) if symbolic(x) else np.abs(x)
+
+
 def clip(x: Any, low: Any, high: Any) -> Any:
     """X limited to [low, high], element by element."""
     return ca.fmin(ca.fmax(x, low), high) if symbolic(x, low, high) else np.clip(x, low, high)
@@ -80,6 +95,20 @@ def norm(x: Any, least: float = 0.0) -> Any:
     return ca.sqrt(squares) if symbolic(x) else np.sqrt(squares)
 
 
+def power(x: Any, exponent: float, layer: float) -> Any:
+    """|x|^a sgn x for an exponent a > 0, smoothed: x (x² + ε²)^((a−1)/2), element by element.
+
+    Within the layer ε > 0 it is close to the line x ε^(a−1), so that its slope is finite for a < 1 and not zero for
+    a > 1; far outside it is the power itself.
+    """
+    return x * (x**2 + layer**2) ** ((exponent - 1) / 2)
+
+
+def power_slope(x: Any, exponent: float, layer: float) -> Any:
+    """Derivative of `power`, above zero: (x² + ε²)^((a−3)/2) (a x² + ε²)."""
+    return (x**2 + layer**2) ** ((exponent - 3) / 2) * (exponent * x**2 + layer**2)
+
+
 def weigh(window: Any, weights: Any) -> Any:
     """Window (n, N) times weights (N, j).
 
@@ -89,6 +118,11 @@ def weigh(window: Any, weights: Any) -> Any:
         samples = ca.MX.sym("samples", *window.shape)
         return ca.Function("weigh", [samples], [samples @ weights], {"never_inline": True})(window)
     return window @ weights
+
+
+def columns(*vectors: Any) -> Any:
+    """Vectors (n,) side by side, shape (n, k)."""
+    return ca.horzcat(*vectors) if symbolic(*vectors) else np.stack(vectors, axis=1)
 
 
 def push(history: Any, sample: Any) -> Any:

@@ -107,9 +107,10 @@ class Run:
         if "auxiliary" in arrays:
             working = np.reshape(arrays["fault"] == 0, (-1, 1))  # after that u is not what is applied
             arrays["tde_error"] = np.where(working, arrays["acceleration"] - arrays["auxiliary"], np.nan)
-        P2 = getattr(drive.law, "P2", None)
-        if P2 is not None:
-            arrays["sliding"] = np.linalg.norm((arrays["position"] - arrays["reference"]) @ P2.T, axis=1)
+        sliding = getattr(drive.law, "sliding", None)
+        if sliding is not None:
+            error, rate = arrays["position"] - arrays["reference"], arrays["velocity"] - arrays["velocity_reference"]
+            arrays["sliding"] = np.linalg.norm(sliding(error.T, rate.T), axis=0)
         kinds = set(plant.joint_units)
         names = {"rad": "rad", "N m": "N m"} if kinds == {"rad"} else {"rad": "m", "N m": "N"}
         if len(kinds) > 1:

@@ -58,7 +58,7 @@ class Scenario(BaseModel):
     law
         ``kind`` and parameters, or a list of them, to be run side by side. ``inertia`` may be one
         number for all joints, or ``{fraction: 0.1}``, of the robot's mean inertia along the reference, with
-        ``diagonal: true`` for its diagonal alone.
+        ``diagonal: true`` for its diagonal alone; ``estimator`` replaces the scenario's for this law.
     estimator, reference, sensor
         ``kind`` and parameters; the sensor's kind is Encoder, without parameters perfect.
     disturbance
@@ -142,7 +142,9 @@ class Scenario(BaseModel):
         validate("robot", self.robot)
         for number, part in enumerate(self.laws.values()):
             try:
-                validate("law", part)
+                if "estimator" in part:
+                    validate("estimator", part["estimator"])
+                validate("law", {key: value for key, value in part.items() if key != "estimator"})
             except TarcError as error:
                 if not isinstance(self.law, list):
                     raise
@@ -167,13 +169,18 @@ class Scenario(BaseModel):
 
     def build_law(self, part: dict[str, Any], plant: Plant, reference: Any) -> Any:
         """One of the laws, on this robot and reference."""
+        part = dict(part)
+        own = part.pop("estimator", self.estimator)
         options = validate("law", part)
         inertia = options.get("inertia")
         if isinstance(inertia, dict):
             options["inertia"] = self._fraction(inertia, plant, reference)
         elif isinstance(inertia, int | float):
             options["inertia"] = np.full(plant.joints, inertia)
-        estimator = construct("estimator", {**validate("estimator", self.estimator), "period": self.period})
+        if options.get("model") is not None:
+            check.one_of("law.model", options["model"], ["robot"])
+            options["model"] = plant
+        estimator = construct("estimator", {**validate("estimator", own), "period": self.period})
         return construct("law", {**options, "period": self.period, "estimator": estimator})
 
     def _fraction(self, given: dict[str, Any], plant: Plant, reference: Any) -> np.ndarray:

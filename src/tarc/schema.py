@@ -84,7 +84,7 @@ def _allowed(hint: Any) -> Any:
     result: list[Any] = []
     for member in members:
         origin = typing.get_origin(member)
-        if member is Path:
+        if member is Path or (inspect.isclass(member) and issubclass(member, tarc.plants.Plant)):
             result.append(str)
         elif origin in (list, tuple, Sequence) or (origin is not None and issubclass(origin, Sequence)):
             result.append(list[typing.get_args(member)[0]] if typing.get_args(member) else list)

@@ -129,7 +129,7 @@ def _decouple(law: PolePlacement, gain: float) -> list[Channel]:
         groups.setdefault((float(law.K1[joint, joint]), float(law.K2[joint, joint])), []).append(joint)
     plain: dict[str, Any] = {"inertia": 1.0, "torque_limit": None, "bandwidth": None, "damping": 1.0}
     plain["safe_torque"] = "zero"
-    if gain:
+    if gain and hasattr(law, "weight"):
         plain["weight"] = [2 * law.K1[0, 0] * P2[0, 0], 2.0]  # the weight Q of one joint that has this P2
     elif hasattr(law, "weight"):
         plain["weight"] = None
@@ -158,6 +158,11 @@ def _linearise(law: PolePlacement, gain: float, joints: tuple[int, ...]) -> Chan
     keep = np.flatnonzero(~np.isin(owner, law.frozen))
     own = slice(len(owner), None)
     F, inputs, outputs, through = J[np.ix_(keep, keep)], J[keep, own], J[own, keep], J[own, own]
+    if not all(np.all(np.isfinite(part)) for part in (F, inputs, outputs, through)):
+        raise TarcError(
+            f"law: {type(law).__name__} with {type(law.estimator).__name__} has no linearisation at rest, where a slope "
+            "is infinite; certificates of the loop need a linear estimator, such as tarc.estimators.Algebraic"
+        )
     keep = _needed(F, inputs, outputs)
     F, inputs, outputs = F[np.ix_(keep, keep)], inputs[keep], outputs[:, keep]
     root = np.linalg.inv(law.M)

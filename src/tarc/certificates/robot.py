@@ -76,10 +76,8 @@ def robot(
         "inertia_high": plants[found.plant_high].inertia(found.where_high),
     }
     numbers = {"period": law.period, "alike": float(alike(law)), "bounded": 1.0}
-    slope = 0.0
-    if isinstance(law, TARC):
-        numbers["bounded"] = float(law.cap is not None)
-        slope = law.margin * (law.cap or 0.0) / law.boundary * float(np.linalg.norm(law.P2, 2))
+    bounded = bool(np.isfinite(law.robust_slope))
+    numbers["bounded"], slope = float(bounded), law.robust_slope if bounded else 0.0
     if numbers["alike"]:
         (channel,) = decouple(law, computation_delay)
         parts = parts_of(channel, slope, intersample=True)
@@ -123,6 +121,8 @@ def _assumptions(law: PolePlacement, found: Spread, computation_delay: int) -> t
     ]
     if isinstance(law, TARC) and law.cap is None:
         lines.append("the gain has no cap, so that nothing bounds the robust term; give one to have it certified")
+    elif not np.isfinite(law.robust_slope):
+        lines.append("left out: the robust term, which is no bounded slope over the error; without it the rest holds")
     if not alike(law):
         lines.append("gains that differ between the joints: only the loop at rest in the worst postures was tested")
     return tuple(lines)
@@ -167,7 +167,10 @@ def unstable_posture(law: Law, plant: Plant, positions: Array, computation_delay
     """
     if not alike(law) or not isinstance(law, PolePlacement):
         return None
-    free, into, out = decouple(law, computation_delay)[0].around(0.0)[:3]
+    try:
+        free, into, out = decouple(law, computation_delay)[0].around(0.0)[:3]
+    except TarcError:  # no linearisation, and so nothing to warn of
+        return None
     inertias = np.array([plant.inertia(q) for q in np.asarray(positions).T])
     ratios = 1 / inverse_ratios(inertias, law.M)
     found = None
@@ -193,6 +196,8 @@ def advice(law: PolePlacement, verdict: Certificate, computation_delay: int = 0)
         return "Give all joints the same bandwidth and damping, which the ball needs"
     if isinstance(law, TARC) and law.cap is None:
         return "Give the gain a cap, without which nothing bounds the robust term"
+    if not np.isfinite(law.robust_slope):
+        return "The robust term of this law is not covered by these certificates: simulate it"
     needed, slope = verdict.numbers["spread"], verdict.numbers["slope"]
     trials = {"as it is": law}
     if isinstance(law, TDE) and not law.synchronised:

@@ -31,7 +31,7 @@ class Estimate(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Estimator(Parametric, System):
-    """A causal estimator of velocity and acceleration from positions, linear and time invariant.
+    """A causal estimator of velocity and acceleration from positions, linear and time invariant unless it says so.
 
     It learns its period from the law it is given to, or by `at`. The analysis methods hold for any derivative
     order that the estimator has: 0 position, 1 velocity, 2 acceleration.
@@ -72,7 +72,7 @@ class Estimator(Parametric, System):
         """Numerator and denominator in powers of z⁻¹ from position to the derivative."""
 
     @abstractmethod
-    def torque_average(self) -> "TorqueAverage":
+    def torque_average(self) -> System:
         """The filter that a torque must pass to be in step with the acceleration estimate (synchronised TDE)."""
 
     @abstractmethod

@@ -91,6 +91,14 @@ class PolePlacement(Law):
         n = self.joints
         return np.block([[np.zeros((n, n)), np.eye(n)], [-self.K1, -self.K2]])
 
+    @property
+    def robust_slope(self) -> float:
+        """Greatest slope of the robust term over the error [1/s²], if that is all that is not linear in the law.
+
+        Infinite for a law that does not say, so that no certificate takes its robust term for nothing.
+        """
+        return np.inf
+
     def feedback(self, tracking: Tracking) -> Any:
         """q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 [rad/s² or m/s²], shape (n,)."""
         return tracking.acceleration_reference - self.K2 @ tracking.error_rate - self.K1 @ tracking.error

@@ -125,13 +125,23 @@ class TARC(TDE):
         """Lower right block of P, shape (n, n)."""
         return self.P[self.joints :, self.joints :]
 
+    @property
+    def robust_slope(self) -> float:
+        """α ĉ ‖P2‖/ε at the cap; infinite without one."""
+        highest = np.inf if self.cap is None else self.cap
+        return self.margin * highest / self.boundary * float(np.linalg.norm(self.P2, 2))
+
+    def sliding(self, error: Any, error_rate: Any) -> Any:
+        """s = P2 e1, shape (n,)."""
+        return self.P2 @ error
+
     def robust_init(self) -> GainState:
         """The initial gain, and no error before the start."""
         return GainState(np.array(self.start), np.zeros((1, self.delay_periods)))
 
     def robust(self, state: GainState, tracking: Tracking) -> tuple[GainState, Any, dict[str, Any]]:
         """Δu = −α ĉ s / max(‖s‖, ε) and the adaptation of ĉ."""
-        s = self.P2 @ tracking.error
+        s = self.sliding(tracking.error, tracking.error_rate)
         size = ops.norm(s)
         correction = -self.margin * state.gain * s / ops.norm(s, self.boundary)
         rising = ops.either(state.gain <= self.floor, size > state.sliding[0, -1])

@@ -30,6 +30,11 @@ class TDC(TDE):
     array([400., 400.])
     """
 
+    @property
+    def robust_slope(self) -> float:
+        """Zero: the law is linear."""
+        return 0.0
+
     def robust_init(self) -> tuple[()]:
         """No state."""
         return ()

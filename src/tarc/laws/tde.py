@@ -83,7 +83,9 @@ class TDE(PolePlacement):
         """Next state, Δu [rad/s² or m/s²] of shape (n,), signals to record."""
 
     def memory(self, torque: np.ndarray) -> TDEState:
-        """Rest: no acceleration, the torque applied all along."""
+        """Rest: no acceleration, the torque applied all along; neither where N̂ is not estimated."""
+        if not self.estimating:
+            return TDEState((), (), self.robust_init())
         past = np.zeros((self.joints, self.delay_periods))
         if self.synchronised:
             return TDEState(self.estimator.torque_average().init(torque), past, self.robust_init())

@@ -19,6 +19,7 @@ from tarc.plants.robot_file import shipped_robots
 from tarc.run import Run
 from tarc.scenario import Scenario, shipped_scenarios
 from tarc.schema import SECTIONS, catalogue, parameters
+from tarc.study.compare import COLUMNS, Comparison
 
 MEASURES = {
     "rms_error": ("RMS error", 1e3, "mrad", "m"),
@@ -155,6 +156,50 @@ def print_certificates(scenario: Scenario, found: dict[str, dict[str, Certificat
         if text:
             console.print(f"[{colours[verdict.verdict]}]{escape(text)}[/]", highlight=False)
         console.print()
+    console.print("written: " + ", ".join(escape(str(file)) for file in files), soft_wrap=True)
+
+
+def comparison_summary(comparison: Comparison, files: list[Path]) -> dict[str, Any]:
+    """A comparison as plain data, ready for JSON."""
+    laws = {
+        name: {
+            "status": str(comparison.runs[name].status),
+            "measures": {key: value if math.isfinite(value) else None for key, value in found.items()},
+        }
+        for name, found in comparison.measures.items()
+    }
+    return {
+        "name": comparison.scenario.name,
+        "laws": laws,
+        "failures": comparison.failures,
+        "front": comparison.front,
+        "files": [str(file) for file in files],
+    }
+
+
+def print_comparison(comparison: Comparison, files: list[Path]) -> None:
+    """A row a law, best error first; the laws that no other beats in both error and variation are marked."""
+    console = Console()
+    scenario = comparison.scenario
+    table = Table(
+        title=f"{scenario.name}, {scenario.duration:g} s, after {scenario.measure_from:g} s", title_justify="left"
+    )
+    table.add_column("law")
+    for label, _, unit in COLUMNS.values():
+        table.add_column(f"{label} [{unit}]", justify="right")
+    table.add_column("status")
+    front = comparison.front
+    measures = comparison.measures
+    for name in sorted(measures, key=lambda name: measures[name].get("rms_error", math.inf)):
+        found = measures[name]
+        cells = [f"{scale * found[key]:.4g}" if key in found else "–" for key, (_, scale, _) in COLUMNS.items()]
+        status = comparison.runs[name].status
+        shown = str(status) if status.completed else f"[red]{status}[/red]"
+        table.add_row(f"{name} *" if name in front else name, *cells, shown)
+    console.print(table)
+    console.print("* no other law has both a smaller RMS error and a smaller torque variation")
+    for name, reason in comparison.failures.items():
+        console.print(f"{name} did not run: {escape(reason)}")
     console.print("written: " + ", ".join(escape(str(file)) for file in files), soft_wrap=True)
 
 

@@ -1,0 +1,64 @@
+"""Computed torque: inverse dynamics by a model."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tarc import check
+from tarc.check import Numbers
+from tarc.laws.base import Tracking
+from tarc.laws.model_based import ModelBased, inertia_and_bias
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ComputedTorque(ModelBased):
+    """Computed torque: a model of the robot cancels its dynamics, and the error is left with the poles asked for.
+
+        τ = M(q) (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1) + N(q, v̂),     K1 = ωn²,  K2 = 2 ζ ωn
+
+    Takes the parameters of `Law`, and:
+
+    Parameters
+    ----------
+    model
+        The robot that M and N are taken from: any of `tarc.plants`, such as the true one with another payload. In a
+        scenario, ``robot`` is the scenario's own.
+    bandwidth, damping
+        ωn [rad/s] and ζ, one number or one a joint.
+
+    Notes
+    -----
+    What knowing the robot is worth: with the true one as its model it bounds from below what laws without one can
+    reach, and with a wrong one it shows what they save. It has no integral, so that a load that the model lacks
+    leaves an offset. A robot from a file is evaluated by MuJoCo, some 30 µs a period, without its dry friction, and
+    such a law cannot be compiled. The certificates have nothing for it, since it has no constant M̂.
+
+    Raises
+    ------
+    TarcError
+        For a model that is no robot of `tarc.plants`.
+
+    References
+    ----------
+    J.-J. Slotine and W. Li, Applied Nonlinear Control, 1991, Section 9.1; J. Y. S. Luh, M. W. Walker and R. P. C. Paul,
+    Resolved-acceleration control of mechanical manipulators, IEEE Trans. Autom. Control 25(3), 1980.
+    """
+
+    damping: Numbers = 1.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check.vector("damping", self.damping, self.joints, 0, strict=True)
+
+    def memory(self, torque: np.ndarray) -> tuple[()]:
+        """None."""
+        return ()
+
+    def control(self, memory: tuple[()], tracking: Tracking) -> tuple[tuple[()], Any, dict[str, Any]]:
+        """τ = M(q) u + N(q, v̂)."""
+        estimate, zeta = tracking.estimate, np.asarray(self.damping)
+        M, N = inertia_and_bias(self.model, estimate.position, estimate.velocity)
+        proportional, derivative = self.omega**2, 2 * zeta * self.omega
+        u = tracking.acceleration_reference - derivative * tracking.error_rate - proportional * tracking.error
+        return memory, M @ u + N, {"auxiliary": u}

@@ -1,0 +1,101 @@
+"""Robust control with a known bound, continuous inside a layer."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from tarc import check, ops
+from tarc.errors import TarcError
+from tarc.laws.base import Tracking
+from tarc.laws.lyapunov import solution
+from tarc.laws.model_based import inertia_and_bias
+from tarc.laws.poles import PolePlacement
+from tarc.plants.base import Plant
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CorlessLeitmann(PolePlacement):
+    """Robust control by a bound: whatever the uncertainty does within ρ, the error ends in a ball and stays there.
+
+        τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + Δu) + N̂(q, v̂)
+        Δu = −ρ s / max(‖s‖, ε),     s = BᵀP e,     AᵀP + PA = −Q = −diag(K1 + K1ᵀ, 2 I)
+
+    Takes the parameters of `PolePlacement` and `Law`, and:
+
+    Parameters
+    ----------
+    bound
+        ρ [rad/s² or m/s²], above the norm of the acceleration that M̂ and N̂ leave unexplained.
+    boundary
+        ε [unit of s, for scalar gains that of e1], the layer in which Δu is linear with the slope ρ/ε.
+    model
+        N̂: a nominal robot, whose Coriolis, gravity and friction torque are added; None for N̂ = 0. In a scenario,
+        ``robot`` is the scenario's own.
+
+    Notes
+    -----
+    This is TARC's robust term with a gain that is known beforehand instead of adapted, and a velocity in s. The
+    paper's layer is ρ ‖s‖ ≤ ε', so ε = ε'/ρ; its ρ may depend on state and time, ours is constant. Use it where a
+    bound is at hand and time-delay estimation is not wanted. Sampled, and with a velocity that is late, too large a
+    ρ/ε chatters; `tarc.certificates.loop` tells whether the loop inside the layer is stable (without N̂).
+
+    Raises
+    ------
+    TarcError
+        For a model of another number of joints.
+
+    References
+    ----------
+    M. Corless and G. Leitmann, Continuous state feedback guaranteeing uniform ultimate boundedness for uncertain
+    dynamic systems, IEEE Trans. Autom. Control 26(5), 1981.
+    """
+
+    bound: float
+    boundary: float = 0.01
+    model: Plant | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check.number("bound", self.bound, 0)
+        check.number("boundary", self.boundary, 0, strict=True)
+        if self.model is not None and not isinstance(self.model, Plant):
+            raise TarcError(f"model: got {self.model!r}; needs one of tarc.plants, or None")
+        # the certificates make a law of one joint out of this one, where N̂ has no place
+        if self.model is not None and self.joints > 1 and self.model.joints != self.joints:
+            raise TarcError(
+                f"model: it has {self.model.joints} joints, the inertia {self.joints}; they must be the same"
+            )
+
+    @cached_property
+    def P(self) -> np.ndarray:
+        """Solution of AᵀP + PA = −Q, shape (2n, 2n)."""
+        return solution(self)
+
+    @property
+    def error_bound(self) -> float:
+        """Radius [rad or m] of the ball in which ‖e1‖ ends, for the law in continuous time with true derivatives.
+
+        With V = eᵀPe, M̂ = M and an uncertainty within ρ, V̇ ≤ −eᵀQe + ρε/2, so that V ends below
+        ρ ε λmax(Q⁻¹P)/2 and ‖e1‖² below that over the least eigenvalue of (the e1 block of P⁻¹)⁻¹.
+        """
+        n, P = self.joints, self.P
+        Q = -(self.A.T @ P + P @ self.A)
+        level = self.bound * self.boundary / 2 * np.max(np.linalg.eigvals(np.linalg.solve(Q, P)).real)
+        return float(np.sqrt(level * np.linalg.eigvalsh(np.linalg.inv(P)[:n, :n])[-1]))
+
+    def memory(self, torque: np.ndarray) -> tuple[()]:
+        """None."""
+        return ()
+
+    def control(self, memory: tuple[()], tracking: Tracking) -> tuple[tuple[()], Any, dict[str, Any]]:
+        """τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + Δu) + N̂(q, v̂)."""
+        n = self.joints
+        s = self.P[n:, :n] @ tracking.error + self.P[n:, n:] @ tracking.error_rate
+        correction = -self.bound * s / ops.norm(s, self.boundary)
+        torque = self.M @ (self.feedback(tracking) + correction)
+        if self.model is not None and self.model.joints == n:
+            _, bias = inertia_and_bias(self.model, tracking.estimate.position, tracking.estimate.velocity)
+            torque = torque + bias
+        return memory, torque, {"surface": s}

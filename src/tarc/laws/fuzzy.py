@@ -1,0 +1,105 @@
+"""Adaptive fuzzy control."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from tarc import check, ops
+from tarc.laws.base import Tracking
+from tarc.laws.lyapunov import solution
+from tarc.laws.poles import PolePlacement
+
+
+class FuzzyState(NamedTuple):
+    """Consequents [rad/s² or m/s²], one column a rule, shape (n, rules)."""
+
+    consequents: Any
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AdaptiveFuzzy(PolePlacement):
+    """Adaptive fuzzy control: rules "if q is about c and q̇ about d, then the robot accelerates by w" that learn w.
+
+        f̂_j(q_j, q̇_j) = Σ_k w_jk φ_k(q_j, v̂_j),     Σ_k φ_k = 1
+        τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 − f̂),     ẇ_jk = rate s_j φ_k,  |w_jk| ≤ cap,     s = BᵀP e
+
+    with P as in `CorlessLeitmann`, so that s = e1 + (v̂ − q̇ᵈ)/(ζ ωn) for scalar gains. Takes the parameters of
+    `PolePlacement` and `Law`, and:
+
+    Parameters
+    ----------
+    rate
+        Adaptation gain [1/s³]. While the joint stays within one rule it acts as an integral: with M̂ = M and ζ = 1 the
+        poles are −ωn and those of σ² + ωn σ + rate/ωn, which ring above rate = ωn³/4.
+    cap
+        Greatest consequent [rad/s² or m/s²], and so the greatest |f̂|: above the acceleration to be learnt.
+    memberships
+        How many for each of position and velocity; the rules are all their pairs.
+    span, speed
+        The memberships' centres lie evenly over ±span [rad or m] and ±speed [rad/s or m/s]; beyond, the outermost
+        holds. Choose what the reference covers.
+
+    Notes
+    -----
+    Each joint has rules of its own motion alone. Membership functions are Gaussian with the distance of the centres as
+    their standard deviation, their products normalised (a Takagi–Sugeno system of order zero). Forward Euler, with the
+    consequents projected on ±cap, which keeps them bounded whatever comes; they stand still once the law has given up.
+    It learns what it visits: repeated motions gain, a new one starts over.
+
+    References
+    ----------
+    After T. Das and I. N. Kar, IEEE Trans. Control Syst. Technol. 14(3), 2006, an adaptive fuzzy law for a wheeled
+    robot; this decentralised version, its inputs, memberships and projection are ours. The adaptive law is that of
+    L.-X. Wang, Stable adaptive fuzzy control of nonlinear systems, IEEE Trans. Fuzzy Syst. 1(2), 1993.
+    """
+
+    frozen: ClassVar[tuple[str, ...]] = (*PolePlacement.frozen, "consequents")
+
+    rate: float
+    cap: float
+    memberships: int = 5
+    span: float = np.pi
+    speed: float = 2.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("rate", "cap", "span", "speed"):
+            check.number(name, getattr(self, name), 0, strict=True)
+        check.whole("memberships", self.memberships, 2, 20)
+
+    @cached_property
+    def P(self) -> np.ndarray:
+        """Solution of AᵀP + PA = −Q, shape (2n, 2n)."""
+        return solution(self)
+
+    def rules(self, position: Any, velocity: Any) -> list[Any]:
+        """φ_k of each joint, one vector (n,) a rule; velocity runs faster than position."""
+        grades = []
+        for value, reach in ((position, self.span), (velocity, self.speed)):
+            centres, width = np.linspace(-reach, reach, self.memberships, retstep=True)
+            inside = ops.clip(value, -reach, reach)
+            raw = [np.e ** (-(((inside - centre) / width) ** 2) / 2) for centre in centres]
+            total = sum(raw)
+            grades.append([one / total for one in raw])
+        return [one * other for one, other in product(*grades)]
+
+    def memory(self, torque: np.ndarray) -> FuzzyState:
+        """All consequents balance the torque already applied."""
+        first = np.clip(-np.linalg.solve(self.M, torque), -self.cap, self.cap)
+        return FuzzyState(np.repeat(first[:, None], self.memberships**2, axis=1))
+
+    def control(self, memory: FuzzyState, tracking: Tracking) -> tuple[FuzzyState, Any, dict[str, Any]]:
+        """τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 − f̂), and the adaptation of the consequents."""
+        n, old = self.joints, memory.consequents
+        s = self.P[n:, :n] @ tracking.error + self.P[n:, n:] @ tracking.error_rate
+        grades = self.rules(tracking.estimate.position, tracking.estimate.velocity)
+        approximation = sum(old[:, k] * grade for k, grade in enumerate(grades))
+        step = self.period * self.rate * ops.only(ops.negate(tracking.fault), s)
+        consequents = old
+        for k in reversed(range(len(grades))):  # pushed one by one, the first is in front at the end
+            consequents = ops.push(consequents, ops.clip(old[:, k] + step * grades[k], -self.cap, self.cap))
+        torque = self.M @ (self.feedback(tracking) - approximation)
+        return FuzzyState(consequents), torque, {"disturbance_estimate": approximation}

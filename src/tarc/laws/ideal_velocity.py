@@ -1,0 +1,84 @@
+"""Time-delayed control with ideal velocity feedback."""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tarc import check, ops
+from tarc.laws.base import Tracking
+from tarc.laws.tde import TDE
+
+
+class IdealVelocityState(NamedTuple):
+    """The velocity that the robot would have had without error of time-delay estimation, shape (n,)."""
+
+    ideal_velocity: Any
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class IVF(TDE):
+    """TDC with ideal velocity feedback: it pulls the velocity to the one that the error dynamics would have made.
+
+        Δu = Γ (v* − v̂),     v* = ∫ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1) dt
+
+    What time-delay estimation leaves of hard friction shows as a gap between both velocities. Takes the parameters of
+    `TDE`, `PolePlacement` and `Law`, and:
+
+    Parameters
+    ----------
+    velocity_gain
+        Γ [1/s], a third pole of the nominal loop at −Γ; zero is TDC. From half the bandwidth to twice that; it adds
+        Γ to K2 and works as an integral of the error, so that the loop bears less of it the longer the estimator's
+        window: ask `tarc.certificates.loop`.
+    cap
+        Largest magnitude [rad/s² or m/s²] of each element of Δu, where the integral stops as well; None for none.
+        Under a torque limit give one, or use `TDCIM`: otherwise the integral winds up while the torque is limited.
+
+    Raises
+    ------
+    TarcError
+        For a Γ below zero, and a cap that is not above zero.
+
+    Notes
+    -----
+    Use it against Coulomb friction and stiction, where TDC stops and slips. It knows no surface, gain or threshold; it
+    is linear, and the loop certificate covers it whole.
+
+    With perfect time-delay estimation v* = q̇ and Δu = 0. The integral starts from rest, runs as forward Euler and
+    halts for good once the law has given up. v̂ is estimated where the sources have it measured or differenced.
+
+    References
+    ----------
+    M. Jin, S. H. Kang and P. H. Chang, IEEE Trans. Ind. Electron. 55(1), 2008; J. Lee, P. H. Chang and R. S. Jamisola,
+    IEEE Trans. Ind. Electron. 61(7), 2014, both with an impedance where here are K1 and K2. The cap is an addition.
+    """
+
+    velocity_gain: float
+    cap: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check.number("velocity_gain", self.velocity_gain, 0)
+        if self.cap is not None:
+            check.number("cap", self.cap, 0, strict=True)
+
+    @property
+    def robust_slope(self) -> float:
+        """Zero: the robust term is linear, with a state of its own."""
+        return 0.0
+
+    def robust_init(self) -> IdealVelocityState:
+        """Rest."""
+        return IdealVelocityState(np.zeros(self.joints))
+
+    def robust(self, state: IdealVelocityState, tracking: Tracking) -> tuple[IdealVelocityState, Any, dict[str, Any]]:
+        """Δu = Γ (v* − v̂), and the integral."""
+        velocity, ideal = tracking.estimate.velocity, state.ideal_velocity
+        gap = ideal - velocity
+        if self.cap is not None and self.velocity_gain > 0:
+            reach = self.cap / self.velocity_gain
+            gap = ops.clip(gap, -reach, reach)
+            ideal = velocity + gap
+        rate = ops.only(ops.negate(tracking.fault), self.feedback(tracking))
+        return IdealVelocityState(ideal + self.period * rate), self.velocity_gain * gap, {"ideal_velocity": ideal}

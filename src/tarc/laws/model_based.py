@@ -1,0 +1,120 @@
+"""What laws that are handed a model of the robot share."""
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from tarc import check, ops
+from tarc.check import Numbers
+from tarc.errors import TarcError
+from tarc.laws.base import Law, Tracking
+from tarc.plants.base import Plant
+from tarc.plants.euler_lagrange import EulerLagrange
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ModelBased(Law):
+    """A law with a model of the robot in it, and the poles of the error set by a bandwidth.
+
+    Parameters
+    ----------
+    model
+        A robot of `tarc.plants`, as the law believes it to be; in a scenario, ``robot`` is the scenario's own.
+    bandwidth
+        ωn [rad/s], one number or one a joint.
+    """
+
+    model: Plant
+    bandwidth: Numbers
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.model, Plant):
+            raise TarcError(f"model: got {self.model!r}; needs one of tarc.plants, such as the robot itself")
+        super().__post_init__()
+        _ = self.omega
+
+    @property
+    def joints(self) -> int:
+        """How many joints n it drives, told by the model."""
+        return self.model.joints
+
+    @cached_property
+    def omega(self) -> np.ndarray:
+        """ωn [rad/s], shape (n,)."""
+        return check.vector("bandwidth", self.bandwidth, self.joints, 0, strict=True)
+
+    @abstractmethod
+    def control(self, memory: Any, tracking: Tracking) -> tuple[Any, Any, dict[str, Any]]:
+        """The law's equation."""
+
+
+def inertia_and_bias(model: Plant, position: Any, velocity: Any) -> tuple[Any, Any]:
+    """M(q), shape (n, n), and N(q, q̇), shape (n,), of a robot at numbers or at CasADi symbols.
+
+    A robot from a file is called through CasADi: 30 microseconds or so, by finite differences where it is
+    differentiated, and it cannot be compiled. Its bias has no dry friction, which MuJoCo makes a constraint.
+    """
+    if isinstance(model, EulerLagrange):
+        return model.evaluate("inertia", position), model.evaluate("bias", position, velocity)
+    M, N = _called(model)(position, velocity)
+    return (M, N) if ops.symbolic(position, velocity) else (np.array(M), np.array(N)[:, 0])
+
+
+class _Called(ca.Callback):
+    """M(q) and N(q, q̇) of a MuJoCo robot as a CasADi function."""
+
+    def __init__(self, model: Any):
+        import mujoco
+
+        ca.Callback.__init__(self)
+        self._mujoco, self._model = mujoco, model.copy_model()
+        self._data, self._n = mujoco.MjData(self._model), model.joints
+        self.construct("rigid_body", {"enable_fd": True})
+
+    def get_n_in(self) -> int:
+        """Position and velocity."""
+        return 2
+
+    def get_n_out(self) -> int:
+        """Inertia and bias."""
+        return 2
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        """Vectors."""
+        return ca.Sparsity.dense(self._n, 1)
+
+    def get_sparsity_out(self, i: int) -> ca.Sparsity:
+        """A matrix and a vector."""
+        return ca.Sparsity.dense(self._n, 1 if i else self._n)
+
+    def eval(self, arg: Sequence[ca.DM]) -> list[Any]:
+        """MuJoCo's own; nothing but NaN where an input is no number that it could bear."""
+        q, v = (np.array(one)[:, 0] for one in arg)
+        M, data = np.full((self._n, self._n), np.nan), self._data
+        if not (np.all(np.abs(q) < 1e9) and np.all(np.abs(v) < 1e9)):
+            return [M, M[0]]
+        data.qpos[:], data.qvel[:] = q, v
+        self._mujoco.mj_fwdPosition(self._model, data)
+        self._mujoco.mj_fwdVelocity(self._model, data)
+        self._mujoco.mj_fullM(self._model, data, M)
+        return [M, data.qfrc_bias - data.qfrc_passive]
+
+
+_KEPT: list[_Called] = []
+"""CasADi does not own a callback, and functions that were traced with one may live as long as the program."""
+
+
+@cache
+def _called(model: Plant) -> ca.Function:
+    from tarc.plants.mujoco import MujocoPlant
+
+    if not isinstance(model, MujocoPlant):
+        raise TarcError(f"model: got {type(model).__name__}; needs a robot of tarc.plants")
+    _KEPT.append(_Called(model))
+    q, v = ca.MX.sym("q", model.joints), ca.MX.sym("v", model.joints)
+    return ca.Function("robot_model", [q, v], _KEPT[-1].call([q, v]), {"never_inline": True})

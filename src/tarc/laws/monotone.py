@@ -1,0 +1,70 @@
+"""Adaptive sliding mode whose gain only grows."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from tarc import check, ops
+from tarc.errors import TarcError
+from tarc.laws.switching import Switching
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MonotoneASMC(Switching):
+    """Adaptive sliding mode of the first kind: the gain grows with the distance from the surface and never falls.
+
+        Δu = −ϱ s / max(‖s‖, ε),     s = (v̂ − q̇ᵈ) + λ e1
+        ϱ' = ϱ̄ ‖s‖  if ‖s‖ > δ,     0  otherwise
+
+    Alone with ``time_delay=False``, or on time-delay estimation. Takes the parameters of `Switching`, `TDE`,
+    `PolePlacement` and `Law`, and:
+
+    Parameters
+    ----------
+    growth
+        ϱ̄ [1/s²]: the gain's rate [rad/s³] for each rad/s of ‖s‖.
+    dead_zone
+        δ [rad/s or m/s], below which the gain rests. Zero, the default, is the plain law; then noise alone drives the
+        gain up for ever, and a dead zone just above the boundary is the usual remedy.
+    initial_gain
+        ϱ(0) [rad/s²].
+    cap
+        Largest gain [rad/s²]; None for none. Give one: nothing else stops the gain.
+
+    Raises
+    ------
+    TarcError
+        For a growth that is not above zero, a dead zone or initial gain below zero, and a cap below the initial gain.
+
+    Notes
+    -----
+    Use it to see what a gain that cannot fall costs: the largest disturbance of the past, the first jump of the
+    reference included, sets the chatter of all the time to come.
+
+    References
+    ----------
+    The kind of law that the TARC paper names as monotone; after C.-Y. Chen, T.-H. S. Li, Y.-C. Yeh and C.-C. Chang,
+    Mechatronics 19(2), 2009. The rate ϱ̄ ‖s‖ is the form common to this kind, not a transcription of theirs; the
+    boundary layer, the dead zone and the cap are additions.
+    """
+
+    growth: float
+    dead_zone: float = 0.0
+    initial_gain: float = 0.0
+    cap: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check.number("growth", self.growth, 0, strict=True)
+        check.number("dead_zone", self.dead_zone, 0)
+        if self.cap is not None and not check.number("cap", self.cap) >= self.start:
+            raise TarcError(f"cap: got {self.cap:g}; needs at least the initial gain {self.start:g}")
+
+    @property
+    def start(self) -> float:
+        """The initial gain ϱ(0) [rad/s²]."""
+        return check.number("initial_gain", self.initial_gain, 0)
+
+    def adapt(self, gain: Any, size: Any) -> Any:
+        """ϱ + T ϱ̄ ‖s‖ outside the dead zone, not above the cap."""
+        grown = gain + self.period * self.growth * ops.only(size > self.dead_zone, size)
+        return ops.clip(grown, 0.0, ops.HUGE if self.cap is None else self.cap)

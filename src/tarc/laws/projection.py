@@ -1,0 +1,177 @@
+"""Adaptive robust control with projection."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from tarc import check, ops
+from tarc.errors import TarcError
+from tarc.laws.base import Tracking
+from tarc.laws.model_based import ModelBased
+from tarc.plants.euler_lagrange import EulerLagrange
+
+
+class ParameterState(NamedTuple):
+    """p̂, the uncertain parameters as they are believed to be, shape (k,)."""
+
+    adapted: Any
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ProjectionARC(ModelBased):
+    """Adaptive robust control: physical parameters adapt within known bounds, and a robust term covers the rest.
+
+        s = v̂ − q̇ᵣ,     q̇ᵣ = q̇ᵈ − Ω e1,     Ω = diag ωn
+        τ = M(q; p̂) q̈ᵣ + C(q, v̂; p̂) q̇ᵣ + ∂V/∂q(q; p̂) + F(q, q̇ᵣ; p̂) − Ω^½ M(q; p0) Ω^½ s − h s/max(|s|, ε)
+        dp̂/dt = −Γ Yᵀ s, projected on low ≤ p̂ ≤ high;     Y = ∂τ/∂p̂,   Γ = adaptation (high − low)²
+        h = margin Σ_i |Y_i| (high − low)_i + disturbance
+
+    Takes the parameters of `Law`, and:
+
+    Parameters
+    ----------
+    model
+        A robot with energies (`tarc.plants.EulerLagrange`), whose own parameters p0 are where p̂ starts. In a
+        scenario, ``robot`` is the scenario's own.
+    bounds
+        The parameters that are uncertain, each with its least and greatest value: ``{"masses": [0.5, 2.0]}``. One that
+        has a value a joint adapts each of them. Dynamics must be affine in them together: masses, or payload, or
+        friction, but not masses and lengths.
+    bandwidth
+        ωn [rad/s], one number or one a joint. With p̂ right and one ωn, both poles of the error lie there.
+    adaptation
+        Γ over the squared ranges [1/J]: 0 for none.
+    margin
+        Share of the worst error of p̂ that the robust term covers; 1 is the theory's, 0 leaves it out.
+    disturbance
+        Torque beside the parameters that the robust term covers [N m or N].
+    boundary
+        ε [rad/s or m/s], the layer in which the robust term is linear, with the slope h/ε.
+
+    Notes
+    -----
+    The regressor Y is Slotine and Li's, found by differentiating the model; bounds, projection and the robust term
+    are what makes it the adaptive robust control of Yao and his colleagues. Ours: friction is taken at q̇ᵣ, where it is
+    free of noise; the robust term is a saturation joint by joint, one of those that meet their two conditions, with
+    h ε/4 a joint as the price in V̇; forward Euler; Ω^½ M Ω^½ as feedback gain. Parameters converge only under a
+    reference that excites them; s goes to zero without.
+
+    Raises
+    ------
+    TarcError
+        For a model that is no `EulerLagrange`, unknown parameters, dynamics that are not affine in them, bounds that
+        are not in order or leave the model's own value out.
+
+    References
+    ----------
+    J.-J. Slotine and W. Li, On the adaptive control of robot manipulators, Int. J. Robotics Research 6(3), 1987;
+    B. Yao and M. Tomizuka, Adaptive robust control of SISO nonlinear systems in a semi-strict feedback form, Automatica
+    33(5), 1997; paper, Section I, on what it needs that TARC does without.
+    """
+
+    frozen: ClassVar[tuple[str, ...]] = (*ModelBased.frozen, "adapted")
+
+    bounds: dict[str, Sequence[float]]
+    adaptation: float = 1.0
+    margin: float = 1.0
+    disturbance: float = 0.0
+    boundary: float = 0.5
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("adaptation", "margin", "disturbance"):
+            check.number(name, getattr(self, name), 0)
+        check.number("boundary", self.boundary, 0, strict=True)
+        model = self.robot
+        if not isinstance(self.bounds, dict) or not self.bounds:
+            raise TarcError(f"bounds: got {self.bounds!r}; needs least and greatest by name, such as masses: [0.5, 2]")
+        for name, pair in self.bounds.items():
+            check.one_of("bounds", name, model.parameters)
+            low, high = check.vector(f"bounds of {name}", pair, 2)
+            own = model.parameters[name]
+            if not (low < high and np.all(own >= low) and np.all(own <= high)):
+                raise TarcError(f"bounds of {name}: got {low:g} to {high:g}; the model's own is {own.tolist()}")
+        _ = self.model_torque
+
+    @property
+    def robot(self) -> EulerLagrange:
+        """The model, which must have energies."""
+        if not isinstance(self.model, EulerLagrange):
+            raise TarcError(
+                f"model: got {self.model!r}; this law differentiates the model with respect to its parameters, which "
+                "needs one from energies, such as TwoLinkArm or NLinkArm"
+            )
+        return self.model
+
+    @cached_property
+    def labels(self) -> list[str]:
+        """A name for each of the k numbers that adapt."""
+        sizes = {name: self.robot.parameters[name].size for name in self.bounds}
+        return [f"{name}{i + 1}" if size > 1 else name for name, size in sizes.items() for i in range(size)]
+
+    @cached_property
+    def limits(self) -> np.ndarray:
+        """Least and greatest p̂, shape (2, k)."""
+        sizes = [self.robot.parameters[name].size for name in self.bounds]
+        return np.repeat(np.array([list(pair) for pair in self.bounds.values()], dtype=float), sizes, axis=0).T
+
+    @cached_property
+    def nominal(self) -> np.ndarray:
+        """p0, shape (k,)."""
+        return np.concatenate([self.robot.parameters[name].ravel() for name in self.bounds])
+
+    @cached_property
+    def model_torque(self) -> ca.Function:
+        """(q, v̂, q̇ᵣ, q̈ᵣ) to the torque at p = 0, shape (n,), the regressor Y (n, k), and M(q; p0)."""
+        model, n = self.robot, self.joints
+        q, v, rate, acceleration = (ca.SX.sym(name, n) for name in ("q", "v", "rate", "acceleration"))
+        p = ca.SX.sym("p", len(self.nominal))
+        values, start = {}, 0
+        for name in self.bounds:
+            size = model.parameters[name].size
+            values[name] = p[start : start + size]
+            start += size
+
+        def at(what: str, *arguments: Any) -> Any:
+            return model.evaluate(what, *arguments, parameters=values)
+
+        torque = at("inertia", q) @ acceleration + at("coriolis", q, v) @ rate + at("gravity", q)
+        torque += at("friction", q, rate)
+        if not ca.is_linear(torque, p):
+            raise TarcError(
+                f"bounds: the dynamics of {type(model).__name__} are not affine in {', '.join(self.bounds)} together; "
+                "leave out those that multiply the others, such as lengths where there are masses"
+            )
+        regressor = ca.densify(ca.jacobian(torque, p))
+        rest = ca.densify(ca.substitute(torque, p, 0 * self.nominal))
+        arguments = [q, v, rate, acceleration]
+        return ca.Function("model_torque", arguments, [rest, regressor, model.evaluate("inertia", q)], {"cse": True})
+
+    def memory(self, torque: np.ndarray) -> ParameterState:
+        """The model's own parameters."""
+        return ParameterState(self.nominal)
+
+    def control(self, memory: ParameterState, tracking: Tracking) -> tuple[ParameterState, Any, dict[str, Any]]:
+        """The model's torque at p̂, feedback and robust term; and the adaptation of p̂."""
+        estimate, old = tracking.estimate, memory.adapted
+        s = tracking.error_rate + self.omega * tracking.error
+        rate = estimate.velocity - s
+        acceleration = tracking.acceleration_reference - self.omega * tracking.error_rate
+        parts = self.model_torque(estimate.position, estimate.velocity, rate, acceleration)
+        rest, Y, M = parts if ops.symbolic(s) else (np.array(parts[0])[:, 0], np.array(parts[1]), np.array(parts[2]))
+
+        low, high = self.limits
+        root = np.diag(self.omega**0.5)
+        h = self.margin * (abs(Y) @ (high - low)) + self.disturbance
+        robust = h * s / ops.maximum(abs(s), self.boundary)
+        torque = rest + Y @ old - root @ (M @ (root @ s)) - robust
+
+        step = self.period * self.adaptation * (high - low) ** 2 * (Y.T @ s)
+        step = ops.only(ops.both(ops.negate(tracking.fault), ops.finite(step)), step)
+        adapted = ops.clip(old - step, low, high)
+        signals = {f"adapted_{label}": old[i] for i, label in enumerate(self.labels)}
+        return ParameterState(adapted), torque, {**signals, "surface": s}

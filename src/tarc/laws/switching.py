@@ -1,0 +1,91 @@
+"""What laws with a switching term along a sliding surface share; their gains plug into it."""
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from tarc import check, ops
+from tarc.laws.base import Tracking
+from tarc.laws.tde import TDE
+
+
+class SwitchingState(NamedTuple):
+    """The switching gain ϱ."""
+
+    gain: Any
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Switching(TDE):
+    """Pole placement and a switching term along a sliding surface, on time-delay estimation or without it.
+
+        Δu = −ϱ s / max(‖s‖, ε),     s = (v̂ − q̇ᵈ) + λ e1
+        τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + Δu − â_h) + τ_h,     without the last two if time_delay=False
+
+    A law adds where its gain ϱ begins, `start`, and how it goes on, `adapt`. The gain is a state even where it is
+    constant, so that a linearisation can freeze it at any value. Takes the parameters of `TDE`, `PolePlacement` and
+    `Law`, and those below.
+
+    Parameters
+    ----------
+    boundary
+        ε [rad/s or m/s], the layer in which the switching term is linear: there the loop is that of `TDC` with ϱ/ε
+        added to K2 and λ ϱ/ε to K1, which `tarc.certificates.loop` can judge. Larger than the noise of v̂, else the
+        torque chatters.
+    surface
+        λ [1/s], the rate at which the error decays on the surface; None for ½ K2, which is the double pole itself
+        with damping 1, so that pole placement alone gives ṡ = −λ s.
+    time_delay
+        Whether N̂ is estimated. Without it the switching term has to overcome gravity and all else, so that ϱ must
+        be a bound on M̂⁻¹N, and M̂ should be near the inertia; the estimator needs no acceleration then.
+    """
+
+    frozen: ClassVar[tuple[str, ...]] = (*TDE.frozen, "gain")
+
+    boundary: float = 0.2
+    surface: float | None = None
+    time_delay: bool = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check.number("boundary", self.boundary, 0, strict=True)
+        if self.surface is not None:
+            check.number("surface", self.surface, 0, strict=True)
+        _ = self.start
+
+    @property
+    def estimating(self) -> bool:
+        """As `time_delay` says."""
+        return self.time_delay
+
+    @property
+    @abstractmethod
+    def start(self) -> float:
+        """The gain before the first step [rad/s²]."""
+
+    @abstractmethod
+    def adapt(self, gain: Any, size: Any) -> Any:
+        """The gain of the next period, from the present one and ‖s‖."""
+
+    @cached_property
+    def Lambda(self) -> np.ndarray:
+        """λ I, or ½ K2, shape (n, n)."""
+        return self.K2 / 2 if self.surface is None else self.surface * np.eye(self.joints)
+
+    def sliding(self, error: Any, error_rate: Any) -> Any:
+        """Position on the surface s [rad/s or m/s], shape (n,)."""
+        return error_rate + self.Lambda @ error
+
+    def robust_init(self) -> SwitchingState:
+        """The gain to start with."""
+        return SwitchingState(np.array(float(self.start)))
+
+    def robust(self, state: SwitchingState, tracking: Tracking) -> tuple[SwitchingState, Any, dict[str, Any]]:
+        """Δu = −ϱ s / max(‖s‖, ε), and the gain's next value."""
+        s = self.sliding(tracking.error, tracking.error_rate)
+        correction = -state.gain * s / ops.norm(s, self.boundary)
+        gain = ops.where(tracking.fault, state.gain, self.adapt(state.gain, ops.norm(s)))
+        return SwitchingState(gain), correction, {"gain": state.gain}

@@ -1,0 +1,93 @@
+"""The soundness benchmark in small: no certificate of random designs is contradicted by roots or by simulation."""
+
+import numpy as np
+import pytest
+from benchmarks.soundness import (
+    Adversary,
+    Case,
+    Design,
+    Fleet,
+    Tally,
+    check_loop,
+    draw,
+    measure,
+    multiplier,
+    peak,
+    polynomials,
+    radius,
+    recurrence,
+    trend,
+)
+
+from tarc.certificates import stable_interval
+from tarc.certificates.linear import decouple
+
+
+@pytest.fixture(scope="module")
+def tallies():
+    return measure(160, 12, steps=1500)
+
+
+@pytest.mark.parametrize("name", ["loop", "loop, a range", "ball", "slope"])
+def test_nothing_contradicts_a_certificate(tallies, name):
+    assert tallies[name].violations == []
+
+
+def test_each_verdict_occurs(tallies):
+    for name in ("loop", "loop, a range", "slope"):
+        assert min(tallies[name].certified, tallies[name].refuted) > 0
+    assert min(tallies["ball"].certified, tallies["ball"].inconclusive) > 0
+    assert tallies["loop"].inconclusive > 0
+    assert tallies["slope"].inconclusive > 0
+    # most of it must be decided by something, else the count of violations says nothing
+    for tally in tallies.values():
+        assert tally.undecided < 0.1 * tally.designs
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_recurrences_by_hand_are_the_laws(seed):
+    """The benchmark's own loops against the code of the laws, linearised: with every delay, damping and estimator."""
+    rng = np.random.default_rng(seed)
+    design = draw(rng)
+    ratio = float(np.exp(rng.uniform(np.log(0.02), np.log(2))))
+    (channel,) = decouple(design.law, design.computation)
+    theirs = np.max(np.abs(np.linalg.eigvals(channel.closed(ratio))))
+    # poles near one and near zero come in clusters, whose rounding is the root of the machine's
+    assert radius(polynomials(recurrence(design), ratio).closed) == pytest.approx(theirs, abs=2e-5)
+
+
+def test_a_false_certificate_would_be_found(monkeypatch):
+    """The benchmark itself: told that everything is certified, it disagrees."""
+    from benchmarks import soundness
+
+    class Liar:
+        verdict, certified, witness, numbers = "certified", True, None, {}
+
+    monkeypatch.setattr(soundness, "loop", lambda *_, **__: Liar)
+    rng, tally = np.random.default_rng(0), Tally()
+    for _ in range(40):
+        check_loop(draw(rng), rng, tally)
+    assert len(tally.violations) > 5
+
+
+@pytest.mark.parametrize("computation", [0, 2])
+def test_the_fleet_grows_as_the_multiplier_says(computation):
+    design = Design(synchronised=True, computation=computation)
+    law = recurrence(design)
+    known = polynomials(law, 1.0)
+    gain, rate = peak(known.a_to_v, known.closed)
+    cases = [Case(law, 1.0, share / gain) for share in (0.9, 1.1)]
+    growth = Fleet(cases, [Adversary("rotate at the peak")]).run(6000)[0]
+    for case, log in zip(cases, growth, strict=True):
+        size = multiplier(case, 0.0, np.array([rate]))[0]
+        assert (size > 1) == (case.radius * gain > 1)
+        assert log == pytest.approx(3000 * np.log(size), rel=0.05, abs=0.5)
+
+
+def test_trend_of_known_loops():
+    design = Design()
+    low, high = stable_interval(design.law)
+    for ratio, sign in ((low * 1.05, -1), (low * 0.95, 1), (high * 0.98, -1), (high * 1.02, 1)):
+        closed = polynomials(recurrence(design), ratio).closed
+        assert np.sign(trend(closed, radius(closed))) == sign
+    assert np.isnan(trend(np.array([1.0, -1.0]), 1.0))

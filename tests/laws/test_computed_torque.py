@@ -1,0 +1,125 @@
+"""Computed torque with models from energies and from files."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from family import PERIOD, make_law
+from tarc import Scenario, TarcError, estimators, laws, plants, signals, simulate
+from tarc.laws import LawInput
+from tarc.laws.model_based import inertia_and_bias
+from tarc.system import pack, trace
+
+
+def departure(period):
+    """How far the error is, at most, from the double pole's e0 (1 + ωn t) e^(−ωn t), with the true model."""
+    arm, start = plants.TwoLinkArm(viscous=0.3), np.array([0.2, -0.1])
+    law = laws.ComputedTorque(model=arm, bandwidth=10.0, period=period, estimator=estimators.BackwardDifference())
+    reference = signals.Sinusoid(amplitude=[0.5, 0.4], frequency=[2.0, 3.0], phase=np.pi / 2)
+    first = reference.sample(np.zeros(1))[0][:, 0]
+    data = simulate(arm, law, reference, 1.0, position=first + start).data
+    time = data["time"].values[:, None]
+    error = data["position"].values - data["reference"].values
+    return np.abs(error - start * (1 + 10 * time) * np.exp(-10 * time)).max()
+
+
+def test_error_obeys_the_linear_dynamics():
+    """Up to what the sampling adds, which is of first order."""
+    coarse, fine = departure(4e-4), departure(1e-4)
+    assert fine < 5e-4
+    assert 3.0 < coarse / fine < 5.0
+
+
+def test_is_the_torque_of_the_model():
+    arm = plants.TwoLinkArm(coulomb=0.2)
+    law = make_law(laws.ComputedTorque, model=arm, damping=[0.7, 1.2], bandwidth=[8.0, 12.0])
+    rng = np.random.default_rng(1)
+    state, value = law.init(rng.normal(size=2)), LawInput(*rng.normal(size=(4, 2)))
+    _, estimate = law.estimator.step(state.estimator, value.position)
+    wanted = (
+        value.acceleration_reference
+        - 2 * np.array([0.7, 1.2]) * [8.0, 12.0] * (estimate.velocity - value.velocity_reference)
+        - np.array([64.0, 144.0]) * (value.position - value.reference)
+    )
+    expected = arm.inertia(value.position) @ wanted + arm.evaluate("bias", value.position, estimate.velocity)
+    np.testing.assert_allclose(law.step(state, value)[1].torque, expected, rtol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return plants.MujocoPlant.from_file("ur5e", armature=0.1, viscous=2.0)
+
+
+def test_model_from_a_file_is_the_robot(robot):
+    """Its M and N give the acceleration that MuJoCo computes."""
+    import mujoco
+
+    rng = np.random.default_rng(2)
+    q, v, torque = rng.normal(size=(3, 6))
+    M, N = inertia_and_bias(robot, q, v)
+    data = mujoco.MjData(robot.model)
+    data.qpos[:], data.qvel[:], data.qfrc_applied[:] = q, v, torque
+    mujoco.mj_forward(robot.model, data)
+    np.testing.assert_allclose(np.linalg.solve(M, torque - N), data.qacc, rtol=1e-8)
+    np.testing.assert_allclose(M, robot.inertia(q), rtol=1e-12)
+    np.testing.assert_allclose(inertia_and_bias(robot, q, 0 * v)[1], robot.gravity_torque(q), rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("symbol", [ca.SX, ca.MX], ids=["SX", "MX"])
+def test_model_from_a_file_is_traced(robot, symbol):
+    law = make_law(laws.ComputedTorque, model=robot)
+    function, _ = trace(law.step, *law.example(), symbol=symbol)
+    rng = np.random.default_rng(3)
+    state, value = law.init(rng.normal(size=6)), LawInput(*rng.normal(size=(4, 6)))
+    expected = [pack(part) for part in law.step(state, value)]
+    for found, known in zip(function(pack(state), pack(value)), expected, strict=True):
+        np.testing.assert_allclose(np.array(found)[:, 0], known, rtol=1e-9, atol=1e-8)
+
+
+def test_model_from_a_file_bears_what_is_no_number(robot):
+    law = make_law(laws.ComputedTorque, model=robot)
+    state, value = law.example()
+    with np.errstate(invalid="ignore"):
+        for bad in (np.nan, 1e90):
+            _, output = law.step(state, value._replace(position=np.full(6, bad)))
+            np.testing.assert_array_equal(np.isfinite(output.torque), True)
+
+
+def test_scenario_names_its_own_robot():
+    content = {
+        "robot": {"file": "ur5e", "armature": 0.1},
+        "law": [
+            {"kind": "ComputedTorque", "model": "robot", "bandwidth": 20.0},
+            {
+                "kind": "CorlessLeitmann",
+                "model": "robot",
+                "inertia": {"fraction": 1.0},
+                "bandwidth": 20.0,
+                "bound": 2.0,
+            },
+        ],
+        "estimator": {"kind": "Algebraic", "window": 0.010},
+        "reference": {"kind": "Sinusoid", "amplitude": 0.3, "frequency": [2.0, 2.2, 2.4, 2.6, 2.8, 3.0]},
+        "duration": 1.0,
+        "start": {"torque": "rest"},
+    }
+    runs = Scenario.parse(content).run()
+    assert all(run.status.completed for run in runs.values())
+    assert runs["ComputedTorque"].metrics(start=0.5)["rms_error"] < 2e-3
+    content["law"] = {"kind": "ComputedTorque", "model": "ur5e", "bandwidth": 20.0}
+    with pytest.raises(TarcError, match=r"law.model: got 'ur5e'; known are robot"):
+        Scenario.parse(content).run()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"model": "robot"}, "model: got 'robot'; needs one of tarc.plants"),
+        ({"bandwidth": 0.0}, "bandwidth: .*above 0"),
+        ({"damping": [1.0, -1.0]}, "damping: .*above 0"),
+        ({"bandwidth": [1.0, 2.0, 3.0]}, r"bandwidth: got shape \(3,\)"),
+    ],
+)
+def test_bad_parameters(options, message):
+    with pytest.raises(TarcError, match=message):
+        make_law(laws.ComputedTorque, period=PERIOD, **options)

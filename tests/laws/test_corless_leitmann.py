@@ -1,0 +1,88 @@
+"""Corless and Leitmann's control: the ball in which the error ends, and its nominal model."""
+
+import numpy as np
+import pytest
+
+from family import make_law
+from tarc import TarcError, certificates, estimators, laws, plants, signals, simulate
+from tarc.laws import LawInput
+
+MASS = plants.MassSpringDamper(masses=(1.0,), springs=0.0, dampers=0.0)
+
+
+def finely(**options):
+    given = {"inertia": 1.0, "bandwidth": 5.0, "period": 1e-4, "estimator": estimators.BackwardDifference()}
+    return laws.CorlessLeitmann(**{**given, "boundary": 0.01, **options})
+
+
+@pytest.mark.parametrize("frequency", [0.0, 2.0, 5.0, 12.0])
+def test_error_ends_in_the_known_ball(frequency):
+    """Whatever the disturbance within ρ does; one at rest comes near enough to show that the bound means something."""
+    law = finely(bound=6.0)
+    wave = signals.Sine(amplitude=6.0, frequency=frequency, phase=np.pi / 2)
+    data = simulate(
+        MASS, law, signals.Sinusoid(amplitude=0.0, frequency=1.0), 6.0, position=[0.5], disturbance=wave
+    ).data
+    worst = np.abs(data["position"].values[data["time"].values > 4.0]).max()
+    assert worst <= law.error_bound
+    if frequency == 0.0:
+        # K1 e1 = d − ρ s/ε with s = e1 at rest
+        np.testing.assert_allclose(worst, 6.0 / (25.0 + 6.0 / 0.01), rtol=1e-4)
+        assert worst > law.error_bound / 10
+
+
+def test_plain_pole_placement_leaves_the_ball():
+    law = finely(bound=0.0)
+    disturbance = signals.Step(amplitude=6.0)
+    data = simulate(MASS, law, signals.Sinusoid(amplitude=0.0, frequency=1.0), 4.0, disturbance=disturbance).data
+    assert abs(data["position"].values[-1, 0]) > finely(bound=6.0).error_bound
+
+
+def test_lyapunov_function():
+    law = make_law(laws.CorlessLeitmann, bandwidth=[12.0, 5.0], damping=0.8)
+    Q = np.diag([2 * 144.0, 2 * 25.0, 2.0, 2.0])
+    np.testing.assert_allclose(law.A.T @ law.P + law.P @ law.A, -Q, atol=1e-9)
+
+
+def test_equation():
+    arm = plants.TwoLinkArm()
+    law = make_law(laws.CorlessLeitmann, bound=4.0, boundary=0.01, model=arm, bandwidth=12.0, damping=0.8)
+    rng = np.random.default_rng(1)
+    state, value = law.init(rng.normal(size=2)), LawInput(*rng.normal(size=(4, 2)))
+    _, estimate = law.estimator.step(state.estimator, value.position)
+    e, rate = value.position - value.reference, estimate.velocity - value.velocity_reference
+    s = e + rate / (0.8 * 12.0)
+    u = value.acceleration_reference - 2 * 0.8 * 12.0 * rate - 144.0 * e - 4.0 * s / np.linalg.norm(s)
+    expected = law.M @ u + arm.evaluate("bias", value.position, estimate.velocity)
+    np.testing.assert_allclose(law.step(state, value)[1].torque, expected, rtol=1e-9)
+
+
+def test_a_model_makes_up_for_gravity():
+    reference = signals.Sinusoid(amplitude=0.6, frequency=[2.0, 2.5], phase=np.pi / 2)
+    errors = []
+    for model in (None, plants.TwoLinkArm()):
+        inertia = np.array([[3.0, 1.0], [1.0, 1.0]])
+        law = make_law(laws.CorlessLeitmann, bound=3.0, boundary=0.02, inertia=inertia, model=model)
+        run = simulate(plants.TwoLinkArm(), law, reference, 3.0, sensor=signals.Encoder(bits=16))
+        errors.append(run.metrics(start=1.0)["rms_error"])
+    assert errors[1] < errors[0] / 3
+
+
+def test_certificate_sees_the_slope_inside_the_layer():
+    law = make_law(laws.CorlessLeitmann, bound=5.0, boundary=0.05, model=plants.TwoLinkArm())
+    assert certificates.loop(law, 1.0).verdict == "certified"
+    assert certificates.loop(make_law(laws.CorlessLeitmann, bound=500.0, boundary=0.001), 1.0).verdict == "refuted"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"bound": -1.0}, "bound"),
+        ({"boundary": 0.0}, "boundary: got 0; needs a finite number above 0"),
+        ({"model": "robot"}, "model: got 'robot'; needs one of tarc.plants"),
+        ({"model": plants.NLinkArm()}, "model: it has 3 joints, the inertia 2"),
+    ],
+)
+def test_bad_parameters(options, message):
+    with pytest.raises(TarcError, match=message):
+        make_law(laws.CorlessLeitmann, **options)

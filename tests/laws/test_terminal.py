@@ -1,0 +1,95 @@
+"""Terminal sliding mode: linear as a special case, finite time in closed form, the bound of the nonlinear damping."""
+
+import numpy as np
+import pytest
+
+from family import make_law
+from motions import SMALL, assert_is_tdc, at, ideal, track
+from tarc import TarcError, certificates, laws
+
+
+def test_linear_and_undamped_it_is_tdc():
+    assert_is_tdc(laws.TerminalSliding, nonlinear_damping=0.0, exponent=1.0)
+
+
+@pytest.mark.parametrize("exponent", [0.5, 0.7, 1.0])
+def test_slope_is_the_derivative(exponent):
+    law = make_law(laws.TerminalSliding, exponent=exponent, boundary=0.02)
+    error, step = np.array([-0.3, -0.02, -1e-4, 0.0, 0.011, 0.5]), 1e-6
+    difference = (law.bent(error + step) - law.bent(error - step)) / (2 * step)
+    np.testing.assert_allclose(law.slope(error), difference, rtol=1e-6)
+
+
+def test_power_far_from_the_layer():
+    law = make_law(laws.TerminalSliding, exponent=0.7, scale=0.1, boundary=1e-9)
+    np.testing.assert_allclose(law.bent(np.array([0.4, -0.02])), [0.1 * 4**0.7, -0.1 * 0.2**0.7], rtol=1e-9)
+
+
+def test_the_surface_decays_by_itself():
+    """ṡ = −Λ s with damping 1, whatever the power: s(t) = s(0) e^{−ωn t}."""
+    law = make_law(laws.TerminalSliding, nonlinear_damping=0.0, exponent=0.7, bandwidth=4.0, period=1e-4)
+    times, q, v = ideal(law, [0.4, -0.3], [0.5, 0.0], 0.5)
+    s = v + 4.0 * law.bent(q)
+    np.testing.assert_allclose(s, s[0] * np.exp(-4.0 * times)[:, None], atol=1e-3)
+
+
+def test_reaches_zero_in_finite_time():
+    """ė = −Λ ℓ sig(e/ℓ)^p goes from e0 to e in ℓ^(p−1) (e0^(1−p) − e^(1−p))/(Λ (1 − p))."""
+    law = make_law(
+        laws.TerminalSliding, joints=1, nonlinear_damping=0.0, exponent=0.6, boundary=1e-5, bandwidth=4.0, period=1e-4
+    )
+    start = np.array([0.3])
+    times, q, _ = ideal(law, start, -4.0 * law.bent(start), 1.2)
+    expected = 0.1**-0.4 * (0.3**0.4 - 1e-4**0.4) / (4.0 * 0.4)
+    reached = np.argmax(q[:, 0] < 1e-4)
+    assert times[reached] == pytest.approx(expected, rel=5e-3)
+    assert 0.3 * np.exp(-4.0 * expected) > 5e-3, "a linear law is far from there yet"
+    assert np.abs(q[reached:]).max() < 1e-4
+
+
+def test_damping_bounds_the_distance_from_the_surface():
+    """Under a constant disturbance c, s ends where Λ s + κ s² = c, below √(c/κ)."""
+    law = make_law(laws.TerminalSliding, joints=1, nonlinear_damping=6.0, exponent=1.0, bandwidth=3.0)
+    _, q, v = ideal(law, [0.0], [0.0], 6.0, disturbance=20.0)
+    s = (v + 3.0 * q)[:, 0]
+    root = (-3.0 + np.sqrt(9.0 + 4 * 6.0 * 20.0)) / (2 * 6.0)
+    assert s[-1] == pytest.approx(root, rel=1e-2)
+    assert s.max() < np.sqrt(20.0 / 6.0)
+
+
+def test_cap_of_the_damping():
+    law = make_law(laws.TerminalSliding, nonlinear_damping=6.0, cap=2.0)
+    s = law.sliding(np.array([0.5, 0.0]), np.array([0.0, 4.0]))
+    np.testing.assert_allclose(law.robust((), at([0.5, 0.0], [0.0, 4.0]))[1], -2.0 * s, rtol=1e-12)
+
+
+def test_tracks_better_than_tdc_under_friction():
+    plain, robust = track(make_law(laws.TDC, inertia=SMALL)), track(make_law(laws.TerminalSliding, inertia=SMALL))
+    assert robust.status.completed
+    assert robust.metrics(start=1.0)["rms_error"] < 0.8 * plain.metrics(start=1.0)["rms_error"]
+    assert robust.metrics()["peak_torque"] < 60.0
+
+
+def test_loop_certificate_sees_the_slope_at_zero():
+    """It is that of TDC with φ'(0) K1 and (1 + φ'(0)) K2/2."""
+    law = make_law(laws.TerminalSliding, exponent=0.6)
+    steep = 0.1**-0.4
+    plain = make_law(laws.TDC, bandwidth=None, stiffness=steep * 144.0, viscosity=(1 + steep) * 12.0)
+    found, known = (certificates.loop(one, 0.08) for one in (law, plain))
+    assert (found.verdict, found.margin) == (known.verdict, pytest.approx(known.margin, abs=1e-8))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"nonlinear_damping": -1.0}, "nonlinear_damping: got -1; needs a finite number of at least 0"),
+        ({"exponent": 0.4}, "exponent: got 0.4; needs a finite number of at least 0.5 and at most 1"),
+        ({"exponent": 1.2}, "exponent: got 1.2"),
+        ({"scale": 0.0}, "scale: got 0"),
+        ({"boundary": 0.0}, "boundary: got 0"),
+        ({"cap": 0.0}, "cap: got 0"),
+    ],
+)
+def test_bad_parameters(options, message):
+    with pytest.raises(TarcError, match=message):
+        make_law(laws.TerminalSliding, **options)
