@@ -227,6 +227,8 @@ def test_a_certificate_that_holds_no_numbers_does_not_verify():
     lacking = Certificate.from_json(loop(tdc(), 0.08).to_json())
     del lacking.matrices["b0"]
     assert not lacking.verify()
+    lacking.matrices.clear()
+    assert not lacking.verify()
 
 
 @pytest.mark.parametrize(

@@ -170,6 +170,9 @@ class Broken(Plant):
     def inertia(self, position):
         return np.diag([1.0, self.bad if position[1] > 1 else 1.0])
 
+    def bias(self, position, velocity):
+        return np.zeros(2)
+
     def gravity_torque(self, position):
         return np.zeros(2)
 

@@ -82,10 +82,11 @@ def ball(
         )
     parts = parts_of(channels[0], slope, intersample)
     centre = check.number("centre", best_centre(parts, contains) if centre is None else centre, 0, strict=True)
-    scale, radius = best_scale(parts, centre)
+    scales, radius = best_scales(parts, centre)
     needed = 0.0 if contains is None else max(contains[1] - centre, centre - contains[0])
     matrices: dict[str, Array] = dict(zip(PARTS, parts, strict=True))
-    numbers = {"centre": centre, "radius": radius, "scale": scale, "needed": needed}
+    numbers = {"centre": centre, "radius": radius, "needed": needed}
+    numbers |= {f"scale {i + 1}": scale for i, scale in enumerate(scales)}
     verdict, margin, witness = judge(matrices, numbers)
     numbers |= {"low": centre - radius, "high": centre + radius, "slope": slope, "period": law.period}
     if centre > radius:
@@ -133,26 +134,36 @@ def parts_of(channel: Channel, slope: float, intersample: bool) -> tuple[Array, 
     return free, B, C, H, E, wide, np.array([[slope / 2]])
 
 
-def system(parts: tuple[Array, ...], ratio: float) -> Loop:
-    """A, B, C, D with half the slope in the loop: from (a, w) to (v, s k/2), so that a unit ball is the other half."""
+def system(parts: tuple[Array, ...], ratio: float, stiffness: float = 0.0) -> Loop:
+    """A, B, C, D of the loop at a ratio with half the slope in it, and the blocks of the mismatch outside.
+
+    From (a, w, a′) to (v, s k/2, q stiffness): the blocks w and a′ are there only with a slope and a stiffness. A unit
+    ball in place of each is the other half of the slope, and a stiffness of the robot itself, such as gravity's.
+    """
     free, into, out, robust, through, wide, share = parts
     half = share.item()
     show = np.eye(1, len(free))
     W = robust + ratio * into @ through
     A = free + ratio * into @ out - half * W @ show
-    C, D = out - half * through @ show, np.zeros((1, wide.shape[1]))
-    if not half:
-        return A, wide, C, D
-    return A, np.hstack([wide, W]), np.vstack([C, half * show]), np.block([[D, through], [0 * D, np.zeros((1, 1))]])
+    columns, rows = [wide], [out - half * through @ show]
+    if half:
+        columns, rows = [*columns, W], [*rows, half * show]
+    if stiffness:
+        columns, rows = [*columns, into], [*rows, stiffness * show]
+    B, C = np.hstack(columns), np.vstack(rows)
+    D = np.zeros((len(C), B.shape[1]))
+    if half:
+        D[0, wide.shape[1]] = through.item()
+    return A, B, C, D
 
 
-def weighed(loop: Loop, radius: float, scale: float) -> Loop:
-    """The system whose norm must be below one: first output times the radius, the blocks scaled against each other."""
+def weighed(loop: Loop, radius: float, *scales: float) -> Loop:
+    """The system whose norm must be below one: first output times the radius, each further block against the first."""
     A, B, C, D = loop
     rows, columns = np.ones(len(C)), np.ones(B.shape[1])
     rows[0] = radius
-    if len(C) > 1:
-        rows[1], columns[-1] = 1 / scale, scale
+    for i in range(1, len(C)):
+        rows[i], columns[B.shape[1] - len(C) + i] = 1 / scales[i - 1], scales[i - 1]
     return A, B * columns, C * rows[:, None], D * rows[:, None] * columns
 
 
@@ -210,19 +221,48 @@ class Responses:
         return float(np.exp(found.x)), max(-float(found.fun), 0.0)
 
 
-def best_scale(parts: tuple[Array, ...], centre: float) -> tuple[float, float]:
-    """Scale between the blocks, and the largest radius that is certified at a centre; zero where there is none."""
-    loop = system(parts, centre)
+def best_scales(parts: tuple[Array, ...], centre: float, stiffness: float = 0.0) -> tuple[list[float], float]:
+    """Scales of the further blocks, and the largest radius that is certified at a centre; zero where there is none."""
+    loop = system(parts, centre, stiffness)
+    count = len(loop[2]) - 1
     if schur(loop[0])[0] != "certified":
-        return 1.0, 0.0
-    if len(loop[2]) == 1:
-        return 1.0, (1 - DIGITS) / hinf_norm(*loop)
+        return [1.0] * count, 0.0
+    if not count:
+        return [], (1 - DIGITS) / hinf_norm(*loop)
     scale, radius = Responses(parts).best(centre)
+    scales = [scale] if parts[-1].item() else []
+    if stiffness:
+        last, radius = _stiff(loop, scales, radius)
+        scales.append(last)
     for shrink in (1.0, 1e-5, 1e-4, 1e-3, 1e-2, 0.1):
         trial = radius * (1 - shrink * 2)
-        if trial > 0 and hinf_norm(*weighed(loop, trial, scale)) < 1:
-            return scale, trial
-    return scale, 0.0
+        if trial > 0 and hinf_norm(*weighed(loop, trial, *scales)) < 1:
+            return scales, trial
+    return scales, 0.0
+
+
+def _stiff(loop: Loop, scales: list[float], radius: float) -> tuple[float, float]:
+    """Scale of the stiffness' block and the radius it leaves, on a grid of frequencies."""
+    from scipy.optimize import minimize_scalar
+
+    A, B, C, D = weighed(loop, 1.0, *scales, 1.0)
+    z = np.exp(1j * np.geomspace(1e-4, np.pi, 100))[:, None, None]
+    G = C @ np.linalg.solve(z * np.eye(len(A)) - A, B + 0 * z) + D
+
+    def left(log: float) -> float:
+        low, high = 0.0, radius
+        for _ in range(14):
+            middle, M = (low + high) / 2, G.copy()
+            M[:, 0] *= middle
+            M[:, -1] *= np.exp(-log)
+            M[:, :, -1] *= np.exp(log)
+            low, high = (middle, high) if np.max(np.linalg.norm(M, 2, axis=(1, 2))) < 1 else (low, middle)
+        return low
+
+    # the two off-diagonal gains are alike at the scale that suits, a decade or so either way
+    guess = 0.5 * np.log(np.max(np.abs(G[:, -1, 0])) / max(radius * np.max(np.abs(G[:, 0, -1])), 1e-300))
+    found: Any = minimize_scalar(lambda log: -left(log), bounds=(guess - 4, guess + 4), method="bounded")
+    return float(np.exp(found.x)), -float(found.fun)
 
 
 def best_centre(parts: tuple[Array, ...], contains: tuple[float, float] | None) -> float:
@@ -247,7 +287,7 @@ def best_centre(parts: tuple[Array, ...], contains: tuple[float, float] | None) 
         logs = np.log(np.linspace(*contains, 9)) if contains[1] > contains[0] else np.log(np.array(contains[:1]))
     values = [worth(log) for log in logs]
     top = int(np.argmax(values))
-    if values[top] <= 0:
+    if values[top] <= 1e-3:  # nothing, or what rounding leaves of a mode on the circle
         if contains is None:
             raise TarcError(
                 "ball: no inertia ratio makes this loop stable; use a shorter window, a lower bandwidth, a smaller "
@@ -264,10 +304,11 @@ def best_centre(parts: tuple[Array, ...], contains: tuple[float, float] | None) 
 def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, float, Witness | None]:
     """Verdict and margin from the stored matrices alone: the norm below one, and the radius enough."""
     centre, radius, needed = numbers["centre"], numbers["radius"], numbers["needed"]
-    loop = system(tuple(matrices[name] for name in PARTS), centre)
-    margin = radius / needed - 1 if needed else radius / centre
+    loop = system(tuple(matrices[name] for name in PARTS), centre, numbers.get("stiffness", 0.0))
+    scales = [numbers[f"scale {i}"] for i in range(1, len(loop[2]))]
+    margin = radius / max(needed, centre / 1e3) - 1 if needed else radius / centre
     sound = radius > 0 and schur(loop[0])[0] == "certified"
-    sound = sound and hinf_norm(*weighed(loop, radius, numbers["scale"])) < 1 and radius >= needed
+    sound = sound and hinf_norm(*weighed(loop, radius, *scales)) < 1 and radius >= needed
     return ("certified" if sound else "inconclusive"), float(margin), None
 
 

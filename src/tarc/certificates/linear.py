@@ -160,8 +160,8 @@ def _linearise(law: PolePlacement, gain: float, joints: tuple[int, ...]) -> Chan
     F, inputs, outputs, through = J[np.ix_(keep, keep)], J[keep, own], J[own, keep], J[own, own]
     if not all(np.all(np.isfinite(part)) for part in (F, inputs, outputs, through)):
         raise TarcError(
-            f"law: {type(law).__name__} with {type(law.estimator).__name__} has no linearisation at rest, where a slope "
-            "is infinite; certificates of the loop need a linear estimator, such as tarc.estimators.Algebraic"
+            f"law: {type(law).__name__} with {type(law.estimator).__name__} has no linearisation at rest, where a "
+            "slope is infinite; certificates of the loop need a linear estimator, such as tarc.estimators.Algebraic"
         )
     keep = _needed(F, inputs, outputs)
     F, inputs, outputs = F[np.ix_(keep, keep)], inputs[keep], outputs[:, keep]

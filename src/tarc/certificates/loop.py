@@ -55,6 +55,7 @@ def loop(
     high = check.number("ratio", high, low)
     channels = decouple(law, computation_delay, gain)
     matrices, numbers = _evidence(channels), {"low": low, "high": high, "period": law.period, "gain": gain}
+    numbers["loops"] = float(len(channels))
     verdict, margin, witness = judge(matrices, numbers)
     worst = min((low, high), key=lambda end: -_radius(channels, end))
     numbers |= _describe(channels, worst, stable=verdict == "certified")
@@ -182,7 +183,7 @@ def _real_response(A: np.ndarray, b: np.ndarray, c: np.ndarray, angle: float) ->
 def judge(matrices: dict[str, np.ndarray], numbers: dict[str, Any]) -> tuple[str, float, Witness | None]:
     """Verdict, margin and witness from the stored matrices: stable at both ends, and no crossing between them."""
     low, high, period = numbers["low"], numbers["high"], numbers["period"]
-    count = sum(name.startswith("A") for name in matrices)
+    count = int(numbers["loops"])
     verdict, margin, witness = "certified", np.inf, None
     for i in range(count):
         A, b, c = (matrices[f"{letter}{i}"] for letter in "Abc")

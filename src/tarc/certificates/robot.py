@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tarc.certificates.ball import PARTS, ball, best_centre, best_scale, parts_of
+from tarc.certificates.ball import PARTS, ball, best_centre, best_scales, parts_of
 from tarc.certificates.ball import judge as judge_ball
 from tarc.certificates.base import JUDGES, Certificate, Witness, schur
 from tarc.certificates.linear import alike, decouple, whole
@@ -35,7 +35,8 @@ def robot(
     """Certify a law on a robot: for every motion inside a workspace, at whatever speed.
 
     Certified if the robust ball holds all eigenvalues of M(q)⁻¹M̂ over the workspace, together with every slope of the
-    robust term up to that at its cap. Refuted if in some posture the loop, linearised there at rest, is unstable.
+    robust term up to that at its cap and with the stiffness of gravity and springs. Refuted if in one of the worst
+    postures the robot held at rest, linearised with its inertia, gravity and viscous friction, is unstable.
     Inconclusive between the two, and for gains that differ between the joints, which the ball does not cover.
 
     Parameters
@@ -54,10 +55,11 @@ def robot(
     Returns
     -------
     Certificate
-        Its matrices hold ``posture_low`` and ``posture_high`` (n,), where the least and the greatest ratio were found,
-        with the inertias there; its numbers the ratios (``least ratio``, ``greatest ratio``), their ``spread``, how
-        many ``samples`` were taken, and the ball's centre and radius. The margin is the ball's radius over the one
-        that is needed, less 1; where refuted, 1 less the spectral radius.
+        Its matrices hold ``posture_low``, ``posture_high`` and ``posture_stiff`` (n,), where the least and the greatest
+        ratio and the greatest stiffness were found, with the robot linearised there; its numbers the ratios
+        (``least ratio``, ``greatest ratio``), their ``spread``, the ``stiffness`` [1/s²], how many ``samples`` were
+        taken, and the ball's centre and radius. The margin is the ball's radius over the one that is needed, less 1;
+        where refuted, 1 less the spectral radius.
 
     Raises
     ------
@@ -68,23 +70,27 @@ def robot(
         raise TarcError(f"law: got {type(law).__name__}; the robot certificate needs a law with an inertia M̂")
     plants = [plant] if isinstance(plant, Plant) else list(plant)
     found = spread(plants, law.M, workspace, samples=samples, seed=seed)
-    matrices = {
-        "nominal": law.M,
-        "posture_low": found.where_low,
-        "posture_high": found.where_high,
-        "inertia_low": plants[found.plant_low].inertia(found.where_low),
-        "inertia_high": plants[found.plant_high].inertia(found.where_high),
-    }
-    numbers = {"period": law.period, "alike": float(alike(law)), "bounded": 1.0}
+    stiffness, stiff, which = _stiffest(plants, law.M, workspace, min(samples, STIFF_SAMPLES), seed)
+    matrices = {"nominal": law.M}
+    for name, one, posture in (
+        ("low", plants[found.plant_low], found.where_low),
+        ("high", plants[found.plant_high], found.where_high),
+        ("stiff", which, stiff),
+    ):
+        M, damping, gravity = one.at_rest(posture)
+        matrices |= {f"posture_{name}": posture, f"inertia_{name}": M}
+        matrices |= {f"damping_{name}": damping, f"stiffness_{name}": gravity}
     bounded = bool(np.isfinite(law.robust_slope))
-    numbers["bounded"], slope = float(bounded), law.robust_slope if bounded else 0.0
+    slope = law.robust_slope if bounded else 0.0
+    numbers = {"period": law.period, "alike": float(alike(law)), "bounded": float(bounded), "stiffness": stiffness}
     if numbers["alike"]:
         (channel,) = decouple(law, computation_delay)
         parts = parts_of(channel, slope, intersample=True)
         centre = best_centre(parts, (found.low, found.high))
-        scale, radius = best_scale(parts, centre)
+        scales, radius = best_scales(parts, centre, stiffness)
         matrices |= dict(zip(PARTS, parts, strict=True))
-        numbers |= {"centre": centre, "radius": radius, "scale": scale}
+        numbers |= {"centre": centre, "radius": radius}
+        numbers |= {f"scale {i + 1}": scale for i, scale in enumerate(scales)}
     else:
         channel = whole(law, computation_delay)
         matrices |= dict(zip(PARTS[:3], channel.around(0.0)[:3], strict=True))
@@ -101,21 +107,24 @@ def robot(
         margin_meaning="1 less the spectral radius in that posture"
         if verdict == "refuted"
         else "radius of the ball over the one needed, less 1",
-        assumptions=_assumptions(law, found, computation_delay),
+        assumptions=_assumptions(law, found, stiffness, computation_delay),
         matrices=matrices,
         numbers=numbers,
         witness=witness,
     )
 
 
-def _assumptions(law: PolePlacement, found: Spread, computation_delay: int) -> tuple[str, ...]:
+def _assumptions(law: PolePlacement, found: Spread, stiffness: float, computation_delay: int) -> tuple[str, ...]:
     def posture(q: Array) -> str:
         return "(" + ", ".join(f"{one:.3g}" for one in q) + ")"
 
     lines = [
         f"the eigenvalues of M(q)⁻¹M̂ lie between {found.low:.4g}, found at q = {posture(found.where_low)}, and "
         f"{found.high:.4g}, at {posture(found.where_high)}; {found.samples} samples and local search found no others",
-        "the robot stays in the workspace; Coriolis forces, gravity and friction disturb only",
+        f"gravity and springs have a stiffness, in these coordinates, of at most {stiffness:.3g} 1/s², from "
+        f"{min(found.samples, STIFF_SAMPLES)} samples",
+        "the robot stays in the workspace; Coriolis forces and friction disturb only, viscous friction apart where the "
+        "robot is at rest; dry friction may hold back what is refuted",
         "no torque limit is reached and no sample is lost",
         f"the torque reaches the joints {computation_delay} periods late and is held for a period",
     ]
@@ -130,20 +139,18 @@ def _assumptions(law: PolePlacement, found: Spread, computation_delay: int) -> t
 
 def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, float, Witness | None]:
     """Verdict, margin and witness from the stored matrices: both worst postures at rest, then the ball."""
-    free, into, out = (matrices[name] for name in PARTS[:3])
+    loop = tuple(matrices[name] for name in PARTS[:3])
     least, greatest = np.inf, 0.0
     worst, witness = 1.0, None
-    for end in ("low", "high"):
-        mismatch = np.linalg.solve(matrices[f"inertia_{end}"], matrices["nominal"])
-        ratios = np.sort(np.linalg.eigvals(mismatch).real)
-        least, greatest = min(least, ratios[0]), max(greatest, ratios[-1])
-        factors = ratios[:, None, None] if numbers["alike"] else mismatch[None]
-        named = ratios if numbers["alike"] else ratios[:1] if end == "low" else ratios[-1:]
-        for ratio, factor in zip(named, factors, strict=True):
-            answer, radius, mode = schur(free + into @ factor @ out)
-            if answer == "refuted" and radius > worst:
-                worst, witness = radius, _growing(ratio, radius, mode, numbers["period"])
-                witness["posture"] = matrices[f"posture_{end}"].tolist()
+    for name in ("low", "high", "stiff"):
+        rest = tuple(matrices[f"{part}_{name}"] for part in ("inertia", "damping", "stiffness"))
+        ratios = np.linalg.eigvals(np.linalg.solve(rest[0], matrices["nominal"])).real
+        least, greatest = min(least, ratios.min()), max(greatest, ratios.max())
+        answer, radius, mode = schur(_at_rest(loop, matrices["nominal"], rest, numbers["period"]))
+        if answer == "refuted" and radius > worst:
+            ratio = ratios.max() if name == "high" else ratios.min()
+            worst, witness = radius, _growing(ratio, radius, mode, numbers["period"])
+            witness["posture"] = matrices[f"posture_{name}"].tolist()
     if witness:
         return "refuted", float(1 - worst), witness
     if not numbers["alike"]:
@@ -154,6 +161,49 @@ def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, flo
     return (verdict if numbers["bounded"] else "inconclusive"), margin, None
 
 
+STIFF_SAMPLES = 200
+"""Postures whose stiffness is computed; it changes little beside the inertia's eigenvalues."""
+
+
+def _stiffest(
+    plants: list[Plant], nominal: Array, workspace: Workspace, samples: int, seed: int
+) -> tuple[float, Array, Plant]:
+    """Largest ‖M̂^½ M⁻¹ (∂g/∂q) M̂^−½‖ [1/s²] over samples of a workspace, where, and of which robot."""
+    values, vectors = np.linalg.eigh(nominal)
+    root, inverse = (vectors * values**power @ vectors.T for power in (0.5, -0.5))
+    best = -1.0, np.zeros(len(nominal)), plants[0]
+    for posture in workspace.sample(samples, seed):
+        for plant in plants:
+            M, _, gravity = plant.at_rest(posture)
+            size = float(np.linalg.norm(root @ np.linalg.solve(M, gravity) @ inverse, 2))
+            if size > best[0]:
+                best = size, posture, plant
+    return best
+
+
+def _at_rest(loop: tuple[Array, ...], nominal: Array, rest: tuple[Array, ...], period: float) -> Array:
+    """State matrix of the law around M δq̈ + D δq̇ + G δq = δτ, the torque held over each period.
+
+    The loop is that of all joints, or one that they share: free, into, out with the double integrator still in it.
+    """
+    from scipy.linalg import expm
+
+    free, _, out = loop
+    M, D, G = rest
+    n, width = len(M), len(out)
+    joints = np.eye(n if width == 1 else 1)
+    F, H = np.kron(free[2 * width :, 2 * width :], joints), np.kron(free[2 * width :, :width], joints)
+    C, E = np.kron(out[:, 2 * width :], joints), np.kron(out[:, :width], joints)
+    motion = np.zeros((3 * n, 3 * n))
+    motion[:n, n : 2 * n] = np.eye(n)
+    motion[n : 2 * n] = np.linalg.solve(M, np.hstack([-G, -D, nominal]))
+    held = expm(motion * period)[: 2 * n]
+    scale = np.repeat([1.0, period], n)  # the velocity in q̇ T
+    A, B = held[:, : 2 * n] * scale[:, None] / scale, held[:, 2 * n :] * scale[:, None]
+    A[:, :n] += B @ E
+    return np.block([[A, B @ C], [H, np.zeros((len(F), n)), F]])
+
+
 def _growing(ratio: float, radius: float, mode: complex, period: float) -> Witness:
     rate, turn = np.log(radius) / period, abs(np.angle(mode)) / period
     return {"ratio": float(ratio), "growth rate [1/s]": float(rate), "frequency [rad/s]": float(turn)}
@@ -162,8 +212,8 @@ def _growing(ratio: float, radius: float, mode: complex, period: float) -> Witne
 def unstable_posture(law: Law, plant: Plant, positions: Array, computation_delay: int = 0) -> Witness | None:
     """The mode that grows fastest where a robot is held at rest in one of some positions (n, k); None if none does.
 
-    Quick: one linearisation, and the inertia in each position. Only for laws on time-delay
-    estimation whose gains are the same on every joint; None for others.
+    Quick: one linearisation of the law, the inertia in each position, and the robot linearised where the ratio of
+    inertias alone makes the loop unstable. Only for laws whose gains are the same on every joint; None for others.
     """
     if not alike(law) or not isinstance(law, PolePlacement):
         return None
@@ -178,11 +228,10 @@ def unstable_posture(law: Law, plant: Plant, positions: Array, computation_delay
         loop = free + ratio * into @ out
         if np.max(np.abs(np.linalg.eigvals(loop))) <= 1:  # the full test only where there is something to show
             continue
-        answer, radius, mode = schur(loop)
+        posture = np.asarray(positions)[:, int(np.argwhere(ratios == ratio)[0, 0])]
+        answer, radius, mode = schur(_at_rest((free, into, out), law.M, plant.at_rest(posture), law.period))
         if answer == "refuted" and (found is None or radius > found[0]):
-            witness = _growing(ratio, radius, mode, law.period)
-            where = int(np.argwhere(ratios == ratio)[0, 0])
-            found = radius, witness | {"posture": np.asarray(positions)[:, where].tolist()}
+            found = radius, _growing(ratio, radius, mode, law.period) | {"posture": posture.tolist()}
     return found[1] if found else None
 
 

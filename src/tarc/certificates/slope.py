@@ -12,6 +12,7 @@ from tarc.certificates.loop import crossings
 from tarc.certificates.norms import hinf_norm
 from tarc.errors import TarcError
 from tarc.laws.base import Law
+from tarc.laws.poles import PolePlacement
 from tarc.laws.tarc import TARC
 
 Array = np.ndarray
@@ -54,6 +55,8 @@ def slope(law: Law, ratio: float = 1.0, *, cap: float | None = None, computation
     ----------
     Paper, Section II-B, equation (delta u); the circle criterion: H. K. Khalil, Nonlinear Systems, 3rd ed., 7.1.1.
     """
+    if not isinstance(law, PolePlacement):
+        raise TarcError(f"law: got {type(law).__name__}; the slope certificate needs a law with an inertia M̂")
     ratio = check.number("ratio", ratio, 0, strict=True)
     adaptive = isinstance(law, TARC)
     cap = law.cap if isinstance(law, TARC) and cap is None else cap
@@ -67,6 +70,7 @@ def slope(law: Law, ratio: float = 1.0, *, cap: float | None = None, computation
     frozen = min(frozen_limit(*loop) for loop in loops)
     asked = circle if cap is None else cap * per_gain
     numbers = {"ratio": ratio, "kappa": asked, "period": law.period, "bounded": float(cap is not None or not adaptive)}
+    numbers["loops"] = float(len(loops))
     verdict, _, witness = judge(matrices, numbers)
     numbers |= {"circle limit": circle * size, "frozen limit": frozen * size}
     if adaptive or cap is not None:
@@ -165,7 +169,7 @@ def frozen_limit(A: Array, B: Array, C: Array) -> float:
 def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, float, Witness | None]:
     """Verdict, margin and witness from the stored matrices alone."""
     kappa, period = numbers["kappa"], numbers["period"]
-    loops = [tuple(matrices[f"{letter}{i}"] for letter in "ABC") for i in range(len(matrices) // 3)]
+    loops = [tuple(matrices[f"{letter}{i}"] for letter in "ABC") for i in range(int(numbers["loops"]))]
     for A, B, C in loops:
         edges = [edge for edge in crossings(A, -B, C, 1e-9, 1e12) if edge < kappa] if B.shape[1] == 1 else []
         trials = {0.0, kappa, *((one + two) / 2 for one, two in pairwise([0.0, *edges, kappa]))}

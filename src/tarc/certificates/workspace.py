@@ -105,6 +105,22 @@ class Workspace:
         """How many joints n."""
         return len(self.low) - (self.reference is not None)
 
+    def sample(self, samples: int, seed: int = 0) -> np.ndarray:
+        """Postures (k, n) [rad or m] that fill the workspace evenly; a single one where it is a point."""
+        return self.positions(self.low + self.units(samples, seed) * (self.high - self.low))
+
+    def units(self, samples: int, seed: int) -> np.ndarray:
+        """Points (k, v) of the unit cube of its variables, of low discrepancy (Halton)."""
+        from scipy.stats import qmc
+
+        check.whole("samples", samples, 1)
+        free = np.flatnonzero(self.high > self.low)
+        points = np.zeros((samples if free.size else 1, len(self.low)))
+        # the newer name of this argument, rng, is unknown to older releases of scipy
+        sampler = qmc.Halton(max(len(free), 1), seed=check.whole("seed", seed))  # pyright: ignore[reportCallIssue]
+        points[:, free] = sampler.random(len(points))[:, : len(free)]
+        return points
+
     def positions(self, variables: np.ndarray) -> np.ndarray:
         """Positions (k, n) [rad or m] at the variables (k, v), a row each."""
         if self.reference is None:
@@ -348,8 +364,6 @@ class _Grid:
     """Samples of a workspace: the points of the unit cube of its free variables, the postures, M(q) of each plant."""
 
     def __init__(self, workspace: Workspace, plants: Sequence[Plant], samples: int, seed: int):
-        from scipy.stats import qmc
-
         if not isinstance(workspace, Workspace):
             raise TarcError(
                 f"workspace: got {type(workspace).__name__}; needs Workspace.of(plant), Workspace.box(low, high) or "
@@ -359,13 +373,10 @@ class _Grid:
             raise TarcError(
                 f"workspace: it has {workspace.joints} joints and the robot {plants[0].joints}; give as many"
             )
-        check.whole("samples", samples, 1)
         self.workspace = workspace
         self.width = workspace.high - workspace.low
         self.free = np.flatnonzero(self.width > 0)
-        # the newer name of this argument, rng, is unknown to older releases of scipy
-        sampler = qmc.Halton(max(len(self.free), 1), seed=check.whole("seed", seed))  # pyright: ignore[reportCallIssue]
-        self.units = sampler.random(samples if self.free.size else 1)[:, : len(self.free)]
+        self.units = workspace.units(samples, seed)[:, self.free]
         self.postures = self.place(self.units)
         self.inertias = [_inertias(plant, self.postures) for plant in plants]
 

@@ -57,7 +57,7 @@ class Observer(Estimator):
         A = (np.eye(3) - np.outer(self._gain, [1.0, 0.0, 0.0])) @ self.transition
         B, C = A @ self._gain[:, None], np.eye(3)[derivative][None]
         numerator, denominator = ss2tf(A, B, C, C @ self._gain[:, None])
-        return numerator[0], denominator
+        return np.asarray(numerator)[0], np.asarray(denominator)
 
     def torque_average(self) -> "TorqueFilter":
         """What the observer makes of an acceleration, as a filter from torques before this instant.

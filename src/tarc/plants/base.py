@@ -44,6 +44,19 @@ class Plant(ABC):
     def with_parameters(self, values: dict[str, Any]) -> Self:
         """The same robot with other `parameters`, by name."""
 
+    @abstractmethod
+    def bias(self, position: Any, velocity: Any) -> np.ndarray:
+        """N(q, q̇) without dry friction [N m or N], shape (n,)."""
+
+    def at_rest(self, position: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """M, D and G of M δq̈ + D δq̇ + G δq = δτ, the robot linearised at rest without dry friction, each (n, n)."""
+        q = check.vector("position", position, self.joints)
+        still, step = np.zeros(self.joints), 1e-5
+        nudges = step * np.eye(self.joints)
+        stiffness = [(self.bias(q + d, still) - self.bias(q - d, still)) / (2 * step) for d in nudges]
+        damping = [(self.bias(q, d) - self.bias(q, -d)) / (2 * step) for d in nudges]
+        return self.inertia(q), np.column_stack(damping), np.column_stack(stiffness)
+
     @property
     def home(self) -> np.ndarray:
         """A posture to start from, shape (n,)."""

@@ -141,6 +141,11 @@ class EulerLagrange(Parametric, Plant):
         """M(q) [kg m² or kg], shape (n, n)."""
         return self.evaluate("inertia", self._position(position))
 
+    def bias(self, position: Any, velocity: Any) -> np.ndarray:
+        """N(q, q̇) without dry friction [N m or N], shape (n,)."""
+        smooth = {"coulomb": 0 * self.parameters["coulomb"]} if "coulomb" in self.parameters else None
+        return self.evaluate("bias", self._position(position), self._position(velocity), parameters=smooth)
+
     def gravity_torque(self, position: Any) -> Any:
         """∂V/∂q [N m or N], shape (n,); accepts CasADi symbols."""
         return self.evaluate("gravity", position if ops.symbolic(position) else self._position(position))

@@ -203,6 +203,13 @@ class MujocoPlant(Plant):
         mujoco.mj_fullM(self.model, data, matrix)
         return matrix
 
+    def bias(self, position: Any, velocity: Any) -> np.ndarray:
+        """N(q, q̇) without dry friction [N m or N], shape (n,)."""
+        data = self._placed(position)
+        data.qvel[:] = check.vector("velocity", velocity, self.joints)
+        mujoco.mj_fwdVelocity(self.model, data)
+        return data.qfrc_bias - data.qfrc_passive
+
     def gravity_torque(self, position: Any) -> np.ndarray:
         """Torque that holds the robot at rest [N m or N], shape (n,)."""
         data = self._placed(position)
