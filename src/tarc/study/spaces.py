@@ -1,0 +1,68 @@
+"""What is searched for in each law: the same ranges for the same thing."""
+
+from typing import Any
+
+from tarc.study.tune import Space
+
+INERTIA = {"inertia.fraction": (0.02, 1.5)}
+POLES = {"bandwidth": (4.0, 60.0)}
+WINDOW = {"estimator.window": (0.002, 0.030)}
+COMMON = {**INERTIA, **POLES, **WINDOW}
+LAYER = {"boundary": (0.01, 2.0)}
+GAIN = (0.1, 100.0)
+
+
+def _law(kind: str, **fixed: Any) -> dict[str, Any]:
+    return {"kind": kind, "estimator": {"kind": "Algebraic", "window": 0.010, "degree": 2}, **fixed}
+
+
+SPACES: dict[str, Space] = {
+    "tdc": Space(_law("TDC"), COMMON),
+    "tdc-sync": Space(_law("TDC", synchronised=True), COMMON),
+    "tdc-difference": Space(
+        {"kind": "TDC", "estimator": {"kind": "BackwardDifference"}}, {"inertia.fraction": (1e-4, 1.5), **POLES}
+    ),
+    "tdc-filtered": Space(
+        {"kind": "TDC", "estimator": {"kind": "FilteredDifference"}},
+        {"inertia.fraction": (1e-3, 1.5), **POLES, "estimator.cutoff": (20.0, 1000.0)},
+    ),
+    "tdc-kalman": Space(
+        {"kind": "TDC", "estimator": {"kind": "Kalman", "noise": 1e-5}},
+        {**INERTIA, **POLES, "estimator.jerk": (0.1, 1000.0)},
+    ),
+    "tdc-differentiator": Space(
+        {"kind": "TDC", "estimator": {"kind": "RobustDifferentiator"}},
+        {**INERTIA, **POLES, "estimator.lipschitz": (1.0, 1e4)},
+    ),
+    "tarc": Space(_law("TARC", cap=10.0), {**COMMON, "rise": (1e2, 1e5), "fall": (1e2, 1e5), "boundary": (1e-3, 0.1)}),
+    "ivf": Space(_law("IVF"), {**COMMON, "velocity_gain": (0.5, 60.0)}),
+    "tdcim": Space(_law("TDCIM"), {**COMMON, "time_constant": (0.01, 2.0)}),
+    "terminal": Space(
+        _law("TerminalSliding", cap=100.0),
+        {**COMMON, "nonlinear_damping": (0.1, 100.0), "exponent": (0.5, 1.0), "scale": (0.01, 1.0)},
+    ),
+    "nonsingular": Space(
+        _law("NonsingularTerminal"),
+        {**COMMON, "gain": GAIN, "exponent": (1.05, 1.9), "power": (0.3, 0.9), **LAYER},
+    ),
+    "smc-tde": Space(_law("SlidingMode"), {**COMMON, "gain": GAIN, **LAYER}),
+    "smc": Space(_law("SlidingMode", time_delay=False), {**COMMON, "gain": GAIN, **LAYER}),
+    "asmc-tde": Space(_law("ASMC", cap=100.0), {**COMMON, "speed": (1.0, 1e4), "threshold": (1e-3, 1.0), **LAYER}),
+    "asmc": Space(
+        _law("ASMC", time_delay=False, cap=300.0), {**COMMON, "speed": (1.0, 1e4), "threshold": (1e-3, 1.0), **LAYER}
+    ),
+    "monotone-tde": Space(
+        _law("MonotoneASMC", cap=100.0), {**COMMON, "growth": (1.0, 1e4), "dead_zone": (1e-3, 1.0), **LAYER}
+    ),
+    "monotone": Space(
+        _law("MonotoneASMC", time_delay=False, cap=300.0),
+        {**COMMON, "growth": (1.0, 1e4), "dead_zone": (1e-3, 1.0), **LAYER},
+    ),
+    "pid": Space(_law("PID"), {**COMMON, "integral": (0.1, 30.0)}),
+    "adrc": Space(_law("ADRC"), {**INERTIA, **POLES, "observer_bandwidth": (20.0, 1000.0)}),
+    "super-twisting": Space(_law("SuperTwisting"), {**COMMON, "disturbance_rate": (1.0, 1e4), "boundary": (1e-3, 1.0)}),
+    "ipid": Space(_law("IntelligentPID"), COMMON),
+    "corless-leitmann": Space(_law("CorlessLeitmann"), {**COMMON, "bound": GAIN, "boundary": (1e-3, 1.0)}),
+    "fuzzy": Space(_law("AdaptiveFuzzy", cap=300.0), {**COMMON, "rate": (1.0, 1e5), "span": (0.5, 6.3)}),
+    "computed-torque": Space(_law("ComputedTorque", model="robot"), {**POLES, **WINDOW}),
+}

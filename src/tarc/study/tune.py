@@ -1,0 +1,206 @@
+"""The search for gains: one budget, one objective, one sampler for every law."""
+
+import copy
+import os
+import warnings
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, field
+from multiprocessing import get_context
+from typing import Any
+
+import numpy as np
+
+from tarc import check
+from tarc.errors import DesignWarning, TarcError
+from tarc.progress import Progress
+from tarc.scenario import Scenario
+
+LOST = 20.0
+"""Objective of a run that did not complete: beyond any that did."""
+STIFF = 5.0
+"""How steeply the objective rises with torque variation above the limit: the limit is all but hard."""
+
+
+@dataclass(frozen=True)
+class Space:
+    """A law and what may be searched for.
+
+    Attributes
+    ----------
+    fixed
+        The law as a scenario writes it, without what is free.
+    free
+        Least and greatest value of each free key, searched on a logarithmic scale; ``inertia.fraction`` and
+        ``estimator.window`` reach into the parts. A window is rounded to whole periods.
+    """
+
+    fixed: dict[str, Any]
+    free: dict[str, tuple[float, float]] = field(default_factory=dict)
+
+    def law(self, values: dict[str, float], period: float) -> dict[str, Any]:
+        """The law with these values, as a scenario writes it."""
+        part = copy.deepcopy(self.fixed)
+        for key, value in values.items():
+            *path, last = key.split(".")
+            node = part
+            for step in path:
+                node = node.setdefault(step, {})
+            node[last] = max(round(value / period), 2) * period if last == "window" else float(f"{value:.4g}")
+        return part
+
+
+def spaces() -> dict[str, Space]:
+    """The laws that are compared, by name, with the gains that are searched for."""
+    from tarc.study.spaces import SPACES
+
+    return SPACES
+
+
+def variation_limit(scenario: Scenario, factor: float = 10.0) -> float:
+    """So many times the torque variation [N m/s] of the scenario's own law with a perfect sensor.
+
+    That is what the task takes and no noise, so that the factor is a budget for noise and chatter, the same for all.
+    """
+    perfect = Scenario.parse({**scenario.model_dump(), "sensor": {}})
+    run = next(iter(perfect.run(progress=False).values()))
+    return factor * run.metrics(start=scenario.measure_from)["torque_variation"]
+
+
+def objective(scenario: Scenario, part: dict[str, Any], limit: float) -> float:
+    """log of the RMS error, and steeply more where the torque variation [N m/s] is above a limit."""
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore", DesignWarning)
+        try:
+            trial = Scenario.parse({**scenario.model_dump(), "law": part})
+            run = next(iter(trial.run(progress=False).values()))
+            if not run.status.completed:
+                return LOST - float(run.data["time"].values[-1]) / scenario.duration
+            found = run.metrics(start=scenario.measure_from)
+        except TarcError:
+            return LOST
+    excess = max(0.0, float(np.log(found["torque_variation"] / limit)))
+    return float(np.log(found["rms_error"])) + STIFF * excess
+
+
+def tune(
+    space: Space,
+    scenarios: Sequence[Scenario],
+    limits: Sequence[float],
+    *,
+    trials: int = 60,
+    seed: int = 0,
+    progress: bool | None = None,
+) -> tuple[dict[str, Any], float]:
+    """Search a law's gains for the least mean log RMS error over training scenarios, under limits on torque variation.
+
+    Optuna's tree-structured Parzen estimator on logarithmic scales; a third of the trials are drawn at random first.
+
+    Parameters
+    ----------
+    space
+        The law and its free keys.
+    scenarios, limits
+        Training scenarios, each with its limit on torque variation [N m/s].
+    trials
+        How many sets of gains to try.
+    seed
+        Of the sampler.
+    progress
+        Show a progress bar when it takes more than two seconds; None for when standard error is a terminal.
+
+    Returns
+    -------
+    law, score
+        The best law as a scenario writes it, and its objective.
+
+    Raises
+    ------
+    TarcError
+        Without Optuna, or with limits that do not match the scenarios.
+    """
+    if not scenarios or len(limits) != len(scenarios):
+        raise TarcError(f"limits: got {len(limits)} for {len(scenarios)} scenarios; needs one each")
+    check.whole("trials", trials, 1)
+    fits = [_fits(space, scenario) for scenario in scenarios]
+    if not any(fits):
+        raise TarcError(f"tune: {space.fixed['kind']} cannot run in any of the scenarios")
+    pairs = [pair for pair, fit in zip(zip(scenarios, limits, strict=True), fits, strict=True) if fit]
+    try:
+        import optuna
+    except ImportError:
+        raise TarcError("tune: needs Optuna; install it with pip install 'tarc-control[study]'") from None
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    period = scenarios[0].period
+
+    def score(trial: Any) -> float:
+        values = {key: trial.suggest_float(key, low, high, log=True) for key, (low, high) in space.free.items()}
+        part = space.law(values, period)
+        return float(np.mean([objective(one, part, limit) for one, limit in pairs]))
+
+    sampler = optuna.samplers.TPESampler(seed=seed, n_startup_trials=max(trials // 3, 1))
+    study = optuna.create_study(sampler=sampler)
+    with Progress("tuning", trials, progress) as bar:
+        study.optimize(score, n_trials=trials if space.free else 1, callbacks=[lambda *_: bar.advance()])
+    return space.law(study.best_params, period), float(study.best_value)
+
+
+def _fits(space: Space, scenario: Scenario) -> bool:
+    """Whether the law can be made for the scenario's robot at all: some need a model that they can read."""
+    middle = {key: float(np.sqrt(low * high)) for key, (low, high) in space.free.items()}
+    try:
+        trial = Scenario.parse({**scenario.model_dump(), "law": space.law(middle, scenario.period)})
+        plant, reference = trial.build_plant(), trial.build_reference()
+        trial.build_laws(plant, reference)
+    except TarcError:
+        return False
+    return True
+
+
+def tune_all(
+    names: Sequence[str],
+    scenarios: Sequence[Scenario],
+    limits: Sequence[float],
+    *,
+    trials: int = 60,
+    seed: int = 0,
+    jobs: int | None = None,
+    progress: bool | None = None,
+) -> dict[str, tuple[dict[str, Any], float]]:
+    """`tune` for several of `spaces`, by name, in processes of their own.
+
+    Parameters
+    ----------
+    names
+        Out of `spaces`.
+    scenarios, limits, trials, seed, progress
+        As in `tune`.
+    jobs
+        Processes; None for as many as there are cores.
+    """
+    known = spaces()
+    for name in names:
+        check.one_of("laws", name, known)
+    contents = [scenario.model_dump() for scenario in scenarios]
+    found: dict[str, tuple[dict[str, Any], float]] = {}
+    count = check.whole("jobs", min(os.cpu_count() or 1, len(names)) if jobs is None else jobs, 1)
+    with (
+        ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool,
+        Progress(f"tuning {len(names)} laws, {trials} trials each", len(names), progress) as bar,
+    ):
+        futures = {pool.submit(_tune_one, name, contents, list(limits), trials, seed): name for name in names}
+        for future in as_completed(futures):
+            try:
+                found[futures[future]] = future.result()
+            except BrokenProcessPool:
+                raise TarcError("tune: a process was killed, perhaps for want of memory; use fewer jobs") from None
+            bar.advance()
+    return {name: found[name] for name in names}
+
+
+def _tune_one(
+    name: str, contents: list[dict[str, Any]], limits: list[float], trials: int, seed: int
+) -> tuple[dict[str, Any], float]:
+    scenarios = [Scenario.parse(content) for content in contents]
+    return tune(spaces()[name], scenarios, limits, trials=trials, seed=seed, progress=False)
