@@ -14,8 +14,8 @@ from family import make_tdc
 from tarc import TarcError, laws
 from tarc.certificates import Certificate
 from tarc.certificates.exact import FLOATS
-from tarc.certificates.sdp import gains
-from tarc.certificates.theorem1 import _Program, psi, theorem1, theorem1_delay, ultimate_bound
+from tarc.certificates.sdp import gains, gather
+from tarc.certificates.theorem1 import SHAPES, _Program, psi, theorem1, theorem1_delay, ultimate_bound
 
 
 def tdc(bandwidth: Any = 1.0, joints=1, **options):
@@ -278,3 +278,17 @@ def test_tampering_shows(place, value):
 def test_bad_input(call, message):
     with pytest.raises(TarcError, match=message):
         call()
+
+
+def test_constants_of_the_ultimate_bound_are_the_papers():
+    """ι = ‖BᵀP‖ and Γ1 = h²c²‖BᵀDB‖/β from the stored matrices; with them the printed radius."""
+    certificate = theorem1(make_tdc(bandwidth=5.0), delay=0.02)
+    found = ultimate_bound(certificate, 2.0)
+    P, D = certificate.matrices["P_0"], certificate.matrices["D_0"]
+    assert found.iota == pytest.approx(np.linalg.norm(P[1:]), rel=1e-12)
+    assert found.gamma == pytest.approx(0.02**2 * 4.0 * D[1, 1] / certificate.numbers["beta"], rel=1e-12)
+    assert 0 < found.z < 1
+    r = found.printed
+    least = (found.gamma + 2 * found.iota * 2.0 * r) / r**2
+    blocks = psi(gather(certificate.matrices, SHAPES)[0], certificate.numbers, FLOATS)
+    assert least == pytest.approx(min(np.linalg.eigvalsh(block)[0] for block in blocks), rel=1e-9)

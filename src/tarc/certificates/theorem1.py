@@ -173,6 +173,9 @@ class UltimateBound(NamedTuple):
     error: float
     position: float
     rate: float
+    gamma: float
+    iota: float
+    z: float
 
 
 def ultimate_bound(certificate: Certificate, bound: float) -> UltimateBound:
@@ -191,6 +194,7 @@ def ultimate_bound(certificate: Certificate, bound: float) -> UltimateBound:
         ``printed``, the radius of [e; e_h] outside which V̇ < 0: the r with λ r² = Γ1 + 2ιc r, λ the least eigenvalue
         of Ψ, ι = ‖BᵀP‖, Γ1 = h²c²‖BᵀDB‖/β (the paper's z → 0). Without the D⁻¹ term: Γ1 = 0, ι + h‖K2ᵀBᵀP‖.
         ``error`` and ``position``: limsup ‖e‖ and limsup ‖e1‖ are no larger. ``rate``, the ε they are for [1/s].
+        ``gamma`` and ``iota``, Γ1 and ι; ``z``, the share of Ψ1 that ε takes.
 
     Raises
     ------
@@ -233,13 +237,17 @@ def ultimate_bound(certificate: Certificate, bound: float) -> UltimateBound:
         narrow = min(np.linalg.eigvalsh(first)[0], np.linalg.eigvalsh(second)[0])
         printed.append((-narrow, constant, np.linalg.norm(now, 2), np.linalg.norm(before, 2)))
 
-    def squares(epsilon: float) -> Array:
-        """Squared bounds on ‖e‖ and ‖e1‖ for c = 1; infinite where ε is too fast."""
+    def share(epsilon: float, first: Array, P: Array, X: Array) -> float:
+        """The least z with εP + μX ≤ zΨ1."""
         grown = np.expm1(epsilon * h)
         mu = h * (2 + grown) * (grown - epsilon * h) / epsilon + xi * h**2 * grown
+        return float(eigh(epsilon * P + mu * X, first, eigvals_only=True)[-1])
+
+    def squares(epsilon: float) -> Array:
+        """Squared bounds on ‖e‖ and ‖e1‖ for c = 1; infinite where ε is too fast."""
         rows = []
         for first, P, X, now, before, constant, outer in parts:
-            z = eigh(epsilon * P + mu * X, first, eigvals_only=True)[-1]
+            z = share(epsilon, first, P, X)
             if z >= 1:
                 return np.full(2, np.inf)
             left = np.sqrt(1 - z)
@@ -251,15 +259,15 @@ def ultimate_bound(certificate: Certificate, bound: float) -> UltimateBound:
 
     fastest = min(float(eigh(first, P, eigvals_only=True)[0]) for first, P, *_ in parts)
     last = furthest(lambda epsilon: bool(np.isfinite(squares(epsilon)[1])), 1e-9 * fastest, fastest)
-    found: Any = minimize_scalar(
-        lambda share: np.log(squares(last * share)[1]), bounds=(1e-6, 0.9999), method="bounded"
-    )
+    found: Any = minimize_scalar(lambda part: np.log(squares(last * part)[1]), bounds=(1e-6, 0.9999), method="bounded")
     epsilon = last * float(found.x)
     narrow, constant, now, before = np.max(printed, axis=0) * (-1, 1, 1, 1)
     linear = now + before
     radius = c * (linear + np.sqrt(linear**2 + narrow * constant)) / narrow
     error, position = c * np.sqrt(squares(epsilon))
-    return UltimateBound(float(radius), float(error), float(position), float(epsilon))
+    z = max(share(epsilon, *part[:3]) for part in parts)
+    gamma, iota = float(constant * c**2), float(np.max([one[2] for one in printed]))
+    return UltimateBound(float(radius), float(error), float(position), float(epsilon), gamma, iota, z)
 
 
 def psi(part: tuple[Array, ...], numbers: dict[str, Any], kit: Arithmetic) -> tuple[Array, Array]:
