@@ -45,11 +45,11 @@ clean:
 
 .venv/run: .venv/uv requirements.lock pyproject.toml
 	@echo "setting up .venv (once; a minute or so)"
-	$(UV) pip install --python $(BIN)/python --require-hashes -r requirements.lock
+	$(UV) pip install --compile-bytecode --python $(BIN)/python --require-hashes -r requirements.lock
 	$(UV) pip install --python $(BIN)/python $(LOCAL)
 	touch $@
 
 .venv/dev: .venv/run requirements-dev.lock
 	@echo "adding what the tests need"
-	$(UV) pip install --python $(BIN)/python --require-hashes -r requirements-dev.lock
+	$(UV) pip install --compile-bytecode --python $(BIN)/python --require-hashes -r requirements-dev.lock
 	touch $@

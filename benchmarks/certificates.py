@@ -13,7 +13,7 @@ import tarc
 from benchmarks.measure import Row, best
 from tarc.certificates import ball, loop, theorem1
 
-LIMITS = {"loop": 5e-3, "ball": 0.1, "theorem1": 1.0}
+LIMITS = {"loop": 5e-3, "loop, of a law that was traced before": 5e-3, "ball": 0.1, "theorem1": 1.0}
 
 
 def law(joints: int) -> tarc.laws.TDC:
@@ -25,8 +25,10 @@ def law(joints: int) -> tarc.laws.TDC:
 
 def one_and_thirty() -> list[Row]:
     """The loop, the ball and the paper's first theorem: the making of the law, its tracing and all numbers included."""
+    known = {joints: law(joints) for joints in (1, 30)}
     calls: dict[str, Any] = {
         "loop": lambda joints: loop(law(joints), 0.08),
+        "loop, of a law that was traced before": lambda joints: loop(known[joints], 0.08),
         "ball": lambda joints: ball(law(joints)),
         "theorem1": lambda joints: theorem1(law(joints)),
     }

@@ -59,8 +59,9 @@ def numbers(name: str, value: Any) -> Array:
 def array(name: str, value: Any) -> Array:
     """Finite numbers as a float array."""
     result = numbers(name, value)
-    bad = np.argwhere(~np.isfinite(result))
-    if bad.size or (bad.ndim > 1 and len(bad)):
+    finite = np.isfinite(result)
+    if not finite.all():
+        bad = np.argwhere(~finite)
         where = f" at {bad[0].tolist()}" if result.ndim else ""
         raise TarcError(f"{name}: got {result[tuple(bad[0])]}{where}; needs finite numbers, not NaN or infinity")
     return result

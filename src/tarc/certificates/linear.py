@@ -115,13 +115,17 @@ def whole(law: PolePlacement, computation_delay: int = 0) -> Channel:
 def alike(law: Law) -> bool:
     """Whether K1, K2 and, with a robust term, P2 are multiples of the identity, so that all joints' loops are one."""
     matrices = (law.K1, law.K2, getattr(law, "P2", law.K1)) if isinstance(law, PolePlacement) else ()
-    return bool(matrices) and all(np.allclose(K, K[0, 0] * np.eye(len(K)), rtol=1e-9) for K in matrices)
+    return bool(matrices) and all(_scalar(K) for K in matrices)
+
+
+def _scalar(K: Array) -> bool:
+    return bool(np.abs(K - K[0, 0] * np.eye(len(K))).max() <= 1e-9 * abs(K[0, 0]))
 
 
 def _decouple(law: PolePlacement, gain: float) -> list[Channel]:
-    diagonal = all(np.allclose(K, np.diag(np.diag(K))) for K in (law.K1, law.K2))
+    diagonal = all(np.abs(K - np.diag(np.diag(K))).max() <= 1e-9 * np.abs(K).max() for K in (law.K1, law.K2))
     P2 = getattr(law, "P2", np.zeros_like(law.K1)) if gain else np.zeros_like(law.K1)
-    scalar = all(np.allclose(K, K[0, 0] * np.eye(law.joints), rtol=1e-9) for K in (law.K1, law.K2, P2))
+    scalar = all(_scalar(K) for K in (law.K1, law.K2, P2))
     if not (scalar or (diagonal and not gain)):
         return [_linearise(law, gain, tuple(range(law.joints)))]
     groups: dict[tuple[float, float], list[int]] = {}
@@ -149,14 +153,13 @@ def _linearise(law: PolePlacement, gain: float, joints: tuple[int, ...]) -> Chan
     value = DriveInput(rest, rest, rest, rest, rest)
     (x, u), (x_next, y) = expressions(drive.step, state, value)
     position, acceleration_reference, torque = u[:n], u[3 * n : 4 * n], y[n : 2 * n]
-    slopes = ca.jacobian(ca.vertcat(x_next, torque), ca.vertcat(x, position, acceleration_reference))
     labels = [label.split(".")[-1] for label in names(state)]
     owner = np.repeat(labels, [int(np.size(leaf)) for leaf in leaves(state)])
     point = pack(state)
     point[owner == "gain"] = gain
+    slopes = ca.jacobian(ca.vertcat(x_next, torque), ca.vertcat(x, position, acceleration_reference))
     J = np.array(ca.Function("slopes", [x, u], [slopes])(point, pack(value)))
-    keep = np.flatnonzero(~np.isin(owner, law.frozen))
-    own = slice(len(owner), None)
+    keep, own = np.flatnonzero(~np.isin(owner, law.frozen)), slice(len(owner), None)
     F, inputs, outputs, through = J[np.ix_(keep, keep)], J[keep, own], J[own, keep], J[own, own]
     if not all(np.all(np.isfinite(part)) for part in (F, inputs, outputs, through)):
         raise TarcError(

@@ -57,7 +57,7 @@ def loop(
     matrices, numbers = _evidence(channels), {"low": low, "high": high, "period": law.period, "gain": gain}
     numbers["loops"] = float(len(channels))
     verdict, margin, witness = judge(matrices, numbers)
-    worst = min((low, high), key=lambda end: -_radius(channels, end))
+    worst = low if low == high else max((low, high), key=lambda end: _radius(channels, end))
     numbers |= _describe(channels, worst, stable=verdict == "certified")
     span = f"ρ = {low:g}" if low == high else f"every constant ρ from {low:g} to {high:g}"
     return Certificate(
@@ -257,7 +257,7 @@ def _delay_margin(channel: Channel, ratio: float) -> int:
 
     if channel.width == 1:
         A, b, c = _split(channel)
-        angles = np.geomspace(1e-4, np.pi, 80)
+        angles = np.geomspace(1e-4, np.pi, 50)
         z = np.exp(1j * angles)[:, None, None]
         L = (ratio * c @ np.linalg.solve(z * np.eye(len(A)) - A, b + 0 * z))[:, 0, 0]
         size, turn = np.log(np.abs(L)), np.angle(L) % (2 * np.pi)

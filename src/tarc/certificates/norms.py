@@ -89,7 +89,7 @@ def gains(A: Array, B: Array, C: Array, D: Array, angles: Array) -> Array:
 def _peak(A: Array, B: Array, C: Array, D: Array) -> float:
     """Largest gain found on a grid of frequencies and at the poles, drawn closer around its best point."""
     poles = np.linalg.eigvals(A)
-    angles = np.concatenate([[0.0], np.geomspace(1e-6, np.pi, 80), np.abs(np.angle(poles[np.abs(poles) > 0.5]))])
+    angles = np.concatenate([[0.0], np.geomspace(1e-6, np.pi, 50), np.abs(np.angle(poles[np.abs(poles) > 0.5]))])
     angles = np.unique(angles)
     best = 0.0
     for _ in range(4):

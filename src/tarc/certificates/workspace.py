@@ -106,20 +106,15 @@ class Workspace:
         return len(self.low) - (self.reference is not None)
 
     def sample(self, samples: int, seed: int = 0) -> np.ndarray:
-        """Postures (k, n) [rad or m] that fill the workspace evenly; a single one where it is a point."""
+        """Postures (k, n) [rad or m] evenly at random from the workspace; a single one where it is a point."""
         return self.positions(self.low + self.units(samples, seed) * (self.high - self.low))
 
     def units(self, samples: int, seed: int) -> np.ndarray:
-        """Points (k, v) of the unit cube of its variables, of low discrepancy (Halton)."""
-        from scipy.stats import qmc
-
+        """Points (k, v) of the unit cube of its variables, evenly at random; zero for a variable that is held."""
         check.whole("samples", samples, 1)
-        free = np.flatnonzero(self.high > self.low)
-        points = np.zeros((samples if free.size else 1, len(self.low)))
-        # the newer name of this argument, rng, is unknown to older releases of scipy
-        sampler = qmc.Halton(max(len(free), 1), seed=check.whole("seed", seed))  # pyright: ignore[reportCallIssue]
-        points[:, free] = sampler.random(len(points))[:, : len(free)]
-        return points
+        free = self.high > self.low
+        rng = np.random.default_rng(check.whole("seed", seed))
+        return rng.random((samples if free.any() else 1, len(free))) * free
 
     def positions(self, variables: np.ndarray) -> np.ndarray:
         """Positions (k, n) [rad or m] at the variables (k, v), a row each."""
@@ -245,7 +240,7 @@ def extremes(
 ) -> list[Extremum]:
     """Greatest value of each function of the inertia matrix over a workspace: samples, then local search.
 
-    Low-discrepancy samples (Halton) of all plants, shared by the functions; from the best of them SLSQP inside the box.
+    Random samples of all plants, shared by the functions; from the best of them SLSQP inside the box.
     Largest eigenvalues and singular values have kinks where two of them cross, but as the greater of smooth functions
     they have no maximum on a kink, so that gradients serve. A greater value elsewhere is not excluded.
 
