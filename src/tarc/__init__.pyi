@@ -1,4 +1,4 @@
-from . import certificates, estimators, laws, plants, signals
+from . import certificates, estimators, laws, plants, signals, study
 from .controller import Controller
 from .errors import DesignWarning, TarcError
 from .loop import simulate
@@ -20,4 +20,5 @@ __all__ = [
     "plants",
     "signals",
     "simulate",
+    "study",
 ]

@@ -11,7 +11,7 @@ import pytest
 import tarc
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = ["tarc", "tarc.laws", "tarc.estimators", "tarc.plants", "tarc.signals", "tarc.certificates"]
+PACKAGES = ["tarc", *(f"tarc.{part}" for part in ("laws", "estimators", "plants", "signals", "certificates", "study"))]
 
 
 def public_objects():

@@ -1,0 +1,86 @@
+"""The search of gains: it finds what a sweep finds, keeps to its limit, and is the same every time."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+import tarc
+from tarc import TarcError
+from tarc.study import Space, tune, variation_limit
+from tarc.study.tune import LOST, objective
+
+TARC = str(Path(sys.executable).parent / "tarc")
+SHORT = ["duration=1.0", "measure_from=0.3"]
+TDC = Space(
+    {"kind": "TDC", "inertia": {"fraction": 0.08}, "estimator": {"kind": "Algebraic", "degree": 2, "window": 0.01}},
+    {"bandwidth": (3.0, 40.0)},
+)
+
+
+def training(name="train_two_link"):
+    return tarc.Scenario.load(name, SHORT)
+
+
+def test_finds_what_a_sweep_finds():
+    one = training()
+    limit = variation_limit(one, 15.0)
+    sweep = [objective(one, TDC.law({"bandwidth": b}, 1e-3), limit) for b in np.geomspace(3.0, 40.0, 40)]
+    law, score = tune(TDC, [one], [limit], trials=25, progress=False)
+    assert score <= min(sweep) + 0.1
+    assert objective(one, law, limit) == pytest.approx(score, abs=0.02)
+
+
+def test_is_the_same_every_time():
+    one = training()
+    runs = [tune(TDC, [one], [1000.0], trials=6, seed=3, progress=False) for _ in range(2)]
+    assert runs[0] == runs[1]
+
+
+def test_the_limit_keeps_torque_variation_down():
+    one = training()
+    quiet, loud = (tune(TDC, [one], [limit], trials=15, progress=False)[0]["bandwidth"] for limit in (400.0, 1e6))
+    assert quiet < loud
+
+
+def test_a_law_that_diverges_or_cannot_be_made_scores_worst():
+    one = training()
+    assert objective(one, {"kind": "TDC", "inertia": {"fraction": 1.2}, "bandwidth": 10.0}, 1e3) > LOST - 2
+    assert objective(one, {"kind": "TDC", "inertia": {"fraction": 0.1}, "bandwidth": -1.0}, 1e3) == LOST
+
+
+def test_windows_are_whole_periods():
+    space = Space({"kind": "TDC"}, {"estimator.window": (0.002, 0.03)})
+    assert space.law({"estimator.window": 0.01234}, 1e-3)["estimator"]["window"] == pytest.approx(0.012)
+    assert space.fixed == {"kind": "TDC"}
+
+
+def test_scenarios_that_a_law_cannot_run_in_are_left_out():
+    model = Space(
+        {"kind": "ProjectionARC", "model": "robot", "bounds": {"payload": [0.0, 3.0]}}, {"bandwidth": (5.0, 20.0)}
+    )
+    law, score = tune(model, [training(), training("train_ur5e")], [1e3, 1e3], trials=2, progress=False)
+    assert law["kind"] == "ProjectionARC"
+    assert np.isfinite(score)
+    with pytest.raises(TarcError, match="cannot run in any"):
+        tune(model, [training("train_ur5e")], [1e3], trials=2, progress=False)
+
+
+def test_limits_must_match():
+    with pytest.raises(TarcError, match="limits: got 2 for 1"):
+        tune(TDC, [training()], [1.0, 2.0], trials=1)
+
+
+def test_command_writes_gains_and_how_they_were_found(tmp_path):
+    call = [TARC, "tune", "train_two_link", "--laws", "tdc,pid", "--trials", "2", "--jobs", "1", "-o", "g.yaml"]
+    done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert "written: g.yaml" in done.stdout
+    content = yaml.safe_load((tmp_path / "g.yaml").read_text())
+    assert set(content["laws"]) == {"tdc", "pid"}
+    assert content["command"].startswith("tarc tune train_two_link --laws tdc,pid --trials 2")
+    wrong = subprocess.run([*call[:3], "--laws", "xyz"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert wrong.returncode == 2
+    assert "laws: got 'xyz'" in wrong.stderr
