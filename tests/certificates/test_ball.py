@@ -20,12 +20,12 @@ from benchmarks.soundness import (
     respond,
 )
 
-from family import make_law
+from family import make_law, make_tdc
 from tarc import TarcError, estimators, laws
 from tarc.certificates import Certificate, ball, hinf_norm, stable_interval, stable_intervals
-from tarc.certificates.ball import PARTS
+from tarc.certificates.ball import PARTS, best_scales, parts_of, system, weighed
 from tarc.certificates.base import schur
-from tarc.certificates.linear import whole
+from tarc.certificates.linear import decouple, whole
 
 LITERAL, SYNCHRONISED = Design(window=10), Design(window=10, synchronised=True)
 
@@ -338,3 +338,57 @@ def test_schur_judges_what_has_no_basis_of_eigenvectors():
     assert schur(np.diag([1.0, -1.0]))[0] == "inconclusive"
     assert schur(np.diag([1.0 - 1e-15, 0.5]))[0] == "certified"
     assert schur(np.diag([1.0 + 1e-15, 0.5]))[0] == "refuted"
+
+
+def turned(angle, size):
+    """A reflection of norm ``size`` along an axis at an angle."""
+    c, s = np.cos(angle), np.sin(angle)
+    return size * np.array([[c, s], [s, -c]])
+
+
+@pytest.mark.parametrize(
+    ("window", "synchronised", "ratio", "slope", "stiffness"),
+    [
+        (10, False, 0.08, 0.0, 60.0),
+        (10, False, 0.08, 200.0, 30.0),
+        (5, True, 1.0, 100.0, 200.0),
+        (10, True, 0.5, 0.0, 500.0),
+    ],
+)
+def test_stiffness_of_the_robot_within_the_ball_does_not_diverge(window, synchronised, ratio, slope, stiffness):
+    """Mismatch, slope and stiffness at the edge of what is certified, turning and switching against the motion."""
+    (channel,) = decouple(make_tdc(window, synchronised))
+    parts = parts_of(channel, slope, intersample=False)
+    scales, radius = best_scales(parts, ratio, stiffness)
+    assert radius > 0
+    assert hinf_norm(*weighed(system(parts, ratio, stiffness), radius, *scales)) < 1
+    assert radius < best_scales(parts, ratio)[1]
+    free, into, out, robust, through, _, _ = parts
+    A, W = free + ratio * into @ out, robust + ratio * into @ through
+    rng = np.random.default_rng(0)
+    worst = -np.inf
+    for turn in (0.0, 0.003, 0.03, 0.15, 0.5):
+        x = rng.normal(size=(len(A), 2)) * 1e-6
+        sizes = []
+        for k in range(6000):
+            q = x[0]
+            # the slope is on while the motion leaves zero slowly, off while it returns: either may do the harm
+            w = -slope * q * ((k // 40) % 2)
+            v = out @ x + through * w
+            a = turned(k * turn, radius) @ v[0] - turned(k * turn / 2, stiffness) @ q
+            x = A @ x + into * a + W * w
+            sizes.append(np.abs(x).max())
+        worst = max(worst, sizes[-1] / sizes[1500])
+    assert worst < 0.9
+
+
+def test_stiffness_beyond_what_is_certified_can_diverge():
+    """A constant negative stiffness that the loop at its least ratio cannot hold: no radius is left."""
+    (channel,) = decouple(make_tdc(10, False))
+    parts = parts_of(channel, 0.0, intersample=False)
+    least = 0.006
+    assert best_scales(parts, least)[1] > 0
+    assert best_scales(parts, least, 60.0)[1] == 0.0
+    free, into, out = parts[:3]
+    falling = free + least * into @ out + 60.0 * into @ np.eye(1, len(free))
+    assert np.abs(np.linalg.eigvals(falling)).max() > 1
