@@ -26,6 +26,19 @@ def test_known_intervals(window, synchronised, low, high):
     assert agrees(found[1], high)
 
 
+def test_degree_three_averages_with_both_signs_and_reaches_less_far():
+    """Σ|c_j| is about 2.2 for degree 3, and the upper limits lie near 1.7 for short windows; degree 2 has no signs."""
+    for window in (5, 10, 20):
+        estimator = estimators.Algebraic(window=window * 1e-3, degree=3)
+        weights = estimator.at(1e-3).torque_average().weights
+        assert np.sum(weights) == pytest.approx(1.0)
+        assert 2.1 < np.sum(np.abs(weights)) < 2.35
+        law = laws.TDC(inertia=0.1, bandwidth=10.0, period=1e-3, estimator=estimator, synchronised=True)
+        assert 1.65 < stable_interval(law)[1] < 1.85
+        even = estimators.Algebraic(window=window * 1e-3, degree=2).at(1e-3).torque_average().weights
+        assert np.all(even > 0)
+
+
 def by_hand(ratio, window, k1, k2, T=1e-3):
     """Characteristic polynomial of literal TDC on q̈ = ρ v, written out: poles in z.
 
