@@ -7,13 +7,13 @@ from weakref import WeakKeyDictionary
 import casadi as ca
 import numpy as np
 
-from tarc import check
+from tarc import check, ops
 from tarc.errors import TarcError
 from tarc.laws.base import Law
 from tarc.laws.poles import PolePlacement
 from tarc.loop import Drive, DriveInput
 from tarc.signals.sensors import Encoder
-from tarc.system import expressions, leaves, names, pack
+from tarc.system import leaves, names, pack, rebuild
 
 Array = np.ndarray
 
@@ -150,17 +150,21 @@ def _linearise(law: PolePlacement, gain: float, joints: tuple[int, ...]) -> Chan
     n = law.joints
     rest = np.zeros(n)
     state = drive.init(rest)
-    value = DriveInput(rest, rest, rest, rest, rest)
-    (x, u), (x_next, y) = expressions(drive.step, state, value)
-    position, acceleration_reference, torque = u[:n], u[3 * n : 4 * n], y[n : 2 * n]
     labels = [label.split(".")[-1] for label in names(state)]
-    owner = np.repeat(labels, [int(np.size(leaf)) for leaf in leaves(state)])
-    point = pack(state)
-    point[owner == "gain"] = gain
-    slopes = ca.jacobian(ca.vertcat(x_next, torque), ca.vertcat(x, position, acceleration_reference))
-    J = np.array(ca.Function("slopes", [x, u], [slopes])(point, pack(value)))
-    keep, own = np.flatnonzero(~np.isin(owner, law.frozen)), slice(len(owner), None)
-    F, inputs, outputs, through = J[np.ix_(keep, keep)], J[keep, own], J[own, keep], J[own, own]
+    values = [gain + 0 * leaf if label == "gain" else leaf for label, leaf in zip(labels, leaves(state), strict=True)]
+    # what is frozen stays a number, and so does the reference, so that the graph is that of the loop alone
+    moving = [i for i, label in enumerate(labels) if label not in law.frozen]
+    symbols = {i: ca.SX.sym("x", *(*np.shape(values[i]), 1, 1)[:2]) for i in moving}
+    position, asked = ca.SX.sym("q", n), ca.SX.sym("a", n)
+    mixed = rebuild(state, [symbols.get(i, value) for i, value in enumerate(values)])
+    after, output = drive.step(mixed, DriveInput(position, rest, rest, asked, rest))
+    x = ca.vertcat(*(_column(one) for one in symbols.values())) if symbols else ca.SX(0, 1)
+    rows = [_column(leaf) for i, leaf in enumerate(leaves(after)) if i in symbols]
+    slopes = ca.jacobian(ca.vertcat(*rows, output.torque), ca.vertcat(x, position, asked))
+    point = pack(tuple(values[i] for i in moving))
+    J = np.array(ca.Function("slopes", [x, position, asked], [slopes])(point, rest, rest))
+    m = len(point)
+    F, inputs, outputs, through = J[:m, :m], J[:m, m:], J[m:, :m], J[m:, m:]
     if not all(np.all(np.isfinite(part)) for part in (F, inputs, outputs, through)):
         raise TarcError(
             f"law: {type(law).__name__} with {type(law.estimator).__name__} has no linearisation at rest, where a "
@@ -173,11 +177,17 @@ def _linearise(law: PolePlacement, gain: float, joints: tuple[int, ...]) -> Chan
     return Channel(F, G, H, root @ outputs, D, E, law.period, joints)
 
 
+def _column(leaf: Any) -> Any:
+    leaf = leaf if ops.symbolic(leaf) else ca.SX(leaf)
+    return leaf if leaf.shape[1] == 1 else ca.vec(leaf)
+
+
 def _needed(F: Array, inputs: Array, outputs: Array) -> Array:
     """States that an input moves and an output shows; all, unless the others are memories that empty themselves."""
     arrows = F != 0
     seen, moved = (outputs != 0).any(axis=0), (inputs != 0).any(axis=1)
-    for _ in range(len(F)):
+    before = -1
+    while before < (before := int(seen.sum() + moved.sum())):
         seen, moved = seen | arrows[seen].any(axis=0), moved | arrows[:, moved].any(axis=1)
     keep = seen & moved
     rest = arrows[np.ix_(~keep, ~keep)]

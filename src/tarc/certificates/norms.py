@@ -46,10 +46,11 @@ def hinf_norm(A: Array, B: Array, C: Array, D: Array, tolerance: float = 1e-6) -
     N. A. Bruinsma and M. Steinbuch, Systems & Control Letters 14(4), 1990.
     """
     A, B, C, D = _checked(A, B, C, D)
-    if np.max(np.abs(np.linalg.eigvals(A)), initial=0.0) >= 1:
-        return np.inf
     A, B, C = balance(A, B, C)
-    low = _peak(A, B, C, D)
+    poles = np.linalg.eigvals(A)
+    if np.max(np.abs(poles), initial=0.0) >= 1:
+        return np.inf
+    low = _peak(A, B, C, D, poles)
     for _ in range(60):
         level = max((1 + 2 * tolerance) * low, 1e-300)
         better = float(np.max(gains(A, B, C, D, _suspects(A, B, C, D, level)), initial=0.0))
@@ -86,9 +87,8 @@ def gains(A: Array, B: Array, C: Array, D: Array, angles: Array) -> Array:
     return np.abs(response[:, 0, 0]) if response.shape[1:] == (1, 1) else np.linalg.norm(response, 2, axis=(1, 2))
 
 
-def _peak(A: Array, B: Array, C: Array, D: Array) -> float:
+def _peak(A: Array, B: Array, C: Array, D: Array, poles: Array) -> float:
     """Largest gain found on a grid of frequencies and at the poles, drawn closer around its best point."""
-    poles = np.linalg.eigvals(A)
     angles = np.concatenate([[0.0], np.geomspace(1e-6, np.pi, 50), np.abs(np.angle(poles[np.abs(poles) > 0.5]))])
     angles = np.unique(angles)
     best = 0.0
