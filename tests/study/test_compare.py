@@ -74,6 +74,13 @@ def test_writes_what_it_says(tmp_path):
     assert all(file.stat().st_size > 5000 for file in files if file.suffix == ".png")
 
 
+def test_units_are_those_of_the_joints():
+    found = compare(scenario("vibration"), ["tdc"], jobs=1)
+    assert found.columns["rms_error"][2] == "mm"
+    assert "RMS error [mm]" in found.to_latex()
+    assert "peak torque [N]" in found.to_latex()
+
+
 def test_every_space_has_tuned_gains_and_every_gain_lies_in_its_space():
     known = tuned_laws()
     assert set(known) == set(spaces())

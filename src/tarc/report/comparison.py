@@ -32,8 +32,12 @@ def plane(comparison: "Comparison") -> Figure:
         axes.plot(*np.array(corners).T, color="0.6", lw=1, zorder=0, label="not beaten in both")
     axes.set_xscale("log")
     axes.set_yscale("log")
-    axes.set_xlabel("torque variation [N m/s]")
-    axes.set_ylabel("RMS error [mrad]")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter("{x:g}")
+    axes.tick_params(which="both", labelsize="small")
+    axes.set_xlabel(f"torque variation [{comparison.columns['torque_variation'][2]}]")
+    axes.set_ylabel(f"RMS error [{comparison.columns['rms_error'][2]}]")
     axes.set_title(comparison.scenario.name, fontsize="medium")
     axes.legend(fontsize="small", loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False)
     axes.grid(alpha=0.3, which="both")
@@ -57,6 +61,11 @@ def side(comparison: "Comparison") -> Figure:
             axes.margins(x=0)
     grid[0, 0].set_title("error [mrad]", fontsize="medium")
     grid[0, 1].set_title("torque of the strongest joint [N m]", fontsize="medium")
+    levels = [np.linalg.norm((one.data["position"] - one.data["reference"]).values, axis=1) for one in runs.values()]
+    if levels:
+        low = 1e3 * min(float(np.percentile(level, 2)) for level in levels)
+        high = 1e3 * float(np.median([level.max() for level in levels]))
+        grid[0, 0].set_ylim(max(low, 1e-5) / 2, max(10 * high, 1e-4))
     typical = [np.percentile(np.abs(run.data["torque"].values).max(axis=1), 99) for run in runs.values()]
     if typical:
         grid[0, 1].set_ylim(-1.3 * float(np.median(typical)), 1.3 * float(np.median(typical)))

@@ -185,7 +185,7 @@ def print_comparison(comparison: Comparison, files: list[Path]) -> None:
         title=f"{scenario.name}, {scenario.duration:g} s, after {scenario.measure_from:g} s", title_justify="left"
     )
     table.add_column("law")
-    for label, _, unit in COLUMNS.values():
+    for label, _, unit in comparison.columns.values():
         table.add_column(f"{label} [{unit}]", justify="right")
     table.add_column("status")
     front = comparison.front

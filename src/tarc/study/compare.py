@@ -67,6 +67,14 @@ class Comparison:
         return result
 
     @property
+    def columns(self) -> dict[str, tuple[str, float, str]]:
+        """`COLUMNS`, in mm and N for a robot whose joints slide."""
+        if {str(run.data["position"].attrs["units"]) for run in self.runs.values()} != {"m"}:
+            return COLUMNS
+        units = {"mrad": "mm", "N m/s": "N/s", "N m": "N"}
+        return {key: (label, scale, units.get(unit, unit)) for key, (label, scale, unit) in COLUMNS.items()}
+
+    @property
     def front(self) -> list[str]:
         """Laws that no other beats in both RMS error and torque variation, by error."""
         points = {name: (one["rms_error"], one["torque_variation"]) for name, one in self.measures.items() if one}
@@ -90,7 +98,7 @@ class Comparison:
 
     def to_latex(self) -> str:
         """A table for a paper; needs the package booktabs."""
-        heads = " & ".join(["law", *(f"{label} [{unit}]" for label, _, unit in COLUMNS.values())])
+        heads = " & ".join(["law", *(f"{label} [{unit}]" for label, _, unit in self.columns.values())])
         rules = [r"\begin{tabular}{l" + "r" * len(COLUMNS) + "}", r"\toprule"]
         lines = [*rules, heads.replace("%", r"\%") + r" \\", r"\midrule"]
         for name, found in self.measures.items():
