@@ -1,0 +1,14 @@
+"""Put a law of your own gains beside tuned ones, on the same robot and seed, and see which no other beats."""
+
+import tarc
+from tarc.study import compare, tuned_laws
+
+scenario = tarc.Scenario.load("two_link_friction", ["duration=5.0"])
+mine = {"kind": "TARC", "inertia": {"fraction": 0.06}, "bandwidth": 15.0, "rise": 4e3, "fall": 2e3, "cap": 8.0}
+laws = {"mine": mine} | {name: tuned_laws()[name] for name in ("tarc", "tdc", "smc-tde", "asmc-tde", "adrc", "pid")}
+found = compare(scenario, laws, jobs=1)
+for name, one in sorted(found.measures.items(), key=lambda item: item[1]["rms_error"]):
+    mark = "*" if name in found.front else " "
+    print(f"{name:9}{mark} {1e3 * one['rms_error']:7.3f} mrad {one['torque_variation']:8.0f} N m/s")
+found.plot("plane").savefig("comparison.png", dpi=110)
+print("drawn: comparison.png; * is beaten by no other in both")
