@@ -13,7 +13,7 @@ import tarc.plants
 import tarc.signals
 from tarc import check
 from tarc.certificates.base import Certificate
-from tarc.certificates.certify import certificates
+from tarc.certificates.certify import certify
 from tarc.certificates.workspace import Workspace
 from tarc.engines import variants
 from tarc.errors import TarcError
@@ -228,14 +228,12 @@ class Scenario(BaseModel):
         robots = [robot for begin, robot in variants(plant, self.build_disturbances()) if begin < self.duration]
         workspace = Workspace.of(plant) if full_range else Workspace.path(reference, self.duration, tube=tube)
         laws = self.build_laws(plant, reference)
-        found: dict[str, dict[str, Certificate]] = {name: {} for name in laws}
+        delay, found = self.computation_delay, {}
         with Progress("certifying", 9 * len(laws), progress) as bar:
             for name, law in laws.items():
-                for kind, certificate in certificates(
-                    law, robots, workspace, computation_delay=self.computation_delay, samples=samples
-                ):
-                    found[name][kind] = certificate
-                    bar.advance()
+                found[name] = certify(
+                    law, robots, workspace, computation_delay=delay, samples=samples, done=lambda _: bar.advance()
+                )
         return found
 
     def run(self, progress: bool | None = None) -> dict[str, Run]:

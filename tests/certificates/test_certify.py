@@ -45,6 +45,14 @@ def test_those_that_do_not_apply_are_left_out():
     assert apart["robot"].verdict in ("inconclusive", "refuted")
 
 
+def test_a_law_without_time_delay_estimation_gets_what_applies_to_it():
+    law = make_law(tarc.laws.PID, inertia=0.5 * ARM.inertia([0.0, 1.5]), integral=1.0)
+    steps = []
+    found = certify(law, ARM, BOX, samples=50, done=steps.append)
+    assert list(found) == steps == ["robot", "loop", "ball", "lemma1"]
+    assert found["loop"].certified
+
+
 def test_the_loop_is_tested_over_the_ratios_that_the_robot_has():
     found = certify(adaptive(cap=1.0), ARM, BOX, samples=50)
     assert found["loop"].numbers["low"] == found["robot"].numbers["least ratio"]

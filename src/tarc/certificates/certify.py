@@ -1,6 +1,6 @@
 """All certificates of a law on a robot at once."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 from tarc.certificates.ball import ball
@@ -19,6 +19,7 @@ from tarc.estimators.algebraic import Algebraic
 from tarc.laws.base import Law
 from tarc.laws.poles import PolePlacement
 from tarc.laws.tarc import TARC
+from tarc.laws.tde import TDE
 from tarc.plants.base import Plant
 
 
@@ -30,6 +31,7 @@ def certify(
     computation_delay: int = 0,
     samples: int = 2000,
     seed: int = 0,
+    done: Callable[[str], object] = lambda kind: None,
 ) -> dict[str, Certificate]:
     """All certificates that apply to a law on a robot, the verdict for the robot first.
 
@@ -45,6 +47,8 @@ def certify(
         Periods between a measurement and its torque.
     samples, seed
         Of the workspace.
+    done
+        Called with the kind of each certificate once it is made, to show progress.
 
     Returns
     -------
@@ -58,40 +62,34 @@ def certify(
     TarcError
         For a law without an inertia, and as `robot` does.
     """
-    return dict(certificates(law, plant, workspace, computation_delay=computation_delay, samples=samples, seed=seed))
-
-
-def certificates(
-    law: Law,
-    plant: Plant | Sequence[Plant],
-    workspace: Workspace,
-    *,
-    computation_delay: int = 0,
-    samples: int = 2000,
-    seed: int = 0,
-) -> Iterator[tuple[str, Certificate]]:
-    """Those of `certify`, one after the other."""
     if not isinstance(law, PolePlacement):
         raise TarcError(
             f"law: got {type(law).__name__}; certificates need a law with an inertia M̂, such as TDC or TARC"
         )
-    verdict = robot(law, plant, workspace, computation_delay=computation_delay, samples=samples, seed=seed)
-    yield "robot", verdict
+    found: dict[str, Certificate] = {}
+
+    def add(certificate: Certificate) -> Certificate:
+        found[certificate.kind] = certificate
+        done(certificate.kind)
+        return certificate
+
+    verdict = add(robot(law, plant, workspace, computation_delay=computation_delay, samples=samples, seed=seed))
     low, high = verdict.numbers["least ratio"], verdict.numbers["greatest ratio"]
     if all(channel.width == 1 for channel in decouple(law, computation_delay)):
-        yield "loop", loop(law, (low, high), computation_delay=computation_delay)
+        add(loop(law, (low, high), computation_delay=computation_delay))
     if isinstance(law, TARC):
-        occurring = [
-            slope(law, ratio, computation_delay=computation_delay) for ratio in (low, (low * high) ** 0.5, high)
-        ]
-        yield "slope", min(occurring, key=lambda one: one.numbers.get("circle limit", float("inf")))
+        ratios = low, (low * high) ** 0.5, high
+        occurring = [slope(law, ratio, computation_delay=computation_delay) for ratio in ratios]
+        add(min(occurring, key=lambda one: one.numbers.get("circle limit", float("inf"))))
     if alike(law):
         with suppress(TarcError):  # stable for no ratio, which the verdict for the robot has shown already
-            yield "ball", ball(law, computation_delay=computation_delay)
-    yield "lemma1", lemma1(law, plant, workspace, samples=samples, seed=seed)
+            add(ball(law, computation_delay=computation_delay))
+    add(lemma1(law, plant, workspace, samples=samples, seed=seed))
     if isinstance(law, TARC):
-        yield "c2", condition_c2(law)
-    yield "theorem1", theorem1(law)
-    if isinstance(law.estimator, Algebraic):
-        yield "theorem2", theorem2(law)
-        yield "nominal", nominal(law)
+        add(condition_c2(law))
+    if isinstance(law, TDE):
+        add(theorem1(law))
+        if isinstance(law.estimator, Algebraic):
+            add(theorem2(law))
+            add(nominal(law))
+    return found

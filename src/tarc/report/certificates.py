@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from tarc.report.figures import COLOURS
 
@@ -125,9 +126,9 @@ def _ball(certificate: "Certificate") -> Figure:
     right.set_yticks(range(len(rows)), list(rows))
     right.set_ylim(-0.7, len(rows) - 0.3)
     right.set_xscale("log")
+    right.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     right.xaxis.set_major_formatter("{x:g}")
-    right.xaxis.set_minor_formatter("{x:g}")
-    right.tick_params(axis="x", which="both", labelrotation=45)
+    right.xaxis.set_minor_formatter(NullFormatter())
     right.set_xlabel("inertia ratio, eigenvalues of M(q)⁻¹M̂")
     return _finish(figure, certificate)
 
@@ -144,6 +145,7 @@ def _forms(certificate: "Certificate") -> Figure:
         values = np.sort(np.linalg.eigvalsh(form * scale * scale[:, None]))
         axes.plot(np.arange(1, len(values) + 1), values, "o-", color=colour, lw=0.8, label=label)
     axes.axhline(0.0, color="0.4", lw=0.8)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_xlabel("number of the eigenvalue")
     axes.set_ylabel("eigenvalue, diagonal scaled to one")
     axes.legend(fontsize="small")

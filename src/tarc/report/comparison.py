@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from tarc.report.figures import COLOURS
 
@@ -33,8 +34,9 @@ def plane(comparison: "Comparison") -> Figure:
     axes.set_xscale("log")
     axes.set_yscale("log")
     for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axis.set_major_formatter("{x:g}")
-        axis.set_minor_formatter("{x:g}")
+        axis.set_minor_formatter(NullFormatter())
     axes.tick_params(which="both", labelsize="small")
     axes.set_xlabel(f"torque variation [{comparison.columns['torque_variation'][2]}]")
     axes.set_ylabel(f"RMS error [{comparison.columns['rms_error'][2]}]")

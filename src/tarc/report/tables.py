@@ -19,7 +19,7 @@ from tarc.plants.robot_file import shipped_robots
 from tarc.run import Run
 from tarc.scenario import Scenario, shipped_scenarios
 from tarc.schema import SECTIONS, catalogue, parameters
-from tarc.study.compare import COLUMNS, Comparison
+from tarc.study.compare import Comparison
 
 MEASURES = {
     "rms_error": ("RMS error", 1e3, "mrad", "m"),
@@ -82,6 +82,10 @@ def print_runs(scenario: Scenario, runs: dict[str, Run], files: list[Path]) -> N
     console.print("written: " + ", ".join(escape(str(file)) for file in files), soft_wrap=True)
 
 
+WIDE = 110
+"""Columns of a terminal from which tables show all that they have; the rest is in the files."""
+FEW = ("rms_error", "peak_error", "torque_variation")
+"""What a comparison shows in a narrow one."""
 CERTIFICATES = {
     "robot": "this robot, however it moves in the workspace",
     "loop": "each constant inertia ratio that occurs",
@@ -128,7 +132,8 @@ def print_certificates(scenario: Scenario, found: dict[str, dict[str, Certificat
     laws = scenario.build_laws(scenario.build_plant(), scenario.build_reference())
     for name, certificates in found.items():
         table = Table(title=f"{scenario.name}: {name}", title_justify="left")
-        for column in ("certificate", "verdict", "margin", "which is", "decided in"):
+        wide = console.width >= WIDE
+        for column in ("certificate", "verdict", "margin", *(["which is"] if wide else []), "decided in"):
             table.add_column(column, justify="right" if column == "margin" else "left")
         for kind, one in certificates.items():
             if kind == "lemma1":
@@ -137,7 +142,7 @@ def print_certificates(scenario: Scenario, found: dict[str, dict[str, Certificat
                 CERTIFICATES[kind],
                 f"[{colours[one.verdict]}]{one.verdict}[/]",
                 f"{one.margin:.3g}",
-                one.margin_meaning,
+                *([one.margin_meaning] if wide else []),
                 "ball arithmetic" if one.proof_grade else "floating point",
             )
         console.print(table)
@@ -185,17 +190,18 @@ def print_comparison(comparison: Comparison, files: list[Path]) -> None:
         title=f"{scenario.name}, {scenario.duration:g} s, after {scenario.measure_from:g} s", title_justify="left"
     )
     table.add_column("law")
-    for label, _, unit in comparison.columns.values():
+    shown = {key: one for key, one in comparison.columns.items() if console.width >= WIDE or key in FEW}
+    for label, _, unit in shown.values():
         table.add_column(f"{label} [{unit}]", justify="right")
     table.add_column("status")
     front = comparison.front
     measures = comparison.measures
     for name in sorted(measures, key=lambda name: measures[name].get("rms_error", math.inf)):
         found = measures[name]
-        cells = [f"{scale * found[key]:.4g}" if key in found else "–" for key, (_, scale, _) in COLUMNS.items()]
+        cells = [f"{scale * found[key]:.4g}" if key in found else "–" for key, (_, scale, _) in shown.items()]
         status = comparison.runs[name].status
-        shown = str(status) if status.completed else f"[red]{status}[/red]"
-        table.add_row(f"{name} *" if name in front else name, *cells, shown)
+        ended = str(status) if status.completed else f"[red]{status}[/red]"
+        table.add_row(f"{name} *" if name in front else name, *cells, ended)
     console.print(table)
     console.print("* no other law has both a smaller RMS error and a smaller torque variation")
     for name, reason in comparison.failures.items():
