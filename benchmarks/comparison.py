@@ -1,6 +1,7 @@
 """Every law in eight scenarios on equal terms: ``python -m benchmarks.comparison``, or ``make compare``.
 
-Gains are those of `tarc.study.tuned_laws`, found on other scenarios. Writes one table as CSV and as markdown.
+Gains are those of `tarc.study.tuned_laws`, found on other scenarios. Writes tables as CSV and as markdown, and what
+`benchmarks.pages` makes the pages of the laws from: the gains that ran, and error and torque over time as netCDF.
 """
 
 import argparse
@@ -8,6 +9,8 @@ import math
 from pathlib import Path
 
 import numpy as np
+import xarray as xr
+import yaml
 from rich.console import Console
 from rich.table import Table
 
@@ -33,18 +36,17 @@ def run_all(laws: list[str], jobs: int | None = None) -> dict[str, Comparison]:
 
 
 def ranks(found: dict[str, Comparison], laws: list[str]) -> dict[str, float]:
-    """Geometric mean over the scenarios of a law's RMS error over the median of all laws; infinite if one failed."""
-    result = {}
-    errors = {
-        name: {law: one.get("rms_error", math.inf) for law, one in c.measures.items()} for name, c in found.items()
-    }
-    for law in laws:
-        ratios = []
-        for table in errors.values():
-            median = float(np.median([value for value in table.values() if math.isfinite(value)]))
-            ratios.append(table.get(law, math.inf) / median)
-        result[law] = float(np.exp(np.mean(np.log(ratios)))) if all(math.isfinite(r) for r in ratios) else math.inf
-    return result
+    """Geometric mean of a law's RMS error over the median of all laws, over the scenarios in which it can run.
+
+    Infinite for a law that diverged in one of them, or that can run in none.
+    """
+    ratios: dict[str, list[float]] = {law: [] for law in laws}
+    for comparison in found.values():
+        errors = {law: one.get("rms_error", math.inf) for law, one in comparison.measures.items()}
+        median = float(np.median([value for value in errors.values() if math.isfinite(value)]))
+        for law, error in errors.items():
+            ratios[law].append(error / median)
+    return {law: float(np.exp(np.mean(np.log(some)))) if some else math.inf for law, some in ratios.items()}
 
 
 def cell(comparison: Comparison, law: str, measure: str, scale: float) -> str:
@@ -68,6 +70,36 @@ def markdown(found: dict[str, Comparison], laws: list[str]) -> str:
     return "\n".join(lines)
 
 
+def traces(comparison: Comparison) -> xr.Dataset:
+    """Norm of the error, and torque of the strongest joint of the first law, over time; mean of the switching gain.
+
+    NaN after a run has ended, and for a law without such a gain.
+    """
+    runs = {law: run.data for law, run in comparison.runs.items()}
+    first = next(iter(runs.values()))
+    strongest = int(np.argmax(np.abs(first["torque"].values).max(axis=0)))
+    time = max((data["time"].values for data in runs.values()), key=len)
+    error = np.full((len(runs), len(time)), np.nan, dtype=np.float32)
+    torque, gain = error.copy(), np.full(len(runs), np.nan)
+    begin = comparison.scenario.measure_from
+    for i, data in enumerate(runs.values()):
+        count = data.sizes["time"]
+        error[i, :count] = np.linalg.norm((data["position"] - data["reference"]).values, axis=1)
+        torque[i, :count] = data["torque"].values[:, strongest]
+        if "gain" in data:
+            gain[i] = data["gain"].sel(time=slice(begin, None)).mean()
+    dims, joint = ("law", "time"), str(first["joint"].values[strongest])
+    return xr.Dataset(
+        {
+            "error": (dims, error, {"units": first["position"].attrs["units"]}),
+            "torque": (dims, torque, {"units": first["torque"].attrs["units"], "joint": joint}),
+            "gain": ("law", gain, {"units": f"{first['position'].attrs['units']}/s²"}),
+        },
+        {"law": list(runs), "time": time},
+        {key: comparison.columns[key][2] for key in MEASURES} | {"measure_from": begin},
+    )
+
+
 def main() -> None:
     """Run, print and write."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -86,12 +118,15 @@ def main() -> None:
         console.print(table)
     options.out.mkdir(parents=True, exist_ok=True)
     (options.out / "comparison.md").write_text(markdown(found, order), encoding="utf-8")
+    used = {law: part for law in order if (part := tuned_laws().get(law))}
+    (options.out / "laws.yaml").write_text(yaml.safe_dump(used, sort_keys=False), encoding="utf-8")
     for name, comparison in found.items():
         (options.out / f"{name}.csv").write_text(comparison.to_csv(), encoding="utf-8")
+        traces(comparison).to_netcdf(options.out / f"{name}.nc", engine="h5netcdf")
         comparison.plot("plane").savefig(options.out / f"{name}.png", dpi=90)
         for law, reason in comparison.failures.items():
             console.print(f"{name}: {law} did not run: {reason}", highlight=False)
-    console.print(f"written: {options.out}/comparison.md, CSV and figures beside it")
+    console.print(f"written: {options.out}/comparison.md; CSV, netCDF and figures beside it")
 
 
 if __name__ == "__main__":

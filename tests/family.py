@@ -19,6 +19,7 @@ ESTIMATORS: dict[str, estimators.Estimator] = {
     "high gain": estimators.HighGain(time_constant=0.004),
     "implicit": estimators.RobustDifferentiator(lipschitz=100.0),
     "explicit": estimators.RobustDifferentiator(lipschitz=100.0, implicit=False),
+    "truth": estimators.TrueDerivatives(),
 }
 
 NEEDED: dict[str, Any] = {

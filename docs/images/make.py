@@ -2,6 +2,8 @@
 
 import os
 import re
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -40,9 +42,18 @@ def shrink(source: Path, target: Path) -> None:
     ).save(target, optimize=True)
 
 
+def law_pages() -> None:
+    """Compare all laws; write figures and numbers into the laws' pages."""
+    for module in ("benchmarks.comparison", "benchmarks.pages"):
+        root = HERE.parents[1]
+        subprocess.run([sys.executable, "-m", module], cwd=root, check=True)
+
+
 if __name__ == "__main__":
+    law_pages()
     run_page("estimators.md", ["estimators.png"])
     run_page("start.md", ["tracking.png"])
+    run_page("claims.md", ["gain_moves.png"])
     with tempfile.TemporaryDirectory() as folder:
         demo = Path(folder) / "demo.png"
         run_figure(Scenario.load("ur5e").run()).savefig(demo, dpi=110)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from tarc.errors import TarcError
+from tarc.estimators.oracle import refuse_oracle
 from tarc.laws.base import Law
 from tarc.native import compiled
 from tarc.system import Buffered, pack, trace
@@ -47,6 +48,7 @@ class Controller:
     def __init__(self, law: Law, native: bool = False):
         if not isinstance(law, Law):
             raise TarcError(f"law: got {law!r}; needs one of tarc.laws, constructed")
+        refuse_oracle(law.estimator)
         self.law = law
         state, value = law.example()
         function, example = trace(law.step, state, value)

@@ -12,6 +12,7 @@ import numpy as np
 
 from tarc import check
 from tarc.errors import DesignWarning, TarcError
+from tarc.estimators.oracle import TrueDerivatives
 from tarc.laws.base import Law
 from tarc.native import compiled
 from tarc.plants.base import Plant
@@ -227,6 +228,10 @@ def run_stepping(plant: Plant, drive: "Drive", begin: Start, plan: Plan, watch: 
     """MuJoCo steps the plant; the drive is called between steps over fixed memory."""
     from tarc.loop import DriveInput, LoopOutput
 
+    def tell_and_drive(state: Any, value: tuple[Any, Any, DriveInput]) -> tuple[Any, Any]:
+        velocity, acceleration, given = value
+        return drive.step(drive.tell(state, velocity, acceleration), given)
+
     assert isinstance(plant, MujocoPlant)
     n, count, substeps = plant.joints, len(plan.times), plan.disturbance.shape[2]
     model = plant.copy_model()
@@ -235,12 +240,14 @@ def run_stepping(plant: Plant, drive: "Drive", begin: Start, plan: Plan, watch: 
     data.qpos[:], data.qvel[:] = begin.position, begin.velocity
     state = drive.init(begin.position, begin.torque, plan.noise[:, 0])
     rest = np.zeros(n)
-    function, example = trace(drive.step, state, DriveInput(rest, rest, rest, rest, rest), name="drive")
+    value = rest, rest, DriveInput(rest, rest, rest, rest, rest)
+    function, example = trace(tell_and_drive, state, value, name="drive")
     # Runge–Kutta leaves the acceleration of its last stage behind, so the one at the start is computed beforehand
     before = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
-    plain = substeps == 1 and not before
-    acceleration = data.qacc if plain else np.zeros(n)
-    plug = {"q": data.qpos, "v": data.qvel, "a": acceleration, "torque": data.qfrc_applied}
+    oracle = isinstance(drive.law.estimator, TrueDerivatives)
+    plain = substeps == 1 and not before and not oracle
+    acceleration, last = data.qacc if plain else np.zeros(n), np.zeros(n)
+    plug = {"q": data.qpos, "v": data.qvel, "a": acceleration, "last": last, "torque": data.qfrc_applied}
     plugged = _plugged(function, n)
     ring = Ring(compiled(plugged) if native else plugged, pack(state), RING, plug)
 
@@ -250,7 +257,16 @@ def run_stepping(plant: Plant, drive: "Drive", begin: Start, plan: Plan, watch: 
     rows = np.empty((count, ring.rows["row"].shape[1]))
     stops = sorted({*range(0, count, RING), *changes, count})
     advance, seen, end = mujoco.mj_step, 0, 0
+
+    def look_back() -> None:
+        """The acceleration that the oracle is told, of the torque that is about to change."""
+        mujoco.mj_forward(model, data)
+        last[:] = data.qacc
+
     with watch.progress, without_log_file():
+        if oracle:
+            data.qfrc_applied[:] = state.queue[:, -1]
+            look_back()
         for at, end in pairwise(stops):
             if at in changes:
                 plant.set_parameters(model, changes[at])
@@ -272,6 +288,8 @@ def run_stepping(plant: Plant, drive: "Drive", begin: Start, plan: Plan, watch: 
                     for change in steps:
                         data.qfrc_applied += change
                         advance(model, data)
+                    if oracle:
+                        look_back()
             rows[at:end] = ring.rows["row"][here]
             if end - seen >= CHUNK or end == count:
                 if not watch.look(seen, rows[seen:end, :n]):
@@ -285,12 +303,12 @@ def run_stepping(plant: Plant, drive: "Drive", begin: Start, plan: Plan, watch: 
 
 def _plugged(drive: ca.Function, n: int) -> ca.Function:
     """The drive as it is plugged into a simulator, which it hands the torque; a row is all there is to record."""
-    x, outside = ca.SX.sym("x", drive.nnz_in(0)), ca.SX.sym("outside", drive.nnz_in(1))
-    q, v, a = (ca.SX.sym(name, n) for name in "qva")
-    x_next, y = drive(x, ca.vertcat(q, outside[:-n]))
+    x, outside = ca.SX.sym("x", drive.nnz_in(0)), ca.SX.sym("outside", 5 * n)
+    q, v, a, last = (ca.SX.sym(name, n) for name in ("q", "v", "a", "last"))
+    x_next, y = drive(x, ca.vertcat(v, last, q, outside[:-n]))
     torque = y[n : 2 * n] + outside[-n:]
-    names = ["x", "q", "v", "a", "outside"], ["x_next", "torque", "row"]
-    return ca.Function("plugged", [x, q, v, a, outside], [x_next, torque, ca.vertcat(q, v, a, y)], *names)
+    names = ["x", "q", "v", "a", "last", "outside"], ["x_next", "torque", "row"]
+    return ca.Function("plugged", [x, q, v, a, last, outside], [x_next, torque, ca.vertcat(q, v, a, y)], *names)
 
 
 def warn_if_unstable(plant: Plant, law: Law, plan: Plan, computation_delay: int, postures: int = 60) -> None:

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tarc import check, ops
+from tarc.estimators.oracle import TrueDerivatives
 from tarc.laws.base import Law, LawInput
 from tarc.plants.base import Plant
 from tarc.plants.euler_lagrange import EulerLagrange
@@ -64,6 +65,13 @@ class Drive(System):
         queue = ops.push(state.queue, output.torque)
         return DriveState(sensor, law, queue), DriveOutput(measured, queue[:, -1], output.signals)
 
+    def tell(self, state: DriveState, velocity: Any, acceleration: Any) -> DriveState:
+        """The state with the true derivatives (n,) in it, if the law's estimator is the oracle; else as it is."""
+        if not isinstance(self.law.estimator, TrueDerivatives):
+            return state
+        told = state.law.estimator._replace(velocity=velocity, acceleration=acceleration)
+        return state._replace(law=state.law._replace(estimator=told))
+
 
 class LoopInput(NamedTuple):
     """What comes from outside in one period: drive inputs (n,), disturbance (n, substeps), plant parameters."""
@@ -103,18 +111,22 @@ class ClosedLoop(System):
 
     def init(self, position: Any, velocity: Any = 0.0, torque: Any = 0.0, noise: Any = 0.0) -> LoopState:
         """The robot at a position (n,) with a velocity, the drive at rest there."""
-        return LoopState(self.drive.init(position, torque, noise), position, velocity + np.zeros(np.shape(position)))
+        drive, velocity = self.drive.init(position, torque, noise), velocity + np.zeros(np.shape(position))
+        acceleration = self.plant.evaluate("acceleration", position, velocity, drive.queue[:, -1])
+        return LoopState(self.drive.tell(drive, velocity, acceleration), position, velocity)
 
     def step(self, state: LoopState, value: LoopInput) -> tuple[LoopState, LoopOutput]:
         """Measure and compute at t_k; hold the torque and integrate to t_k + T."""
         q, dq = state.position, state.velocity
         drive, output = self.drive.step(state.drive, DriveInput(q, *value[:4]))
         dt = self.drive.law.period / self.substeps
-        first = None
+        torque, first = output.torque, None
         for i in range(self.substeps):
             torque = output.torque + value.disturbance[:, i]
             q, dq, acceleration = runge_kutta(self.plant, q, dq, torque, dt, value.parameters)
             first = acceleration if first is None else first
+        last = self.plant.evaluate("acceleration", q, dq, torque, parameters=value.parameters)
+        drive = self.drive.tell(drive, dq, last)
         return LoopState(drive, q, dq), LoopOutput(state.position, state.velocity, first, output)
 
 

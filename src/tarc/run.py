@@ -157,7 +157,7 @@ class Run:
             fault_at=float(self.data["time"].values[fault[0]]) if len(fault) else None,
         )
 
-    def metrics(self, start: float = 0.0, frequency: float = 50.0) -> dict[str, float]:
+    def metrics(self, start: float = 0.0, frequency: float = 50.0, smooth: float = 0.0) -> dict[str, float]:
         """Measures of the run after a start time.
 
         Parameters
@@ -166,6 +166,10 @@ class Run:
             Leave out what came before [s].
         frequency
             Above which torque counts as high-frequency [Hz].
+        smooth
+            Average the gain and ‖s‖ over this long [s], a whole multiple of the period, before their changes are
+            counted; 0 counts from sample to sample. It takes out what encoder noise moves back and forth. Take an even
+            number of periods: then a gain that chatters at its floor from period to period counts as still.
 
         Returns
         -------
@@ -175,6 +179,11 @@ class Run:
             ``saturated`` share of samples; ``rms_tde_error`` [rad/s²]; for laws with a gain ``mean_gain`` and
             ``peak_gain`` [rad/s²], ``overestimation`` the share of time in which the gain rises while ‖s‖ falls and
             ``underestimation`` the share in which it falls while ‖s‖ rises, both by the noise-free ‖s‖.
+
+        Raises
+        ------
+        TarcError
+            For a start after the run's end, and a ``smooth`` that is no multiple of the period or longer than the run.
         """
         check.number("start", start, 0)
         check.number("frequency", frequency, 0)
@@ -183,6 +192,10 @@ class Run:
             end = float(self.data["time"].values[-1])
             raise TarcError(f"start: got {start:g} s; the run ends at {end:g} s ({self.status})")
         period = float(self.data.attrs["period"])
+        over = check.multiple("smooth", smooth, period) if check.number("smooth", smooth, 0) else 1
+        if over >= data.sizes["time"]:
+            lasts = data.sizes["time"] * period
+            raise TarcError(f"smooth: got {smooth:g} s, and what is measured lasts {lasts:g} s; use less")
         error = (data["position"] - data["reference"]).values
         torque = data["torque"].values
         result = {
@@ -200,7 +213,8 @@ class Run:
             gain = data["gain"].values
             result |= {"mean_gain": float(np.mean(gain)), "peak_gain": float(np.max(gain))}
             if "sliding" in data:
-                growth, change = np.diff(data["sliding"].values), np.diff(gain)
+                # an average over m samples changes by what the m-th sample has changed, divided by m
+                growth, change = (x[over:] - x[:-over] for x in (data["sliding"].values, gain))
                 result["overestimation"] = float(np.mean((change > 0) & (growth < 0)))
                 result["underestimation"] = float(np.mean((change < 0) & (growth > 0)))
         return result

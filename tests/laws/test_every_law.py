@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from family import ESTIMATORS, concrete_laws, make_law
 from tarc import Controller, TarcError, plants, signals, simulate
-from tarc.estimators import Algebraic, RobustDifferentiator
+from tarc.estimators import Algebraic, RobustDifferentiator, TrueDerivatives
 from tarc.laws import TDE, LawInput, PolePlacement
 from tarc.schema import parameters
 from tarc.system import leaves, pack, trace, unpack
@@ -53,7 +53,7 @@ def random_state(law, rng):
 @settings(deadline=None, max_examples=10)
 @given(seed=st.integers(0, 2**32 - 1), lost=st.sampled_from([None, np.nan, np.inf]))
 def test_traced_equals_numpy(kind, options, estimator, symbol, seed, lost):
-    if options.get("synchronised") and isinstance(ESTIMATORS[estimator], RobustDifferentiator):
+    if options.get("synchronised") and isinstance(ESTIMATORS[estimator], RobustDifferentiator | TrueDerivatives):
         with pytest.raises(TarcError, match="use synchronised=False"):
             make_law(kind, 3, estimator, **options).example()
         return

@@ -14,7 +14,8 @@ from tarc.system import Buffered, pack, trace, unpack
 
 BOUND = {name: estimator.at(PERIOD) for name, estimator in ESTIMATORS.items()}
 every_estimator = pytest.mark.parametrize("name", BOUND)
-LINEAR = [name for name, one in BOUND.items() if not isinstance(one, estimators.RobustDifferentiator)]
+NO_FILTERS = estimators.RobustDifferentiator, estimators.TrueDerivatives
+LINEAR = [name for name, one in BOUND.items() if not isinstance(one, NO_FILTERS)]
 every_linear_estimator = pytest.mark.parametrize("name", LINEAR)
 
 

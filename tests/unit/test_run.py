@@ -54,6 +54,54 @@ def test_over_and_underestimation_by_hand():
     assert metrics["underestimation"] == 1 / 5
 
 
+def triangle(count, shift=0):
+    """Up from 0 to 1 and down again every 400 samples."""
+    return 1 - np.abs((np.arange(count) + shift) % 400 / 200 - 1)
+
+
+@pytest.mark.parametrize(("shift", "share"), [(0, 0.0), (50, 0.125), (100, 0.25), (200, 0.5)])
+def test_smoothing_finds_the_share_under_noise(shift, share):
+    """Two triangles an eighth of a period apart go opposite ways for a quarter of the time, half of it each way."""
+    count = 40_000
+    noise = 0.02 * np.random.default_rng(0).standard_normal(count)  # four times what the gain moves in a sample
+    run = made_run(np.zeros((count, 1)), np.zeros((count, 1)), 5 + triangle(count) + noise, triangle(count, shift))
+    plain, smooth = run.metrics(), run.metrics(smooth=0.4)
+    for name in ("overestimation", "underestimation"):
+        assert plain[name] == pytest.approx(0.25, abs=0.04), "noise decides, whatever the share"
+        assert smooth[name] == pytest.approx(share, abs=0.02)
+
+
+def test_smoothing_is_a_moving_average():
+    gain, sliding = np.random.default_rng(1).standard_normal((2, 200))
+    zero = np.zeros((200, 1))
+    change, growth = (np.diff(np.convolve(x, np.ones(7) / 7, "valid")) for x in (gain, sliding))
+    found = made_run(zero, zero, gain, sliding).metrics(smooth=0.07)
+    assert found["overestimation"] == np.mean((change > 0) & (growth < 0))
+    assert found["underestimation"] == np.mean((change < 0) & (growth > 0))
+
+
+def test_a_gain_that_chatters_at_its_floor_counts_as_still():
+    gain, sliding = np.tile([1.0, 1.001], 50), np.linspace(0.0, 1.0, 100)
+    run = made_run(np.zeros((100, 1)), np.zeros((100, 1)), gain, sliding)
+    assert run.metrics()["underestimation"] == pytest.approx(0.5, abs=0.01)
+    assert run.metrics(smooth=0.1)["underestimation"] == 0
+
+
+@pytest.mark.parametrize(
+    ("smooth", "message"),
+    [
+        (-0.1, "smooth: got -0.1; needs a finite number of at least 0"),
+        (0.015, r"smooth: got 0.015 s, which is no whole multiple of the period 0.01 s"),
+        (1.0, "smooth: got 1 s, and what is measured lasts 1 s; use less"),
+        (None, "smooth: got None"),
+    ],
+)
+def test_bad_smoothing_is_refused(smooth, message):
+    zero = np.zeros((100, 1))
+    with pytest.raises(TarcError, match=message):
+        made_run(zero, zero, zero[:, 0], zero[:, 0]).metrics(smooth=smooth)
+
+
 def pendulum_law(inertia=0.05, **options):
     return laws.TDC(
         inertia=inertia, bandwidth=10.0, period=1e-3, estimator=estimators.Algebraic(window=0.01), **options

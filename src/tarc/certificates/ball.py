@@ -82,11 +82,11 @@ def ball(
         )
     parts = parts_of(channels[0], slope, intersample)
     centre = check.number("centre", best_centre(parts, contains) if centre is None else centre, 0, strict=True)
-    scales, radius = best_scales(parts, centre)
+    scale, radius = best_scales(parts, centre)
     needed = 0.0 if contains is None else max(contains[1] - centre, centre - contains[0])
     matrices: dict[str, Array] = dict(zip(PARTS, parts, strict=True))
     numbers = {"centre": centre, "radius": radius, "needed": needed}
-    numbers |= {f"scale {i + 1}": scale for i, scale in enumerate(scales)}
+    numbers |= {} if scale is None else {"scale": scale}
     verdict, margin, witness = judge(matrices, numbers)
     numbers |= {"low": centre - radius, "high": centre + radius, "slope": slope, "period": law.period}
     if centre > radius:
@@ -134,11 +134,12 @@ def parts_of(channel: Channel, slope: float, intersample: bool) -> tuple[Array, 
     return free, B, C, H, E, wide, np.array([[slope / 2]])
 
 
-def system(parts: tuple[Array, ...], ratio: float, stiffness: float = 0.0) -> Loop:
-    """A, B, C, D of the loop at a ratio with half the slope in it, and the blocks of the mismatch outside.
+def system(parts: tuple[Array, ...], ratio: float, weight: float = 0.0) -> Loop:
+    """A, B, C, D of the loop at a ratio with half the slope in it, and the mismatch and the rest of the slope outside.
 
-    From (a, w, a′) to (v, s k/2, q stiffness): the blocks w and a′ are there only with a slope and a stiffness. A unit
-    ball in place of each is the other half of the slope, and a stiffness of the robot itself, such as gravity's.
+    From (a, w) to (v, weight q, s k/2): w and the last are there only with a slope, the middle one only with a weight.
+    The mismatch maps (v, weight q) to a, where q stands for the stiffness of the robot itself, such as gravity's; a
+    unit ball from s k/2 to w is the other half of the slope.
     """
     free, into, out, robust, through, wide, share = parts
     half = share.item()
@@ -146,10 +147,10 @@ def system(parts: tuple[Array, ...], ratio: float, stiffness: float = 0.0) -> Lo
     W = robust + ratio * into @ through
     A = free + ratio * into @ out - half * W @ show
     columns, rows = [wide], [out - half * through @ show]
+    if weight:
+        rows.append(weight * show)
     if half:
         columns, rows = [*columns, W], [*rows, half * show]
-    if stiffness:
-        columns, rows = [*columns, into], [*rows, stiffness * show]
     B, C = np.hstack(columns), np.vstack(rows)
     D = np.zeros((len(C), B.shape[1]))
     if half:
@@ -157,13 +158,12 @@ def system(parts: tuple[Array, ...], ratio: float, stiffness: float = 0.0) -> Lo
     return A, B, C, D
 
 
-def weighed(loop: Loop, radius: float, *scales: float) -> Loop:
-    """The system whose norm must be below one: first output times the radius, each further block against the first."""
+def weighed(loop: Loop, radius: float, scale: float | None = None) -> Loop:
+    """The system whose norm must be below one: outputs to the mismatch times the radius, the slope's block scaled."""
     A, B, C, D = loop
-    rows, columns = np.ones(len(C)), np.ones(B.shape[1])
-    rows[0] = radius
-    for i in range(1, len(C)):
-        rows[i], columns[B.shape[1] - len(C) + i] = 1 / scales[i - 1], scales[i - 1]
+    rows, columns = np.full(len(C), radius), np.ones(B.shape[1])
+    if scale is not None:
+        rows[-1], columns[-1] = 1 / scale, scale
     return A, B * columns, C * rows[:, None], D * rows[:, None] * columns
 
 
@@ -184,85 +184,69 @@ class Responses:
         self.held, self.mismatch, self.robust = G[:, :, 0], G[:, :, 1:-1], G[:, :, -1]
 
     def at(self, ratio: float) -> Array:
-        """Response from (a, w) to (v, q k/2), shape (frequencies, 2, 2 or 3), with k/2 in the loop."""
+        """Response from (a, w) to (v, q), shape (frequencies, 2, 2 or 3), with k/2 in the loop."""
         inputs = np.concatenate([self.mismatch, self.robust[:, :, None]], axis=2)
         loop = np.zeros((len(inputs), 2, 2), dtype=complex)
         loop[:, :, 0], loop[:, :, 1] = ratio * self.held, -self.half * self.robust
-        result = np.linalg.solve(np.eye(2) - loop, inputs)
-        result[:, 1] *= self.half
-        return result
+        return np.linalg.solve(np.eye(2) - loop, inputs)
 
-    def best(self, ratio: float) -> tuple[float, float]:
-        """Scale and radius that the responses at a ratio admit, up to the grid of frequencies."""
+    def best(self, ratio: float, weight: float = 0.0) -> tuple[float, float]:
+        """Scale of the slope's block, and radius that the responses at a ratio admit, up to the grid of frequencies.
+
+        With P from (a, w) to (v, weight q) and s the row to s k/2, scaled, r² PᴴP + sᴴs < 1 at each frequency, so that
+        1/r² is the greatest eigenvalue of the 2 × 2 matrix P (1 − sᴴs)⁻¹ Pᴴ.
+        """
         G = self.at(ratio)
-        v, s = G[:, 0], G[:, 1]
+        a, w = G[:, :, :-1], G[:, :, -1]
+        a, w = a * np.array([[1.0], [weight]]), w * np.array([1.0, weight])
+        into, through = G[:, 1, :-1] * self.half, G[:, 1, -1] * self.half
+        vv, qq = np.sum(np.abs(a) ** 2, axis=2).T
+        vq = np.sum(a[:, 0] * a[:, 1].conj(), axis=1)
         if not self.half:
-            return 1.0, float(1 / np.max(np.linalg.norm(v[:, :-1], axis=1)))
-        vv, vs = np.sum(np.abs(v[:, :-1]) ** 2, axis=1), np.abs(v[:, -1]) ** 2
-        sv, ss = np.sum(np.abs(s[:, :-1]) ** 2, axis=1), np.abs(s[:, -1]) ** 2
-        cross_a, cross_w = np.sum(v[:, :-1] * s[:, :-1].conj(), axis=1), v[:, -1] * s[:, -1].conj()
+            return 1.0, float(1 / np.sqrt(np.max(_greatest(vv, qq, vq))))
+        ss, tt = np.sum(np.abs(into) ** 2, axis=1), np.abs(through) ** 2
+        cross_a, cross_w = np.sum(a * into.conj()[:, None], axis=2), w * through.conj()[:, None]
 
         def radius(log: float) -> float:
-            """Both singular values below one: 1 − tr + det > 0 for M Mᴴ, which is linear in the radius squared."""
             d2 = np.exp(2 * log)
-            beta = sv / d2 + ss
+            beta = ss / d2 + tt
             if np.max(beta) >= 1:
                 return 1 - float(np.max(beta))
-            alpha = vv + d2 * vs
-            gamma = alpha * beta - np.abs(cross_a / np.sqrt(d2) + cross_w * np.sqrt(d2)) ** 2
-            return float(np.sqrt(np.min((1 - beta) / np.maximum(alpha - gamma, 1e-300))))
+            cross = cross_a / np.sqrt(d2) + cross_w * np.sqrt(d2)
+            v, q = (np.abs(cross) ** 2 / (1 - beta)[:, None]).T
+            mixed = cross[:, 0] * cross[:, 1].conj() / (1 - beta)
+            v, q = vv + d2 * np.abs(w[:, 0]) ** 2 + v, qq + d2 * np.abs(w[:, 1]) ** 2 + q
+            mixed = vq + d2 * w[:, 0] * w[:, 1].conj() + mixed
+            return float(1 / np.sqrt(np.max(_greatest(v, q, mixed))))
 
         from scipy.optimize import minimize_scalar
 
-        least = 0.5 * np.log(max(np.max(sv / np.maximum(1 - ss, 1e-12)), 1e-300))  # below it, beta exceeds one
+        least = 0.5 * np.log(max(np.max(ss / np.maximum(1 - tt, 1e-12)), 1e-300))  # below it, beta exceeds one
         found: Any = minimize_scalar(
             lambda log: -radius(log), bounds=(least, least + 12), method="bounded", options={"xatol": 1e-3}
         )
         return float(np.exp(found.x)), max(-float(found.fun), 0.0)
 
 
-def best_scales(parts: tuple[Array, ...], centre: float, stiffness: float = 0.0) -> tuple[list[float], float]:
-    """Scales of the further blocks, and the largest radius that is certified at a centre; zero where there is none."""
-    loop = system(parts, centre, stiffness)
-    count = len(loop[2]) - 1
+def _greatest(v: Array, q: Array, mixed: Array) -> Array:
+    """Greatest eigenvalue of [v mixed; conj(mixed) q], at least so great that its inverse is a number."""
+    return np.maximum((v + q) / 2 + np.sqrt((v - q) ** 2 / 4 + np.abs(mixed) ** 2), 1e-300)
+
+
+def best_scales(parts: tuple[Array, ...], centre: float, weight: float = 0.0) -> tuple[float | None, float]:
+    """Scale of the slope's block, None without a slope, and the largest radius that is certified; zero for none."""
+    loop = system(parts, centre, weight)
+    sloping = bool(parts[-1].item())
     if schur(loop[0])[0] != "certified":
-        return [1.0] * count, 0.0
-    if not count:
-        return [], (1 - DIGITS) / hinf_norm(*loop)
-    scale, radius = Responses(parts).best(centre)
-    scales = [scale] if parts[-1].item() else []
-    if stiffness:
-        last, radius = _stiff(loop, scales, radius)
-        scales.append(last)
+        return (1.0 if sloping else None), 0.0
+    if not sloping:
+        return None, (1 - DIGITS) / hinf_norm(*loop)
+    scale, radius = Responses(parts).best(centre, weight)
     for shrink in (1.0, 1e-5, 1e-4, 1e-3, 1e-2, 0.1):
         trial = radius * (1 - shrink * 2)
-        if trial > 0 and hinf_norm(*weighed(loop, trial, *scales)) < 1:
-            return scales, trial
-    return scales, 0.0
-
-
-def _stiff(loop: Loop, scales: list[float], radius: float) -> tuple[float, float]:
-    """Scale of the stiffness' block and the radius it leaves, on a grid of frequencies."""
-    from scipy.optimize import minimize_scalar
-
-    A, B, C, D = weighed(loop, 1.0, *scales, 1.0)
-    z = np.exp(1j * np.geomspace(1e-4, np.pi, 100))[:, None, None]
-    G = C @ np.linalg.solve(z * np.eye(len(A)) - A, B + 0 * z) + D
-
-    def left(log: float) -> float:
-        low, high = 0.0, radius
-        for _ in range(14):
-            middle, M = (low + high) / 2, G.copy()
-            M[:, 0] *= middle
-            M[:, -1] *= np.exp(-log)
-            M[:, :, -1] *= np.exp(log)
-            low, high = (middle, high) if np.max(np.linalg.norm(M, 2, axis=(1, 2))) < 1 else (low, middle)
-        return low
-
-    # the two off-diagonal gains are alike at the scale that suits, a decade or so either way
-    guess = 0.5 * np.log(np.max(np.abs(G[:, -1, 0])) / max(radius * np.max(np.abs(G[:, 0, -1])), 1e-300))
-    found: Any = minimize_scalar(lambda log: -left(log), bounds=(guess - 4, guess + 4), method="bounded")
-    return float(np.exp(found.x)), -float(found.fun)
+        if trial > 0 and hinf_norm(*weighed(loop, trial, scale)) < 1:
+            return scale, trial
+    return scale, 0.0
 
 
 def best_centre(parts: tuple[Array, ...], contains: tuple[float, float] | None) -> float:
@@ -304,11 +288,10 @@ def best_centre(parts: tuple[Array, ...], contains: tuple[float, float] | None) 
 def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, float, Witness | None]:
     """Verdict and margin from the stored matrices alone: the norm below one, and the radius enough."""
     centre, radius, needed = numbers["centre"], numbers["radius"], numbers["needed"]
-    loop = system(tuple(matrices[name] for name in PARTS), centre, numbers.get("stiffness", 0.0))
-    scales = [numbers[f"scale {i}"] for i in range(1, len(loop[2]))]
+    loop = system(tuple(matrices[name] for name in PARTS), centre, numbers.get("weight", 0.0))
     margin = radius / max(needed, centre / 1e3) - 1 if needed else radius / centre
     sound = radius > 0 and schur(loop[0])[0] == "certified"
-    sound = sound and hinf_norm(*weighed(loop, radius, *scales)) < 1 and radius >= needed
+    sound = sound and hinf_norm(*weighed(loop, radius, numbers.get("scale"))) < 1 and radius >= needed
     return ("certified" if sound else "inconclusive"), float(margin), None
 
 

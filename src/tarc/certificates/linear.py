@@ -9,6 +9,7 @@ import numpy as np
 
 from tarc import check, ops
 from tarc.errors import TarcError
+from tarc.estimators.oracle import refuse_oracle
 from tarc.laws.base import Law
 from tarc.laws.poles import PolePlacement
 from tarc.loop import Drive, DriveInput
@@ -146,6 +147,7 @@ def _linearise(law: PolePlacement, gain: float, joints: tuple[int, ...]) -> Chan
 
     The acceleration reference enters the auxiliary input as Δu does, so that its columns are those of w.
     """
+    refuse_oracle(law.estimator)
     drive = Drive(Encoder(), law)
     n = law.joints
     rest = np.zeros(n)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tarc.certificates.ball import PARTS, ball, best_centre, best_scales, parts_of
+from tarc.certificates.ball import PARTS, Responses, ball, best_centre, best_scales, parts_of
 from tarc.certificates.ball import judge as judge_ball
 from tarc.certificates.base import JUDGES, Certificate, Witness, schur
 from tarc.certificates.linear import alike, decouple, whole
@@ -34,8 +34,10 @@ def robot(
 ) -> Certificate:
     """Certify a law on a robot: for every motion inside a workspace, at whatever speed.
 
-    Certified if the robust ball holds all eigenvalues of M(q)⁻¹M̂ over the workspace, together with every slope of the
-    robust term up to that at its cap and with the stiffness of gravity and springs. Refuted if in one of the worst
+    At rest and about any motion the error obeys, in coordinates x = M̂^½ q, ẍ = E(q) v − H(q) x with E = M̂^½ M⁻¹ M̂^½
+    and H = M̂^½ M⁻¹ (∂g/∂q) M̂^−½ the stiffness of gravity and springs. Certified if the robust ball, of pairs
+    ‖[E − ρ0 I, H/η]‖ ≤ δ with the weight η that leaves it the most room, holds those of all postures of the workspace,
+    together with every slope of the robust term up to that at its cap. Refuted if in one of the worst
     postures the robot held at rest, linearised with its inertia, gravity and viscous friction, is unstable.
     Inconclusive between the two, and for gains that differ between the joints, which the ball does not cover.
 
@@ -70,44 +72,49 @@ def robot(
         raise TarcError(f"law: got {type(law).__name__}; the robot certificate needs a law with an inertia M̂")
     plants = [plant] if isinstance(plant, Plant) else list(plant)
     found = spread(plants, law.M, workspace, samples=samples, seed=seed)
-    stiffness, stiff, which = _stiffest(plants, law.M, workspace, min(samples, STIFF_SAMPLES), seed)
+    ends = (plants[found.plant_low], found.where_low), (plants[found.plant_high], found.where_high)
+    postures = [*ends, *sampled(plants, workspace, min(samples, STIFF_SAMPLES), seed)]
+    E, H = mismatches(law.M, postures)
+    sizes = np.linalg.norm(H, 2, axis=(1, 2))
+    stiff = int(np.argmax(sizes))
     matrices = {"nominal": law.M}
-    for name, one, posture in (
-        ("low", plants[found.plant_low], found.where_low),
-        ("high", plants[found.plant_high], found.where_high),
-        ("stiff", which, stiff),
-    ):
-        M, damping, gravity = one.at_rest(posture)
-        matrices |= {f"posture_{name}": posture, f"inertia_{name}": M}
-        matrices |= {f"damping_{name}": damping, f"stiffness_{name}": gravity}
+    joint = stiff
     bounded = bool(np.isfinite(law.robust_slope))
     slope = law.robust_slope if bounded else 0.0
-    numbers = {"period": law.period, "alike": float(alike(law)), "bounded": float(bounded), "stiffness": stiffness}
+    numbers = {"period": law.period, "alike": float(alike(law)), "bounded": float(bounded)}
+    numbers["stiffness"] = float(sizes[stiff])
     if numbers["alike"]:
         (channel,) = decouple(law, computation_delay)
         parts = parts_of(channel, slope, intersample=True)
-        centre = best_centre(parts, (found.low, found.high))
-        scales, radius = best_scales(parts, centre, stiffness)
+        tries = {best_centre(parts, (found.low, found.high)), (found.low + found.high) / 2}
+        trials = [(*best_weight(parts, centre, E, H), centre) for centre in tries]
+        _, weight, joint, centre = max(trials, key=lambda trial: trial[0])
+        scale, radius = best_scales(parts, centre, weight)
         matrices |= dict(zip(PARTS, parts, strict=True))
-        numbers |= {"centre": centre, "radius": radius}
-        numbers |= {f"scale {i + 1}": scale for i, scale in enumerate(scales)}
+        numbers |= {"centre": centre, "radius": radius, "weight": weight}
+        numbers |= {} if scale is None else {"scale": scale}
     else:
         channel = whole(law, computation_delay)
         matrices |= dict(zip(PARTS[:3], channel.around(0.0)[:3], strict=True))
+    for name, i in (("low", 0), ("high", 1), ("stiff", stiff), ("joint", joint)):
+        one, posture = postures[i]
+        M, damping, gravity = one.at_rest(posture)
+        matrices |= {f"posture_{name}": posture, f"inertia_{name}": M}
+        matrices |= {f"damping_{name}": damping, f"stiffness_{name}": gravity}
     verdict, margin, witness = judge(matrices, numbers)
     numbers |= {"least ratio": found.low, "greatest ratio": found.high, "spread": found.ratio, "slope": slope}
     numbers["samples"] = float(found.samples)
     return Certificate(
         kind="robot",
         claim=f"{type(law).__name__} keeps the robot stable however it moves in the workspace.",
-        problem="‖M̂^½ M(q)⁻¹ M̂^½ − ρ0 I‖ ≤ δ < 1/‖T‖∞ for all q of the workspace"
+        problem="‖[E(q) − ρ0 I, H(q)/η]‖ ≤ δ < 1/‖[T_v; η T_q]‖∞ for all q of the workspace"
         + (f", with every slope of the robust term up to {slope:.4g} 1/s²" if slope else ""),
         verdict=verdict,
         margin=margin,
         margin_meaning="1 less the spectral radius in that posture"
         if verdict == "refuted"
         else "radius of the ball over the one needed, less 1",
-        assumptions=_assumptions(law, found, stiffness, computation_delay),
+        assumptions=_assumptions(law, found, numbers["stiffness"], computation_delay),
         matrices=matrices,
         numbers=numbers,
         witness=witness,
@@ -121,8 +128,8 @@ def _assumptions(law: PolePlacement, found: Spread, stiffness: float, computatio
     lines = [
         f"the eigenvalues of M(q)⁻¹M̂ lie between {found.low:.4g}, found at q = {posture(found.where_low)}, and "
         f"{found.high:.4g}, at {posture(found.where_high)}; {found.samples} samples and local search found no others",
-        f"gravity and springs have a stiffness, in these coordinates, of at most {stiffness:.3g} 1/s², from "
-        f"{min(found.samples, STIFF_SAMPLES)} samples",
+        f"gravity and springs have a stiffness, in these coordinates, of at most {stiffness:.3g} 1/s², which with its "
+        f"posture's inertia is taken from {min(found.samples, STIFF_SAMPLES)} samples and the two postures above",
         "the robot stays in the workspace; Coriolis forces and friction disturb only, viscous friction apart where the "
         "robot is at rest; dry friction may hold back what is refuted",
         "no torque limit is reached and no sample is lost",
@@ -142,7 +149,7 @@ def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, flo
     loop = tuple(matrices[name] for name in PARTS[:3])
     least, greatest = np.inf, 0.0
     worst, witness = 1.0, None
-    for name in ("low", "high", "stiff"):
+    for name in ("low", "high", "stiff", "joint"):
         rest = tuple(matrices[f"{part}_{name}"] for part in ("inertia", "damping", "stiffness"))
         ratios = np.linalg.eigvals(np.linalg.solve(rest[0], matrices["nominal"])).real
         least, greatest = min(least, ratios.min()), max(greatest, ratios.max())
@@ -155,29 +162,62 @@ def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, flo
         return "refuted", float(1 - worst), witness
     if not numbers["alike"]:
         return "inconclusive", 0.0, None
-    centre = numbers["centre"]
+    centre, weight = numbers["centre"], numbers["weight"]
     needed = max(greatest - centre, centre - least)
+    for name in ("low", "high", "stiff", "joint") if weight else ():
+        rest = matrices[f"inertia_{name}"][None], matrices[f"stiffness_{name}"][None]
+        needed = max(needed, float(joint_norms(*_in_nominal(matrices["nominal"], *rest), centre, weight)[0]))
     verdict, margin, _ = judge_ball(matrices, {**numbers, "needed": needed})
     return (verdict if numbers["bounded"] else "inconclusive"), margin, None
 
 
-STIFF_SAMPLES = 200
+STIFF_SAMPLES = 500
 """Postures whose stiffness is computed; it changes little beside the inertia's eigenvalues."""
 
 
-def _stiffest(
-    plants: list[Plant], nominal: Array, workspace: Workspace, samples: int, seed: int
-) -> tuple[float, Array, Plant]:
-    """Largest ‖M̂^½ M⁻¹ (∂g/∂q) M̂^−½‖ [1/s²] over samples of a workspace, where, and of which robot."""
+def sampled(plants: Sequence[Plant], workspace: Workspace, samples: int, seed: int) -> list[tuple[Plant, Array]]:
+    """Each robot in each of some postures of the workspace."""
+    return [(plant, posture) for posture in workspace.sample(samples, seed) for plant in plants]
+
+
+def mismatches(nominal: Array, postures: Sequence[tuple[Plant, Array]]) -> tuple[Array, Array]:
+    """E = M̂^½ M⁻¹ M̂^½ and H = M̂^½ M⁻¹ (∂g/∂q) M̂^−½ [1/s²] of robots in postures, each (k, n, n).
+
+    Held at rest the robot obeys ẍ = E v − H x in coordinates x = M̂^½ q.
+    """
+    rest = [plant.at_rest(posture) for plant, posture in postures]
+    return _in_nominal(nominal, np.array([M for M, _, _ in rest]), np.array([G for _, _, G in rest]))
+
+
+def _in_nominal(nominal: Array, M: Array, G: Array) -> tuple[Array, Array]:
     values, vectors = np.linalg.eigh(nominal)
     root, inverse = (vectors * values**power @ vectors.T for power in (0.5, -0.5))
-    best = -1.0, np.zeros(len(nominal)), plants[0]
-    for posture in workspace.sample(samples, seed):
-        for plant in plants:
-            M, _, gravity = plant.at_rest(posture)
-            size = float(np.linalg.norm(root @ np.linalg.solve(M, gravity) @ inverse, 2))
-            if size > best[0]:
-                best = size, posture, plant
+    return root @ np.linalg.solve(M, root + 0 * M), root @ np.linalg.solve(M, G @ inverse)
+
+
+def joint_norms(E: Array, H: Array, centre: float, weight: float) -> Array:
+    """‖[E − ρ0 I, H/η]‖ of each pair, shape (k,): what a ball about the centre must hold, with the weight η [1/s²]."""
+    apart = E - centre * np.eye(E.shape[1])
+    return np.linalg.norm(np.concatenate([apart, H / weight], axis=2), 2, axis=(1, 2))
+
+
+def best_weight(parts: tuple[Array, ...], centre: float, E: Array, H: Array) -> tuple[float, float, int]:
+    """The weight η of the position beside v with the most room, radius over the one needed; and the pair that needs it.
+
+    A large η makes little of the stiffness in what the ball must hold and much of it in what the loop bears. Zero where
+    there is no stiffness.
+    """
+    sizes = np.linalg.norm(H, 2, axis=(1, 2))
+    apart = np.linalg.norm(E - centre * np.eye(E.shape[1]), 2, axis=(1, 2))
+    responses, best = Responses(parts), (-np.inf, 0.0, 0)
+    extent = max(float(apart.max()), 0.1 * centre)
+    if not sizes.max() > 1e-9:
+        return responses.best(centre)[1] / extent, 0.0, int(np.argmax(apart))
+    for weight in sizes.max() / extent * np.geomspace(0.1, 100.0, 31):
+        norms = joint_norms(E, H, centre, weight)
+        room = responses.best(centre, float(weight))[1] / norms.max()
+        if room > best[0]:
+            best = room, float(weight), int(np.argmax(norms))
     return best
 
 

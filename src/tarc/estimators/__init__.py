@@ -6,6 +6,7 @@ from tarc.estimators.difference import BackwardDifference, FilteredDifference
 from tarc.estimators.differentiator import RobustDifferentiator
 from tarc.estimators.high_gain import HighGain
 from tarc.estimators.kalman import Kalman
+from tarc.estimators.oracle import TrueDerivatives
 
 __all__ = [
     "Algebraic",
@@ -16,4 +17,5 @@ __all__ = [
     "HighGain",
     "Kalman",
     "RobustDifferentiator",
+    "TrueDerivatives",
 ]

@@ -8,6 +8,7 @@ import numpy as np
 
 from tarc import check, ops
 from tarc.errors import TarcError
+from tarc.estimators.oracle import TrueDerivatives
 from tarc.laws.base import Tracking
 from tarc.laws.poles import PolePlacement
 
@@ -98,15 +99,17 @@ class TDE(PolePlacement):
             u = self.feedback(tracking) + correction
             return memory._replace(robust=robust), self.M @ u, {"auxiliary": u, **signals}
         newest = tracking.estimate.acceleration
+        accelerations = ops.push(memory.acceleration, newest)
         if self.synchronised:
             torques, past_torque = self.estimator.torque_average().step(memory.torque, tracking.past_torque)
             past_acceleration = newest
         else:
             torques = ops.push(memory.torque, tracking.past_torque)
             past_torque = torques[:, -1]
-            past_acceleration = memory.acceleration[:, -1]
+            # the oracle's acceleration at t_k is that of the torque before t_k, an estimate goes with the one set then
+            told = isinstance(self.estimator, TrueDerivatives)
+            past_acceleration = (accelerations if told else memory.acceleration)[:, -1]
         robust, correction, signals = self.robust(memory.robust, tracking)
         u = self.feedback(tracking) + correction
         torque = self.M @ (u - past_acceleration) + past_torque
-        accelerations = ops.push(memory.acceleration, newest)
         return TDEState(torques, accelerations, robust), torque, {"auxiliary": u, **signals}

@@ -38,6 +38,8 @@ class MujocoPlant(Plant):
     torque_limit
         Limits from the file [N m or N], shape (n,), infinite where it has none; the smaller one where a range is
         not symmetric.
+    options
+        How to make this robot again: ``file`` and the other arguments of `from_file`.
     """
 
     def __init__(self, spec: mujoco.MjSpec, home: dict[str, float], tool: str, payload: float, label: str):
@@ -47,6 +49,7 @@ class MujocoPlant(Plant):
         )
         self.model: mujoco.MjModel = compile_model(spec, label)
         self.label = label
+        self.options: dict[str, Any] = {}
         self._home = np.array(
             [home.get(name, middle) for name, middle in zip(self.joint_names, self._middles(), strict=True)]
         )
@@ -125,7 +128,13 @@ class MujocoPlant(Plant):
         if not contact:
             spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
         spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-        return cls(spec, home, tool or "", check.number("payload", payload, 0), file.name)
+        plant = cls(spec, home, tool or "", check.number("payload", payload, 0), file.name)
+        given = {
+            "joints": None if names is None else list(names), "armature": armature, "viscous": viscous,
+            "coulomb": coulomb, "payload": payload or None, "tool": tool, "contact": contact or None,
+        }  # fmt: skip
+        plant.options = {"file": str(path), **{key: value for key, value in given.items() if value is not None}}
+        return plant
 
     @property
     def joints(self) -> int:
@@ -165,6 +174,7 @@ class MujocoPlant(Plant):
         for name in values:
             check.one_of("parameters", name, self.parameters)
         other = copy.copy(self)
+        other.options = {**self.options, **values}
         other.model = self.copy_model()
         other.set_parameters(other.model, values)
         other._scratch = mujoco.MjData(other.model)

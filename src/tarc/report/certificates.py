@@ -108,9 +108,8 @@ def _ball(certificate: "Certificate") -> Figure:
         angles = np.geomspace(1e-4, np.pi, 600)
         parts = tuple(certificate.matrices[name] for name in PARTS)
         if numbers["radius"] > 0:
-            loop = system(parts, numbers["centre"], numbers.get("stiffness", 0.0))
-            scales = [numbers[f"scale {i}"] for i in range(1, len(loop[2]))]
-            norm = gains(*weighed(loop, numbers["radius"], *scales), angles)
+            loop = system(parts, numbers["centre"], numbers.get("weight", 0.0))
+            norm = gains(*weighed(loop, numbers["radius"], numbers.get("scale")), angles)
             left.semilogx(angles / numbers["period"], norm, color=COLOURS[0])
         left.axhline(1.0, color="0.5", ls="--", label="limit")
         left.set_xlabel("frequency [rad/s]")

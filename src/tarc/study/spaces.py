@@ -12,6 +12,10 @@ LAYER = {"boundary": (0.01, 2.0)}
 GAIN = (0.1, 100.0)
 
 
+ARM = {"payload": [0.0, 3.0], "viscous": [0.0, 5.0], "coulomb": [0.0, 20.0]}
+"""Bounds that the law with projection is given; where a robot has no such parameters it does not run."""
+
+
 def _law(kind: str, **fixed: Any) -> dict[str, Any]:
     return {"kind": kind, "estimator": {"kind": "Algebraic", "window": 0.010, "degree": 2}, **fixed}
 
@@ -34,25 +38,35 @@ SPACES: dict[str, Space] = {
         {"kind": "TDC", "estimator": {"kind": "RobustDifferentiator"}},
         {**INERTIA, **POLES, "estimator.lipschitz": (1.0, 1e4)},
     ),
-    "tarc": Space(_law("TARC", cap=10.0), {**COMMON, "rise": (1e2, 1e5), "fall": (1e2, 1e5), "boundary": (1e-3, 0.1)}),
-    "ivf": Space(_law("IVF"), {**COMMON, "velocity_gain": (0.5, 60.0)}),
-    "tdcim": Space(_law("TDCIM"), {**COMMON, "time_constant": (0.01, 2.0)}),
+    "tarc": Space(
+        _law("TARC", cap=10.0),
+        {**COMMON, "rise": (1e2, 1e5), "fall": (1e2, 1e5), "boundary": (1e-3, 0.1)},
+        extends="tdc",
+    ),
+    "ivf": Space(_law("IVF"), {**COMMON, "velocity_gain": (0.5, 60.0)}, extends="tdc"),
+    "tdcim": Space(_law("TDCIM"), {**COMMON, "time_constant": (0.01, 2.0)}, extends="tdc"),
     "terminal": Space(
         _law("TerminalSliding", cap=100.0),
         {**COMMON, "nonlinear_damping": (0.1, 100.0), "exponent": (0.5, 1.0), "scale": (0.01, 1.0)},
+        extends="tdc",
     ),
     "nonsingular": Space(
         _law("NonsingularTerminal"),
         {**COMMON, "gain": GAIN, "exponent": (1.05, 1.9), "power": (0.3, 0.9), **LAYER},
+        extends="tdc",
     ),
-    "smc-tde": Space(_law("SlidingMode"), {**COMMON, "gain": GAIN, **LAYER}),
+    "smc-tde": Space(_law("SlidingMode"), {**COMMON, "gain": GAIN, **LAYER}, extends="tdc"),
     "smc": Space(_law("SlidingMode", time_delay=False), {**COMMON, "gain": GAIN, **LAYER}),
-    "asmc-tde": Space(_law("ASMC", cap=100.0), {**COMMON, "speed": (1.0, 1e4), "threshold": (1e-3, 1.0), **LAYER}),
+    "asmc-tde": Space(
+        _law("ASMC", cap=100.0), {**COMMON, "speed": (1.0, 1e4), "threshold": (1e-3, 1.0), **LAYER}, extends="tdc"
+    ),
     "asmc": Space(
         _law("ASMC", time_delay=False, cap=300.0), {**COMMON, "speed": (1.0, 1e4), "threshold": (1e-3, 1.0), **LAYER}
     ),
     "monotone-tde": Space(
-        _law("MonotoneASMC", cap=100.0), {**COMMON, "growth": (1.0, 1e4), "dead_zone": (1e-3, 1.0), **LAYER}
+        _law("MonotoneASMC", cap=100.0),
+        {**COMMON, "growth": (1.0, 1e4), "dead_zone": (1e-3, 1.0), **LAYER},
+        extends="tdc",
     ),
     "monotone": Space(
         _law("MonotoneASMC", time_delay=False, cap=300.0),
@@ -64,5 +78,9 @@ SPACES: dict[str, Space] = {
     "ipid": Space(_law("IntelligentPID"), COMMON),
     "corless-leitmann": Space(_law("CorlessLeitmann"), {**COMMON, "bound": GAIN, "boundary": (1e-3, 1.0)}),
     "fuzzy": Space(_law("AdaptiveFuzzy", cap=300.0), {**COMMON, "rate": (1.0, 1e5), "span": (0.5, 6.3)}),
+    "projection": Space(
+        _law("ProjectionARC", model="robot", bounds=ARM),
+        {**POLES, **WINDOW, "adaptation": (1e-3, 1e3), "margin": (0.01, 1.0), "boundary": (0.05, 10.0)},
+    ),
     "computed-torque": Space(_law("ComputedTorque", model="robot"), {**POLES, **WINDOW}),
 }

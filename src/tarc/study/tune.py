@@ -34,10 +34,14 @@ class Space:
     free
         Least and greatest value of each free key, searched on a logarithmic scale; ``inertia.fraction`` and
         ``estimator.window`` reach into the parts. A window is rounded to whole periods.
+    extends
+        Name of a simpler law that this one contains: half of the trials that are drawn at random keep its best gains,
+        so that the search of the larger space does not have to find them again.
     """
 
     fixed: dict[str, Any]
     free: dict[str, tuple[float, float]] = field(default_factory=dict)
+    extends: str = ""
 
     def law(self, values: dict[str, float], period: float) -> dict[str, Any]:
         """The law with these values, as a scenario writes it."""
@@ -49,6 +53,17 @@ class Space:
                 node = node.setdefault(step, {})
             node[last] = max(round(value / period), 2) * period if last == "window" else float(f"{value:.4g}")
         return part
+
+    def values(self, law: dict[str, Any]) -> dict[str, float]:
+        """Those of a law's own values that are free here: the reverse of `law`."""
+        found: dict[str, Any] = {}
+        for key in self.free:
+            node: Any = law
+            for step in key.split("."):
+                node = node.get(step) if isinstance(node, dict) else None
+            if node is not None:
+                found[key] = float(node)
+        return found
 
 
 def spaces() -> dict[str, Space]:
@@ -91,6 +106,7 @@ def tune(
     *,
     trials: int = 60,
     seed: int = 0,
+    begin: dict[str, Any] | None = None,
     progress: bool | None = None,
 ) -> tuple[dict[str, Any], float]:
     """Search a law's gains for the least mean log RMS error over training scenarios, under limits on torque variation.
@@ -107,6 +123,8 @@ def tune(
         How many sets of gains to try.
     seed
         Of the sampler.
+    begin
+        A law, as a scenario writes it, whose values half of the random trials keep where they are free here.
     progress
         Show a progress bar when it takes more than two seconds; None for when standard error is a terminal.
 
@@ -141,6 +159,8 @@ def tune(
 
     sampler = optuna.samplers.TPESampler(seed=seed, n_startup_trials=max(trials // 3, 1))
     study = optuna.create_study(sampler=sampler)
+    for _ in range(trials // 6 if begin else 0):
+        study.enqueue_trial(space.values(begin or {}))
     with Progress("tuning", trials, progress) as bar:
         study.optimize(score, n_trials=trials if space.free else 1, callbacks=[lambda *_: bar.advance()])
     return space.law(study.best_params, period), float(study.best_value)
@@ -168,7 +188,7 @@ def tune_all(
     jobs: int | None = None,
     progress: bool | None = None,
 ) -> dict[str, tuple[dict[str, Any], float]]:
-    """`tune` for several of `spaces`, by name, in processes of their own.
+    """`tune` for several of `spaces`, by name, in processes of their own; first those that others extend.
 
     Parameters
     ----------
@@ -184,23 +204,36 @@ def tune_all(
         check.one_of("laws", name, known)
     contents = [scenario.model_dump() for scenario in scenarios]
     found: dict[str, tuple[dict[str, Any], float]] = {}
+    order = dict.fromkeys(base for name in names if (base := known[name].extends))
+    rounds = [[*order, *(n for n in names if not known[n].extends and n not in order)]]
+    rounds.append([name for name in names if known[name].extends])
+    total = sum(map(len, rounds))
     count = check.whole("jobs", min(os.cpu_count() or 1, len(names)) if jobs is None else jobs, 1)
     with (
         ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool,
-        Progress(f"tuning {len(names)} laws, {trials} trials each", len(names), progress) as bar,
+        Progress(f"tuning {total} laws, {trials} trials each", total, progress) as bar,
     ):
-        futures = {pool.submit(_tune_one, name, contents, list(limits), trials, seed): name for name in names}
-        for future in as_completed(futures):
-            try:
-                found[futures[future]] = future.result()
-            except BrokenProcessPool:
-                raise TarcError("tune: a process was killed, perhaps for want of memory; use fewer jobs") from None
-            bar.advance()
+        for some in rounds:
+            futures = {}
+            for name in some:
+                begin = found[known[name].extends][0] if known[name].extends else None
+                futures[pool.submit(_tune_one, name, contents, list(limits), trials, seed, begin)] = name
+            for future in as_completed(futures):
+                try:
+                    found[futures[future]] = future.result()
+                except BrokenProcessPool:
+                    raise TarcError("tune: a process was killed, perhaps for want of memory; use fewer jobs") from None
+                bar.advance()
     return {name: found[name] for name in names}
 
 
 def _tune_one(
-    name: str, contents: list[dict[str, Any]], limits: list[float], trials: int, seed: int
+    name: str,
+    contents: list[dict[str, Any]],
+    limits: list[float],
+    trials: int,
+    seed: int,
+    begin: dict[str, Any] | None,
 ) -> tuple[dict[str, Any], float]:
     scenarios = [Scenario.parse(content) for content in contents]
-    return tune(spaces()[name], scenarios, limits, trials=trials, seed=seed, progress=False)
+    return tune(spaces()[name], scenarios, limits, trials=trials, seed=seed, begin=begin, progress=False)

@@ -1,0 +1,74 @@
+"""The truth in an estimator's place, for simulations that ask what estimating costs."""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tarc import check, ops
+from tarc.errors import TarcError
+from tarc.estimators.base import Estimate, Estimator, TorqueAverage
+
+
+class OracleState(NamedTuple):
+    """Last position measured, and what the simulation tells: velocity and acceleration, each of shape (n,)."""
+
+    position: Any
+    velocity: Any
+    acceleration: Any
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrueDerivatives(Estimator):
+    """Oracle: the simulation hands it the true velocity and acceleration; no controller on a robot can have it.
+
+    It is there to measure what estimating derivatives costs, and works in `tarc.simulate` and scenarios alone. The
+    position is the measured one, as for every estimator. The acceleration is the one just before the torque changes,
+    which the torque of the period before has made: literal time-delay estimation pairs the two.
+
+    Raises
+    ------
+    TarcError
+        By `tarc.Controller`, by the certificates of the loop, with ``synchronised=True``, and by the methods that
+        need a transfer function.
+    """
+
+    @property
+    def orders(self) -> int:
+        """Velocity and acceleration."""
+        return 2
+
+    def transfer(self, derivative: int) -> tuple[np.ndarray, np.ndarray]:
+        """None: the truth is not made from positions."""
+        if self._order(derivative) == 0:
+            return np.ones(1), np.ones(1)
+        raise TarcError(
+            "TrueDerivatives: it exists in simulation alone, makes nothing from positions and has no transfer function"
+        )
+
+    def torque_average(self) -> TorqueAverage:
+        """None: the truth is of one period, with nothing to average."""
+        raise TarcError(
+            "TrueDerivatives: it exists in simulation alone, where the literal law is in step with it already; "
+            "use synchronised=False"
+        )
+
+    def init(self, position: Any) -> OracleState:
+        """At the first position, shape (n,); no numbers for the rest until the simulation tells."""
+        first = check.array("position", position)
+        return OracleState(first, np.full(first.shape, np.nan), np.full(first.shape, np.nan))
+
+    def step(self, state: OracleState, value: Any) -> tuple[OracleState, Estimate]:
+        """What the simulation told; a missing sample is the last position moved on by the true velocity."""
+        valid = ops.finite(value)
+        position = ops.where(valid, value, state.position + self.Ts * state.velocity)
+        return state._replace(position=position), Estimate(position, state.velocity, state.acceleration, valid)
+
+
+def refuse_oracle(estimator: Estimator) -> None:
+    """Raise `TarcError` for the oracle, where no simulation tells it the truth."""
+    if isinstance(estimator, TrueDerivatives):
+        raise TarcError(
+            "estimator: TrueDerivatives exists in simulation alone, where tarc.simulate hands it the truth; give the "
+            "law one that works from positions, such as tarc.estimators.Algebraic(window=0.010)"
+        )
