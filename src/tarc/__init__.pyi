@@ -1,4 +1,4 @@
-from . import certificates, estimators, laws, plants, signals, study
+from . import certificates, design, estimators, laws, plants, signals, study
 from .controller import Controller
 from .errors import DesignWarning, TarcError
 from .loop import simulate
@@ -15,6 +15,7 @@ __all__ = [
     "TarcError",
     "__version__",
     "certificates",
+    "design",
     "estimators",
     "laws",
     "plants",

@@ -2,17 +2,32 @@
 
 from tarc.design.adaptation import Adaptation, adaptation, expected_step
 from tarc.design.choose import Choice, Design, design
-from tarc.design.front import Candidate, assess, candidates, front
+from tarc.design.front import Candidate, Demand, assess, candidates, front
+from tarc.design.identify import Identified, excitation, identify, inertia_from_data, inertia_from_file
+from tarc.design.limits import Limit, Outcome, limits
+from tarc.design.procedure import Procedure, Step, paper_procedure
 
 __all__ = [
     "Adaptation",
     "Candidate",
     "Choice",
+    "Demand",
     "Design",
+    "Identified",
+    "Limit",
+    "Outcome",
+    "Procedure",
+    "Step",
     "adaptation",
     "assess",
     "candidates",
     "design",
+    "excitation",
     "expected_step",
     "front",
+    "identify",
+    "inertia_from_data",
+    "inertia_from_file",
+    "limits",
+    "paper_procedure",
 ]

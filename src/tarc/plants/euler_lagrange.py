@@ -94,6 +94,7 @@ class EulerLagrange(Parametric, Plant):
         N = coriolis @ dq + gravity + friction
         D, L, order = ca.ldl(M)
         acceleration = ca.ldl_solve(tau - N, D, L, order)
+        damping = ca.substitute(ca.jacobian(friction, dq), dq, ca.SX.zeros(n))
 
         def function(name: str, inputs: list[Any], output: Any) -> ca.Function:
             return ca.Function(name, [*inputs, *symbols], [ca.densify(output)], {"cse": True})
@@ -106,6 +107,7 @@ class EulerLagrange(Parametric, Plant):
             "friction": function("friction", [q, dq], friction),
             "energy": function("energy", [q, dq], T + V),
             "acceleration": function("acceleration", [q, dq, tau], acceleration),
+            "rest": function("rest", [q], ca.horzcat(M, damping, ca.jacobian(gravity, q))),
         }
 
     def with_parameters(self, values: dict[str, Any]) -> Self:
@@ -121,7 +123,7 @@ class EulerLagrange(Parametric, Plant):
         ----------
         what
             ``inertia`` M(q), ``coriolis`` C + G (q, q̇), ``bias`` N(q, q̇), ``gravity`` ∂V/∂q (q), ``friction``
-            F(q, q̇), ``energy`` T + V (q, q̇), ``acceleration`` q̈(q, q̇, τ).
+            F(q, q̇), ``energy`` T + V (q, q̇), ``acceleration`` q̈(q, q̇, τ), ``rest`` [M, ∂F/∂q̇, ∂²V/∂q²] at rest (q).
         arguments
             As in brackets, each of shape (n,).
         parameters
@@ -135,7 +137,13 @@ class EulerLagrange(Parametric, Plant):
         if ops.symbolic(*arguments, *values.values()):
             return result
         numbers = np.array(result)
-        return numbers if what in ("inertia", "coriolis") else numbers[:, 0] if what != "energy" else numbers.item()
+        return (
+            numbers
+            if what in ("inertia", "coriolis", "rest")
+            else numbers[:, 0]
+            if what != "energy"
+            else numbers.item()
+        )
 
     def inertia(self, position: Any) -> np.ndarray:
         """M(q) [kg m² or kg], shape (n, n)."""
@@ -143,8 +151,17 @@ class EulerLagrange(Parametric, Plant):
 
     def bias(self, position: Any, velocity: Any) -> np.ndarray:
         """N(q, q̇) without dry friction [N m or N], shape (n,)."""
-        smooth = {"coulomb": 0 * self.parameters["coulomb"]} if "coulomb" in self.parameters else None
-        return self.evaluate("bias", self._position(position), self._position(velocity), parameters=smooth)
+        return self.evaluate("bias", self._position(position), self._position(velocity), parameters=self._smooth)
+
+    def at_rest(self, position: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """M, D and G of M δq̈ + D δq̇ + G δq = δτ, the robot linearised at rest without dry friction, each (n, n)."""
+        M, D, G = np.hsplit(self.evaluate("rest", self._position(position), parameters=self._smooth), 3)
+        return M, D, G
+
+    @property
+    def _smooth(self) -> dict[str, np.ndarray] | None:
+        """Parameters without dry friction."""
+        return {"coulomb": 0 * self.parameters["coulomb"]} if "coulomb" in self.parameters else None
 
     def gravity_torque(self, position: Any) -> Any:
         """∂V/∂q [N m or N], shape (n,); accepts CasADi symbols."""

@@ -1,0 +1,140 @@
+"""Limits of a design against direct certificates, its own prediction of noise, and simulation."""
+
+from dataclasses import replace
+from importlib import import_module
+
+import numpy as np
+import pytest
+
+from tarc import TarcError
+from tarc.certificates import Workspace, robot
+from tarc.design import design
+from tarc.design.limits import FINE, limits
+from tarc.estimators import Algebraic
+from tarc.plants import TwoLinkArm
+
+SAMPLES = 60
+LIMIT = np.array([90.0, 40.0])
+
+
+@pytest.fixture(scope="module")
+def made():
+    """A design from few loops, so that it is quick."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(import_module("tarc.design.choose"), "WINDOWS", (12,))
+        patch.setattr(import_module("tarc.design.front"), "BANDWIDTHS", (8.0,))
+        space = Workspace.box([-np.pi, -2.0], [np.pi, 2.0])
+        return design(TwoLinkArm(), payload=(0, 0.5), workspace=space, torque_limit=LIMIT, samples=SAMPLES)
+
+
+@pytest.fixture(scope="module")
+def found(made):
+    return limits(made, duration=2.0)
+
+
+def certified(made, law=None, mass=None, delay=0):
+    plants = made.plants if mass is None else [TwoLinkArm(), TwoLinkArm(payload=mass)]
+    law = made.law if law is None else law
+    return robot(law, plants, made.workspace, computation_delay=delay, samples=SAMPLES).certified
+
+
+def test_payload_lies_between_certified_and_not(made, found):
+    one = found["payload"]
+    assert 0.5 <= one.value < one.beyond
+    assert one.beyond - one.value <= 2 * FINE * one.beyond
+    masses = [0.9 * one.value, one.value, one.beyond, 1.5 * one.beyond]
+    assert [certified(made, mass=mass) for mass in masses] == [True, True, False, False]
+    assert one.verdict.startswith("certified")
+    assert not one.beyond_verdict.startswith("certified")
+
+
+def slower(made, rate):
+    """The law at another rate, its window as near as whole periods allow."""
+    window = made.chosen.window * made.law.period
+    count = max(round(window * rate), made.chosen.degree)
+    estimator = Algebraic(window=count / rate, degree=made.chosen.degree)
+    return replace(made.law, period=1 / rate, estimator=estimator)
+
+
+def test_rate_lies_between_certified_and_not(made, found):
+    one = found["rate"]
+    assert one.beyond < one.value <= 1 / made.law.period
+    assert one.value - one.beyond <= 3 * FINE * one.value
+    assert [certified(made, law=slower(made, rate)) for rate in (one.value, one.beyond)] == [True, False]
+
+
+def test_delay_is_the_last_certified(made, found):
+    one = found["computation_delay"]
+    assert one.beyond == one.value + 1
+    assert [certified(made, delay=delay) for delay in range(one.value + 2)] == [True] * (one.value + 1) + [False]
+
+
+def test_bits_by_the_noise_that_was_predicted(made, found):
+    """Each bit less doubles the noise."""
+    one = found["bits"]
+    own = np.max(made.torque_noise / LIMIT)
+    allowed = max(0.05, own)
+    assert own * 2 ** (17 - one.value) <= allowed < own * 2 ** (17 - one.beyond)
+    looser = limits(made, questions="bits", noise=4.1 * allowed, simulate=False)["bits"]
+    assert looser.value == one.value - 2
+    assert looser.run is looser.confirmed is None
+
+
+def test_own_noise_is_always_allowed(made):
+    one = limits(made, questions=["bits"], noise=1e-9, simulate=False)["bits"]
+    assert one.value == 17
+
+
+def test_simulations_complete(made, found):
+    for one in found.values():
+        assert one.confirmed, one.explain()
+        assert one.run.value == one.value
+        just, _ = one.beyond_runs
+        assert just.value == one.beyond
+        assert 0 < one.run.rms_error < 0.05
+        assert "NOT" not in one.explain()
+
+
+def test_a_wrong_certificate_is_found_out(made, monkeypatch):
+    """One that certifies everything leads to limits at which the simulation goes wrong."""
+    monkeypatch.setattr(import_module("tarc.design.limits"), "robot", lambda *_, **__: made.certificates["robot"])
+    one = limits(made, questions="rate", duration=2.0)["rate"]
+    assert one.beyond is None
+    assert one.confirmed is False
+    assert "times the error of the design itself" in one.explain()
+    assert "NOT CONFIRMED" in one.explain()
+
+
+def test_simulated_noise_stays_below_the_predicted(made, found):
+    """Predicted at the worst posture and over all frequencies: above what one motion shows, but not by far."""
+    predicted = made.torque_noise * 2 ** (17 - found["bits"].value)
+    measured = found["bits"].run.torque_noise
+    assert np.all(measured < 1.1 * predicted)
+    assert np.all(measured > 0.2 * predicted)
+
+
+def test_questions_that_do_not_apply(made, monkeypatch):
+    monkeypatch.setattr(TwoLinkArm, "parameters", property(lambda self: {}))
+    other = replace(made, plants=made.plants[:1], law=replace(made.law, torque_limit=None))
+    answers = limits(other, questions=["payload", "bits"], simulate=False)
+    assert [one.value for one in answers.values()] == [None, None]
+    assert "TwoLinkArm has no such parameter" in answers["payload"].explain()
+    assert "torque_limit" in answers["bits"].explain()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"questions": ["paylod"]}, "Did you mean 'payload'?"),
+        ({"noise": 0}, "noise: got 0; needs a finite number above 0"),
+        ({"duration": 0.1}, "duration: got 0.1; needs a finite number of at least 1"),
+    ],
+)
+def test_bad_input(made, options, message):
+    with pytest.raises(TarcError, match=message.replace("?", r"\?")):
+        limits(made, **options)
+
+
+def test_no_design():
+    with pytest.raises(TarcError, match="got TwoLinkArm; needs what tarc.design.design returns"):
+        limits(TwoLinkArm())  # pyright: ignore[reportArgumentType]

@@ -1,0 +1,143 @@
+"""The paper's procedure against numbers known independently, and where it must not end."""
+
+import numpy as np
+import pytest
+
+from tarc import TarcError
+from tarc.design.procedure import exact_delay, paper_procedure
+
+
+def steps(procedure):
+    return {step.name.split()[0].rstrip(","): step for step in procedure.steps}
+
+
+def test_known_delays_at_one_radian_per_second():
+    found = steps(paper_procedure(1.0))["h"].found
+    assert found["largest by Theorem 1 [s]"] == pytest.approx(0.2454, abs=5e-5)
+    assert found["largest that the equation bears [s]"] == pytest.approx(0.6474, abs=5e-5)
+
+
+@pytest.mark.parametrize(("bandwidth", "scaled"), [(0.1, 0.0587), (10.0, 0.2705), (100.0, 0.2708)])
+def test_delay_over_bandwidth(bandwidth, scaled):
+    """As printed the condition does not scale with the bandwidth; the equation does."""
+    found = steps(paper_procedure(bandwidth, delay=1e-3 / bandwidth))["h"].found
+    assert bandwidth * found["largest by Theorem 1 [s]"] == pytest.approx(scaled, abs=6e-5)
+    assert bandwidth * found["largest that the equation bears [s]"] == pytest.approx(0.6474, abs=5e-5)
+
+
+def test_exact_delay_is_where_a_root_reaches_the_axis():
+    law = paper_procedure(7.0, damping=0.6).law
+    h, k1, k2 = exact_delay(law), 49.0, 8.4
+    w = np.linspace(0.1, 60, 600001)
+    distance = np.abs(-(w**2) + (1j * k2 * w + k1) * np.exp(-1j * w * h))
+    assert distance.min() < 1e-2
+    assert np.abs(-(w**2) + (1j * k2 * w + k1) * np.exp(-1j * w * 0.9 * h)).min() > 1.0
+
+
+def test_usual_choice():
+    procedure = paper_procedure(10.0)
+    found = steps(procedure)
+    np.testing.assert_allclose(found["K1"].found["K1 [1/s²]"], 100.0)
+    np.testing.assert_allclose(found["K1"].found["K2 [1/s]"], 20.0)
+    verdicts = {name: one.verdict for name, one in procedure.certificates.items()}
+    assert verdicts == {
+        "theorem1": "certified",
+        "c2": "certified",
+        "theorem2": "refuted",
+        "nominal": "certified",
+        "loop": "refuted",
+        "loop, middle": "certified",
+    }
+    assert procedure.certificates["loop"].numbers["spectral radius"] == pytest.approx(1.152, abs=5e-4)
+    ends = [found["M̂"].found[name] for name in ("least stable ρ", "greatest stable ρ")]
+    np.testing.assert_allclose(ends, [0.00486, 0.2616], rtol=2e-3)
+    ends = [found["M̂"].found[f"{name} with averaged torque"] for name in ("least", "greatest")]
+    np.testing.assert_allclose(ends, [0.0255, 2.815], rtol=2e-3)
+    assert found["ς"].found["largest ς [s]"] == pytest.approx(0.1240, abs=5e-5)
+
+
+def test_values_found_meet_psi():
+    """Ψ rebuilt here from the equation, at the values of the step."""
+    procedure = paper_procedure(3.0, damping=0.8, delay=0.01)
+    found, K1, K2, h = steps(procedure)["P"].found, 9.0, 4.8, 0.01
+    P, D, beta, xi = (found[name] for name in ("P_0", "D_0", "β", "ξ"))
+    A1, B1 = np.array([[0.0, 1], [0, 0]]), np.array([[0.0, 0], [-K1, -K2]])
+    Q, inverse = -((A1 + B1).T @ P + P @ (A1 + B1)), np.linalg.inv(D)
+    E = beta * P @ B1 @ (A1 @ inverse @ A1.T + B1 @ inverse @ B1.T + inverse) @ B1.T @ P
+    assert np.linalg.eigvalsh(Q - E - (1 + xi) * h**2 / beta * D)[0] > 0
+    assert xi > 1
+    assert np.linalg.eigvalsh(D)[0] > 0
+
+
+@pytest.mark.parametrize("delay", [1e-3, 0.01, 0.05])
+@pytest.mark.parametrize(("bandwidth", "damping"), [(1.0, 1.0), (20.0, 0.5), (5.0, 3.0)])
+def test_theorem_2_is_refuted_always_and_all_certificates_verify(bandwidth, damping, delay):
+    procedure = paper_procedure(bandwidth, damping=damping, delay=delay)
+    assert procedure.certificates["theorem2"].verdict == "refuted"
+    assert procedure.certificates["theorem2"].witness
+    assert steps(procedure)["L"].found["Θ at (e, −e, 0)"] < 0
+    assert not procedure.ended
+    assert all(one.verify() for one in procedure.certificates.values())
+
+
+def test_too_large_a_delay_is_said_with_the_largest():
+    procedure = paper_procedure(1.0, delay=0.3)
+    step = steps(procedure)["h"]
+    assert step.verdict == "too large"
+    assert "h is too large: Theorem 1 certifies up to 0.2454 s" in procedure.explain()
+    assert "stable still" in step.meaning
+    assert procedure.certificates["theorem1"].verdict == "inconclusive"
+    share = step.found["bandwidths by Theorem 1, of these"]
+    assert paper_procedure(share, delay=0.3).certificates["theorem1"].certified
+    assert not paper_procedure(share + 0.005, delay=0.3).certificates["theorem1"].certified
+
+
+def test_beyond_the_equations_own_margin():
+    procedure = paper_procedure(1.0, delay=0.7)
+    assert "unstable as well" in steps(procedure)["h"].meaning
+    assert "no bandwidth" in steps(procedure)["h"].meaning
+    assert "No M̂ makes it stable" in steps(procedure)["M̂"].meaning
+    assert "loop, middle" not in procedure.certificates
+
+
+def test_too_long_a_window_is_said_with_the_longest():
+    step = steps(paper_procedure(1.0, delay=0.1, window=2.0))["ς"]
+    assert step.verdict == "inconclusive"
+    assert f"The window is too long: {step.found['largest ς [s]']:.4g} s is the longest" in step.meaning
+    assert steps(paper_procedure(1.0, delay=0.1, window=1.0))["ς"].verdict == "certified"
+
+
+def test_joints_with_gains_of_their_own():
+    procedure = paper_procedure([5.0, 10.0], joints=2)
+    slower = paper_procedure(10.0)
+    assert {f"{name}_{i}" for name in "PD" for i in (0, 1)} <= set(steps(procedure)["P"].found)
+    for name in ("largest by Theorem 1 [s]", "largest that the equation bears [s]"):
+        assert steps(procedure)["h"].found[name] == pytest.approx(steps(slower)["h"].found[name], rel=1e-4)
+    assert "(5, 10)" in procedure.explain()
+
+
+def test_explain_has_every_step_and_how_it_ends():
+    procedure = paper_procedure(10.0)
+    text = procedure.explain()
+    for number, step in enumerate(procedure.steps, 1):
+        assert f"{number}. {step.name}: {step.verdict}" in text
+        assert step.meaning in text
+    assert text.endswith("The procedure does not end; the last steps stand in.")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"bandwidth": -1.0}, "bandwidth: got"),
+        ({"bandwidth": 1.0, "damping": 0.0}, "damping: got"),
+        ({"bandwidth": 1.0, "delay": 0.0}, "delay: got"),
+        ({"bandwidth": 1.0, "degree": 1}, "degree: got"),
+        ({"bandwidth": 1.0, "window": 0.0015}, "no whole multiple"),
+        ({"bandwidth": 1.0, "joints": 0}, "joints: got"),
+        ({"bandwidth": [1.0, 2.0], "joints": 3}, "one a joint"),
+        ({"bandwidth": 1.0, "ratio": 0.0}, "ratio: got"),
+    ],
+)
+def test_bad_numbers(options, message):
+    with pytest.raises(TarcError, match=message):
+        paper_procedure(**options)
