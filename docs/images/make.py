@@ -4,14 +4,18 @@ import os
 import re
 import subprocess
 import sys
+import sysconfig
 import tempfile
 from pathlib import Path
 
 from PIL import Image
 
 from tarc import Scenario
+from tarc.design import design
+from tarc.plants import MujocoPlant
 from tarc.report.certificates import design_figure
 from tarc.report.figures import run_figure
+from tarc.signals import Encoder
 
 HERE = Path(__file__).resolve().parent
 
@@ -49,8 +53,27 @@ def law_pages() -> None:
         subprocess.run([sys.executable, "-m", module], cwd=root, check=True)
 
 
+def first_robot() -> None:
+    """The design of the tutorial's robot, and its run."""
+    data = Path(sysconfig.get_path("purelib"), "cmeel.prefix", "share")
+    arm = MujocoPlant.from_file(
+        data / "example-robot-data/robots/z1_description/urdf/z1.urdf",
+        joints=[f"joint{i}" for i in range(1, 7)],
+        armature=0.1,
+    )
+    made = design(arm, payload=(0.0, 2.0), sensor=Encoder(bits=17))
+    figures = {"z1-front.png": made.plot("front")}
+    figures["z1-tracking.png"] = run_figure(made.scenario().run())
+    with tempfile.TemporaryDirectory() as folder:
+        for name, figure in figures.items():
+            figure.savefig(Path(folder) / name, dpi=110)
+            shrink(Path(folder) / name, HERE / name)
+
+
 if __name__ == "__main__":
     law_pages()
+    first_robot()
+    run_page("design.md", ["adaptation.png"])
     run_page("estimators.md", ["estimators.png"])
     run_page("start.md", ["tracking.png"])
     run_page("claims.md", ["gain_moves.png"])
@@ -62,6 +85,6 @@ if __name__ == "__main__":
     plant, reference = scenario.build_plant(), scenario.build_reference()
     law = scenario.build_laws(plant, reference)["TARC"]
     with tempfile.TemporaryDirectory() as folder:
-        design = Path(folder) / "design.png"
-        design_figure(law, scenario.certify()["TARC"]).savefig(design, dpi=110)
-        shrink(design, HERE / "design.png")
+        picture = Path(folder) / "design.png"
+        design_figure(law, scenario.certify()["TARC"]).savefig(picture, dpi=110)
+        shrink(picture, HERE / "design.png")

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shlex
 import sys
 import warnings
 from pathlib import Path
@@ -61,7 +62,7 @@ def certify(
     scenario: Annotated[str, typer.Argument(help="A YAML file, or the name of a shipped scenario.")],
     set_: Set = None,
     out: Out = None,
-    tube: Annotated[float, typer.Option(help="How far a joint may be from its reference [rad or m].")] = 0.01,
+    tube: Annotated[float, typer.Option(help="How far a joint may be from its reference \\[rad or m].")] = 0.01,
     full_range: Annotated[
         bool, typer.Option("--full-range", help="All that the joints reach, instead of the reference.")
     ] = False,
@@ -88,6 +89,162 @@ def certify(
         print(json.dumps(tables.certificate_summary(described, found, files), indent=2, allow_nan=False))
     else:
         tables.print_certificates(described, found, files)
+
+
+ROBOT, ASKED = "The robot", "What is asked for"
+
+
+@app.command()
+def design(
+    ctx: typer.Context,
+    robot: Annotated[str, typer.Argument(help="An MJCF or URDF file, or the name of a shipped robot.")],
+    out: Annotated[
+        Path,
+        typer.Option("--out", "-o", help="The scenario to write; certificates and figures go beside it."),
+    ] = Path("design.yaml"),
+    joints: Annotated[
+        str, typer.Option(metavar="A,B", help="Joints to drive; default all. Others are locked.", rich_help_panel=ROBOT)
+    ] = "",
+    armature: Annotated[
+        str,
+        typer.Option(
+            metavar="NUMBERS",
+            help="Rotor inertia at the joints, kg m²: of the rotor, times the gear ratio squared. One number, or one a "
+            "joint with commas between. Most files have none, and without it light links make M(q) vary more than any "
+            "loop bears.",
+            rich_help_panel=ROBOT,
+        ),
+    ] = "",
+    viscous: Annotated[
+        str, typer.Option(metavar="NUMBERS", help="Viscous friction, N m s/rad.", rich_help_panel=ROBOT)
+    ] = "",
+    coulomb: Annotated[str, typer.Option(metavar="NUMBERS", help="Coulomb friction, N m.", rich_help_panel=ROBOT)] = "",
+    torque_limit: Annotated[
+        str,
+        typer.Option(metavar="NUMBERS", help="In place of those in the file, N m or N.", rich_help_panel=ROBOT),
+    ] = "",
+    tool: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="Link or site that carries the payload; default a site named tool, else the last link.",
+            rich_help_panel=ROBOT,
+        ),
+    ] = "",
+    payload: Annotated[
+        tuple[float, float],
+        typer.Option(metavar="LOW HIGH", help="Least and greatest load at the tool, kg.", rich_help_panel=ASKED),
+    ] = (0.0, 0.0),
+    encoder_bits: Annotated[
+        int, typer.Option(help="Resolution of the encoders, bits a turn.", rich_help_panel=ASKED)
+    ] = 17,
+    rate: Annotated[float, typer.Option(help="Control periods a second, Hz.", rich_help_panel=ASKED)] = 1000.0,
+    computation_delay: Annotated[
+        int, typer.Option(help="Periods between a measurement and its torque.", rich_help_panel=ASKED)
+    ] = 0,
+    reach: Annotated[
+        float | None,
+        typer.Option(
+            help="Certify only for postures within ± so much of the home posture, rad (m for a slide), instead of all "
+            "that the joints reach.",
+            rich_help_panel=ASKED,
+        ),
+    ] = None,
+    noise: Annotated[
+        float | None,
+        typer.Option(
+            help="Torque noise allowed: its RMS as a share of the torque limit, 0.02 for 2 %. Default: 0.01, or as "
+            "little as can be certified, or as a given bandwidth allows.",
+            rich_help_panel=ASKED,
+        ),
+    ] = None,
+    bandwidth: Annotated[
+        float | None, typer.Option(help="In rad/s; default: as high as the noise allows.", rich_help_panel=ASKED)
+    ] = None,
+    damping: Annotated[float, typer.Option(help="Damping ratio of the error.", rich_help_panel=ASKED)] = 1.0,
+    law: Annotated[
+        str, typer.Option(metavar="tarc|tdc", help="With the adaptive gain or without.", rich_help_panel=ASKED)
+    ] = "tarc",
+    diagonal: Annotated[
+        bool, typer.Option("--diagonal", help="Only a diagonal inertia M̂.", rich_help_panel=ASKED)
+    ] = False,
+    limits: Annotated[
+        bool,
+        typer.Option(
+            "--limits",
+            help="Say also how far the design can be pushed: payload, bits, rate, delay; takes minutes.",
+        ),
+    ] = False,
+    samples: Annotated[int, typer.Option(help="Postures to sample, before a local search.")] = 500,
+    seed: Annotated[int, typer.Option(help="Of the samples.")] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the results as JSON instead of a table.")] = False,
+    figures: Annotated[bool, typer.Option(help="Draw figures.")] = True,
+) -> None:
+    """From a robot's file and its encoders to certified gains: a scenario ready to run, each choice with its reason.
+
+    The inertia M̂ is shaped so that M(q)⁻¹M̂ varies least over all postures and
+    payloads. Window, bandwidth and the rest are chosen so that the loop bears
+    this, with as little error as the torque noise allowed permits. What cannot
+    be certified is refused, with what to relax and by how much. Takes a minute
+    or so.
+
+    Example: tarc design ur5e --payload 0 5 --armature 0.1 -o design.yaml
+
+    Then: tarc run design.yaml; tarc certify design.yaml --full-range
+    """
+    from tarc import check
+    from tarc.design import design as choose
+    from tarc.design import limits as stands
+    from tarc.design.premises import within
+    from tarc.design.scenario import save, target
+    from tarc.errors import TarcError
+    from tarc.plants import MujocoPlant
+    from tarc.report import tables
+    from tarc.signals import Encoder
+
+    plant = MujocoPlant.from_file(
+        robot,
+        joints=[name.strip() for name in joints.split(",") if name.strip()] or None,
+        armature=_numbers("--armature", armature),
+        viscous=_numbers("--viscous", viscous),
+        coulomb=_numbers("--coulomb", coulomb),
+        tool=tool or None,
+    )
+    if noise is not None and not 0 < noise <= 1:
+        raise TarcError(f"--noise: got {noise:g}; needs a share of the torque limit, such as 0.02 for 2 %")
+    asked = {
+        "period": 1 / check.number("--rate", rate, 0, strict=True),
+        "sensor": Encoder(bits=check.whole("--encoder-bits", encoder_bits, 1, 52)),
+        "workspace": within(plant, reach),
+        "torque_limit": _numbers("--torque-limit", torque_limit),
+        "law": check.one_of("--law", law.lower(), ("tarc", "tdc")).upper(),
+    }
+    here = target(out)
+    result = choose(
+        plant, payload=payload, bandwidth=bandwidth, damping=damping, noise=noise, diagonal=diagonal,
+        computation_delay=computation_delay, samples=samples, seed=seed, **asked,
+    )  # fmt: skip
+    files = save(result, here, figures, command=shlex.join(["tarc", *sys.argv[1:]]))
+    if not as_json:
+        tables.print_design(result, files)
+    found = {}
+    if limits:
+        found = stands(result)
+    if as_json:
+        print(json.dumps(tables.design_summary(result, files, found), indent=2, allow_nan=False))
+    elif found:
+        tables.print_limits(found)
+
+
+def _numbers(name: str, text: str) -> float | list[float] | None:
+    """One number, or several with commas between; None for nothing."""
+    from tarc.errors import TarcError
+
+    try:
+        found = [float(one) for one in text.split(",")] if text.strip() else []
+    except ValueError:
+        raise TarcError(f"{name}: got {text!r}; needs one number, or one a joint with commas between") from None
+    return found if len(found) > 1 else found[0] if found else None
 
 
 @app.command()

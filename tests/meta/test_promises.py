@@ -11,7 +11,10 @@ import pytest
 import tarc
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = ["tarc", *(f"tarc.{part}" for part in ("laws", "estimators", "plants", "signals", "certificates", "study"))]
+PACKAGES = [
+    "tarc",
+    *(f"tarc.{part}" for part in ("laws", "estimators", "plants", "signals", "certificates", "design", "study")),
+]
 
 
 def public_objects():

@@ -1,5 +1,6 @@
 """The verdict for a robot: the spread of its inertia over a workspace against what the loop bears."""
 
+import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -73,6 +74,7 @@ def robot(
     plants = [plant] if isinstance(plant, Plant) else list(plant)
     found = spread(plants, law.M, workspace, samples=samples, seed=seed)
     ends = (plants[found.plant_low], found.where_low), (plants[found.plant_high], found.where_high)
+    units = workspace.units(min(samples, STIFF_SAMPLES), seed)
     postures = [*ends, *sampled(plants, workspace, min(samples, STIFF_SAMPLES), seed)]
     E, H = mismatches(law.M, postures)
     sizes = np.linalg.norm(H, 2, axis=(1, 2))
@@ -87,8 +89,16 @@ def robot(
         (channel,) = decouple(law, computation_delay)
         parts = parts_of(channel, slope, intersample=True)
         tries = {best_centre(parts, (found.low, found.high)), (found.low + found.high) / 2}
-        trials = [(*best_weight(parts, centre, E, H), centre) for centre in tries]
-        _, weight, joint, centre = max(trials, key=lambda trial: trial[0])
+        for last in (False, False, True):  # the worst posture moves with the weight
+            trials = [(*best_weight(parts, centre, E, H), centre) for centre in tries]
+            _, weight, joint, centre = max(trials, key=lambda trial: trial[0])
+            if last or not weight:
+                break
+            norms = joint_norms(E, H, centre, weight)
+            starts = [0, 1, stiff, *np.argsort(norms)[::-1][:STIFF_SEARCHES]]
+            sought = [_sought(postures[i], workspace, units, law.M, centre, weight) for i in dict.fromkeys(starts)]
+            postures += sought
+            E, H = (np.concatenate(both) for both in zip((E, H), mismatches(law.M, sought), strict=True))
         scale, radius = best_scales(parts, centre, weight)
         matrices |= dict(zip(PARTS, parts, strict=True))
         numbers |= {"centre": centre, "radius": radius, "weight": weight}
@@ -129,7 +139,8 @@ def _assumptions(law: PolePlacement, found: Spread, stiffness: float, computatio
         f"the eigenvalues of M(q)⁻¹M̂ lie between {found.low:.4g}, found at q = {posture(found.where_low)}, and "
         f"{found.high:.4g}, at {posture(found.where_high)}; {found.samples} samples and local search found no others",
         f"gravity and springs have a stiffness, in these coordinates, of at most {stiffness:.3g} 1/s², which with its "
-        f"posture's inertia is taken from {min(found.samples, STIFF_SAMPLES)} samples and the two postures above",
+        f"posture's inertia is taken from {min(found.samples, STIFF_SAMPLES)} samples, the two postures above and "
+        "local search",
         "the robot stays in the workspace; Coriolis forces and friction disturb only, viscous friction apart where the "
         "robot is at rest; dry friction may hold back what is refuted",
         "no torque limit is reached and no sample is lost",
@@ -173,11 +184,53 @@ def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, flo
 
 STIFF_SAMPLES = 500
 """Postures whose stiffness is computed; it changes little beside the inertia's eigenvalues."""
+STIFF_SEARCHES = 4
+"""How many of them are starts of a local search for the greatest mismatch and stiffness together."""
+STIFF_STEP = 1e-5
+"""Step of its differences, in widths of the box; the stiffness is a difference itself."""
 
 
 def sampled(plants: Sequence[Plant], workspace: Workspace, samples: int, seed: int) -> list[tuple[Plant, Array]]:
     """Each robot in each of some postures of the workspace."""
     return [(plant, posture) for posture in workspace.sample(samples, seed) for plant in plants]
+
+
+def _sought(
+    start: tuple[Plant, Array], workspace: Workspace, units: Array, nominal: Array, centre: float, weight: float
+) -> tuple[Plant, Array]:
+    """A posture of greater joint norm, by local search in the workspace; in a tube from the nearest of its units."""
+    from scipy.optimize import minimize
+
+    plant, posture = start
+    width = workspace.high - workspace.low
+    free = np.flatnonzero(width > 0)
+    if not free.size:
+        return start
+    if workspace.reference is None:
+        unit = (posture - workspace.low) / np.where(width > 0, width, 1.0)
+    else:
+        apart = workspace.positions(workspace.low + units * width) - posture
+        unit = units[np.argmin(np.linalg.norm(apart, axis=1))]
+    nudges = STIFF_STEP * np.concatenate([np.zeros((1, len(free))), np.eye(len(free))])
+
+    def place(points: Array) -> Array:
+        variables = np.tile(unit, (len(points), 1))
+        variables[:, free] = points
+        return workspace.positions(workspace.low + variables * width)
+
+    def downhill(point: Array) -> tuple[float, Array]:
+        inward = np.where(point > 0.5, -1.0, 1.0)
+        pairs = mismatches(nominal, [(plant, one) for one in place(point + nudges * inward)])
+        near = -joint_norms(*pairs, centre, weight) / centre
+        return float(near[0]), (near[1:] - near[0]) / (STIFF_STEP * inward)
+
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Values in x were outside bounds")  # by rounding; they are clipped
+        end = minimize(
+            downhill, unit[free], jac=True, method="SLSQP", bounds=[(0.0, 1.0)] * len(free),
+            options={"ftol": 1e-5, "maxiter": 30},
+        )  # fmt: skip
+    return plant, place(np.clip(end.x, 0, 1)[None])[0]
 
 
 def mismatches(nominal: Array, postures: Sequence[tuple[Plant, Array]]) -> tuple[Array, Array]:

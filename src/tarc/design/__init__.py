@@ -1,6 +1,7 @@
 """From a robot and an encoder to certified gains."""
 
 from tarc.design.adaptation import Adaptation, adaptation, expected_step
+from tarc.design.blind import BlindDesign, design_from_inertia
 from tarc.design.choose import Choice, Design, design
 from tarc.design.front import Candidate, Demand, assess, candidates, front
 from tarc.design.identify import Identified, excitation, identify, inertia_from_data, inertia_from_file
@@ -9,6 +10,7 @@ from tarc.design.procedure import Procedure, Step, paper_procedure
 
 __all__ = [
     "Adaptation",
+    "BlindDesign",
     "Candidate",
     "Choice",
     "Demand",
@@ -22,6 +24,7 @@ __all__ = [
     "assess",
     "candidates",
     "design",
+    "design_from_inertia",
     "excitation",
     "expected_step",
     "front",

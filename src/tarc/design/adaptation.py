@@ -10,6 +10,8 @@ from tarc.certificates.workspace import Workspace
 from tarc.design.front import Candidate, peak
 from tarc.plants.base import Plant
 
+RATIO = 3.0
+"""Rise over fall."""
 QUANTA = 5.0
 """The boundary layer is never thinner than so many standard deviations of the measurement noise."""
 
@@ -42,14 +44,14 @@ class Adaptation:
 def adaptation(candidate: Candidate, expected: float, *, noise: float = 0.0) -> Adaptation:
     """Rise, fall, floor, boundary and cap of TARC's gain, for a loop whose ball bears a slope.
 
-        ε = greatest error after the expected step,    cap = slope ε / α,    c̄ = c̲ = slope ωn,    γ = cap/100
+        ε = greatest error after the expected step,    cap = slope ε / α,    c̲ = slope ωn,    c̄ = 3 c̲,    γ = cap/100
 
     The slope α ĉ/ε is what the certificate bears, so that the cap follows from the layer ε and not the reverse. The
     layer is as wide as the error that the step to be expected leaves in the loop without the switching term: within it
-    the term is linear and chatters nowhere, and beyond it the gain is at its cap. An error of ε takes the gain from
-    nothing to its cap within 1/ωn. Rise and fall are the same, so that an error that comes and goes, and noise, which
-    makes ‖s‖ rise and fall as often, leave the gain where it was: a faster rise lets noise drive the gain to its cap,
-    where it chatters; a faster fall keeps it on its floor, where it does nothing.
+    the term is linear. An error of ε that shrinks takes the gain from its cap to nothing within 1/ωn. As ‖s‖ rises and
+    falls about as often, by noise or by the motion, it is the ratio of rise to fall that settles where the gain stays:
+    with the same for both it stays low and hardly acts, and with a rise far above the fall it stays at its cap. There
+    it does no harm, for the cap is certified; without a cap it chatters. Three to one leaves it room both ways.
 
     Parameters
     ----------
@@ -71,7 +73,7 @@ def adaptation(candidate: Candidate, expected: float, *, noise: float = 0.0) -> 
     boundary = max(expected * response, QUANTA * noise)
     cap = slope * boundary
     rate = slope * candidate.bandwidth
-    return Adaptation(rise=rate, fall=rate, floor=cap / 100, boundary=boundary, cap=cap)
+    return Adaptation(rise=RATIO * rate, fall=rate, floor=cap / 100, boundary=boundary, cap=cap)
 
 
 def expected_step(plants: Sequence[Plant], workspace: Workspace, *, samples: int = 200, seed: int = 0) -> float:

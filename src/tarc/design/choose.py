@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from tarc.certificates.workspace import Workspace, best_shape, spread
 from tarc.check import Numbers
 from tarc.design.adaptation import Adaptation, adaptation, expected_step
 from tarc.design.front import WINDOWS, Candidate, Demand, assess, candidates, front
+from tarc.design.premises import premises, weight
 from tarc.errors import TarcError
 from tarc.laws.tarc import TARC
 from tarc.laws.tdc import TDC
@@ -73,6 +75,8 @@ class Design:
         Predicted RMS of the torque that measurement noise makes, shape (n,) [N m].
     payload
         Least and greatest payload [kg].
+    budget
+        Torque noise allowed, as a share of the torque limit; None where a bandwidth was given and no budget.
     """
 
     law: TDC | TARC
@@ -87,6 +91,7 @@ class Design:
     chosen: Candidate
     torque_noise: np.ndarray
     payload: tuple[float, float] = (0.0, 0.0)
+    budget: float | None = None
 
     @property
     def front(self) -> list[Candidate]:
@@ -106,6 +111,26 @@ class Design:
         from tarc.design.scenario import scenario_of
 
         return scenario_of(self, duration)
+
+    def to_yaml(self) -> str:
+        """The scenario as YAML, each choice with its reason beside the key that it concerns, the verdict on top."""
+        from tarc.design.scenario import written
+
+        return written(self)
+
+    def save(self, path: str | Path = "design.yaml", figures: bool = True) -> list[Path]:
+        """Write what `to_yaml` gives, the certificates as JSON beside it, and figures; the files written.
+
+        Parameters
+        ----------
+        path
+            Of the YAML file; the other files have its name as the beginning of theirs.
+        figures
+            Draw `plot`'s figures and that of the law with its certificates.
+        """
+        from tarc.design.scenario import save
+
+        return save(self, path, figures)
 
     def plot(self, kind: str = "front") -> "Figure":
         """``front``: torque noise against error of all loops, with the choice; ``reach``: the spread that windows and
@@ -194,9 +219,10 @@ def design(
     workspace = Workspace.of(plant) if workspace is None else workspace
     limits = _limits(plant, torque_limit)
     sigma = _deviation(sensor, plant.joints)
-    _check_budget(bandwidth, noise, limits, sigma)
+    _check_budget(plant.joint_names, bandwidth, noise, limits, sigma)
     if bandwidth is not None:
         bandwidth = check.number("bandwidth", bandwidth, 0, strict=True)
+    held = weight(plants, workspace, limits, seed)
     trials = candidates(
         period, bandwidths=None if bandwidth is None else [bandwidth], damping=damping,
         computation_delay=check.whole("computation_delay", computation_delay),
@@ -230,8 +256,10 @@ def design(
     result = Design(
         law=made, plants=tuple(plants), workspace=workspace, sensor=sensor, certificates=certificates, choices=(),
         shape=shape, spread=ratio, candidates=tuple(looked), chosen=best, torque_noise=predicted, payload=(low, high),
+        budget=None if bandwidth is not None and noise is None else need.budget,
     )  # fmt: skip
-    return replace(result, choices=tuple(_choices(result, found, adapted, limits, need)))
+    given = [Choice(*one) for one in premises(plants, workspace, limits, held, own=torque_limit is None)]
+    return replace(result, choices=(*given, *_choices(result, found, adapted, limits, need)))
 
 
 def _with_payloads(plant: Plant, low: float, high: float) -> list[Plant]:
@@ -256,12 +284,14 @@ def _deviation(sensor: Encoder, joints: int) -> np.ndarray:
     return np.broadcast_to(np.sqrt(sensor.noise**2 + sensor.increment**2 / 12), (joints,))
 
 
-def _check_budget(bandwidth: float | None, noise: float | None, limits: np.ndarray, sigma: np.ndarray) -> None:
+def _check_budget(
+    names: Sequence[str], bandwidth: float | None, noise: float | None, limits: np.ndarray, sigma: np.ndarray
+) -> None:
     if noise is not None:
         check.number("noise", noise, 0, strict=True)
     limited = np.isfinite(limits)
     if bandwidth is None and not limited.all():
-        missing = ", ".join(str(i + 1) for i in np.flatnonzero(~limited))
+        missing = ", ".join(name for name, known in zip(names, limited, strict=True) if not known)
         raise TarcError(
             f"torque_limit: none is known for joint {missing}, so that there is no budget for torque noise; give "
             "torque_limit, or a bandwidth, at which the least noise is taken"
@@ -342,10 +372,12 @@ class _Need:
         widest = max(self.looked, key=lambda one: one.reach, default=None)
         reach = 1.0 if widest is None else widest.reach
         asked = "" if self.bandwidth is None else f" at {self.bandwidth:g} rad/s"
+        enough = reach >= (1 + ROOM) * self.demand.spread
+        gravity = "; those that bear this are not stiff enough for gravity" if enough else ""
         advice = remedies(self.plants, self.workspace, self.demand, self.looked, self.bandwidth, ROOM)
         return (
             f"design: nothing can be certified{asked}: the eigenvalues of M(q)⁻¹M̂ spread by {self.demand.spread:.3g}, "
-            f"and the loops bear at most {reach:.3g} (of which {100 * ROOM:.0f} % is kept as room). {advice}"
+            f"and the loops bear at most {reach:.3g} (of which {100 * ROOM:.0f} % is kept as room){gravity}. {advice}"
         )
 
 
@@ -430,9 +462,9 @@ def _choices(
             ),
             Choice(
                 "rise, fall",
-                f"{values.rise:.3g} 1/s³ both",
-                "an error as wide as the layer takes the gain to its cap within 1/bandwidth; with a faster rise noise "
-                "would drive it there, with a faster fall it would stay on its floor",
+                f"{values.rise:.3g}, {values.fall:.3g} 1/s³",
+                "an error as wide as the layer moves the gain between floor and cap within the time of the bandwidth; "
+                "with no more rise than fall it would stay low, and with far more at its cap",
             ),
             Choice("floor", f"{values.floor:.3g} rad/s²", "a hundredth of the cap: above zero, and no more"),
         ]

@@ -12,6 +12,7 @@ from tarc.check import Numbers
 from tarc.errors import TarcError
 from tarc.plants.base import Plant
 from tarc.plants.robot_file import (
+    check_links,
     choose_joints,
     compile_model,
     find_robot,
@@ -40,13 +41,18 @@ class MujocoPlant(Plant):
         not symmetric.
     options
         How to make this robot again: ``file`` and the other arguments of `from_file`.
+    locked
+        Why a joint of the file is locked, by its name.
+    carrier
+        What carries the payload, in words.
     """
 
     def __init__(self, spec: mujoco.MjSpec, home: dict[str, float], tool: str, payload: float, label: str):
-        body = tool_body(spec, tool, label)
-        body[0].add_body(
-            name="tarc_payload", pos=body[1], ipos=[0.0] * 3, mass=0.0, inertia=[0.0] * 3, explicitinertial=True
+        body, place, self.carrier = tool_body(spec, tool, label)
+        body.add_body(
+            name="tarc_payload", pos=place, ipos=[0.0] * 3, mass=0.0, inertia=[0.0] * 3, explicitinertial=True
         )
+        self.locked: dict[str, str] = {}
         self.model: mujoco.MjModel = compile_model(spec, label)
         self.label = label
         self.options: dict[str, Any] = {}
@@ -58,11 +64,14 @@ class MujocoPlant(Plant):
         limited, ranges = self.model.jnt_actfrclimited.astype(bool), np.abs(self.model.jnt_actfrcrange)
         self.torque_limit = np.where(limited, ranges.min(axis=1), np.inf)
         self.set_parameters(self.model, {"payload": np.array(payload)})
-        least = np.linalg.eigvalsh(self.inertia(self._home))[0]
-        if not least > 1e-9:
+        values, vectors = np.linalg.eigh(self.inertia(self._home))
+        if not values[0] > 1e-9:
+            loosest = int(np.argmax(np.abs(vectors[:, 0])))
+            link = self.model.body(int(self.model.jnt_bodyid[loosest])).name
             raise TarcError(
-                f"{label}: its inertia matrix is singular (smallest eigenvalue {least:.2g}); links without mass need "
-                "rotor inertia: give armature=0.1, or one number a joint"
+                f"{label}: its inertia matrix is singular (smallest eigenvalue {values[0]:.2g}): link {link!r} has no "
+                f"inertia about its joint {self.joint_names[loosest]}; such links need rotor inertia: give "
+                "armature=0.1, or one number a joint, or correct the link's <inertial>"
             )
 
     def _middles(self) -> np.ndarray:
@@ -119,7 +128,8 @@ class MujocoPlant(Plant):
         with without_log_file():
             spec = read_specification(file)
         names = [joints] if isinstance(joints, str) else joints
-        home = choose_joints(spec, names, file.name)
+        check_links(spec, file.name)
+        home, locked = choose_joints(spec, names, file.name)
         kept = {joint.name: joint for joint in spec.joints}
         for name, value in (("armature", armature), ("viscous", viscous), ("coulomb", coulomb)):
             if value is not None:
@@ -133,6 +143,7 @@ class MujocoPlant(Plant):
             "joints": None if names is None else list(names), "armature": armature, "viscous": viscous,
             "coulomb": coulomb, "payload": payload or None, "tool": tool, "contact": contact or None,
         }  # fmt: skip
+        plant.locked = locked
         plant.options = {"file": str(path), **{key: value for key, value in given.items() if value is not None}}
         return plant
 

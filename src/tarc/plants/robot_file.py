@@ -52,25 +52,134 @@ def compile_model(spec: mujoco.MjSpec, label: str) -> mujoco.MjModel:
         return spec.compile()
     except ValueError as error:
         if "mjMINVAL" not in str(error):
-            raise TarcError(f"{label}: MuJoCo refuses the model: {error}") from None
+            raise TarcError(_refused(spec, label, error)) from None
     spec.compiler.boundmass, spec.compiler.boundinertia = 1e-9, 1e-12
     try:
         return spec.compile()
     except ValueError as error:
-        raise TarcError(f"{label}: MuJoCo refuses the model: {error}") from None
+        raise TarcError(_refused(spec, label, error)) from None
+
+
+def _refused(spec: mujoco.MjSpec, label: str, error: ValueError) -> str:
+    """What MuJoCo has against a model; in its place the link whose inertia no body can have, where there is one."""
+    for body in spec.bodies:
+        a, b, c = moments = _moments(body)
+        if a + b < c and not spec.compiler.balanceinertia:
+            return (
+                f"{label}: the inertia of link {body.name!r} is that of no body: of its principal moments "
+                f"{_listed(moments)} kg m² the greatest is more than the sum of the others. {_INERTIA}"
+            )
+    return f"{label}: MuJoCo refuses the model: {_line(error)}"
+
+
+_INERTIA = (
+    "Correct its <inertial>: moments are taken about the centre of mass, in kg m²; a rod of mass m and length l has "
+    "m l²/12 about two axes"
+)
+
+
+def _moments(body: Any) -> np.ndarray:
+    """Principal moments of inertia that a body states [kg m²], ascending; zero where it states none."""
+    if not body.explicitinertial:
+        return np.zeros(3)
+    if np.isnan(body.fullinertia[0]):
+        return np.sort(np.asarray(body.inertia, dtype=float))
+    xx, yy, zz, xy, xz, yz = body.fullinertia
+    return np.linalg.eigvalsh(np.nan_to_num([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], nan=0.0))
+
+
+def check_links(spec: mujoco.MjSpec, label: str) -> None:
+    """Refuse masses and inertias below zero and ranges the wrong way round, which MuJoCo lets pass."""
+    for body in spec.bodies:
+        if body.explicitinertial and not (np.isfinite(body.mass) and body.mass >= 0):
+            raise TarcError(
+                f"{label}: link {body.name!r} has the mass {body.mass:g} kg; needs a number of at least 0. Correct its "
+                "<inertial>"
+            )
+        moments = _moments(body)
+        if moments[0] < -1e-9 * moments[-1] or moments[-1] < 0:
+            raise TarcError(
+                f"{label}: the inertia of link {body.name!r} is that of no body: its principal moments are "
+                f"{_listed(moments)} kg m² and none may be below 0. {_INERTIA}"
+            )
+    for joint in spec.joints:
+        if joint.range[0] > joint.range[1]:
+            raise TarcError(
+                f"{label}: the range of joint {joint.name!r} goes from {joint.range[0]:g} to {joint.range[1]:g}; needs "
+                "the lower end first"
+            )
+
+
+def _listed(numbers: Any) -> str:
+    return ", ".join(f"{one:.4g}" for one in numbers)
+
+
+def _line(error: Exception) -> str:
+    """MuJoCo's message, in one line."""
+    return " ".join(str(error).split())
+
+
+def _parsed(file: Path) -> ET.Element:
+    """The root of the file, MJCF or URDF."""
+    needs = "needs MJCF or URDF"
+    try:
+        content = file.read_bytes()
+    except OSError as error:
+        raise TarcError(f"robot file: {file} cannot be read: {error.strerror or error}") from None
+    if not content.strip():
+        raise TarcError(f"robot file: {file} is empty; {needs}")
+    try:
+        root = ET.fromstring(content)
+    except (ET.ParseError, ValueError, LookupError) as error:
+        raise TarcError(f"robot file: {file} is no XML file ({error}); {needs}") from None
+    if root.tag not in ("robot", "mujoco"):
+        raise TarcError(f"robot file: {file} has root <{root.tag}>; needs <mujoco> (MJCF) or <robot> (URDF)")
+    if any("xacro}" in str(element.tag) for element in root.iter()):
+        made = "robot.urdf" if file.name != "robot.urdf" else "plain.urdf"
+        raise TarcError(
+            f"robot file: {file} is a template of xacro; make a URDF of it first: xacro {file.name} > {made}"
+        )
+    return root
+
+
+KINDS = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar", "spherical")
+"""Joints of a URDF; spherical is MuJoCo's own."""
+
+
+def _check_tree(root: ET.Element, file: Path) -> None:
+    """Refuse joints of a URDF whose kind or whose links are unknown, which MuJoCo does not name, and equal names."""
+    for tag in ("link", "joint"):
+        names = [one.get("name", "") for one in root.findall(tag)]
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise TarcError(
+                f"robot file: {file}: the name {twice!r} stands for more than one {tag}; rename one of them"
+            )
+    links = [link.get("name", "") for link in root.findall("link")]
+    for joint in root.findall("joint"):
+        name, kind = joint.get("name"), joint.get("type")
+        if kind not in KINDS:
+            raise TarcError(
+                f"robot file: {file}: joint {name!r} is of the type {kind!r}; known are {', '.join(KINDS)}."
+                f"{check.nearest(str(kind), KINDS)}"
+            )
+        for end in ("parent", "child"):
+            part = joint.find(end)
+            link = None if part is None else part.get("link")
+            if link not in links:
+                raise TarcError(
+                    f"robot file: {file}: the {end} of joint {name!r} is {link!r}, and there is no such link."
+                    f"{check.nearest(str(link), links)}"
+                )
 
 
 def read_specification(file: Path) -> mujoco.MjSpec:
     """The file as a MuJoCo specification, actuators, keyframes aside, meshes of a URDF left out."""
-    try:
-        root = ET.parse(file).getroot()
-    except ET.ParseError as error:
-        raise TarcError(f"robot file: {file} is no XML file ({error}); needs MJCF or URDF") from None
-    if root.tag not in ("robot", "mujoco"):
-        raise TarcError(f"robot file: {file} has root <{root.tag}>; needs <mujoco> (MJCF) or <robot> (URDF)")
+    root = _parsed(file)
     try:
         if root.tag == "mujoco":
             return _without_missing_meshes(mujoco.MjSpec.from_file(str(file)), file)
+        _check_tree(root, file)
         for link in root.iter("link"):
             for tag in ("visual", "collision"):
                 for shape in link.findall(tag):
@@ -79,7 +188,7 @@ def read_specification(file: Path) -> mujoco.MjSpec:
         compiler.set("fusestatic", "false")
         return mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
     except ValueError as error:
-        raise TarcError(f"robot file: MuJoCo cannot read {file}: {error}") from None
+        raise TarcError(f"robot file: MuJoCo cannot read {file}: {_line(error)}") from None
 
 
 def _without_missing_meshes(spec: mujoco.MjSpec, file: Path) -> mujoco.MjSpec:
@@ -112,21 +221,29 @@ def _without_missing_meshes(spec: mujoco.MjSpec, file: Path) -> mujoco.MjSpec:
     return spec
 
 
-def choose_joints(spec: mujoco.MjSpec, wanted: Sequence[str] | None, label: str) -> dict[str, float]:
-    """Lock all joints but the wanted; the home posture of the file, by joint."""
+def choose_joints(
+    spec: mujoco.MjSpec, wanted: Sequence[str] | None, label: str
+) -> tuple[dict[str, float], dict[str, str]]:
+    """Lock all joints but the wanted; the home posture of the file, and why the others are locked, both by joint."""
     for number, joint in enumerate(spec.joints):
         joint.name = joint.name or f"joint{number + 1}"
     plain = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
     movable = [joint.name for joint in spec.joints if joint.type in plain]
+    leaders = {one.name1: one.name2 for one in spec.equalities if one.type == mujoco.mjtEq.mjEQ_JOINT}
     if wanted is None:
         loose = [joint.name for joint in spec.joints if joint.type not in plain]
-        if loose:
+        rest = [name for name in movable if name not in leaders]
+        if loose and rest:
             raise TarcError(
                 f"{label}: joint {loose[0]!r} is free or a ball; a law drives hinges and slides. List the joints to "
-                f"control, the others are locked: joints={movable[:3]}…"
+                f"control, the others are locked: joints={rest}, on the command line --joints {','.join(rest)}"
             )
-        followers = [equality.name1 for equality in spec.equalities if equality.type == mujoco.mjtEq.mjEQ_JOINT]
-        wanted = [name for name in movable if name not in followers]
+        if loose:
+            raise TarcError(
+                f"{label}: joint {loose[0]!r} is free or a ball, and there are no others; it has no hinge or slide "
+                "joint to control"
+            )
+        wanted = rest
     for name in wanted:
         if name not in movable:
             raise TarcError(
@@ -136,6 +253,9 @@ def choose_joints(spec: mujoco.MjSpec, wanted: Sequence[str] | None, label: str)
         raise TarcError(f"{label}: joints: got {list(wanted)}; names one of them twice")
     if not wanted:
         raise TarcError(f"{label}: it has no hinge or slide joint to control")
+    locked = {
+        joint.name: _why_locked(joint, leaders, plain) for joint in spec.joints if joint.name not in wanted
+    }  # fmt: skip
     posture = _home(spec)
     for group in (spec.keys, spec.equalities, spec.sensors, spec.tendons):
         for element in list(group):
@@ -153,7 +273,15 @@ def choose_joints(spec: mujoco.MjSpec, wanted: Sequence[str] | None, label: str)
         elif joint.name in limits and joint.actfrcrange[1] <= 0:
             joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_TRUE
             joint.actfrcrange = [-limits[joint.name], limits[joint.name]]
-    return posture
+    return posture, locked
+
+
+def _why_locked(joint: Any, leaders: dict[str, str], plain: tuple[Any, ...]) -> str:
+    if joint.type not in plain:
+        return "free or a ball"
+    if joint.name in leaders:
+        return f"mimics {leaders[joint.name]}" if leaders[joint.name] else "held by the file"
+    return "not listed"
 
 
 def _home(spec: mujoco.MjSpec) -> dict[str, float]:
@@ -185,20 +313,24 @@ def set_joint(joint: Any, name: str, value: float) -> None:
         joint.damping = [value, 0.0, 0.0]
 
 
-def tool_body(spec: mujoco.MjSpec, tool: str, label: str) -> tuple[Any, Any]:
-    """Body that carries the payload, and where on it."""
+def tool_body(spec: mujoco.MjSpec, tool: str, label: str) -> tuple[Any, Any, str]:
+    """Body that carries the payload, where on it, and that in words."""
     sites = {site.name: site for site in spec.sites}
     if (tool or "tool") in sites:
         site = sites[tool or "tool"]
-        return site.parent, site.pos
+        return site.parent, site.pos, f"site {site.name}"
     bodies = {body.name: body for body in spec.bodies}
     if tool:
         if tool not in bodies:
-            raise TarcError(f"{label}: tool {tool!r} is no body or site of it.{check.nearest(tool, [*sites, *bodies])}")
-        return bodies[tool], [0.0, 0.0, 0.0]
+            known = [*sites, *(name for name in bodies if name != "world")]
+            raise TarcError(
+                f"{label}: tool {tool!r} is no body or site of it.{check.nearest(tool, known)} It has "
+                f"{', '.join(known)}"
+            )
+        return bodies[tool], [0.0, 0.0, 0.0], f"link {tool}"
     last = list(spec.joints)[-1].parent
     while True:
         children = list(last.bodies)
         if not children:
-            return last, [0.0, 0.0, 0.0]
+            return last, [0.0, 0.0, 0.0], f"link {last.name}, the last one"
         last = children[0]

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from tarc import check
 
@@ -126,6 +127,10 @@ def _errors(axes: Axes, runs: dict[str, "Run"], line: float) -> None:
     low = min(float(np.percentile(error, 1)) for error in steady) * 1e3
     high = max(float(np.max(error)) for error in steady) * 1e3
     axes.set_ylim(max(low, 1e-6) / 2, max(high, 1e-5) * 2)
+    few = high < 100 * low
+    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if few else (1,)))
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter(NullFormatter())
     _legend(axes)
     axes.grid(alpha=0.3)
     axes.margins(x=0)

@@ -4,8 +4,9 @@ import inspect
 import json
 import math
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -20,6 +21,10 @@ from tarc.run import Run
 from tarc.scenario import Scenario, shipped_scenarios
 from tarc.schema import SECTIONS, catalogue, parameters
 from tarc.study.compare import Comparison
+
+if TYPE_CHECKING:
+    from tarc.design.choose import Design
+    from tarc.design.limits import Limit
 
 MEASURES = {
     "rms_error": ("RMS error", 1e3, "mrad", "m"),
@@ -207,6 +212,77 @@ def print_comparison(comparison: Comparison, files: list[Path]) -> None:
     for name, reason in comparison.failures.items():
         console.print(f"{name} did not run: {escape(reason)}")
     console.print("written: " + ", ".join(escape(str(file)) for file in files), soft_wrap=True)
+
+
+def design_summary(design: "Design", files: list[Path], limits: dict[str, "Limit"]) -> dict[str, Any]:
+    """A design as plain data, ready for JSON; its certificates are in the files."""
+    from tarc.design.scenario import sections
+
+    verdict, content = design.certificates["robot"], sections(design)
+    return {
+        "name": content["name"],
+        "verdict": verdict.verdict,
+        "margin": verdict.margin,
+        "margin_meaning": verdict.margin_meaning,
+        "spread": design.spread,
+        "choices": {one.name: {"value": one.value, "why": one.why} for one in design.choices},
+        "law": content["law"],
+        "estimator": content["estimator"],
+        "torque_noise": {name: {"rms": rms, "share": share} for name, rms, share in _noise(design)},
+        "limits": {
+            name: {"value": one.value, "unit": one.unit, "explanation": one.explain()} for name, one in limits.items()
+        },
+        "files": [str(file) for file in files],
+    }
+
+
+def _noise(design: "Design") -> list[tuple[str, float, float | None]]:
+    """Joint, predicted RMS of its torque noise and that as a share of its limit, None where it has none."""
+    known = np.inf if design.law.torque_limit is None else np.asarray(design.law.torque_limit, dtype=float)
+    shares = [float(one) or None for one in design.torque_noise / known]
+    return list(zip(design.plants[0].joint_names, design.torque_noise.tolist(), shares, strict=True))
+
+
+def print_design(design: "Design", files: list[Path]) -> None:
+    """What was chosen and why, the verdict, the torque noise to be expected, and where the files are."""
+    from tarc.design.scenario import name_of
+
+    console = Console()
+    title = f"{type(design.law).__name__} for {name_of(design.plants[0])}, {1 / design.law.period:g} Hz"
+    table = Table(title=title, title_justify="left", show_lines=True)
+    table.add_column("choice", width=12)
+    table.add_column("value", max_width=24)
+    table.add_column("why")
+    for one in design.choices:
+        style = "yellow" if one.why.startswith("WARNING") else None
+        table.add_row(*(escape(text) for text in (one.name, one.value, one.why)), style=style)
+    console.print(table)
+    verdict = design.certificates["robot"]
+    console.print(f"[green]{verdict.verdict}[/]: {escape(verdict.claim)}", highlight=False)
+    console.print(f"margin {verdict.margin:.3g}, {escape(verdict.margin_meaning)}", highlight=False)
+    units = ["N" if unit == "m" else "N m" for unit in design.plants[0].joint_units]
+    noise = [
+        f"{escape(name)} {rms:.3g} {unit}" + ("" if share is None else f" ({100 * share:.2g} %)")
+        for (name, rms, share), unit in zip(_noise(design), units, strict=True)
+    ]
+    console.print(f"predicted torque noise, RMS (of the limit): {', '.join(noise)}", highlight=False)
+    loudest = max((share for _, _, share in _noise(design) if share is not None), default=0.0)
+    if design.budget is not None and loudest > 1.0001 * design.budget:
+        console.print(
+            f"[yellow]torque noise is above the {100 * design.budget:.3g} % aimed at, for no certified loop makes so "
+            f"little: an encoder with {math.ceil(math.log2(loudest / design.budget))} more bits would, and more rotor "
+            "inertia, less payload or a smaller reach lower it[/]",
+            highlight=False,
+        )
+    console.print("written: " + ", ".join(escape(str(file)) for file in files), soft_wrap=True)
+
+
+def print_limits(limits: dict[str, "Limit"]) -> None:
+    """How far a design can be pushed, a line a question."""
+    console = Console()
+    console.print("\nhow far each may change by itself, the gains unchanged:")
+    for one in limits.values():
+        console.print(escape(one.explain()), highlight=False)
 
 
 def _entries() -> dict[str, dict[str, Any]]:

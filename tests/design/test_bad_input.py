@@ -1,0 +1,300 @@
+"""Every refusal of ``tarc design`` says what came, what is allowed and what to do; and nothing is computed or lost."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from tarc import TarcError, plants
+from tarc.cli import app
+from tarc.design import design
+from tarc.design.premises import premises, weight, within
+from tarc.plants import MujocoPlant
+from tarc.signals import Encoder
+from urdf import arm, joint, link, robot
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture(autouse=True)
+def cheap(monkeypatch):
+    """Nothing that is refused may have been designed first."""
+
+    def never(*_, **__):
+        raise AssertionError("the search began")
+
+    monkeypatch.setattr("tarc.design.choose.assess", never)
+
+
+def refused(text, *options, name="arm.urdf"):
+    """The message for a file with this text; None for no file at all."""
+    if text is not None:
+        Path(name).write_text(text)
+    done = CliRunner().invoke(app, ["design", name, *map(str, options)])
+    assert isinstance(done.exception, TarcError), (done.output, done.exception)
+    message = str(done.exception)
+    assert "\n" not in message
+    assert not Path("design.yaml").exists()
+    return message
+
+
+EFFORTLESS = '<limit lower="-2" upper="2" velocity="3"/>'
+FREE = joint("base_free", "base", "upper", "floating", "")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", r"arm\.urdf is empty; needs MJCF or URDF"),
+        ("name: arm\n", r"arm\.urdf is no XML file .*; needs MJCF or URDF"),
+        ("<sdf/>", r"root <sdf>; needs <mujoco> \(MJCF\) or <robot> \(URDF\)"),
+        (
+            '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm/></robot>',
+            r"template of xacro; make a URDF of it first: xacro arm\.urdf > robot\.urdf",
+        ),
+        (robot(link("base")), "no hinge or slide joint to control"),
+        (arm(elbow=joint("elbow", "upper", "fore", "hinge")), "'elbow' is of the type 'hinge'; known are revolute, "),
+        (arm(elbow=joint("elbow", "uper", "fore")), "parent of joint 'elbow' is 'uper', .* Did you mean 'upper'"),
+        (arm(elbow=joint("shoulder", "upper", "fore")), "name 'shoulder' stands for more than one joint; rename one"),
+        (arm(upper=link("upper", mass="heavy")), r"MuJoCo cannot read arm\.urdf: .* 'mass'"),
+    ],
+)
+def test_what_is_no_robot(text, message):
+    assert re.search(message, refused(text))
+
+
+def test_a_file_that_is_not_there():
+    message = refused(None, name="amr.urdf")
+    assert "'amr.urdf' not found" in message
+    assert "panda, ur5e" in message
+
+
+def test_a_free_base_is_refused_with_the_joints_to_list():
+    message = refused(arm(shoulder=FREE, more=link("hand") + joint("wrist", "fore", "hand")))
+    assert "joint 'base_free' is free or a ball; a law drives hinges and slides" in message
+    assert "the others are locked" in message
+    assert message.endswith("--joints elbow,wrist")
+
+
+def test_a_free_base_alone():
+    text = robot(link("base"), link("upper"), FREE)
+    assert "there are no others; it has no hinge or slide joint" in refused(text)
+
+
+@pytest.mark.parametrize(
+    ("upper", "message"),
+    [
+        (link("upper", mass=-1), "link 'upper' has the mass -1 kg; needs a number of at least 0. Correct"),
+        (link("upper", mass="nan"), "link 'upper' has the mass nan kg"),
+        (
+            link("upper", moments=(0.02, -0.02, 0.02)),
+            "inertia of link 'upper' .* principal moments are -0.02, 0.02, 0.02 kg m² and none may be below 0. Correct",
+        ),
+        (
+            link("upper", moments=(0.02, 0.5, 0.02)),
+            "inertia of link 'upper' .* 0.02, 0.02, 0.5 kg m² the greatest is more than the sum of the others. Correct",
+        ),
+    ],
+)
+def test_an_inertia_that_no_body_has(upper, message):
+    assert re.search(message, refused(arm(upper=upper)))
+
+
+@pytest.mark.parametrize(
+    "fore",
+    [link("fore", mass=0, moments=(0, 0, 0)), link("fore", moments=(0, 0, 0), centre=0), '<link name="fore"/>'],
+    ids=["no mass", "a point on the axis", "no inertial"],
+)
+def test_a_link_without_inertia(fore):
+    message = refused(arm(fore=fore))
+    assert "link 'fore' has no inertia about its joint elbow" in message
+    assert "give armature=0.1" in message
+
+
+def test_mass_below_zero_in_mjcf():
+    text = (
+        '<mujoco><worldbody><body name="link"><joint name="hinge"/>'
+        '<inertial pos="0 0 0" mass="-2" diaginertia="1 1 1"/></body></worldbody></mujoco>'
+    )
+    assert "link 'link' has the mass -2 kg" in refused(text, name="arm.xml")
+
+
+def test_ranges():
+    upside = '<limit lower="2" upper="-2" effort="80" velocity="3"/>'
+    message = refused(arm(elbow=joint("elbow", "upper", "fore", inside=upside)))
+    assert "range of joint 'elbow' goes from 2 to -2; needs the lower end first" in message
+    endless = joint("slide", "base", "upper", "prismatic", '<limit effort="80" velocity="3"/>')
+    message = refused(arm(shoulder=endless))
+    assert "the slide slide [m] has no range in the file; write one there" in message
+    assert "give a reach from the home posture" in message
+
+
+def test_a_reach_stands_in_for_a_range_that_is_missing(folder):
+    (folder / "arm.urdf").write_text(
+        arm(shoulder=joint("slide", "base", "upper", "prismatic", '<limit effort="80" velocity="3"/>'))
+    )
+    box = within(MujocoPlant.from_file("arm.urdf"), 0.3)
+    assert box.low.tolist() == [-0.3, -0.3]
+
+
+@pytest.mark.parametrize("limit", [EFFORTLESS, '<limit lower="-2" upper="2" velocity="3" effort="0"/>'])
+def test_torque_limits_missing(limit):
+    text = arm(elbow=joint("elbow", "upper", "fore", inside=limit))
+    message = refused(text)
+    assert message.startswith("torque_limit: none is known for joint elbow, so that there is no budget")
+    assert "give torque_limit, or a bandwidth" in message
+
+
+def test_noise_without_any_torque_limit():
+    text = arm(
+        elbow=joint("elbow", "upper", "fore", inside=EFFORTLESS),
+        shoulder=joint("shoulder", "base", "upper", inside=EFFORTLESS),
+    )
+    message = refused(text, "--noise", 0.02, "--bandwidth", 10)
+    assert "noise: it is a share of the torque limit, and none is known; give torque_limit too" in message
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--payload", 5, 0], r"payload: got 5 to 0 kg; needs the least one first"),
+        (["--payload", -1, 5], r"payload: got -1; needs a finite number of at least 0"),
+        (["--tool", "frk"], r"tool 'frk' is no body or site of it\..* It has base, upper, fore"),
+        (["--joints", "elbow,wirst"], r"no hinge or slide 'wirst'; it has shoulder, elbow"),
+        (["--encoder-bits", 0], r"--encoder-bits: got 0; needs a whole number from 1 to 52"),
+        (["--encoder-bits", 99], r"--encoder-bits: got 99; needs a whole number from 1 to 52"),
+        (["--reach", 0], r"reach: got 0; needs a finite number above 0"),
+        (["--reach", -0.5], r"reach: got -0.5; needs a finite number above 0"),
+        (["--rate", 0], r"--rate: got 0; needs a finite number above 0"),
+        (["--bandwidth", -3], r"bandwidth: got -3; needs a finite number above 0"),
+        (["--damping", 0], r"damping: got 0; needs a finite number above 0"),
+        (["--noise", 5], r"--noise: got 5; needs a share of the torque limit, such as 0.02 for 2 %"),
+        (["--law", "pid"], r"--law: got 'pid'; known are tarc, tdc"),
+        (["--computation-delay", -1], r"computation_delay: got -1; needs a whole number of at least 0"),
+        (["--torque-limit", "80,x"], r"--torque-limit: got '80,x'; needs one number, or one a joint with commas"),
+        (["--torque-limit", "80,80,80"], r"torque_limit: got shape \(3,\); needs one number or 2 of them"),
+        (["--torque-limit", "0"], r"torque_limit: got \[0.0, 0.0\]; each must be above 0"),
+        (["--armature", "-0.1"], r"armature: got \[-0.1, -0.1\]; each must be at least 0"),
+        (["--samples", 0], r"samples: got 0; needs a whole number of at least 1"),
+        (["-o", "design.json"], r"out: got 'design.json'; needs the name of a YAML file, such as design\.yaml"),
+        (["-o", "arm.urdf/design.yaml"], r"out: cannot write arm\.urdf/design\.yaml: .*; choose another folder"),
+    ],
+)
+def test_options_at_fault(options, message):
+    assert re.search(message, refused(arm(), *options))
+
+
+def test_one_number_for_the_payload_is_a_matter_of_usage(folder):
+    (folder / "arm.urdf").write_text(arm())
+    done = CliRunner().invoke(app, ["design", "arm.urdf", "--payload", "5"])
+    assert done.exit_code == 2
+    assert "--payload" in done.output
+
+
+def test_a_perfect_encoder_needs_a_bandwidth(folder):
+    (folder / "arm.urdf").write_text(arm())
+    with pytest.raises(
+        TarcError, match="sensor: with a perfect one .* give bits, a resolution or noise, or a bandwidth"
+    ):
+        design(MujocoPlant.from_file("arm.urdf"), sensor=Encoder())
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Flywheel(plants.EulerLagrange):
+    """A robot of one's own that knows of no payload."""
+
+    mass: float = 1.0
+
+    def validate(self):
+        pass
+
+    @property
+    def joints(self):
+        return 1
+
+    def kinetic_energy(self, q, dq, p):
+        return p.mass * dq[0] ** 2 / 2
+
+    def potential_energy(self, q, p):
+        return 0.0 * q[0]
+
+
+def test_a_robot_that_carries_no_payload():
+    with pytest.raises(TarcError, match="payload: .* has no such parameter; leave it out, or use a robot from a file"):
+        design(Flywheel(), payload=(0.0, 2.0), torque_limit=30.0)
+
+
+# stretched out to the side at home: 1 kg at 0.2 m and at 0.6 m on the shoulder, 1 kg at 0.2 m on the elbow
+SIDEWAYS = arm().replace('<origin xyz="0 0 0.4"/>', '<origin xyz="0 0 0.4" rpy="0 1.5707963 0"/>', 1)
+
+
+def test_too_weak_for_its_own_weight_at_home():
+    message = refused(SIDEWAYS, "--torque-limit", "7,5")
+    assert (
+        "torque_limit: the robot cannot hold itself in its home posture q = (0, 0): joint shoulder needs 7.85"
+        in message
+    )
+    assert "its limit is 7 N m" in message
+    assert "a torque limit above 7.85" in message
+    assert "payload" not in message
+
+
+def test_too_weak_for_the_payload_at_home():
+    """Each kilogram at the tool, the origin of the last link 0.4 m out, adds 3.92 N m: 15.7 at 2 kg, 10 at 0.548 kg."""
+    message = refused(SIDEWAYS, "--torque-limit", 10, "--payload", 0, 2)
+    assert "with 2 kg at the tool: joint shoulder needs 15.7 and its limit is 10 N m" in message
+    assert "a payload of at most 0.54 kg; a torque limit above 15.7" in message
+
+
+def test_too_weak_elsewhere_is_a_warning(folder):
+    (folder / "arm.urdf").write_text(arm())  # upright at home
+    plant = MujocoPlant.from_file("arm.urdf")
+    limits = np.array([7.0, 5.0])
+    held = weight([plant], within(plant), limits)
+    assert held is not None
+    assert held.at_home == pytest.approx(0, abs=1e-9)
+    assert 1 < held.load < 7.85 / 7 + 1e-6
+    assert 0 < held.beyond < 0.5
+    (_, value, why) = premises([plant], within(plant), limits, held, own=False)[-1]
+    assert re.fullmatch(r"at most 1\d\d % of the torque limit", value)
+    assert why.startswith("WARNING: joint shoulder takes 7.")
+    assert "which the certificate excludes: keep away" in why
+
+
+def test_what_the_file_leaves_open_is_said(folder):
+    endless = joint("shoulder", "base", "upper", "continuous", '<limit effort="80" velocity="3"/>')
+    mimic = joint("finger", "fore", "tip", inside='<limit lower="0" upper="1" effort="9"/><mimic joint="elbow"/>')
+    fixed = joint("flange", "fore", "plate", "fixed", "")
+    (folder / "arm.urdf").write_text(arm(shoulder=endless, more=link("tip") + mimic + link("plate", 0.1) + fixed))
+    plant = MujocoPlant.from_file("arm.urdf", joints=None)
+    assert plant.joint_names == ["shoulder", "elbow"]
+    box = within(plant)
+    found = {name: (value, why) for name, value, why in premises([plant], box, plant.torque_limit, None, own=True)}
+    assert found["robot"][0] == "arm.urdf, 2 joints"
+    assert "driven: shoulder, elbow; locked at zero: finger (mimics elbow)" in found["robot"][1]
+    assert "no rotor inertia is known" in found["robot"][1]
+    assert found["workspace"][0] == "all that the joints reach"
+    assert "shoulder -3.142 to 3.142; elbow -2 to 2" in found["workspace"][1]
+    assert "no range in the file for shoulder, which is taken to ±π, a whole turn" in found["workspace"][1]
+    near = {name: why for name, _, why in premises([plant], within(plant, 0.5), plant.torque_limit, None, own=True)}
+    assert "each joint -0.5 to 0.5" in near["workspace"]
+
+
+def test_where_the_payload_hangs_is_said(folder):
+    (folder / "arm.urdf").write_text(arm())
+    for tool, words in ((None, "link fore, the last one"), ("upper", "link upper")):
+        plant = MujocoPlant.from_file("arm.urdf", tool=tool)
+        heavy = [plant.with_parameters({"payload": mass}) for mass in (0.0, 3.0)]
+        found = {
+            name: (value, why)
+            for name, value, why in premises(heavy, within(plant), plant.torque_limit, None, own=True)
+        }
+        assert found["payload"][0] == "0 to 3 kg"
+        assert found["payload"][1].startswith(f"at {words};")

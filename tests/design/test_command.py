@@ -1,0 +1,295 @@
+"""``tarc design``, from a robot's file to a scenario that runs and certifies again."""
+
+import importlib
+import json
+import re
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from rich.cells import cell_len
+from typer.testing import CliRunner
+
+import tarc.design
+from tarc import TarcError, plants
+from tarc.certificates import Certificate
+from tarc.cli import app
+from tarc.design import Design, Limit, design
+from tarc.design.scenario import BESIDE, written
+from tarc.scenario import Scenario
+from urdf import arm, joint, link
+
+ENDLESS = '<limit effort="80" velocity="3"/>'
+FINGER = joint("finger", "fore", "tip", inside='<limit lower="0" upper="1" effort="9"/><mimic joint="elbow"/>')
+ROBOT = arm(
+    shoulder=joint("shoulder", "base", "upper", "continuous", ENDLESS),
+    elbow=joint("elbow", "upper", "fore", inside='<limit lower="-2" upper="2" effort="40" velocity="3"/>'),
+    more=link("tip", 0.1) + FINGER,
+)
+ASKED = ["--payload", "0", "1", "--armature", "0.1", "--samples", "60", "--encoder-bits", "19"]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def coarse():
+    """Few loops to choose from, so that a design takes a second."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(importlib.import_module("tarc.design.choose"), "WINDOWS", (4, 8))
+        front = importlib.import_module("tarc.design.front")
+        patch.setattr(front, "BANDWIDTHS", (4.0, 8.0, 14.0))
+        patch.setattr(front, "CENTRES", np.geomspace(0.02, 1.2, 12))
+        yield
+
+
+def call(*arguments, folder, status=0):
+    """The command, run in a folder."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        patch.setattr("sys.argv", ["tarc", *arguments])
+        patch.setenv("COLUMNS", "80")
+        done = CliRunner().invoke(app, list(arguments))
+    if status == 0:
+        assert done.exit_code == 0, (done.output, done.exception)
+    return done
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """The folder in which a robot was designed for, and what was printed."""
+    folder = tmp_path_factory.mktemp("arm")
+    (folder / "arm.urdf").write_text(ROBOT)
+    done = call("design", "arm.urdf", *ASKED, "-o", "out.yaml", folder=folder)
+    return folder, done.stdout
+
+
+@pytest.fixture(scope="module")
+def result():
+    """A design in Python, of a robot without a file."""
+    robot = plants.TwoLinkArm(viscous=0.5)
+    return design(robot, law="TDC", payload=(0.0, 0.5), torque_limit=[100.0, 50.0], diagonal=True, samples=60)
+
+
+def comments(text):
+    """By path, such as law.inertia, the comment above the key."""
+    found, above, section = {}, [], ""
+    for line in text.splitlines():
+        if line.strip().startswith("#"):
+            above.append(line.strip()[1:].strip())
+        elif match := re.match(r"( *)(\w+):", line):
+            section = section if match[1] else match[2]
+            found[f"{section}.{match[2]}" if match[1] else section] = " ".join(above)
+            above = []
+        else:
+            above = []
+    return found
+
+
+def test_what_is_written_is_what_is_said(made):
+    folder, printed = made
+    names = ["out.yaml", "out-certificates.json", "out-front.png", "out-reach.png", "out-law.png"]
+    assert printed.splitlines()[-1] == "written: " + ", ".join(names)
+    assert {file.name for file in folder.iterdir()} == {"arm.urdf", *names}
+    assert all((folder / name).read_bytes().startswith(b"\x89PNG") for name in names if name.endswith("png"))
+
+
+def test_the_table_fits_a_terminal_and_tells_each_choice(made):
+    _, printed = made
+    assert max(cell_len(line.rstrip()) for line in printed.splitlines()[:-1]) <= 80
+    first = {line.split("│")[1].strip() for line in printed.splitlines() if line.startswith("│")}
+    assert {"robot", "payload", "weight", "inertia", "window", "bandwidth", "rise, fall", "floor"} <= first
+    assert "certified: TARC keeps the robot stable" in printed
+    assert re.search(r"margin 0\.\d+, radius of the ball", printed)
+    assert re.search(r"predicted torque noise, .*: shoulder [\d.]+ N m \([\d.]+ %\), elbow", printed.replace("\n", " "))
+
+
+def test_the_scenario_runs_from_anywhere(made, tmp_path, monkeypatch):
+    folder, _ = made
+    moved = tmp_path / "moved"
+    shutil.copytree(folder, moved)
+    monkeypatch.chdir(tmp_path)
+    for place in (folder, moved):
+        scenario = Scenario.load(place / "out.yaml", ["duration=1.2", "measure_from=0.4", "disturbance.0.at=0.6"])
+        assert scenario.robot["file"] == str(place / "arm.urdf")
+    (run,) = scenario.run(progress=False).values()
+    assert run.status.completed
+    assert run.status.saturated == 0
+    assert run.metrics(start=0.4)["rms_error"] < 0.02
+
+
+def test_it_certifies_again_over_the_full_range(made, tmp_path):
+    folder, _ = made
+    path = str(folder / "out.yaml")
+    done = call("certify", path, "--full-range", "--samples", "150", "--json", "--no-figures", folder=tmp_path)
+    again = json.loads(done.stdout)["certificates"]["TARC"]["robot"]
+    before = Certificate.from_json(json.dumps(json.loads((folder / "out-certificates.json").read_text())["robot"]))
+    assert before.verify()
+    assert before.verdict == again["verdict"] == "certified"
+    assert again["numbers"]["least ratio"] == pytest.approx(before.numbers["least ratio"], rel=0.02)
+
+
+def test_each_choice_stands_above_its_key(made):
+    folder, printed = made
+    text = (folder / "out.yaml").read_text()
+    above, content = comments(text), yaml.safe_load(text)
+    chosen = {line.split("│")[1].strip() for line in printed.splitlines() if line.startswith("│")} - {"", "choice"}
+    for name, path in BESIDE.items():
+        if name in chosen:
+            assert f"{name}: " in above[".".join(path)], name
+    assert "locked at zero: finger (mimics elbow)" in above["robot.file"]
+    assert "no range in the file for shoulder, which is taken to ±π" in above["reference"]
+    assert content["robot"] == {"file": "arm.urdf", "armature": 0.1, "payload": 0.0}
+    assert content["law"]["damping"] == 1.0
+    assert content["law"]["synchronised"] in (True, False)
+    assert "delay" in content["law"]
+    assert max(len(line) for line in text.splitlines() if line.lstrip().startswith("#")) <= 112
+
+
+def test_on_top_is_how_it_was_made_and_the_verdict(made):
+    folder, _ = made
+    head = (folder / "out.yaml").read_text().split("\n\n")[0]
+    assert head.startswith(f"# Made by: tarc design arm.urdf {' '.join(ASKED)} -o out.yaml\n")
+    for part in (
+        "# Verdict: certified; radius of the ball",
+        "# Certificates: out-certificates.json",
+        "# Run it: tarc run out.yaml. Certify it again: tarc certify out.yaml --full-range",
+    ):
+        assert part in head
+
+
+def test_json_and_a_part_of_the_workspace(made, tmp_path):
+    folder, _ = made
+    arguments = ["design", str(folder / "arm.urdf"), *ASKED, "--reach", "0.5", "--law", "tdc", "--json", "--no-figures"]
+    found = json.loads(call(*arguments, folder=tmp_path).stdout)
+    assert found["verdict"] == "certified"
+    assert found["margin"] > 0
+    assert found["law"]["kind"] == "TDC"
+    assert found["choices"]["workspace"]["value"] == "a part of what the joints reach"
+    assert set(found["torque_noise"]) == {"shoulder", "elbow"}
+    assert found["files"] == ["design.yaml", "design-certificates.json"]
+    content = yaml.safe_load((tmp_path / "design.yaml").read_text())
+    assert content["robot"]["file"] == str(folder / "arm.urdf")  # not in the folder of the scenario
+    assert np.max(np.abs(content["reference"]["offset"]) + content["reference"]["amplitude"]) <= 0.5
+    assert "tarc certify design.yaml --tube 0.01" in (tmp_path / "design.yaml").read_text()
+
+
+def test_the_same_in_python(result, tmp_path):
+    files = result.save(tmp_path / "two" / "links.yml", figures=False)
+    assert [file.name for file in files] == ["links.yml", "links-certificates.json"]
+    text = result.to_yaml()
+    assert text.startswith("# Made by: tarc.design.design\n")
+    content = yaml.safe_load(text)
+    assert content["robot"]["kind"] == "TwoLinkArm"
+    assert content["robot"]["viscous"] == [0.5, 0.5]
+    assert len(content["law"]["inertia"]) == 2  # a diagonal as such
+    scenario = Scenario.load(files[0])
+    plant, reference = scenario.build_plant(), scenario.build_reference()
+    (law,) = scenario.build_laws(plant, reference).values()
+    assert np.allclose(law.M, result.law.M, rtol=1e-7)
+    for name in ("bandwidth", "damping", "synchronised", "delay_periods", "period"):
+        assert getattr(law, name) == getattr(result.law, name), name
+    assert law.estimator.samples == result.law.estimator.samples
+
+
+def test_what_cannot_be_written_says_so(result, tmp_path):
+    (tmp_path / "taken").write_text("a file, not a folder")
+    with pytest.raises(TarcError, match="out: cannot write .*taken/design.yaml: .*; choose another folder"):
+        result.save(tmp_path / "taken" / "design.yaml")
+    assert result.save(tmp_path, figures=False)[0] == tmp_path / "design.yaml"
+
+
+def test_choices_without_a_key_stand_on_top(result):
+    choice = replace(result.choices[0], name="colour", value="blue", why="it goes with the arm")
+    head = written(replace(result, choices=(choice,))).split("\n\n")[0]
+    assert "# colour: blue; it goes with the arm" in head
+
+
+def test_the_front_shows_the_budget_and_plain_numbers(result):
+    (axes,) = result.plot("front").axes
+    labels = axes.get_legend_handles_labels()[1]
+    assert "budget, 1 %" in labels
+    assert "chosen" in labels
+    (line,) = [one for one in axes.get_lines() if one.get_label() == "budget, 1 %"]
+    assert line.get_xdata()[0] == pytest.approx(1.0)
+    for axis in (axes.xaxis, axes.yaxis):
+        low, high = axis.get_view_interval()
+        texts = [axis.get_major_formatter()(tick) for tick in axis.get_majorticklocs() if low <= tick <= high]
+        assert len(texts) >= 2
+        assert all(re.fullmatch(r"[\d.]+(e[-+]\d+)?", text) for text in texts), texts
+    assert axes.get_title() == "TwoLinkArm, 0 to 0.5 kg: TDC at 1000 Hz"
+    star = next(one for one in axes.get_lines() if one.get_label() == "chosen")
+    level = 100 * np.max(result.torque_noise / np.array([100.0, 50.0]))
+    assert star.get_xdata()[0] == pytest.approx(level)
+
+
+def test_the_map_has_a_panel_a_kind_and_one_bandwidth_gives_lines(result):
+    both = result.plot("reach")
+    assert [axes.get_title() for axes in both.axes[:2]] == [
+        f"{word}, degree {result.chosen.degree}" for word in ("literal", "synchronised")
+    ]
+    speed = result.chosen.bandwidth
+    some = tuple(one for one in result.candidates if one.bandwidth == speed)
+    (axes,) = replace(result, candidates=some, budget=None).plot("reach").axes
+    assert f"{speed:.4g} rad/s" in axes.get_ylabel()
+    labels = axes.get_legend_handles_labels()[1]
+    assert "chosen" in labels
+    assert f"the robot's spread, {result.spread:.3g}" in labels
+    (front,) = replace(result, candidates=some, budget=None).plot("front").axes
+    assert not any("budget" in label for label in front.get_legend_handles_labels()[1])
+
+
+def test_figures_of_a_single_joint(tmp_path):
+    """Its spread is 1, so that no line of the map is the robot's."""
+    made = design(plants.Pendulum(), torque_limit=30.0, samples=20)
+    assert isinstance(made, Design)
+    for kind in ("front", "reach"):
+        made.plot(kind).savefig(tmp_path / f"{kind}.png")
+    assert "white line" not in made.plot("reach").get_suptitle()
+
+
+def test_limits_are_asked_for(made, monkeypatch):
+    folder, _ = made
+    answer = {"payload": Limit(name="payload", value=2.5, verdict="certified, 1 % to spare")}
+    monkeypatch.setattr(tarc.design, "limits", lambda _: answer)
+    arguments = ["design", "arm.urdf", *ASKED, "--limits", "--no-figures", "-o", "other.yaml"]
+    assert "payload: 2.5 kg, certified" in call(*arguments, folder=folder).stdout
+    found = json.loads(call(*arguments, "--json", folder=folder).stdout)["limits"]["payload"]
+    assert found["value"] == 2.5
+    for name in ("other.yaml", "other-certificates.json"):
+        (folder / name).unlink()
+
+
+def test_too_fast_for_the_rate_says_both_ways_out(made, tmp_path):
+    """The bandwidth and the rate that the message names do, and a little more than either does not."""
+    folder, _ = made
+    arguments = ["design", str(folder / "arm.urdf"), *ASKED, "--no-figures"]
+    message = str(call(*arguments, "--bandwidth", "200", "--rate", "500", folder=tmp_path, status=1).exception)
+    assert message.startswith("design: nothing can be certified at 200 rad/s: ")
+    found = re.search(r"a bandwidth of at most ([\d.]+) rad/s; a rate of at least ([\d.]+) Hz", message)
+    assert found, message
+    bandwidth, rate = float(found[1]), float(found[2])
+    assert 2 < bandwidth < 200
+    # but for gravity, what a loop bears depends on the bandwidth times the period
+    assert bandwidth * rate == pytest.approx(200 * 500, rel=0.2)
+    for within in (["--bandwidth", found[1], "--rate", "500"], ["--bandwidth", "200", "--rate", found[2]]):
+        assert "certified" in call(*arguments, *within, "-o", "slower.yaml", folder=tmp_path).stdout
+    assert not (tmp_path / "design.yaml").exists()
+
+
+def test_a_bandwidth_and_a_budget_that_exclude_each_other(made, tmp_path):
+    folder, _ = made
+    arguments = ["design", str(folder / "arm.urdf"), *ASKED, "--no-figures", "--bandwidth", "8", "--noise", "0.00001"]
+    message = str(call(*arguments, folder=tmp_path, status=1).exception)
+    assert re.match(
+        r"bandwidth, noise: at 8 rad/s the least torque noise is [\d.]+ % of the limit and 0.001 % was asked for; "
+        r"lower the bandwidth, allow [-e\d.]+, or take \d+ more bits",
+        message,
+    )
+
+
+def test_help_teaches(tmp_path):
+    text = call("design", "--help", folder=tmp_path).stdout
+    assert "Example: tarc design ur5e --payload 0 5 --armature 0.1 -o design.yaml" in text
+    for option in ("--payload", "--encoder-bits", "--rate", "--reach", "--noise", "--torque-limit", "--limits"):
+        assert option in text
+    assert "LOW HIGH" in text
