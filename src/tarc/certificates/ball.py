@@ -288,10 +288,13 @@ def best_centre(parts: tuple[Array, ...], contains: tuple[float, float] | None) 
 def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, float, Witness | None]:
     """Verdict and margin from the stored matrices alone: the norm below one, and the radius enough."""
     centre, radius, needed = numbers["centre"], numbers["radius"], numbers["needed"]
-    loop = system(tuple(matrices[name] for name in PARTS), centre, numbers.get("weight", 0.0))
+    weight, scale = numbers.get("weight", 0.0), numbers.get("scale")
+    if not np.all(np.isfinite([centre, radius, needed, weight, 1.0 if scale is None else scale])) or scale == 0:
+        return "inconclusive", 0.0, None
+    loop = system(tuple(matrices[name] for name in PARTS), centre, weight)
     margin = radius / max(needed, centre / 1e3) - 1 if needed else radius / centre
     sound = radius > 0 and schur(loop[0])[0] == "certified"
-    sound = sound and hinf_norm(*weighed(loop, radius, numbers.get("scale"))) < 1 and radius >= needed
+    sound = sound and hinf_norm(*weighed(loop, radius, scale)) < 1 and radius >= needed
     return ("certified" if sound else "inconclusive"), float(margin), None
 
 

@@ -175,13 +175,19 @@ def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, flo
         return "inconclusive", 0.0, None
     centre, weight = numbers["centre"], numbers["weight"]
     needed = max(greatest - centre, centre - least)
-    for name in ("low", "high", "stiff", "joint") if weight else ():
-        rest = matrices[f"inertia_{name}"][None], matrices[f"stiffness_{name}"][None]
-        needed = max(needed, float(joint_norms(*_in_nominal(matrices["nominal"], *rest), centre, weight)[0]))
+    names = ("low", "high", "stiff", "joint")
+    M, G = (np.array([matrices[f"{part}_{name}"] for name in names]) for part in ("inertia", "stiffness"))
+    E, H = _in_nominal(matrices["nominal"], M, G)
+    if weight > 0:
+        needed = max(needed, float(joint_norms(E, H, centre, weight).max()))
+    elif not np.linalg.norm(H, 2, axis=(1, 2)).max() <= NO_STIFFNESS:  # which the loop without its weight leaves out
+        return "inconclusive", 0.0, None
     verdict, margin, _ = judge_ball(matrices, {**numbers, "needed": needed})
     return (verdict if numbers["bounded"] else "inconclusive"), margin, None
 
 
+NO_STIFFNESS = 1e-9
+"""Stiffness [1/s²] of a robot below which it counts as none."""
 STIFF_SAMPLES = 500
 """Postures whose stiffness is computed; it changes little beside the inertia's eigenvalues."""
 STIFF_SEARCHES = 4
@@ -239,6 +245,12 @@ def mismatches(nominal: Array, postures: Sequence[tuple[Plant, Array]]) -> tuple
     Held at rest the robot obeys ẍ = E v − H x in coordinates x = M̂^½ q.
     """
     rest = [plant.at_rest(posture) for plant, posture in postures]
+    for (_, posture), (_, _, stiffness) in zip(postures, rest, strict=True):
+        if not np.isfinite(stiffness).all():
+            raise TarcError(
+                f"stiffness: that of gravity and springs is not finite at q = {posture.round(4).tolist()}; check the "
+                "potential energy, or give a workspace without this posture"
+            )
     return _in_nominal(nominal, np.array([M for M, _, _ in rest]), np.array([G for _, _, G in rest]))
 
 
@@ -264,7 +276,7 @@ def best_weight(parts: tuple[Array, ...], centre: float, E: Array, H: Array) -> 
     apart = np.linalg.norm(E - centre * np.eye(E.shape[1]), 2, axis=(1, 2))
     responses, best = Responses(parts), (-np.inf, 0.0, 0)
     extent = max(float(apart.max()), 0.1 * centre)
-    if not sizes.max() > 1e-9:
+    if sizes.max() <= NO_STIFFNESS:
         return responses.best(centre)[1] / extent, 0.0, int(np.argmax(apart))
     for weight in sizes.max() / extent * np.geomspace(0.1, 100.0, 31):
         norms = joint_norms(E, H, centre, weight)

@@ -28,8 +28,8 @@ DURATION = 10.0
 """Of the scenario [s]."""
 HELD = 0.7
 """Share of the torque limit that the weight may take along the sines; where it takes more they are made smaller."""
-QUICK = 10
-"""Longest window [periods] for which the law's figure is drawn: it looks at four times the window."""
+QUICK = 20
+"""Longest window [periods] for which the law's figure is drawn: its map looks at longer ones still."""
 WIDTH = 110
 """Columns of the file."""
 

@@ -216,7 +216,8 @@ def _map(axes: Axes, law: "PolePlacement", low: float, high: float, computation_
     own, estimators = 1, [estimator]
     if isinstance(estimator, Algebraic):
         own = estimator.samples - 1
-        counts = sorted({*np.geomspace(estimator.degree, max(4 * own, 30), 14).astype(int).tolist(), own})
+        longest = max(min(4 * own, 40), 30, 1.3 * own)  # the time grows with its cube
+        counts = sorted({*np.geomspace(estimator.degree, longest, 14).astype(int).tolist(), own})
         estimators = [replace(estimator, window=count * law.period) for count in counts]
     else:
         counts = [0, 2]
