@@ -4,7 +4,7 @@ BIN := .venv/bin
 UV := $(BIN)/uv --quiet
 LOCAL := -e . --no-deps --no-build-isolation
 
-.PHONY: demo test lint bench compare docs docs-check lock clean
+.PHONY: demo test lint bench bench-design compare docs docs-check lock clean
 
 demo: .venv/run
 	$(BIN)/tarc demo
@@ -19,6 +19,9 @@ lint: .venv/dev
 
 bench: .venv/dev
 	$(BIN)/python -m benchmarks
+
+bench-design: .venv/dev
+	$(BIN)/python -m benchmarks.design
 
 compare: .venv/dev
 	$(BIN)/python -m benchmarks.comparison

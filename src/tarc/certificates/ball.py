@@ -175,7 +175,7 @@ class Responses:
 
     def __init__(self, parts: tuple[Array, ...]):
         free, into, out, robust, through, wide, share = parts
-        z = np.exp(1j * np.geomspace(1e-4, np.pi, 300))[:, None, None]
+        z = np.exp(1j * _angles(free))[:, None, None]
         inputs = np.hstack([into, wide, robust])
         both = np.vstack([out, np.eye(1, len(free))])
         G = both @ np.linalg.solve(z * np.eye(len(free)) - free, inputs + 0 * z)
@@ -228,6 +228,20 @@ class Responses:
         return float(np.exp(found.x)), max(-float(found.fun), 0.0)
 
 
+def _angles(free: Array) -> Array:
+    """Angles [rad a period] close enough for every peak: most of them low, and more beside poles near the circle.
+
+    A literal law whose torque comes back after m periods has such poles at the m-th roots of one, and a narrow peak
+    beside each.
+    """
+    poles = np.linalg.eigvals(free)
+    turns = np.abs(np.angle(poles[np.abs(poles) > 0.95]))
+    apart = np.geomspace(1e-6, 0.05, 25)
+    beside = np.concatenate([-apart, apart])
+    near = (turns[turns > 0.05][:, None] + beside).ravel()
+    return np.unique(np.concatenate([np.geomspace(1e-4, np.pi, 300), near[near < np.pi]]))
+
+
 def _greatest(v: Array, q: Array, mixed: Array) -> Array:
     """Greatest eigenvalue of [v mixed; conj(mixed) q], at least so great that its inverse is a number."""
     return np.maximum((v + q) / 2 + np.sqrt((v - q) ** 2 / 4 + np.abs(mixed) ** 2), 1e-300)
@@ -242,8 +256,8 @@ def best_scales(parts: tuple[Array, ...], centre: float, weight: float = 0.0) ->
     if not sloping:
         return None, (1 - DIGITS) / hinf_norm(*loop)
     scale, radius = Responses(parts).best(centre, weight)
-    for shrink in (1.0, 1e-5, 1e-4, 1e-3, 1e-2, 0.1):
-        trial = radius * (1 - shrink * 2)
+    for less in (2e-5, 2e-4, 2e-3, 0.01, 0.03, 0.08, 0.2, 0.4):  # the grid of frequencies may have missed a peak
+        trial = radius * (1 - less)
         if trial > 0 and hinf_norm(*weighed(loop, trial, scale)) < 1:
             return scale, trial
     return scale, 0.0

@@ -33,10 +33,12 @@ def robot(
     samples: int = 2000,
     seed: int = 0,
 ) -> Certificate:
-    """Certify a law on a robot: for every motion inside a workspace, at whatever speed.
+    """Certify a law on a robot: however its posture changes inside a workspace, and however fast.
 
-    At rest and about any motion the error obeys, in coordinates x = M̂^½ q, ẍ = E(q) v − H(q) x with E = M̂^½ M⁻¹ M̂^½
-    and H = M̂^½ M⁻¹ (∂g/∂q) M̂^−½ the stiffness of gravity and springs. Certified if the robust ball, of pairs
+    A small error obeys, in coordinates x = M̂^½ q, ẍ = E(q) v − H(q) x with E = M̂^½ M⁻¹ M̂^½ and
+    H = M̂^½ M⁻¹ (∂g/∂q) M̂^−½ the stiffness of gravity and springs; so at rest, and about a motion but for the stiffness
+    ∂(M q̈ + C q̇)/∂q and the damping that its own forces make, which are left out. They grow with the square of the
+    speed, and can undo what is certified where M̂ or the bandwidth is low. Certified if the robust ball, of pairs
     ‖[E − ρ0 I, H/η]‖ ≤ δ with the weight η that leaves it the most room, holds those of all postures of the workspace,
     together with every slope of the robust term up to that at its cap. Refuted if in one of the worst
     postures the robot held at rest, linearised with its inertia, gravity and viscous friction, is unstable.
@@ -94,11 +96,7 @@ def robot(
             _, weight, joint, centre = max(trials, key=lambda trial: trial[0])
             if last or not weight:
                 break
-            norms = joint_norms(E, H, centre, weight)
-            starts = [0, 1, stiff, *np.argsort(norms)[::-1][:STIFF_SEARCHES]]
-            sought = [_sought(postures[i], workspace, units, law.M, centre, weight) for i in dict.fromkeys(starts)]
-            postures += sought
-            E, H = (np.concatenate(both) for both in zip((E, H), mismatches(law.M, sought), strict=True))
+            postures, E, H = searched(postures, E, H, workspace, units, law.M, centre, weight)
         scale, radius = best_scales(parts, centre, weight)
         matrices |= dict(zip(PARTS, parts, strict=True))
         numbers |= {"centre": centre, "radius": radius, "weight": weight}
@@ -142,7 +140,8 @@ def _assumptions(law: PolePlacement, found: Spread, stiffness: float, computatio
         f"posture's inertia is taken from {min(found.samples, STIFF_SAMPLES)} samples, the two postures above and "
         "local search",
         "the robot stays in the workspace; Coriolis forces and friction disturb only, viscous friction apart where the "
-        "robot is at rest; dry friction may hold back what is refuted",
+        "robot is at rest: what stiffness and damping fast motion makes is left out; dry friction may hold back what "
+        "is refuted",
         "no torque limit is reached and no sample is lost",
         f"the torque reaches the joints {computation_delay} periods late and is held for a period",
     ]
@@ -201,10 +200,26 @@ def sampled(plants: Sequence[Plant], workspace: Workspace, samples: int, seed: i
     return [(plant, posture) for posture in workspace.sample(samples, seed) for plant in plants]
 
 
-def _sought(
+def searched(
+    postures: list[tuple[Plant, Array]], E: Array, H: Array, workspace: Workspace, units: Array, nominal: Array,
+    centre: float, weight: float,
+) -> tuple[list[tuple[Plant, Array]], Array, Array]:  # fmt: skip
+    """Postures and their `mismatches`, and those that a local search for the greatest joint norm adds to them.
+
+    It starts from the worst of them, the stiffest, and the first two, taken for the ends of the ratios.
+    """
+    stiff = int(np.argmax(np.linalg.norm(H, 2, axis=(1, 2))))
+    worst = np.argsort(joint_norms(E, H, centre, weight))[::-1][:STIFF_SEARCHES]
+    starts = [postures[i] for i in dict.fromkeys([0, 1, stiff, *worst.tolist()])]
+    added = [_climb(start, workspace, units, nominal, centre, weight) for start in starts]
+    one, two = mismatches(nominal, added)
+    return [*postures, *added], np.concatenate([E, one]), np.concatenate([H, two])
+
+
+def _climb(
     start: tuple[Plant, Array], workspace: Workspace, units: Array, nominal: Array, centre: float, weight: float
 ) -> tuple[Plant, Array]:
-    """A posture of greater joint norm, by local search in the workspace; in a tube from the nearest of its units."""
+    """A posture of greater joint norm near one; in a tube, near the closest of the samples, units of its variables."""
     from scipy.optimize import minimize
 
     plant, posture = start

@@ -69,7 +69,7 @@ def adaptation(candidate: Candidate, expected: float, *, noise: float = 0.0) -> 
     check.number("expected", expected, 0, strict=True)
     slope = check.number("slope", candidate.slope, 0, strict=True)
     channel = candidate.channel()
-    response = max(peak(channel, float(ratio)) for ratio in (candidate.scale, 4 * candidate.scale))
+    response = max(peak(channel, candidate.scale * ratio) for ratio in (1.0, candidate.spread))
     boundary = max(expected * response, QUANTA * noise)
     cap = slope * boundary
     rate = slope * candidate.bandwidth

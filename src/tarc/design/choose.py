@@ -10,7 +10,7 @@ import numpy as np
 from tarc import check
 from tarc.certificates.base import Certificate
 from tarc.certificates.certify import certify
-from tarc.certificates.robot import mismatches, sampled
+from tarc.certificates.robot import mismatches, robot, sampled, searched
 from tarc.certificates.workspace import Workspace, best_shape, spread
 from tarc.check import Numbers
 from tarc.design.adaptation import Adaptation, adaptation, expected_step
@@ -233,7 +233,14 @@ def design(
         found = spread(plants, shape, workspace, samples=samples, seed=seed)
         shape, ratio = shape / found.low, found.ratio
         ends = (plants[found.plant_low], found.where_low), (plants[found.plant_high], found.where_high)
-        demand = Demand.of(ratio, *mismatches(shape, [*ends, *sampled(plants, workspace, samples, seed)]))
+        postures = [*ends, *sampled(plants, workspace, samples, seed)]
+        E, H = mismatches(shape, postures)
+        if H.any():
+            middle, units = (1 + ratio) / 2, workspace.units(samples, seed)
+            for factor in (1.0, 10.0):  # of the weights that `Demand.of` tries, a light one and a heavy one
+                eta = factor * float(np.linalg.norm(H, 2, axis=(1, 2)).max()) / middle
+                postures, E, H = searched(postures, E, H, workspace, units, shape, middle, eta)
+        demand = Demand.of(ratio, E, H)
         bar.advance(20)
         looked = assess(trials, demand, slope_share=share, room=ROOM, done=bar.advance)
         need = _Need(plants, workspace, shape, demand, sigma, limits, bandwidth, noise, looked)
@@ -244,14 +251,21 @@ def design(
             best = replace(need, looked=looked).pick()
         bar.advance(20)
         made, adapted = _law(law, best, shape, plants, workspace, sensor, limits)
+        verdict = robot(made, plants, workspace, computation_delay=computation_delay, samples=samples, seed=seed)
+        for more in (0.03, 0.06, 0.12, 0.25):  # what local searches found beyond the postures above
+            roomier = [one for one in looked if one.room >= ROOM + more]
+            if verdict.certified or not roomier:
+                break
+            best = replace(need, looked=roomier).pick()
+            made, adapted = _law(law, best, shape, plants, workspace, sensor, limits)
+            verdict = robot(made, plants, workspace, computation_delay=computation_delay, samples=samples, seed=seed)
+        if not verdict.certified:
+            raise TarcError(
+                f"design: the loop that bears the spread on paper is {verdict.verdict} on the robot, margin "
+                f"{verdict.margin:.3g}; use more samples, or a smaller workspace"
+            )
         certificates = certify(made, plants, workspace, computation_delay=computation_delay, samples=samples, seed=seed)
         bar.advance(20)
-    verdict = certificates["robot"]
-    if not verdict.certified:
-        raise TarcError(
-            f"design: the loop that bears the spread on paper is {verdict.verdict} on the robot, margin "
-            f"{verdict.margin:.3g}; use more samples, or a smaller workspace"
-        )
     predicted = best.noise * np.linalg.norm(shape * sigma, axis=1)
     result = Design(
         law=made, plants=tuple(plants), workspace=workspace, sensor=sensor, certificates=certificates, choices=(),

@@ -45,6 +45,8 @@ class Candidate:
         Periods between a measurement and its torque, which the law knows of.
     slope
         Of a robust term that the ball bears beside the spread [1/s²].
+    spread
+        Greatest over least eigenvalue of M(q)⁻¹X that it was looked at for.
     reach
         The widest spread that the loop bears.
     scale
@@ -67,6 +69,7 @@ class Candidate:
     period: float
     computation_delay: int = 0
     slope: float = 0.0
+    spread: float = 1.0
     reach: float = 0.0
     scale: float = 0.0
     room: float = 0.0
@@ -225,7 +228,7 @@ def _assess(one: Candidate, demand: Demand, slope_share: float, room: float, clo
     free = 1 - CENTRES[:, None] * responses.held[:, 0]
     plain = np.min(np.abs(free) / np.linalg.norm(responses.mismatch[:, 0], axis=1), axis=1) / CENTRES
     plain = _where_stable(parts_of(channel, 0.0, intersample=True), CENTRES, plain)
-    one = replace(one, slope=slope, reach=_spread(float(np.max(plain))))
+    one = replace(one, slope=slope, spread=spread, reach=_spread(float(np.max(plain))))
     centres = CENTRES[plain >= needed.min()]
     if len(centres) > TRIED and not closely:
         centres = centres[np.linspace(0, len(centres) - 1, TRIED).round().astype(int)]

@@ -1,0 +1,74 @@
+"""The benchmark of the design, on the smallest robot and with little time."""
+
+import csv
+
+import numpy as np
+import pytest
+from benchmarks import design as bench
+
+import tarc
+
+
+@pytest.fixture(scope="module")
+def found():
+    arm = tarc.plants.TwoLinkArm(viscous=[0.5, 0.5], coulomb=[1.0, 0.5])
+    return bench.measure(
+        "two-link", arm, 1.0, sweeps=bench.SWEEPS[:1], budget=2.0, motion=False, duration=4.0, samples=100,
+        bandwidth=10.0, torque_limit=[100.0, 50.0],
+    )  # fmt: skip
+
+
+def test_design_is_certified_and_carries_the_payload(found):
+    assert found.verdict == "certified"
+    assert found.picked_up == found.loaded == "completed"
+
+
+def test_torque_noise_is_within_a_factor_of_two_of_the_prediction(found):
+    assert bench.within(found), found.ratios
+
+
+def test_hand_pick_keeps_to_the_terms(found):
+    (pick,) = found.picks
+    assert pick.tried > 1
+    assert pick.verdict in ("certified", "inconclusive", "refuted")
+    assert pick.variation <= found.variation
+    assert pick.bandwidth == found.bandwidth
+
+
+def test_each_thing_left_out_of_the_certificate_allows_more_bandwidth(found):
+    limits = list(found.ceilings.values())
+    assert limits[0] >= found.bandwidth
+    assert limits == sorted(limits)
+
+
+def test_tables_and_files_hold_what_was_measured(found, tmp_path):
+    for sheet in bench.sheets([found]):
+        assert all(len(row) == len(sheet.heads) for row in sheet.rows)
+    bench.write([found], {"other": "nothing bears it"}, tmp_path)
+    text = (tmp_path / "design.md").read_text(encoding="utf-8")
+    assert "two-link: m I" in text
+    assert "other: no design. nothing bears it" in text
+    with (tmp_path / "noise.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["measured"]) for row in rows] == pytest.approx(found.measured)
+    with (tmp_path / "designs.csv").open(encoding="utf-8") as file:
+        assert float(next(csv.DictReader(file))["error"]) == pytest.approx(found.error)
+
+
+def test_picks_are_literal_with_the_switching_gain_and_without(found):
+    estimator = tarc.estimators.Algebraic(window=0.01)
+    common = {"inertia": 0.1, "bandwidth": 10.0, "period": 1e-3, "estimator": estimator, "torque_limit": 5.0}
+    law = tarc.laws.TARC(**common, rise=100.0, fall=50.0, cap=1.0, synchronised=True)
+    own, plain = bench.literal(law)
+    assert isinstance(own, tarc.laws.TARC)
+    assert own.rise == 100.0
+    assert isinstance(plain, tarc.laws.TDC)
+    assert plain.torque_limit == 5.0
+    assert not own.synchronised
+    assert not plain.synchronised
+
+
+def test_points_fill_the_cube_evenly():
+    points = np.array([bench._spread_out(i) for i in range(512)])
+    cells = np.unique((points * 4).astype(int), axis=0)
+    assert len(cells) == 64

@@ -1,0 +1,260 @@
+"""What loops are to be had: against loops written by hand, simulations, and the certificates of the laws they stand for."""
+
+import numpy as np
+import pytest
+from benchmarks.soundness import Case, Design, matrices, polynomials, recurrence
+from scipy.signal import lfilter
+
+import tarc
+from family import make_tdc
+from tarc import TarcError, laws, plants, signals
+from tarc.certificates import Workspace, ball, robot
+from tarc.certificates.robot import mismatches, sampled, searched
+from tarc.certificates.workspace import best_shape, spread
+from tarc.design.front import Demand, assess, candidates, front, peak, settling
+
+PERIOD = 1e-3
+
+
+def law_of(one, shape: object = 1.0):
+    """The law that a candidate stands for."""
+    return laws.TDC(inertia=one.scale * np.asarray(shape), estimator=one.estimator, **one.options())
+
+
+def by_hand(one):
+    """The same loop as a recurrence, which shares no code with it."""
+    late = one.computation_delay
+    return recurrence(
+        Design(
+            bandwidth=one.bandwidth, damping=one.damping, window=one.window, degree=one.degree,
+            synchronised=one.synchronised, periods=one.delay, computation=late, actuation=late,
+        )
+    )  # fmt: skip
+
+
+def step_error(one, ratio, steps):
+    """Error after a step of 1 rad/s², by running the recurrence."""
+    A, B, _, _ = matrices(Case(by_hand(one), ratio))
+    x, errors = np.zeros(len(A)), np.zeros(steps)
+    for k in range(steps):
+        errors[k] = x[0]
+        x = A @ x + B
+    return errors
+
+
+def found(spread, seed=0, count=12, **options):
+    """Some that bear a spread, of a random choice of all."""
+    slope_share = options.pop("slope_share", 0.0)
+    trials = candidates(PERIOD, **options)
+    some = [trials[i] for i in np.random.default_rng(seed).choice(len(trials), 60, replace=False)]
+    able = [one for one in assess(some, Demand.plain(spread), slope_share=slope_share) if one.feasible]
+    return able[:: max(len(able) // count, 1)]
+
+
+@pytest.mark.parametrize(
+    ("window", "synchronised", "known"), [(10, False, 8.6), (5, False, 14.7), (20, True, 12.2), (10, True, 22.2), (5, True, 39.5)]
+)  # fmt: skip
+def test_reach_is_the_ratio_of_the_widest_ball(window, synchronised, known):
+    """Known for a mismatch held over each period; one that changes within it costs up to two per cent."""
+    trials = candidates(PERIOD, bandwidths=[10.0], windows=[window], degrees=[2], synchronised=[synchronised])
+    (reach,) = {one.reach for one in assess(trials, Demand.plain(2.0))}
+    widest = ball(make_tdc(window, synchronised)).numbers["ratio"]
+    assert 0.98 * widest < reach < 1.001 * widest
+    assert 0.96 * known < reach < 1.01 * known
+
+
+@pytest.mark.parametrize("delay", [0, 1, 2, 3])
+@pytest.mark.parametrize("slope_share", [0.0, 1.0])
+@pytest.mark.parametrize("spread", [1.7, 5.0])
+def test_what_bears_a_spread_is_certified(delay, slope_share, spread):
+    able = found(spread, computation_delay=delay, slope_share=slope_share)
+    assert len(able) > 3
+    for one in able:
+        assert one.slope == pytest.approx(slope_share * one.bandwidth**2)
+        assert one.spread == spread
+        options = {"slope": one.slope, "computation_delay": delay}
+        assert ball(law_of(one), contains=(one.scale, one.scale * spread), **options).certified, one
+        there = ball(law_of(one), one.scale * (1 + spread) / 2, **options).numbers
+        assert there["ratio"] / spread - 1 == pytest.approx(one.room, rel=0.03, abs=0.03)
+        assert one.room > 0.09
+
+
+def test_what_bears_a_robot_with_gravity_is_certified_on_it():
+    """Bandwidths so low that gravity's stiffness takes much of the ball."""
+    both = [plants.TwoLinkArm(), plants.TwoLinkArm(payload=2.0)]
+    box = Workspace.box([-np.pi, 0.8], [np.pi, 2.2])
+    shape, _ = best_shape(both, box, samples=200)
+    ends = spread(both, shape, box, samples=200)
+    shape = shape / ends.low
+    pair = [(both[ends.plant_low], ends.where_low), (both[ends.plant_high], ends.where_high)]
+    postures = [*pair, *sampled(both, box, 200, 0)]
+    E, H = mismatches(shape, postures)
+    for weight in Demand.of(ends.ratio, E, H).weights[::2]:
+        found = searched(postures, E, H, box, box.units(200, 0), shape, (1 + ends.ratio) / 2, float(weight))
+        postures, E, H = found
+    demand = Demand.of(ends.ratio, E, H)
+    assert np.all(demand.shares > Demand.plain(ends.ratio).shares)
+    assert np.all(np.diff(demand.shares) <= 0)  # more weight, less share of the stiffness
+    trials = candidates(PERIOD, bandwidths=[2.0, 5.0, 10.0], windows=[3, 6, 12], degrees=[2])
+    able = [one for one in assess(trials, demand) if one.feasible]
+    without = [one for one in assess(trials, Demand.plain(ends.ratio)) if one.feasible]
+    # gravity takes what a small inertia would do without it
+    assert min(one.scale for one in able) > 1.5 * min(one.scale for one in without)
+    for one in able[:: max(len(able) // 8, 1)]:
+        assert robot(law_of(one, shape), both, box, samples=200).certified, one
+    low = min(without, key=lambda one: one.scale)
+    assert not robot(law_of(low, shape), both, box, samples=200).certified
+
+
+def test_peaks_between_the_frequencies_are_seen():
+    """A torque that comes back after three periods rings at a third of the rate, barely damped, in a narrow peak."""
+    for delay in (1, 2):
+        for degree, window, bandwidth in ((3, 12, 10.0), (3, 15, 5.0), (2, 10, 2.0)):
+            trials = candidates(
+                PERIOD, bandwidths=[bandwidth], windows=[window], degrees=[degree], synchronised=[False],
+                delays=[3 - delay], computation_delay=delay,
+            )  # fmt: skip
+            (one,) = assess(trials, Demand.plain(4.0))
+            assert not one.feasible
+            assert one.reach < 3.0
+
+
+@pytest.mark.parametrize("delay", [0, 2])
+def test_settling_and_peak_are_those_of_the_loop_run(delay):
+    checked = 0
+    for one in found(4.0, seed=1, computation_delay=delay):
+        for ratio in (one.scale, 4.0 * one.scale):
+            steps = int(40 / (one.bandwidth * PERIOD)) + 5000
+            errors = step_error(one, ratio, steps)
+            if abs(errors[-1]) > 1e-6 * np.abs(errors).max():  # too slow to be seen to settle
+                continue
+            checked += 1
+            channel = one.channel()
+            assert settling(channel, ratio) == pytest.approx(np.sqrt(PERIOD * np.sum(errors**2)), rel=1e-5)
+            assert peak(channel, ratio) == pytest.approx(np.abs(errors[:4000]).max(), rel=1e-6)
+    assert checked > 10
+
+
+@pytest.mark.parametrize("delay", [0, 2])
+def test_noise_and_error_are_those_of_the_loop_run(delay):
+    """The response to a single measurement off by one holds the root mean square of white noise."""
+    for one in found(4.0, seed=2, computation_delay=delay):
+        ratios = one.scale * np.array([1.0, 2.0, 4.0])
+        sizes = []
+        for ratio in ratios:
+            law = by_hand(one)
+            pulse = np.zeros(400_000)
+            pulse[0] = 1.0
+            top = np.polynomial.polynomial.polymul(law.q, [1.0, -2.0, 1.0])
+            answer = lfilter(top, polynomials(law, ratio).closed, pulse)
+            sizes.append(np.sqrt(np.sum(answer**2)))
+        assert one.noise == pytest.approx(one.scale * max(sizes), rel=1e-4)
+        assert one.error == pytest.approx(max(r / one.scale * settling(one.channel(), r) for r in ratios), rel=1e-9)
+
+
+@pytest.mark.parametrize("synchronised", [False, True])
+def test_noise_and_error_of_a_simulated_robot(synchronised):
+    """The law of the package on a mass, whose M⁻¹X takes the ends of the spread, an encoder with noise, a step."""
+    trials = candidates(PERIOD, bandwidths=[20.0], windows=[8], degrees=[2], synchronised=[synchronised])
+    one = assess(trials, Demand.plain(4.0))[1]
+    still = signals.Sinusoid(amplitude=[0.0], frequency=1.0, offset=[0.0])
+    noises, errors = [], []
+    for ratio in (1.0, 2.0, 4.0):
+        mass = plants.MassSpringDamper(masses=(1 / ratio,), springs=(0.0,), dampers=(0.0,))
+        sensor = signals.Encoder(noise=1e-5)
+        run = tarc.simulate(mass, law_of(one), still, 25.0, sensor=sensor, seed=3, progress=False)
+        noises.append(np.std(run.data["torque"].values[1000:]) / 1e-5)
+        step = signals.Step(amplitude=[0.1], at=0.0)
+        run = tarc.simulate(mass, law_of(one), still, 10.0, disturbance=step, progress=False)
+        errors.append(np.sqrt(PERIOD * np.sum((run.data["position"].values / 0.1) ** 2)))
+    assert max(noises) == pytest.approx(one.noise, rel=0.05)
+    assert max(errors) == pytest.approx(one.error, rel=0.01)
+
+
+def test_front_is_not_dominated_and_dominates_the_rest():
+    looked = assess(candidates(PERIOD, windows=[4, 8, 15], degrees=[2]), Demand.plain(4.0))
+    best = front(looked)
+    assert len(best) > 5
+    assert [one.noise for one in best] == sorted(one.noise for one in best)
+
+    def beats(one, two):
+        both = one.noise <= two.noise, one.error <= two.error
+        return all(both) and (one.noise < two.noise or one.error < two.error)
+
+    for one in best:
+        assert one.feasible
+        assert not any(beats(two, one) for two in looked if two.feasible)
+    for two in looked:
+        if two.feasible and two not in best:
+            assert any(one.noise <= two.noise and one.error <= two.error for one in best)
+    assert front([one for one in looked if not one.feasible]) == []
+
+
+@pytest.mark.parametrize(("late", "delays"), [(0, {1}), (1, {1, 2}), (2, {1}), (3, {1, 2})])
+def test_delays_of_literal_laws(late, delays):
+    """With an odd computation delay one period leaves a torque that alternates undamped, and two do not."""
+    trials = candidates(PERIOD, windows=[5, 10, 20], bandwidths=[5.0, 10.0], computation_delay=late)
+    assert {one.delay for one in trials if not one.synchronised} == delays
+    assert {one.delay for one in trials if one.synchronised} == {1}
+    literal = [one for one in assess(trials, Demand.plain(1.4)) if one.feasible and not one.synchronised]
+    assert {one.delay for one in literal} == {max(delays)}
+    for one in literal[:3]:
+        assert law_of(one).delay_periods == max(delays)
+        assert law_of(one).actuation_delay == late
+
+
+def test_candidates_are_all_combinations_that_make_a_law():
+    trials = candidates(2e-3, windows=[2, 3, 5], degrees=[2, 3])
+    assert len(trials) == 2 * 5 * 13  # a window of two periods has no cubic
+    assert max(one.bandwidth for one in trials) == pytest.approx(65.0)  # half the rate, half the bandwidth
+    assert all(one.period == 2e-3 and not one.feasible and np.isinf(one.noise) for one in trials)
+    one = trials[0]
+    assert one.estimator.window == pytest.approx(one.window * 2e-3)
+
+
+def test_more_is_asked_for_fewer_do():
+    trials = candidates(PERIOD, bandwidths=[10.0, 40.0])
+    steps = []
+
+    def able(spread, **options):
+        steps.clear()
+        looked = assess(trials, Demand.plain(spread), done=lambda: steps.append(1), **options)
+        assert len(steps) == len(trials)
+        return {(o.window, o.degree, o.synchronised, o.bandwidth) for o in looked if o.feasible}
+
+    some, wider, roomier, steeper = able(4.0), able(12.0), able(4.0, room=1.5), able(4.0, slope_share=3.0)
+    for fewer in (wider, roomier, steeper):
+        assert fewer < some
+    assert not able(200.0)
+    closely = assess(trials[:30], Demand.plain(4.0), closely=True)
+    few = assess(trials[:30], Demand.plain(4.0))
+    assert {one.scale for one in few} < {one.scale for one in closely}
+
+
+def test_a_spread_of_nothing_and_gains_that_make_no_law():
+    trials = candidates(PERIOD, bandwidths=[10.0], windows=[5], degrees=[2])
+    single = assess(trials, Demand.plain(1.0))
+    assert any(one.feasible for one in single)
+    for one in single:
+        if one.feasible:
+            assert ball(law_of(one), contains=(one.scale, one.scale)).certified
+    assert assess(candidates(PERIOD, bandwidths=[10.0], windows=[5], damping=-1.0), Demand.plain(2.0)) == []
+
+
+def test_demand():
+    plain = Demand.plain(4.0)
+    np.testing.assert_allclose(plain.shares, [0.6])
+    np.testing.assert_array_equal(plain.weights, [0.0])
+    E = np.array([np.eye(2), 4.0 * np.eye(2), np.diag([1.0, 4.0])])
+    none = Demand.of(4.0, E, 0 * E)
+    np.testing.assert_array_equal(none.shares, plain.shares)
+    H = np.array([10.0 * np.eye(2), 0 * np.eye(2), 0 * np.eye(2)])
+    some = Demand.of(4.0, E, H)
+    # the first posture alone: [1 − 2.5, 10/η] over 2.5
+    expected = np.hypot(1.5, 10.0 / some.weights) / 2.5
+    np.testing.assert_allclose(some.shares, np.maximum(expected, 0.6))
+    for wrong in (0.5, np.nan, np.inf):
+        with pytest.raises(TarcError, match="spread"):
+            Demand.plain(wrong)
+    with pytest.raises(TarcError, match="period"):
+        candidates(0.0)
