@@ -1,4 +1,4 @@
-"""What loops are to be had: against loops written by hand, simulations, and the certificates of the laws they stand for."""
+"""What loops are to be had: against loops written by hand, simulations, and the certificates of their laws."""
 
 import numpy as np
 import pytest
@@ -52,7 +52,8 @@ def found(spread, seed=0, count=12, **options):
 
 
 @pytest.mark.parametrize(
-    ("window", "synchronised", "known"), [(10, False, 8.6), (5, False, 14.7), (20, True, 12.2), (10, True, 22.2), (5, True, 39.5)]
+    ("window", "synchronised", "known"),
+    [(10, False, 8.6), (5, False, 14.7), (20, True, 12.2), (10, True, 22.2), (5, True, 39.5)],
 )  # fmt: skip
 def test_reach_is_the_ratio_of_the_widest_ball(window, synchronised, known):
     """Known for a mismatch held over each period; one that changes within it costs up to two per cent."""

@@ -236,7 +236,7 @@ def _angles(free: Array) -> Array:
     """
     poles = np.linalg.eigvals(free)
     turns = np.abs(np.angle(poles[np.abs(poles) > 0.95]))
-    apart = np.geomspace(1e-6, 0.05, 25)
+    apart = np.geomspace(1e-5, 0.05, 50)
     beside = np.concatenate([-apart, apart])
     near = (turns[turns > 0.05][:, None] + beside).ravel()
     return np.unique(np.concatenate([np.geomspace(1e-4, np.pi, 300), near[near < np.pi]]))

@@ -23,6 +23,8 @@ BANDWIDTHS = (2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0, 60.0, 90.0,
 """Bandwidths tried [rad/s] at a period of 1 ms; at another they scale with the rate."""
 TRIED = 6
 """Most centres at which a loop is looked at on the first pass."""
+CLOSELY = 16
+"""And on a second."""
 CENTRES = np.geomspace(0.006, 1.5, 48)
 """Centres of the ball tried: inertia ratios."""
 
@@ -230,16 +232,23 @@ def _assess(one: Candidate, demand: Demand, slope_share: float, room: float, clo
     plain = _where_stable(parts_of(channel, 0.0, intersample=True), CENTRES, plain)
     one = replace(one, slope=slope, spread=spread, reach=_spread(float(np.max(plain))))
     centres = CENTRES[plain >= needed.min()]
-    if len(centres) > TRIED and not closely:
-        centres = centres[np.linspace(0, len(centres) - 1, TRIED).round().astype(int)]
+    most = CLOSELY if closely else TRIED
+    if len(centres) > most:
+        centres = centres[np.linspace(0, len(centres) - 1, most).round().astype(int)]
     able, rooms = [], []
     for centre in centres:
-        weights = demand.weights * (1 + spread) / (2 * centre)
-        shares = np.array([responses.best(float(centre), float(weight))[1] / centre for weight in weights])
-        spare = np.array([_spread(share) for share in shares]) / [_spread(share) for share in demand.shares] - 1
-        if np.any(shares >= needed):
+        enough, spare = False, -1.0
+        for weight, share, least in zip(demand.weights, demand.shares, needed, strict=True):
+            weight = float(weight * (1 + spread) / (2 * centre))
+            borne = responses.best(float(centre), weight)[1] / centre
+            now = _spread(borne) / _spread(float(share)) - 1
+            past = now < spare
+            enough, spare = enough or borne >= least, max(spare, now)
+            if enough and (past or not closely):  # the first weight that does, or all up to the best
+                break
+        if enough:
             able.append(float(centre))
-            rooms.append(float(np.max(spare)))
+            rooms.append(spare)
     stable = _where_stable(parts, np.array(able), np.ones(len(able))) if able else np.zeros(0)
     able = [(centre, spare) for centre, spare, fine in zip(able, rooms, stable, strict=True) if fine]
     result = []
