@@ -76,7 +76,8 @@ def test_what_bears_a_spread_is_certified(delay, slope_share, spread):
         options = {"slope": one.slope, "computation_delay": delay}
         assert ball(law_of(one), contains=(one.scale, one.scale * spread), **options).certified, one
         there = ball(law_of(one), one.scale * (1 + spread) / 2, **options).numbers
-        assert there["ratio"] / spread - 1 == pytest.approx(one.room, rel=0.03, abs=0.03)
+        borne = spread * (1 + one.room)
+        assert there["radius"] / there["centre"] == pytest.approx((borne - 1) / (borne + 1), rel=0.03)
         assert one.room > 0.09
 
 

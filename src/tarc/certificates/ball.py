@@ -235,8 +235,8 @@ def _angles(free: Array) -> Array:
     beside each.
     """
     poles = np.linalg.eigvals(free)
-    turns = np.abs(np.angle(poles[np.abs(poles) > 0.95]))
-    apart = np.geomspace(1e-5, 0.05, 50)
+    turns = np.abs(np.angle(poles[np.abs(poles) > 0.9]))
+    apart = np.geomspace(1e-8, 0.05, 80)
     beside = np.concatenate([-apart, apart])
     near = (turns[turns > 0.05][:, None] + beside).ravel()
     return np.unique(np.concatenate([np.geomspace(1e-4, np.pi, 300), near[near < np.pi]]))
