@@ -148,7 +148,7 @@ def test_noise_and_error_are_those_of_the_loop_run(delay):
             pulse = np.zeros(400_000)
             pulse[0] = 1.0
             top = np.polynomial.polynomial.polymul(law.q, [1.0, -2.0, 1.0])
-            answer = lfilter(top, polynomials(law, ratio).closed, pulse)
+            answer = np.asarray(lfilter(top, polynomials(law, ratio).closed, pulse))
             sizes.append(np.sqrt(np.sum(answer**2)))
         assert one.noise == pytest.approx(one.scale * max(sizes), rel=1e-4)
         assert one.error == pytest.approx(max(r / one.scale * settling(one.channel(), r) for r in ratios), rel=1e-9)
