@@ -422,7 +422,7 @@ def measure(
         )  # fmt: skip
 
 
-def measure_robot(which: Robot) -> Result | str:
+def measure_robot(which: Robot, picks: bool = True) -> Result | str:
     """One of `ROBOTS`, or why it has no design; progress on standard error."""
     console = Console(stderr=True)
 
@@ -430,7 +430,8 @@ def measure_robot(which: Robot) -> Result | str:
         console.print(f"{which.name}: {text}", style="dim", highlight=False)
 
     try:
-        return measure(which.name, which.plant(), which.payload, done=done)
+        sweeps = SWEEPS if picks else ()
+        return measure(which.name, which.plant(), which.payload, sweeps=sweeps, motion=picks, done=done)
     except tarc.TarcError as error:
         done(f"no design: {error}")
         return str(error)
@@ -622,6 +623,7 @@ def main() -> None:
     names = ", ".join(one.name for one in ROBOTS)
     parser = argparse.ArgumentParser(prog="python -m benchmarks.design", description=__doc__)
     parser.add_argument("--robots", default="all", help=f"some of {names}, with commas between")
+    parser.add_argument("--no-picks", action="store_true", help="the designs alone, in two minutes")
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     parser.add_argument("--out", type=Path, default=Path("runs/design"))
     options = parser.parse_args()
@@ -631,7 +633,7 @@ def main() -> None:
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # each process that measures has a core to itself
     begin, answers = time.perf_counter(), {}
     with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
-        futures = {pool.submit(measure_robot, one): one.name for one in wanted}
+        futures = {pool.submit(measure_robot, one, not options.no_picks): one.name for one in wanted}
         for future in as_completed(futures):
             answers[futures[future]] = future.result()
     found = [one for name in wanted if isinstance(one := answers[name.name], Result)]

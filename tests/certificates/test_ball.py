@@ -12,7 +12,12 @@ from benchmarks.soundness import (
     Case,
     Design,
     Fleet,
+    Tally,
+    check_pairs,
+    draw,
+    joint_peak,
     matrices,
+    multiplier,
     peak,
     polynomials,
     radius,
@@ -23,7 +28,7 @@ from benchmarks.soundness import (
 from family import make_law, make_tdc
 from tarc import TarcError, estimators, laws
 from tarc.certificates import Certificate, ball, hinf_norm, stable_interval, stable_intervals
-from tarc.certificates.ball import PARTS, best_scales, parts_of, system, weighed
+from tarc.certificates.ball import PARTS, Responses, best_scales, parts_of, system, weighed
 from tarc.certificates.base import schur
 from tarc.certificates.linear import decouple, whole
 
@@ -396,3 +401,131 @@ def test_stiffness_beyond_what_is_certified_can_diverge():
     free, into, out = parts[:3]
     falling = free + least * into @ out + 60.0 * into @ np.eye(1, len(free))
     assert np.abs(np.linalg.eigvals(falling)).max() > 1
+
+
+# Pairs of the mismatch and the robot's own stiffness
+
+PAIRS = [
+    (LITERAL, 0.08, 3000.0),
+    (LITERAL, 0.02, 3000.0),
+    (SYNCHRONISED, 1.0, 800.0),
+    (Design(window=5, synchronised=True, bandwidth=3.0), 0.05, 900.0),
+    (Design(window=8, degree=3, synchronised=True, computation=2, actuation=2), 0.4, 2000.0),
+]
+
+
+def hand_pair_radius(design, centre, weight, slope=0.0):
+    """The radius by the polynomials of the recurrence: the responses to (a, w) of (v, η q) and of the slope's block."""
+    law, half = recurrence(design), slope / 2
+    known = polynomials(law, centre, half)
+    angles = np.unique(np.concatenate([np.geomspace(1e-4, np.pi, 4000), np.linspace(1e-3, np.pi, 4000)]))
+    w_to_v = np.convolve([1.0, -2.0, 1.0], [1.0, law.e])
+    tops = [[known.a_to_v, weight * known.a_to_q, half * known.a_to_q]]
+    tops += [[w_to_v, weight * known.w_to_q, half * known.w_to_q]] if slope else []
+    G = np.array([[respond(top, known.closed, angles) for top in column] for column in tops]).transpose(2, 1, 0)
+    if not slope:
+        return 1 / np.linalg.norm(G, 2, axis=(1, 2)).max()
+
+    def fits(radius, scale):
+        rows, columns = np.array([radius, radius, 1 / scale]), np.array([1.0, scale])
+        return np.linalg.norm(G * rows[:, None] * columns, 2, axis=(1, 2)).max() < 1
+
+    best = 0.0
+    for scale in np.geomspace(1e-3, 1e3, 121):
+        low, high = best, 100 * centre
+        while high / max(low, 1e-9) > 1.0005 and fits(max(low, 1e-9) * 1.0005, scale):
+            middle = np.sqrt(max(low, 1e-9) * high)
+            low, high = (middle, high) if fits(middle, scale) else (low, middle)
+        best = low
+    return best
+
+
+@pytest.mark.parametrize(("design", "centre", "weight"), PAIRS)
+@pytest.mark.parametrize("slope", [0.0, 60.0])
+def test_radius_of_pairs_by_hand(design, centre, weight, slope):
+    parts = parts_of(decouple(design.law, design.computation)[0], slope, intersample=False)
+    scale, found = best_scales(parts, centre, weight)
+    expected = hand_pair_radius(design, centre, weight, slope)
+    assert (scale is None) == (not slope)
+    # scales by hand are on a grid
+    assert found == pytest.approx(expected, rel=0.01 if slope else 1e-3)
+    assert found <= expected * (1 + (3e-3 if slope else 1e-6))
+
+
+@pytest.mark.parametrize(("design", "centre", "weight"), PAIRS)
+def test_pairs_are_sharp_in_two_dimensions(design, centre, weight):
+    """A mismatch that rotates at the peak beside a stiffness that turns: diverges just outside, not just inside."""
+    parts = parts_of(decouple(design.law, design.computation)[0], 0.0, intersample=False)
+    found = best_scales(parts, centre, weight)[1]
+    assert found < 0.999 * best_scales(parts, centre)[1]  # the stiffness does take part
+    case = Case(recurrence(design), centre, found, 0.0, weight)
+    rate = joint_peak(polynomials(case.law, centre), weight)[1]
+    inside, outside = (
+        multiplier(case._replace(radius=size), 0.0, np.array([rate]))[0] for size in (0.999 * found, 1.001 * found)
+    )
+    assert inside < 1 < outside
+
+
+def test_the_fleet_finds_pairs_outside():
+    law = recurrence(LITERAL)
+    parts = parts_of(decouple(LITERAL.law)[0], 0.0, intersample=True)
+    found = best_scales(parts, 0.08, 300.0)[1]
+    cases = [Case(law, 0.08, share * found, 0.0, 300.0) for share in (0.95, 1.1)]
+    inside, outside = Fleet(cases, [Adversary("rotate at the peak")]).run(8000, within=True)[0]
+    assert inside < -1
+    assert outside > 3
+
+
+def test_nothing_contradicts_a_ball_of_pairs():
+    rng, tally = np.random.default_rng(3), Tally()
+    check_pairs([draw(rng) for _ in range(40)], rng, tally, 1500, lambda: None)
+    assert tally.violations == []
+    assert tally.certified > 20
+    assert tally.undecided < 3
+
+
+@pytest.mark.parametrize(("design", "centre"), [(LITERAL, 0.08), (SYNCHRONISED, 1.0), (Design(window=5), 0.2)])
+@pytest.mark.parametrize("weight", [100.0, 1e4, 1e5])
+def test_stiffness_acts_between_the_samples_as_at_them(design, centre, weight):
+    """The period cut into pieces, the position weighed in each of them, against the one that is sampled."""
+    cuts = 24
+    parts = parts_of(decouple(design.law)[0], 0.0, intersample=True)
+    free, into, out = parts[:3]
+    A = free + centre * into @ out
+    B, C, D = np.zeros((len(A), cuts)), np.zeros((cuts + 1, len(A))), np.zeros((cuts + 1, cuts))
+    moments = (np.arange(cuts) + 0.5) / cuts
+    B[0], B[1] = PERIOD**2 * (1 - moments) / np.sqrt(cuts), PERIOD**2 / np.sqrt(cuts)
+    C[0] = out
+    C[1:] = centre * (moments[:, None] * PERIOD) ** 2 / 2 * out
+    C[1:, 0] += 1.0
+    C[1:, 1] += moments
+    D[1:] = PERIOD**2 * np.tril(moments[:, None] - moments, -1) / np.sqrt(cuts)
+    C[1:], D[1:] = C[1:] * weight / np.sqrt(cuts), D[1:] * weight / np.sqrt(cuts)
+    assert best_scales(parts, centre, weight)[1] == pytest.approx(1 / hinf_norm(A, B, C, D), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("window", "degree", "bandwidth", "late"), [(10, 2, 5.0, 1), (12, 3, 10.0, 2), (10, 2, 2.0, 1)]
+)
+def test_a_narrow_peak_at_a_third_of_the_rate_is_not_missed(window, degree, bandwidth, late):
+    """A literal law whose torque comes back after three periods rings there, barely damped."""
+    design = Design(
+        window=window, degree=degree, bandwidth=bandwidth, periods=3 - late, computation=late, actuation=late
+    )
+    parts = parts_of(decouple(design.law, late)[0], 0.0, intersample=True)
+    checked = 0
+    for centre in np.geomspace(0.005, 0.3, 12):
+        if radius(polynomials(recurrence(design), centre).closed) < 1 - 1e-5:
+            checked += 1
+            assert Responses(parts).best(centre)[1] == pytest.approx(best_scales(parts, centre)[1], rel=0.02)
+    assert checked > 3
+
+
+def test_numbers_that_are_none_certify_nothing():
+    for certificate in (ball(LITERAL.law), ball(SYNCHRONISED.law, contains=(0.5, 1.5), slope=50.0)):
+        for name in ("radius", "centre", "needed", "scale"):
+            for value in (0.0, np.nan, np.inf, -np.inf):
+                changed = Certificate.from_json(certificate.to_json())
+                if name in changed.numbers and value != changed.numbers[name]:
+                    changed.numbers[name] = value
+                    assert not changed.verify() or (name == "needed" and value == 0.0)

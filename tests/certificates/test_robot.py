@@ -13,7 +13,8 @@ from family import make_law, make_tdc
 from tarc import TarcError, laws, plants, signals
 from tarc.certificates import Certificate, Workspace, ball, robot, stable_interval
 from tarc.certificates.ball import PARTS
-from tarc.certificates.robot import advice
+from tarc.certificates.linear import decouple
+from tarc.certificates.robot import _at_rest, advice, joint_norms, mismatches, sampled
 from tarc.certificates.workspace import best_shape, inverse_ratios
 
 ARM, LOADED = plants.TwoLinkArm(), plants.TwoLinkArm(payload=2.0)
@@ -369,3 +370,185 @@ def test_no_law_is_certified_without_its_robust_term():
     verdict = of(law)
     assert verdict.verdict == "inconclusive"
     assert "left out: the robust term" in verdict.explain()
+
+
+# Mismatch and stiffness of one posture together
+
+
+def joint(law, verdict, postures):
+    """What the ball must hold, of postures, with the verdict's own centre and weight."""
+    numbers = verdict.numbers
+    return joint_norms(*mismatches(law.M, postures), numbers["centre"], numbers["weight"])
+
+
+@pytest.mark.parametrize(
+    ("both", "low", "high"),
+    [
+        ([plants.NLinkArm(), plants.NLinkArm(payload=1.0)], [-np.pi, -1.5, 0.3], [np.pi, 1.5, 1.5]),
+        ([ARM, LOADED], [-np.pi, 0.5], [np.pi, 2.6]),
+    ],
+)
+def test_the_worst_posture_is_sought_and_not_only_sampled(both, low, high):
+    """Inertia alone does not tell it: gravity depends on the first joint and the eigenvalues of M⁻¹M̂ do not."""
+    box = Workspace.box(low, high)
+    X, spread = best_shape(both, box, samples=200)
+    for part in (0.5, 0.9):
+        law = make_tdc(3, True, bandwidth=3.0, inertia=part * 2.0 / (1 + spread) * X)
+        verdict = of(law, both, box)
+        needed = verdict.numbers["radius"] / (1 + verdict.margin)
+        found = joint(law, verdict, sampled(both, box, 1500, 77))
+        assert found.max() <= 1.01 * needed
+        assert joint(law, verdict, [(both[0], verdict.matrices["posture_joint"])])[0] <= needed * (1 + 1e-9)
+
+
+def test_every_payload_between_needs_no_more_than_the_ends():
+    """M and ∂g/∂q grow evenly with it, and what a ball holds is convex in them."""
+    law = make_tdc(5, True, bandwidth=3.0, inertia=0.1 * ARM.inertia([0.0, 1.5]))
+    verdict = of(law, [ARM, LOADED], BOX)
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        posture = rng.uniform(BOX.low, BOX.high)
+        ends = joint(law, verdict, [(ARM, posture), (LOADED, posture)]).max()
+        between = [(plants.TwoLinkArm(payload=float(mass)), posture) for mass in rng.uniform(0, 2, 3)]
+        assert joint(law, verdict, between).max() <= ends * (1 + 1e-9)
+
+
+def edge(law_of, both, box, sound, unsound):
+    """A certified law close to the last that is."""
+    for _ in range(7):
+        middle = np.sqrt(sound * unsound)
+        sound, unsound = (middle, unsound) if of(law_of(middle), both, box).certified else (sound, middle)
+    assert 0 <= of(law_of(sound), both, box).margin < 0.15
+    return law_of(sound)
+
+
+@pytest.mark.parametrize("bandwidth", [2.0, 5.0])
+def test_certified_with_the_least_inertia_holds_against_gravity_anywhere(bandwidth):
+    """Where gravity takes most of the ball: hung, upright and in the worst postures, empty and loaded."""
+    box = Workspace.box([-np.pi, 0.8], [np.pi, 2.2])
+    X, _ = best_shape([ARM, LOADED], box, samples=200)
+
+    def law_of(scale):
+        return make_tdc(3, True, bandwidth=bandwidth, inertia=scale * X)
+
+    law = edge(law_of, [ARM, LOADED], box, 0.2, 1e-3)
+    verdict = of(law, [ARM, LOADED], box)
+    assert verdict.numbers["weight"] > 0
+    loop = decouple(law)[0].around(0.0)[:3]
+    for plant, posture in sampled([ARM, LOADED], box, 300, 5):
+        assert np.abs(np.linalg.eigvals(_at_rest(loop, law.M, plant.at_rest(posture), law.period))).max() < 1
+    for posture in (
+        [np.pi / 2, 0.8],
+        [-np.pi / 2, 0.8],
+        *(verdict.matrices[f"posture_{one}"] for one in ("joint", "low")),
+    ):
+        for plant in (ARM, LOADED):
+            away = hold(plant, law, posture, np.array([1e-3, -1e-3]), 15 / bandwidth)
+            quarter = len(away) // 4
+            assert away[3 * quarter :].max() < 0.2 * away[:quarter].max()
+
+
+def test_stiffness_left_out_certifies_nothing():
+    """Neither with the weight taken away nor with more stiffness, another weight, or numbers that are none."""
+    law = make_tdc(3, True, bandwidth=3.0, inertia=0.0146 / 0.0033 * np.diag([0.02, 0.004]))
+    box = Workspace.box([-np.pi, 0.8], [np.pi, 2.2])
+    X, _ = best_shape([ARM, LOADED], box, samples=200)
+    law = edge(lambda scale: make_tdc(3, True, bandwidth=3.0, inertia=scale * X), [ARM, LOADED], box, 0.2, 1e-3)
+    certified = of(law, [ARM, LOADED], box)
+    text = certified.to_json()
+    for name, factors in (
+        ("weight", (0.0, -1.0, 1e-3, 0.1, 3.0, 10.0, np.inf, np.nan)),
+        ("radius", (0.0, -1.0, 1.01, 2.0, np.inf, np.nan)),
+        ("centre", (0.0, -1.0, 0.5, 2.0, np.nan)),
+    ):
+        for factor in factors:
+            changed = Certificate.from_json(text)
+            changed.numbers[name] *= factor
+            assert not changed.verify(), (name, factor)
+    for name in ("low", "high", "stiff", "joint"):
+        for factor in (30.0, 1e6):
+            changed = Certificate.from_json(text)
+            changed.matrices[f"stiffness_{name}"] *= factor
+            assert not changed.verify(), (name, factor)
+    changed = Certificate.from_json(text)
+    changed.matrices["stiffness_joint"] *= 1.3
+    assert not changed.verify()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sprung(plants.EulerLagrange):
+    """Masses on springs of their own, which may be negative, or one whose energy is no number left of zero."""
+
+    count: int = 1
+    spring: float = 0.0
+    root: float = 0.0
+
+    @property
+    def joints(self) -> int:
+        return int(self.count)
+
+    def kinetic_energy(self, q: Any, dq: Any, p: Any) -> Any:
+        return ca.dot(dq, dq) / 2
+
+    def potential_energy(self, q: Any, p: Any) -> Any:
+        return p.spring * ca.dot(q, q) / 2 + (ca.sqrt(q[0]) ** 3 if self.root else 0.0)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize("spring", [0.0, 1e-12, 1e-6, 1.0, 1e3, 1e5, 1e6, 1e8, -1.0, -1e3])
+def test_one_posture_and_any_stiffness(count, spring):
+    """No spread at all, so that stiffness alone decides; certified only where the loop at rest is stable."""
+    law, plant = make_tdc(5, True, inertia=0.5 * np.eye(count)), Sprung(count=count, spring=spring)
+    for width in (0.0, 1.0):
+        verdict = of(law, plant, Workspace.box([0.0] * count, [width] * count))
+        assert verdict.verify()
+        assert (verdict.numbers["weight"] > 0) == (abs(spring) > 1e-9)
+        loop = decouple(law)[0].around(0.0)[:3]
+        size = np.abs(np.linalg.eigvals(_at_rest(loop, law.M, plant.at_rest([0.0] * count), law.period))).max()
+        expected = "refuted" if size > 1 else "certified" if abs(spring) < 2e3 else "inconclusive"
+        assert verdict.verdict == expected
+
+
+def test_no_gravity_no_weight():
+    flat = plants.TwoLinkArm(gravity=0.0)
+    verdict = of(share(0.05), flat)
+    assert verdict.certified
+    assert verdict.numbers["weight"] == verdict.numbers["stiffness"] == 0.0
+    assert verdict.margin > of(share(0.05)).margin
+
+
+def test_a_stiffness_that_is_not_a_number():
+    law = make_tdc(5, True, inertia=0.5)
+    with pytest.raises(TarcError, match="stiffness: that of gravity and springs is not finite at q = "):
+        of(law, Sprung(root=1.0), Workspace.box([-1.0], [1.0]))
+
+
+def test_a_tube_about_a_path_is_searched_too():
+    tube = Workspace.path(signals.Sinusoid(amplitude=[0.3, 0.3], frequency=1.0, offset=[0.0, 1.5]), 2.0, tube=0.1)
+    law = share(0.05)
+    verdict = of(law, [ARM, LOADED], tube)
+    needed = verdict.numbers["radius"] / (1 + verdict.margin)
+    assert joint(law, verdict, sampled([ARM, LOADED], tube, 1000, 3)).max() <= 1.01 * needed
+
+
+def test_what_fast_motion_adds_is_not_covered_and_said_so():
+    """At constant speed an arm without gravity has a stiffness of its own, which a certified loop need not bear."""
+    arm, box = plants.TwoLinkArm(gravity=0.0), Workspace.box([-3.0, 0.8], [3.0, 2.2])
+    X, _ = best_shape(arm, box, samples=200)
+    law = make_tdc(3, True, bandwidth=2.0, inertia=0.006 * X)
+    verdict = of(law, arm, box)
+    assert verdict.certified
+    assert any("what stiffness and damping fast motion makes is left out" in line for line in verdict.assumptions)
+    loop, q, step = decouple(law)[0].around(0.0)[:3], np.array([0.0, 2.2]), 1e-5
+    sizes = []
+    for speed in (0.0, 1.0, 6.0):
+        dq = np.array([speed, 0.0])
+        stiffness, damping = (
+            np.column_stack([(arm.bias(q + a * d, dq + b * d) - arm.bias(q - a * d, dq - b * d)) / (2 * step) for d in step * np.eye(2)])
+            for a, b in ((1, 0), (0, 1))
+        )  # fmt: skip
+        A = _at_rest(loop, law.M, (arm.inertia(q), damping, stiffness), law.period)
+        sizes.append(np.abs(np.linalg.eigvals(A)).max())
+    assert sizes[0] < 1
+    assert sizes[1] < 1
+    assert sizes[2] > 1

@@ -103,27 +103,27 @@ def test_boundary_of_a_simulated_step(synchronised):
 
 def test_time_to_empty_and_to_fill_the_cap(loops):
     """A constant error as wide as the layer takes the gain from cap to nothing in 1/ωn, a rising one up in a third."""
+
+    def step(law, state, size):
+        error = np.array([size])
+        tracking = type("Tracking", (), {"error": error, "error_rate": 0 * error, "fault": np.array(False)})
+        return law.robust(state, tracking)[0]
+
     for one in loops[::5]:
         values = adaptation(one, 1.0)
         law = law_of(one, values)
         periods = round(1 / (one.bandwidth * PERIOD))
         state = law.robust_init()._replace(gain=np.array(law.cap))
-
-        def step(state, size):
-            error = np.array([size])
-            tracking = type("Tracking", (), {"error": error, "error_rate": 0 * error, "fault": np.array(False)})
-            return law.robust(state, tracking)[0]
-
         gains = []
         for _ in range(periods + 50):
-            state = step(state, values.boundary)  # the first rises, at the cap, and all the others do not
+            state = step(law, state, values.boundary)  # the first rises, at the cap, and all the others do not
             gains.append(float(state.gain))
         emptied = np.argmax(np.array(gains) < 1.5 * law.floor)
         assert emptied == pytest.approx(periods, abs=0.03 * periods + 2)
         state = law.robust_init()
         gains = []
         for k in range(periods):
-            state = step(state, values.boundary * (1 + 1e-6 * k))
+            state = step(law, state, values.boundary * (1 + 1e-6 * k))
             gains.append(float(state.gain))
         filled = np.argmax(np.array(gains) > 0.9999 * law.cap)
         assert filled == pytest.approx(periods / RATIO, abs=0.03 * periods + 2)
@@ -153,7 +153,7 @@ def test_expected_step_of_friction_is_its_reversal():
     heavy = [rubs, plants.Pendulum(coulomb=2.0, payload=3.0)]
     across = Workspace.box([np.pi / 2], [np.pi / 2])
     assert expected_step(heavy, across) == pytest.approx(max(4.0, 3.0 * 9.81 / 4.0))
-    chain = plants.MassSpringDamper(masses=(1.0, 0.25), springs=(0.0, 0.0))
+    chain = plants.MassSpringDamper(masses=(1.0, 0.25), springs=(0.0, 0.0), dampers=(0.0, 0.0))
     assert expected_step([chain], Workspace.box([0.0, 0.0], [1.0, 1.0])) == 1.0  # nothing to go by
 
 

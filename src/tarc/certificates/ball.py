@@ -303,7 +303,8 @@ def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, flo
     """Verdict and margin from the stored matrices alone: the norm below one, and the radius enough."""
     centre, radius, needed = numbers["centre"], numbers["radius"], numbers["needed"]
     weight, scale = numbers.get("weight", 0.0), numbers.get("scale")
-    if not np.all(np.isfinite([centre, radius, needed, weight, 1.0 if scale is None else scale])) or scale == 0:
+    given = [centre, radius, needed, weight, 1.0 if scale is None else scale]
+    if not np.all(np.isfinite(given)) or not centre > 0 or scale == 0:
         return "inconclusive", 0.0, None
     loop = system(tuple(matrices[name] for name in PARTS), centre, weight)
     margin = radius / max(needed, centre / 1e3) - 1 if needed else radius / centre
