@@ -32,6 +32,7 @@ def test_slope_at_the_cap_is_the_certified_one_and_never_above(loops, expected):
         law = law_of(one, adaptation(one, expected))
         assert law.robust_slope <= one.slope
         assert law.robust_slope == pytest.approx(one.slope, rel=2e-4)
+        assert law.cap is not None
         assert law.start < law.cap
     one = loops[0]
     law = law_of(one, adaptation(one, expected))
@@ -112,6 +113,7 @@ def test_time_to_empty_and_to_fill_the_cap(loops):
     for one in loops[::5]:
         values = adaptation(one, 1.0)
         law = law_of(one, values)
+        assert law.cap is not None
         periods = round(1 / (one.bandwidth * PERIOD))
         state = law.robust_init()._replace(gain=np.array(law.cap))
         gains = []
