@@ -32,7 +32,8 @@ from rich.table import Table
 
 import tarc
 from tarc.certificates import Certificate, Workspace, stable_intervals
-from tarc.certificates.robot import mismatches, robot, sampled, unstable_posture
+from tarc.certificates.postures import mismatches, sampled
+from tarc.certificates.robot import robot, unstable_posture
 from tarc.design import Design, adaptation, assess, design, expected_step
 from tarc.design.choose import ROOM
 from tarc.design.front import Candidate, Demand

@@ -20,8 +20,9 @@ from rich.table import Table
 
 from tarc import estimators, laws
 from tarc.certificates import ball, loop, slope, stable_intervals
-from tarc.certificates.ball import best_scales, parts_of
+from tarc.certificates.ball import best_scales
 from tarc.certificates.linear import decouple
+from tarc.certificates.mismatch import parts_of
 from tarc.progress import Progress
 
 Array = np.ndarray

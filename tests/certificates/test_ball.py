@@ -28,9 +28,10 @@ from benchmarks.soundness import (
 from family import make_law, make_tdc
 from tarc import TarcError, estimators, laws
 from tarc.certificates import Certificate, ball, hinf_norm, stable_interval, stable_intervals
-from tarc.certificates.ball import PARTS, Responses, best_scales, parts_of, system, weighed
+from tarc.certificates.ball import best_scales
 from tarc.certificates.base import schur
 from tarc.certificates.linear import decouple, whole
+from tarc.certificates.mismatch import PARTS, Responses, parts_of, system, weighed
 
 LITERAL, SYNCHRONISED = Design(window=10), Design(window=10, synchronised=True)
 

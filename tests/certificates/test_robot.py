@@ -12,9 +12,10 @@ import tarc
 from family import make_law, make_tdc
 from tarc import TarcError, laws, plants, signals
 from tarc.certificates import Certificate, Workspace, ball, robot, stable_interval
-from tarc.certificates.ball import PARTS
 from tarc.certificates.linear import decouple
-from tarc.certificates.robot import _at_rest, advice, joint_norms, mismatches, sampled
+from tarc.certificates.mismatch import PARTS
+from tarc.certificates.postures import joint_norms, mismatches, sampled
+from tarc.certificates.robot import _at_rest, advice
 from tarc.certificates.workspace import best_shape, inverse_ratios
 
 ARM, LOADED = plants.TwoLinkArm(), plants.TwoLinkArm(payload=2.0)

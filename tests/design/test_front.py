@@ -9,7 +9,7 @@ import tarc
 from family import make_tdc
 from tarc import TarcError, laws, plants, signals
 from tarc.certificates import Workspace, ball, robot
-from tarc.certificates.robot import mismatches, sampled, searched
+from tarc.certificates.postures import mismatches, sampled, searched
 from tarc.certificates.workspace import best_shape, spread
 from tarc.design.front import Demand, assess, candidates, front, peak, settling
 

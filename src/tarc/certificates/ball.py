@@ -6,13 +6,14 @@ import numpy as np
 
 from tarc import check
 from tarc.certificates.base import JUDGES, Certificate, Witness, schur
-from tarc.certificates.linear import Channel, alike, decouple
+from tarc.certificates.linear import alike, decouple
+from tarc.certificates.mismatch import PARTS, Responses, parts_of, system, weighed
 from tarc.certificates.norms import hinf_norm
+from tarc.certificates.slow import Multiplier, bears, best_multiplier
 from tarc.errors import TarcError
 from tarc.laws.base import Law
 
 Array = np.ndarray
-Loop = tuple[Array, Array, Array, Array]
 
 DIGITS = 1e-6
 
@@ -23,6 +24,7 @@ def ball(
     *,
     contains: tuple[float, float] | None = None,
     slope: float = 0.0,
+    rate: float | None = None,
     intersample: bool = True,
     computation_delay: int = 0,
 ) -> Certificate:
@@ -38,6 +40,11 @@ def ball(
     it goes into the loop, the other half into a second block of the mismatch, and a constant scaling between the two
     blocks is searched for.
 
+    That holds however fast E changes, and no smaller a ball would do then. The inertia of a robot changes as fast as
+    the robot moves: with a rate, for ‖dE/dt‖ up to it, the ball is larger. What is added is that Δ(t) = E(t) − ρ0 I is
+    symmetric and slow: for any y_m, 2 Σ_k Σ_m y_m v_{k+m}ᵀ (Δ_k − Δ_{k+m}) v_k ≥ −2 Σ_m |y_m| min(m T rate, 2δ) Σ_k
+    ‖v_k‖². Such y_m, a sum of exponentials, are searched for by linear programming.
+
     Parameters
     ----------
     law
@@ -48,6 +55,8 @@ def ball(
         Instead of a centre: the range of ratios that the ball is to hold with the most room.
     slope
         Largest slope of the robust term [1/s²]; α ĉ ‖P2‖/ε for TARC.
+    rate
+        Greatest ‖dE/dt‖ [1/s]; None for any.
     intersample
         Let E change within a period too (the lifted norm); False holds it constant over each period.
     computation_delay
@@ -68,7 +77,8 @@ def ball(
     References
     ----------
     The small-gain theorem: G. Zames, IEEE Trans. Autom. Control 11(2), 1966. Lifting: B. Bamieh and J. B. Pearson,
-    IEEE Trans. Autom. Control 37(4), 1992.
+    IEEE Trans. Autom. Control 37(4), 1992. Integral quadratic constraints, by which the two inequalities may be added:
+    A. Megretski and A. Rantzer, IEEE Trans. Autom. Control 42(6), 1997.
     """
     slope = check.number("slope", slope, 0)
     if contains is not None:
@@ -81,12 +91,14 @@ def ball(
             "and one damping for all"
         )
     parts = parts_of(channels[0], slope, intersample)
-    centre = check.number("centre", best_centre(parts, contains) if centre is None else centre, 0, strict=True)
-    scale, radius = best_scales(parts, centre)
+    step = None if rate is None else law.period * check.number("rate", rate, 0)
+    centre = check.number("centre", best_centre(parts, contains, step) if centre is None else centre, 0, strict=True)
+    evidence, radius = widest(parts, centre, step=step)
     needed = 0.0 if contains is None else max(contains[1] - centre, centre - contains[0])
-    matrices: dict[str, Array] = dict(zip(PARTS, parts, strict=True))
-    numbers = {"centre": centre, "radius": radius, "needed": needed}
-    numbers |= {} if scale is None else {"scale": scale}
+    evidence_matrices, evidence_numbers = recorded(evidence)
+    matrices: dict[str, Array] = dict(zip(PARTS, parts, strict=True)) | evidence_matrices
+    numbers = {"centre": centre, "radius": radius, "needed": needed} | evidence_numbers
+    numbers |= {} if step is None else {"step": step}
     verdict, margin, witness = judge(matrices, numbers)
     numbers |= {"low": centre - radius, "high": centre + radius, "slope": slope, "period": law.period}
     if centre > radius:
@@ -96,13 +108,14 @@ def ball(
     return Certificate(
         kind="ball",
         claim=f"The loop of {name} around q̈ = E(t) M̂⁻¹τ is stable for every symmetric E(t) with eigenvalues from "
-        f"{ends[0]:.5g} to {ends[1]:.5g}.",
-        problem="‖T‖∞ δ < 1" if not slope else "‖[δ T_vv, d δ T_vs; T_sv k/2d, T_ss k/2]‖∞ < 1, k/2 in the loop",
+        f"{ends[0]:.5g} to {ends[1]:.5g}" + ("." if rate is None else f" that changes by at most {rate:.5g} 1/s."),
+        problem=_problem(bool(slope), rate is not None),
         verdict=verdict,
         margin=margin,
         margin_meaning="radius over the centre" if contains is None else "radius over the one needed, less 1",
         assumptions=(
-            "E changes at any time" if intersample else "E is constant within each period",
+            ("E changes at any time" if intersample else "E is constant within each period")
+            + ("" if rate is None else f", at ‖dE/dt‖ of at most {rate:.4g} 1/s"),
             f"the robust term is a slope between 0 and {slope:g} 1/s², which changes at any time"
             if slope
             else "there is no robust term",
@@ -117,134 +130,47 @@ def ball(
     )
 
 
-PARTS = ("free", "into", "out", "robust", "through", "acceleration", "share")
-"""Of a loop that closes at any ratio: A(ρ) = free + ρ into out, W(ρ) = robust + ρ into through, v = out y + through w,
-B for the mismatched acceleration, and k/2."""
+def _problem(sloping: bool, slow: bool) -> str:
+    if slow:
+        form = "δ²|T|² + 2 Σ|y_m| D_m |T|² − 4 Σ y_m sin(mω) Im T < 1"
+        return f"{form}, with the slope's inequality" if sloping else form
+    return "‖[δ T_vv, d δ T_vs; T_sv k/2d, T_ss k/2]‖∞ < 1, k/2 in the loop" if sloping else "‖T‖∞ δ < 1"
 
 
-def parts_of(channel: Channel, slope: float, intersample: bool) -> tuple[Array, ...]:
-    """`PARTS` of a loop of one joint."""
-    free, B, C, H, E = channel.around(0.0)
-    T, wide = channel.period, B
-    if intersample:
-        # what an acceleration a(t) of unit mean square over the period can do to (q, q̇ T): a root of its Gramian
-        gramian = T**4 * np.array([[1 / 3, 1 / 2], [1 / 2, 1.0]])
-        wide = np.zeros((len(free), 2))
-        wide[:2] = np.linalg.cholesky(gramian)
-    return free, B, C, H, E, wide, np.array([[slope / 2]])
+LESS = 0.0, 2e-5, 2e-4, 2e-3, 0.01, 0.03, 0.08, 0.2, 0.4
+"""Shares by which a radius is made smaller until it holds at all frequencies, and not on a grid of them alone."""
+
+Evidence = Multiplier | float | None
+"""What shows a radius: a multiplier, or the scale of the slope's block, or nothing where there is no slope."""
 
 
-def system(parts: tuple[Array, ...], ratio: float, weight: float = 0.0) -> Loop:
-    """A, B, C, D of the loop at a ratio with half the slope in it, and the mismatch and the rest of the slope outside.
+def recorded(evidence: Evidence) -> tuple[dict[str, Array], dict[str, float]]:
+    """Its matrices and numbers, as a certificate holds them."""
+    if isinstance(evidence, Multiplier):
+        return {"decays": evidence.decays, "coefficients": evidence.coefficients}, {
+            "slope weight": evidence.slope,
+            "stiffness weight": evidence.stiffness,
+        }
+    return {}, {} if evidence is None else {"scale": evidence}
 
-    From (a, w) to (v, weight q, s k/2): w and the last are there only with a slope, the middle one only with a weight.
-    The mismatch maps (v, weight q) to a, where q stands for the stiffness of the robot itself, such as gravity's; a
-    unit ball from s k/2 to w is the other half of the slope.
+
+def widest(
+    parts: tuple[Array, ...], centre: float, weight: float = 0.0, *, step: float | None = None, stiffness: float = 0.0
+) -> tuple[Evidence, float]:
+    """The largest radius that is certified, zero for none, and what shows it.
+
+    With a step E changes by no more than that in a period; the stiffness is the greatest of a robot, or more.
     """
-    free, into, out, robust, through, wide, share = parts
-    half = share.item()
-    show = np.eye(1, len(free))
-    W = robust + ratio * into @ through
-    A = free + ratio * into @ out - half * W @ show
-    columns, rows = [wide], [out - half * through @ show]
-    if weight:
-        rows.append(weight * show)
-    if half:
-        columns, rows = [*columns, W], [*rows, half * show]
-    B, C = np.hstack(columns), np.vstack(rows)
-    D = np.zeros((len(C), B.shape[1]))
-    if half:
-        D[0, wide.shape[1]] = through.item()
-    return A, B, C, D
-
-
-def weighed(loop: Loop, radius: float, scale: float | None = None) -> Loop:
-    """The system whose norm must be below one: outputs to the mismatch times the radius, the slope's block scaled."""
-    A, B, C, D = loop
-    rows, columns = np.full(len(C), radius), np.ones(B.shape[1])
-    if scale is not None:
-        rows[-1], columns[-1] = 1 / scale, scale
-    return A, B * columns, C * rows[:, None], D * rows[:, None] * columns
-
-
-class Responses:
-    """Frequency responses of the loop left open, from which those at any ratio follow without its matrices.
-
-    Of v and q, each to an acceleration held as the torque is, to the mismatched acceleration and to w.
-    """
-
-    def __init__(self, parts: tuple[Array, ...]):
-        free, into, out, robust, through, wide, share = parts
-        z = np.exp(1j * _angles(free))[:, None, None]
-        inputs = np.hstack([into, wide, robust])
-        both = np.vstack([out, np.eye(1, len(free))])
-        G = both @ np.linalg.solve(z * np.eye(len(free)) - free, inputs + 0 * z)
-        G[:, 0, -1] += through.item()
-        self.half = share.item()
-        self.held, self.mismatch, self.robust = G[:, :, 0], G[:, :, 1:-1], G[:, :, -1]
-
-    def at(self, ratio: float) -> Array:
-        """Response from (a, w) to (v, q), shape (frequencies, 2, 2 or 3), with k/2 in the loop."""
-        inputs = np.concatenate([self.mismatch, self.robust[:, :, None]], axis=2)
-        loop = np.zeros((len(inputs), 2, 2), dtype=complex)
-        loop[:, :, 0], loop[:, :, 1] = ratio * self.held, -self.half * self.robust
-        return np.linalg.solve(np.eye(2) - loop, inputs)
-
-    def best(self, ratio: float, weight: float = 0.0) -> tuple[float, float]:
-        """Scale of the slope's block, and radius that the responses at a ratio admit, up to the grid of frequencies.
-
-        With P from (a, w) to (v, weight q) and s the row to s k/2, scaled, r² PᴴP + sᴴs < 1 at each frequency, so that
-        1/r² is the greatest eigenvalue of the 2 × 2 matrix P (1 − sᴴs)⁻¹ Pᴴ.
-        """
-        G = self.at(ratio)
-        a, w = G[:, :, :-1], G[:, :, -1]
-        a, w = a * np.array([[1.0], [weight]]), w * np.array([1.0, weight])
-        into, through = G[:, 1, :-1] * self.half, G[:, 1, -1] * self.half
-        vv, qq = np.sum(np.abs(a) ** 2, axis=2).T
-        vq = np.sum(a[:, 0] * a[:, 1].conj(), axis=1)
-        if not self.half:
-            return 1.0, float(1 / np.sqrt(np.max(_greatest(vv, qq, vq))))
-        ss, tt = np.sum(np.abs(into) ** 2, axis=1), np.abs(through) ** 2
-        cross_a, cross_w = np.sum(a * into.conj()[:, None], axis=2), w * through.conj()[:, None]
-
-        def radius(log: float) -> float:
-            d2 = np.exp(2 * log)
-            beta = ss / d2 + tt
-            if np.max(beta) >= 1:
-                return 1 - float(np.max(beta))
-            cross = cross_a / np.sqrt(d2) + cross_w * np.sqrt(d2)
-            v, q = (np.abs(cross) ** 2 / (1 - beta)[:, None]).T
-            mixed = cross[:, 0] * cross[:, 1].conj() / (1 - beta)
-            v, q = vv + d2 * np.abs(w[:, 0]) ** 2 + v, qq + d2 * np.abs(w[:, 1]) ** 2 + q
-            mixed = vq + d2 * w[:, 0] * w[:, 1].conj() + mixed
-            return float(1 / np.sqrt(np.max(_greatest(v, q, mixed))))
-
-        from scipy.optimize import minimize_scalar
-
-        least = 0.5 * np.log(max(np.max(ss / np.maximum(1 - tt, 1e-12)), 1e-300))  # below it, beta exceeds one
-        found: Any = minimize_scalar(
-            lambda log: -radius(log), bounds=(least, least + 12), method="bounded", options={"xatol": 1e-3}
-        )
-        return float(np.exp(found.x)), max(-float(found.fun), 0.0)
-
-
-def _angles(free: Array) -> Array:
-    """Angles [rad a period] close enough for every peak: most of them low, and more beside poles near the circle.
-
-    A literal law whose torque comes back after m periods has such poles at the m-th roots of one, and a narrow peak
-    beside each.
-    """
-    poles = np.linalg.eigvals(free)
-    turns = np.abs(np.angle(poles[np.abs(poles) > 0.9]))
-    apart = np.geomspace(1e-8, 0.05, 80)
-    beside = np.concatenate([-apart, apart])
-    near = (turns[turns > 0.05][:, None] + beside).ravel()
-    return np.unique(np.concatenate([np.geomspace(1e-4, np.pi, 300), near[near < np.pi]]))
-
-
-def _greatest(v: Array, q: Array, mixed: Array) -> Array:
-    """Greatest eigenvalue of [v mixed; conj(mixed) q], at least so great that its inverse is a number."""
-    return np.maximum((v + q) / 2 + np.sqrt((v - q) ** 2 / 4 + np.abs(mixed) ** 2), 1e-300)
+    if step is None:
+        return best_scales(parts, centre, weight)
+    if schur(system(parts, centre, weight)[0])[0] != "certified":
+        return Multiplier(np.zeros(0), np.zeros(0)), 0.0
+    multiplier, radius = best_multiplier(parts, centre, step, most=2 * centre, weight=weight, stiffness=stiffness)
+    for less in LESS:
+        trial = radius * (1 - less)
+        if trial > 0 and bears(parts, centre, trial, step, multiplier, weight, stiffness):
+            return multiplier, trial
+    return multiplier, 0.0
 
 
 def best_scales(parts: tuple[Array, ...], centre: float, weight: float = 0.0) -> tuple[float | None, float]:
@@ -256,60 +182,77 @@ def best_scales(parts: tuple[Array, ...], centre: float, weight: float = 0.0) ->
     if not sloping:
         return None, (1 - DIGITS) / hinf_norm(*loop)
     scale, radius = Responses(parts).best(centre, weight)
-    for less in (2e-5, 2e-4, 2e-3, 0.01, 0.03, 0.08, 0.2, 0.4):  # the grid of frequencies may have missed a peak
+    for less in LESS[1:]:
         trial = radius * (1 - less)
         if trial > 0 and hinf_norm(*weighed(loop, trial, scale)) < 1:
             return scale, trial
     return scale, 0.0
 
 
-def best_centre(parts: tuple[Array, ...], contains: tuple[float, float] | None) -> float:
+def best_centre(parts: tuple[Array, ...], contains: tuple[float, float] | None, step: float | None = None) -> float:
     """The centre whose ball has the largest ratio of its ends, or holds a range with the most room."""
     from scipy.optimize import minimize_scalar
 
     responses = Responses(parts)
 
-    def worth(log: float) -> float:
+    def worth(log: float, slow: bool = False) -> float:
         centre = float(np.exp(log))
         spectral_radius = float(np.max(np.abs(np.linalg.eigvals(system(parts, centre)[0]))))
         if spectral_radius >= 1:
             return -spectral_radius
-        radius = responses.best(centre)[1]
+        if slow and step is not None:
+            radius = best_multiplier(parts, centre, step, most=2 * centre)[1]
+        else:
+            radius = responses.best(centre)[1]
         if contains is None:
             return radius / centre
         return radius / max(contains[1] - centre, centre - contains[0], 1e-12)
+
+    def refined(logs: Array, slow: bool, tolerance: float) -> float:
+        values = [worth(log, slow) for log in logs]
+        top = int(np.argmax(values))
+        ends = logs[max(top - 1, 0)], logs[min(top + 1, len(logs) - 1)]
+        if ends[0] == ends[1] or values[top] <= 1e-3:  # nothing, or what rounding leaves of a mode on the circle
+            return logs[top]
+        found: Any = minimize_scalar(
+            lambda log: -worth(log, slow), bounds=ends, method="bounded", options={"xatol": tolerance}
+        )
+        return found.x if -found.fun > values[top] else logs[top]
 
     if contains is None:
         logs = np.log(np.geomspace(1e-4, 10.0, 33))
     else:
         logs = np.log(np.linspace(*contains, 9)) if contains[1] > contains[0] else np.log(np.array(contains[:1]))
-    values = [worth(log) for log in logs]
-    top = int(np.argmax(values))
-    if values[top] <= 1e-3:  # nothing, or what rounding leaves of a mode on the circle
-        if contains is None:
-            raise TarcError(
-                "ball: no inertia ratio makes this loop stable; use a shorter window, a lower bandwidth, a smaller "
-                "slope or less computation delay"
-            )
-        return float(np.exp(logs[top]))
-    ends = logs[max(top - 1, 0)], logs[min(top + 1, len(logs) - 1)]
-    if ends[0] == ends[1]:
-        return float(np.exp(logs[top]))
-    found: Any = minimize_scalar(lambda log: -worth(log), bounds=ends, method="bounded", options={"xatol": 1e-4})
-    return float(np.exp(found.x if -found.fun > values[top] else logs[top]))
+    best = refined(logs, False, 1e-4)
+    if contains is None and worth(best) <= 1e-3:
+        raise TarcError(
+            "ball: no inertia ratio makes this loop stable; use a shorter window, a lower bandwidth, a smaller slope "
+            "or less computation delay"
+        )
+    if step is not None and contains is None:  # it is a little higher than at any speed
+        best = refined(best + np.log([0.8, 1.0, 1.25, 1.5, 1.8]), True, 1e-2)
+    elif step is not None and contains is not None:
+        best = refined(np.sort([best, np.log((contains[0] + contains[1]) / 2)]), True, 1e-2)
+    return float(np.exp(best))
 
 
 def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, float, Witness | None]:
-    """Verdict and margin from the stored matrices alone: the norm below one, and the radius enough."""
+    """Verdict and margin from the stored matrices alone: the norm below one or the form negative, the radius enough."""
     centre, radius, needed = numbers["centre"], numbers["radius"], numbers["needed"]
-    weight, scale = numbers.get("weight", 0.0), numbers.get("scale")
-    given = [centre, radius, needed, weight, 1.0 if scale is None else scale]
+    weight, scale, step = numbers.get("weight", 0.0), numbers.get("scale"), numbers.get("step")
+    given = [centre, radius, needed, weight, 1.0 if scale is None else scale, 0.0 if step is None else step]
     if not np.all(np.isfinite(given)) or not centre > 0 or scale == 0:
         return "inconclusive", 0.0, None
-    loop = system(tuple(matrices[name] for name in PARTS), centre, weight)
+    parts = tuple(matrices[name] for name in PARTS)
+    loop = system(parts, centre, weight)
     margin = radius / max(needed, centre / 1e3) - 1 if needed else radius / centre
-    sound = radius > 0 and schur(loop[0])[0] == "certified"
-    sound = sound and hinf_norm(*weighed(loop, radius, scale)) < 1 and radius >= needed
+    sound = radius > 0 and radius >= needed and schur(loop[0])[0] == "certified"
+    if step is None:
+        sound = sound and hinf_norm(*weighed(loop, radius, scale)) < 1
+    else:
+        weights = numbers["slope weight"], numbers["stiffness weight"]
+        multiplier = Multiplier(matrices["decays"], matrices["coefficients"], *weights)
+        sound = sound and bears(parts, centre, radius, step, multiplier, weight, numbers.get("stiffness", 0.0))
     return ("certified" if sound else "inconclusive"), float(margin), None
 
 

@@ -103,20 +103,60 @@ def _peak(A: Array, B: Array, C: Array, D: Array, poles: Array) -> float:
 def _suspects(A: Array, B: Array, C: Array, D: Array, level: float) -> Array:
     """Angles in [0, π] at which the gain may exceed a level: where it crosses the level, and between.
 
-    The crossings are eigenvalues of a pencil on the unit circle. Those that rounding has moved off it are kept, since
-    one too many costs a look and one too few a wrong bound; for the same reason the level is scaled to one.
+    To keep rounding small the level is scaled to one.
+    """
+    root = np.sqrt(level)
+    B, C, D = B / root, C / root, D / level
+    return _crossings(A, B, C.T @ C, C.T @ D, D.T @ D - np.eye(B.shape[1]))
+
+
+def _crossings(A: Array, B: Array, Q: Array, S: Array, R: Array) -> Array:
+    """Angles at which the form of `negative` is singular, and between.
+
+    They are eigenvalues of a pencil on the unit circle. Those that rounding has moved off it are kept, since one too
+    many costs a look and one too few a wrong bound.
     """
     from scipy.linalg import eigvals
 
-    m, n = len(A), B.shape[1]
-    root = np.sqrt(level)
-    B, C, D = B / root, C / root, D / level
-    # (zI − A) x = B u;  (I − z Aᵀ) p = z Cᵀ (C x + D u);  u = Bᵀ p + Dᵀ (C x + D u)
+    m, n = B.shape
+    # (zI − A) x = B u;  (I − z Aᵀ) p = z (Q x + S u);  0 = Bᵀ p + Sᵀ x + R u
     x, p, u = slice(m), slice(m, 2 * m), slice(2 * m, 2 * m + n)
     left, right = np.zeros((2 * m + n,) * 2), np.zeros((2 * m + n,) * 2)
-    left[x, x], left[p, x], left[p, p], left[p, u] = np.eye(m), C.T @ C, A.T, C.T @ D
+    left[x, x], left[p, x], left[p, p], left[p, u] = np.eye(m), Q, A.T, S
     right[x, x], right[x, u], right[p, p] = A, B, np.eye(m)
-    right[u, x], right[u, p], right[u, u] = D.T @ C, B.T, D.T @ D - np.eye(n)
+    right[u, x], right[u, p], right[u, u] = S.T, B.T, R
     z = np.asarray(eigvals(right, left))
     angles = np.unique(np.abs(np.angle(z[np.isfinite(z) & (np.abs(np.abs(z) - 1) < 1e-2)])))
     return np.concatenate([angles, (angles[1:] + angles[:-1]) / 2])
+
+
+def negative(A: Array, B: Array, Q: Array, S: Array, R: Array) -> bool:
+    """Whether [x; u]ᴴ [Q S; Sᵀ R] [x; u] < 0 for all x = (e^{jω} I − A)⁻¹ B u, u ≠ 0, and all ω.
+
+    By the lemma of Kalman, Yakubovich and Popov that is dissipativity. The form can change its sign where it is
+    singular only, so it is looked at there, between, at the poles, and on a grid; false for an A that is not stable.
+
+    Raises
+    ------
+    TarcError
+        For matrices that are not finite.
+
+    References
+    ----------
+    A. Rantzer, Systems & Control Letters 28(1), 1996.
+    """
+    A, B, Q, S, R = (check.array(name, one) for name, one in zip("ABQSR", (A, B, Q, S, R), strict=True))
+    poles = np.linalg.eigvals(A)
+    if np.max(np.abs(poles), initial=0.0) >= 1:
+        return False
+    from scipy.linalg import matrix_balance
+
+    A, (scale, _) = matrix_balance(A, permute=False, separate=True)
+    B, Q, S = B / scale[:, None], Q * scale * scale[:, None], S * scale[:, None]
+    grid = np.concatenate([[0.0], np.geomspace(1e-6, np.pi, 50), np.abs(np.angle(poles[np.abs(poles) > 0.5]))])
+    z = np.exp(1j * np.concatenate([grid, _crossings(A, B, Q, S, R)]))[:, None, None]
+    x = np.linalg.solve(z * np.eye(len(A)) - A, B + 0 * z)
+    adjoint = x.conj().transpose(0, 2, 1)
+    mixed = adjoint @ S
+    forms = adjoint @ Q @ x + mixed + mixed.conj().transpose(0, 2, 1) + R
+    return bool(np.max(np.linalg.eigvalsh(forms)) < 0)

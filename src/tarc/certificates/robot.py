@@ -1,6 +1,5 @@
 """The verdict for a robot: the spread of its inertia over a workspace against what the loop bears."""
 
-import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -8,11 +7,23 @@ from typing import Any
 
 import numpy as np
 
-from tarc.certificates.ball import PARTS, Responses, ball, best_centre, best_scales, parts_of
+from tarc.certificates.ball import ball, best_centre, recorded, widest
 from tarc.certificates.ball import judge as judge_ball
 from tarc.certificates.base import JUDGES, Certificate, Witness, schur
 from tarc.certificates.linear import alike, decouple, whole
 from tarc.certificates.loop import stable_intervals
+from tarc.certificates.mismatch import PARTS, Responses, parts_of
+from tarc.certificates.postures import (
+    fastest,
+    in_nominal,
+    inertia_slopes,
+    joint_norms,
+    mismatches,
+    rates,
+    sampled,
+    searched,
+)
+from tarc.certificates.slow import best_multiplier
 from tarc.certificates.workspace import Spread, Workspace, inverse_ratios, spread
 from tarc.errors import TarcError
 from tarc.laws.base import Law
@@ -33,15 +44,16 @@ def robot(
     samples: int = 2000,
     seed: int = 0,
 ) -> Certificate:
-    """Certify a law on a robot: however its posture changes inside a workspace, and however fast.
+    """Certify a law on a robot: however its posture changes inside a workspace, and however fast, or within a speed.
 
     A small error obeys, in coordinates x = M̂^½ q, ẍ = E(q) v − H(q) x with E = M̂^½ M⁻¹ M̂^½ and
     H = M̂^½ M⁻¹ (∂g/∂q) M̂^−½ the stiffness of gravity and springs; so at rest, and about a motion but for the stiffness
     ∂(M q̈ + C q̇)/∂q and the damping that its own forces make, which are left out. They grow with the square of the
     speed, and can undo what is certified where M̂ or the bandwidth is low. Certified if the robust ball, of pairs
     ‖[E − ρ0 I, H/η]‖ ≤ δ with the weight η that leaves it the most room, holds those of all postures of the workspace,
-    together with every slope of the robust term up to that at its cap. Refuted if in one of the worst
-    postures the robot held at rest, linearised with its inertia, gravity and viscous friction, is unstable.
+    together with every slope of the robust term up to that at its cap. Where the workspace has a speed, the ball is
+    that for ‖dE/dt‖ up to the greatest at this speed, which holds far more. Refuted if in one of the worst postures
+    the robot held at rest, linearised with its inertia, gravity and viscous friction, is unstable.
     Inconclusive between the two, and for gains that differ between the joints, which the ball does not cover.
 
     Parameters
@@ -63,7 +75,8 @@ def robot(
         Its matrices hold ``posture_low``, ``posture_high`` and ``posture_stiff`` (n,), where the least and the greatest
         ratio and the greatest stiffness were found, with the robot linearised there; its numbers the ratios
         (``least ratio``, ``greatest ratio``), their ``spread``, the ``stiffness`` [1/s²], how many ``samples`` were
-        taken, and the ball's centre and radius. The margin is the ball's radius over the one that is needed, less 1;
+        taken, the ball's centre and radius, and with a speed the ``rate`` ‖dE/dt‖ [1/s] that it may reach, in
+        ``posture_fast``. The margin is the ball's radius over the one that is needed, less 1;
         where refuted, 1 less the spectral radius.
 
     Raises
@@ -87,20 +100,31 @@ def robot(
     slope = law.robust_slope if bounded else 0.0
     numbers = {"period": law.period, "alike": float(alike(law)), "bounded": float(bounded)}
     numbers["stiffness"] = float(sizes[stiff])
+    step = None
+    if workspace.speed is not None:
+        fast = fastest(plants, law.M, workspace, min(samples, STIFF_SAMPLES), seed)
+        slopes = inertia_slopes(*fast)
+        matrices |= {"posture_fast": fast[1], "inertia_fast": fast[0].inertia(fast[1]), "slopes_fast": slopes}
+        matrices["speed"] = workspace.speed
+        step = law.period * float(rates(law.M, matrices["inertia_fast"][None], slopes[None], workspace.speed)[0])
+        numbers |= {"step": step, "rate": step / law.period}
     if numbers["alike"]:
         (channel,) = decouple(law, computation_delay)
         parts = parts_of(channel, slope, intersample=True)
-        tries = {best_centre(parts, (found.low, found.high)), (found.low + found.high) / 2}
+        tries = {best_centre(parts, (found.low, found.high), step), (found.low + found.high) / 2}
         for last in (False, False, True):  # the worst posture moves with the weight
-            trials = [(*best_weight(parts, centre, E, H), centre) for centre in tries]
+            trials = [(*best_weight(parts, centre, E, H, step), centre) for centre in tries]
             _, weight, joint, centre = max(trials, key=lambda trial: trial[0])
             if last or not weight:
                 break
             postures, E, H = searched(postures, E, H, workspace, units, law.M, centre, weight)
-        scale, radius = best_scales(parts, centre, weight)
-        matrices |= dict(zip(PARTS, parts, strict=True))
-        numbers |= {"centre": centre, "radius": radius, "weight": weight}
-        numbers |= {} if scale is None else {"scale": scale}
+            sizes = np.linalg.norm(H, 2, axis=(1, 2))
+        stiff = int(np.argmax(sizes))
+        numbers["stiffness"] = float(sizes[stiff])
+        evidence, radius = widest(parts, centre, weight, step=step, stiffness=numbers["stiffness"])
+        evidence_matrices, evidence_numbers = recorded(evidence)
+        matrices |= dict(zip(PARTS, parts, strict=True)) | evidence_matrices
+        numbers |= {"centre": centre, "radius": radius, "weight": weight} | evidence_numbers
     else:
         channel = whole(law, computation_delay)
         matrices |= dict(zip(PARTS[:3], channel.around(0.0)[:3], strict=True))
@@ -114,37 +138,51 @@ def robot(
     numbers["samples"] = float(found.samples)
     return Certificate(
         kind="robot",
-        claim=f"{type(law).__name__} keeps the robot stable however it moves in the workspace.",
-        problem="‖[E(q) − ρ0 I, H(q)/η]‖ ≤ δ < 1/‖[T_v; η T_q]‖∞ for all q of the workspace"
+        claim=f"{type(law).__name__} keeps the robot stable however it moves in the workspace"
+        + ("." if step is None else ", at the joints' speeds given or less."),
+        problem=(
+            "‖[E(q) − ρ0 I, H(q)/η]‖ ≤ δ for all q of the workspace, ‖dE/dt‖ within a rate, and a ball of radius δ "
+            "that the loop bears at this rate"
+            if step is not None
+            else "‖[E(q) − ρ0 I, H(q)/η]‖ ≤ δ < 1/‖[T_v; η T_q]‖∞ for all q of the workspace"
+        )
         + (f", with every slope of the robust term up to {slope:.4g} 1/s²" if slope else ""),
         verdict=verdict,
         margin=margin,
         margin_meaning="1 less the spectral radius in that posture"
         if verdict == "refuted"
         else "radius of the ball over the one needed, less 1",
-        assumptions=_assumptions(law, found, numbers["stiffness"], computation_delay),
+        assumptions=_assumptions(law, found, numbers, workspace.speed, computation_delay),
         matrices=matrices,
         numbers=numbers,
         witness=witness,
     )
 
 
-def _assumptions(law: PolePlacement, found: Spread, stiffness: float, computation_delay: int) -> tuple[str, ...]:
+def _assumptions(
+    law: PolePlacement, found: Spread, numbers: dict[str, float], speed: Array | None, computation_delay: int
+) -> tuple[str, ...]:
     def posture(q: Array) -> str:
         return "(" + ", ".join(f"{one:.3g}" for one in q) + ")"
 
     lines = [
         f"the eigenvalues of M(q)⁻¹M̂ lie between {found.low:.4g}, found at q = {posture(found.where_low)}, and "
         f"{found.high:.4g}, at {posture(found.where_high)}; {found.samples} samples and local search found no others",
-        f"gravity and springs have a stiffness, in these coordinates, of at most {stiffness:.3g} 1/s², which with its "
-        f"posture's inertia is taken from {min(found.samples, STIFF_SAMPLES)} samples, the two postures above and "
-        "local search",
+        f"gravity and springs have a stiffness, in these coordinates, of at most {numbers['stiffness']:.3g} 1/s², "
+        f"which with its posture's inertia is taken from {min(found.samples, STIFF_SAMPLES)} samples, the two postures "
+        "above and local search",
         "the robot stays in the workspace; Coriolis forces and friction disturb only, viscous friction apart where the "
         "robot is at rest: what stiffness and damping fast motion makes is left out; dry friction may hold back what "
         "is refuted",
         "no torque limit is reached and no sample is lost",
         f"the torque reaches the joints {computation_delay} periods late and is held for a period",
     ]
+    if speed is not None:
+        lines.append(
+            f"no joint is faster than {posture(speed)} rad/s or m/s, so that E = M̂^½ M⁻¹ M̂^½ changes by at most "
+            f"{numbers['rate']:.3g} 1/s, the greatest that samples and local search found; the payload stays the same, "
+            "or changes so seldom that the loop has settled in between"
+        )
     if isinstance(law, TARC) and law.cap is None:
         lines.append("the gain has no cap, so that nothing bounds the robust term; give one to have it certified")
     elif not np.isfinite(law.robust_slope):
@@ -176,11 +214,18 @@ def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, flo
     needed = max(greatest - centre, centre - least)
     names = ("low", "high", "stiff", "joint")
     M, G = (np.array([matrices[f"{part}_{name}"] for name in names]) for part in ("inertia", "stiffness"))
-    E, H = _in_nominal(matrices["nominal"], M, G)
+    E, H = in_nominal(matrices["nominal"], M, G)
+    stiffest = float(np.linalg.norm(H, 2, axis=(1, 2)).max())
     if weight > 0:
         needed = max(needed, float(joint_norms(E, H, centre, weight).max()))
-    elif not np.linalg.norm(H, 2, axis=(1, 2)).max() <= NO_STIFFNESS:  # which the loop without its weight leaves out
+    elif not stiffest <= NO_STIFFNESS:  # which the loop without its weight leaves out
         return "inconclusive", 0.0, None
+    if "step" in numbers:
+        M, slopes = matrices["inertia_fast"][None], matrices["slopes_fast"][None]
+        step = numbers["period"] * float(rates(matrices["nominal"], M, slopes, matrices["speed"])[0])
+        within = step <= (1 + 1e-9) * numbers["step"] and stiffest <= (1 + 1e-9) * numbers["stiffness"]
+        if not within:
+            return "inconclusive", 0.0, None
     verdict, margin, _ = judge_ball(matrices, {**numbers, "needed": needed})
     return (verdict if numbers["bounded"] else "inconclusive"), margin, None
 
@@ -189,99 +234,11 @@ NO_STIFFNESS = 1e-9
 """Stiffness [1/s²] of a robot below which it counts as none."""
 STIFF_SAMPLES = 500
 """Postures whose stiffness is computed; it changes little beside the inertia's eigenvalues."""
-STIFF_SEARCHES = 4
-"""How many of them are starts of a local search for the greatest mismatch and stiffness together."""
-STIFF_STEP = 1e-5
-"""Step of its differences, in widths of the box; the stiffness is a difference itself."""
 
 
-def sampled(plants: Sequence[Plant], workspace: Workspace, samples: int, seed: int) -> list[tuple[Plant, Array]]:
-    """Each robot in each of some postures of the workspace."""
-    return [(plant, posture) for posture in workspace.sample(samples, seed) for plant in plants]
-
-
-def searched(
-    postures: list[tuple[Plant, Array]], E: Array, H: Array, workspace: Workspace, units: Array, nominal: Array,
-    centre: float, weight: float,
-) -> tuple[list[tuple[Plant, Array]], Array, Array]:  # fmt: skip
-    """Postures and their `mismatches`, and those that a local search for the greatest joint norm adds to them.
-
-    It starts from the worst of them, the stiffest, and the first two, taken for the ends of the ratios.
-    """
-    stiff = int(np.argmax(np.linalg.norm(H, 2, axis=(1, 2))))
-    worst = np.argsort(joint_norms(E, H, centre, weight))[::-1][:STIFF_SEARCHES]
-    starts = [postures[i] for i in dict.fromkeys([0, 1, stiff, *worst.tolist()])]
-    added = [_climb(start, workspace, units, nominal, centre, weight) for start in starts]
-    one, two = mismatches(nominal, added)
-    return [*postures, *added], np.concatenate([E, one]), np.concatenate([H, two])
-
-
-def _climb(
-    start: tuple[Plant, Array], workspace: Workspace, units: Array, nominal: Array, centre: float, weight: float
-) -> tuple[Plant, Array]:
-    """A posture of greater joint norm near one; in a tube, near the closest of the samples, units of its variables."""
-    from scipy.optimize import minimize
-
-    plant, posture = start
-    width = workspace.high - workspace.low
-    free = np.flatnonzero(width > 0)
-    if not free.size:
-        return start
-    if workspace.reference is None:
-        unit = (posture - workspace.low) / np.where(width > 0, width, 1.0)
-    else:
-        apart = workspace.positions(workspace.low + units * width) - posture
-        unit = units[np.argmin(np.linalg.norm(apart, axis=1))]
-    nudges = STIFF_STEP * np.concatenate([np.zeros((1, len(free))), np.eye(len(free))])
-
-    def place(points: Array) -> Array:
-        variables = np.tile(unit, (len(points), 1))
-        variables[:, free] = points
-        return workspace.positions(workspace.low + variables * width)
-
-    def downhill(point: Array) -> tuple[float, Array]:
-        inward = np.where(point > 0.5, -1.0, 1.0)
-        pairs = mismatches(nominal, [(plant, one) for one in place(point + nudges * inward)])
-        near = -joint_norms(*pairs, centre, weight) / centre
-        return float(near[0]), (near[1:] - near[0]) / (STIFF_STEP * inward)
-
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Values in x were outside bounds")  # by rounding; they are clipped
-        end = minimize(
-            downhill, unit[free], jac=True, method="SLSQP", bounds=[(0.0, 1.0)] * len(free),
-            options={"ftol": 1e-5, "maxiter": 30},
-        )  # fmt: skip
-    return plant, place(np.clip(end.x, 0, 1)[None])[0]
-
-
-def mismatches(nominal: Array, postures: Sequence[tuple[Plant, Array]]) -> tuple[Array, Array]:
-    """E = M̂^½ M⁻¹ M̂^½ and H = M̂^½ M⁻¹ (∂g/∂q) M̂^−½ [1/s²] of robots in postures, each (k, n, n).
-
-    Held at rest the robot obeys ẍ = E v − H x in coordinates x = M̂^½ q.
-    """
-    rest = [plant.at_rest(posture) for plant, posture in postures]
-    for (_, posture), (_, _, stiffness) in zip(postures, rest, strict=True):
-        if not np.isfinite(stiffness).all():
-            raise TarcError(
-                f"stiffness: that of gravity and springs is not finite at q = {posture.round(4).tolist()}; check the "
-                "potential energy, or give a workspace without this posture"
-            )
-    return _in_nominal(nominal, np.array([M for M, _, _ in rest]), np.array([G for _, _, G in rest]))
-
-
-def _in_nominal(nominal: Array, M: Array, G: Array) -> tuple[Array, Array]:
-    values, vectors = np.linalg.eigh(nominal)
-    root, inverse = (vectors * values**power @ vectors.T for power in (0.5, -0.5))
-    return root @ np.linalg.solve(M, root + 0 * M), root @ np.linalg.solve(M, G @ inverse)
-
-
-def joint_norms(E: Array, H: Array, centre: float, weight: float) -> Array:
-    """‖[E − ρ0 I, H/η]‖ of each pair, shape (k,): what a ball about the centre must hold, with the weight η [1/s²]."""
-    apart = E - centre * np.eye(E.shape[1])
-    return np.linalg.norm(np.concatenate([apart, H / weight], axis=2), 2, axis=(1, 2))
-
-
-def best_weight(parts: tuple[Array, ...], centre: float, E: Array, H: Array) -> tuple[float, float, int]:
+def best_weight(
+    parts: tuple[Array, ...], centre: float, E: Array, H: Array, step: float | None = None
+) -> tuple[float, float, int]:
     """The weight η of the position beside v with the most room, radius over the one needed; and the pair that needs it.
 
     A large η makes little of the stiffness in what the ball must hold and much of it in what the loop bears. Zero where
@@ -290,12 +247,18 @@ def best_weight(parts: tuple[Array, ...], centre: float, E: Array, H: Array) -> 
     sizes = np.linalg.norm(H, 2, axis=(1, 2))
     apart = np.linalg.norm(E - centre * np.eye(E.shape[1]), 2, axis=(1, 2))
     responses, best = Responses(parts), (-np.inf, 0.0, 0)
-    extent = max(float(apart.max()), 0.1 * centre)
-    if sizes.max() <= NO_STIFFNESS:
-        return responses.best(centre)[1] / extent, 0.0, int(np.argmax(apart))
-    for weight in sizes.max() / extent * np.geomspace(0.1, 100.0, 31):
+    extent, stiffness = max(float(apart.max()), 0.1 * centre), float(sizes.max())
+
+    def radius(weight: float) -> float:
+        if step is None:
+            return responses.best(centre, weight)[1]
+        return best_multiplier(parts, centre, step, most=2 * centre, weight=weight, stiffness=stiffness)[1]
+
+    if stiffness <= NO_STIFFNESS:
+        return radius(0.0) / extent, 0.0, int(np.argmax(apart))
+    for weight in stiffness / extent * np.geomspace(0.1, 100.0, 31 if step is None else 9):
         norms = joint_norms(E, H, centre, weight)
-        room = responses.best(centre, float(weight))[1] / norms.max()
+        room = radius(float(weight)) / norms.max()
         if room > best[0]:
             best = room, float(weight), int(np.argmax(norms))
     return best

@@ -30,7 +30,7 @@ Stacked = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Workspace:
-    """A set of postures: a box of joint positions, or what lies within a tube about a reference.
+    """A set of postures, and how fast they change: a box of joint positions, or what is in a tube about a reference.
 
     Made by `box`, `path` or `of`.
 
@@ -41,11 +41,15 @@ class Workspace:
         from it a joint [rad or m], shape (n + 1,).
     reference
         The trajectory at the middle of the tube, or None.
+    speed
+        The greatest speed of each joint [rad/s or m/s], shape (n,); None for any speed. The slower the robot, the more
+        its loop bears.
     """
 
     low: np.ndarray
     high: np.ndarray
     reference: Reference | None = None
+    speed: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         if np.shape(self.low) != np.shape(self.high) or np.ndim(self.low) != 1:
@@ -58,27 +62,39 @@ class Workspace:
             raise TarcError(
                 f"low, high: number {i + 1} goes from {self.low[i]:g} to {self.high[i]:g}; needs low ≤ high"
             )
+        if self.speed is not None:
+            object.__setattr__(self, "speed", check.vector("speed", self.speed, self.joints, 0))
 
     @classmethod
-    def box(cls, low: Numbers, high: Numbers) -> "Workspace":
-        """All positions between low and high [rad or m], one number a joint; equal ones hold a joint still."""
-        return cls(low=np.atleast_1d(check.array("low", low)), high=np.atleast_1d(check.array("high", high)))
+    def box(cls, low: Numbers, high: Numbers, *, speed: Numbers | None = None) -> "Workspace":
+        """All positions between low and high [rad or m], one number a joint; equal ones hold a joint still.
+
+        The greatest speed [rad/s or m/s] is one number or one a joint, or None for any.
+        """
+        first = np.atleast_1d(check.array("low", low))
+        return cls(low=first, high=np.atleast_1d(check.array("high", high)), speed=_speed(speed, len(first)))
 
     @classmethod
-    def path(cls, reference: Reference, duration: float, *, tube: Numbers = 0.0) -> "Workspace":
+    def path(
+        cls, reference: Reference, duration: float, *, tube: Numbers = 0.0, speed: Numbers | None = None
+    ) -> "Workspace":
         """The positions of a reference in its first seconds, each joint off by at most ±tube [rad or m].
 
-        The duration is in [s], the tube one number or one a joint.
+        The duration is in [s]; the tube and the greatest speed [rad/s or m/s] are one number or one a joint, the speed
+        None for any.
         """
         if not isinstance(reference, Reference):
             raise TarcError(f"reference: got {type(reference).__name__}; needs one of tarc.signals, such as Sinusoid")
         end = check.number("duration", duration, 0)
         width = check.vector("tube", tube, reference.joints, 0)
-        return cls(low=np.array([0.0, *-width]), high=np.array([end, *width]), reference=reference)
+        low, high = np.array([0.0, *-width]), np.array([end, *width])
+        return cls(low=low, high=high, reference=reference, speed=_speed(speed, reference.joints))
 
     @classmethod
-    def of(cls, plant: Plant) -> "Workspace":
+    def of(cls, plant: Plant, *, speed: Numbers | None = None) -> "Workspace":
         """All that the joints of a robot reach: their ranges in its file, and ±π for a hinge without one.
+
+        The greatest speed [rad/s or m/s] is one number or one a joint, or None for any.
 
         Raises
         ------
@@ -98,7 +114,7 @@ class Workspace:
                     f"workspace: joint {name} slides [m] and has no range; give the ranges of all joints with "
                     "Workspace.box(low, high)"
                 )
-        return cls(low=low, high=high)
+        return cls(low=low, high=high, speed=_speed(speed, plant.joints))
 
     @property
     def joints(self) -> int:
@@ -121,6 +137,10 @@ class Workspace:
         if self.reference is None:
             return variables
         return self.reference.sample(variables[:, 0])[0].T + variables[:, 1:]
+
+
+def _speed(given: Numbers | None, joints: int) -> np.ndarray | None:
+    return None if given is None else check.vector("speed", given, joints, 0)
 
 
 class Extremum(NamedTuple):
@@ -373,7 +393,7 @@ class _Grid:
         self.free = np.flatnonzero(self.width > 0)
         self.units = workspace.units(samples, seed)[:, self.free]
         self.postures = self.place(self.units)
-        self.inertias = [_inertias(plant, self.postures) for plant in plants]
+        self.inertias = [inertias(plant, self.postures) for plant in plants]
 
     def place(self, units: np.ndarray) -> np.ndarray:
         """Postures (k, n) at points (k, d) of the unit cube."""
@@ -420,11 +440,11 @@ def _climb(
     from scipy.optimize import minimize
 
     nudges = STEP * np.concatenate([np.zeros((1, len(start))), np.eye(len(start))])
-    size = max(abs(float(function(_inertias(plant, place(start[None])))[0])), 1e-300)
+    size = max(abs(float(function(inertias(plant, place(start[None])))[0])), 1e-300)
 
     def downhill(unit: np.ndarray) -> tuple[float, np.ndarray]:
         inward = np.where(unit > 0.5, -1.0, 1.0)
-        near = -function(_inertias(plant, place(unit + nudges * inward))) / size
+        near = -function(inertias(plant, place(unit + nudges * inward))) / size
         return float(near[0]), (near[1:] - near[0]) / (STEP * inward)
 
     with warnings.catch_warnings():
@@ -435,7 +455,7 @@ def _climb(
     return -float(end.fun) * size, np.clip(end.x, 0, 1)
 
 
-def _inertias(plant: Plant, postures: np.ndarray) -> np.ndarray:
+def inertias(plant: Plant, postures: np.ndarray) -> np.ndarray:
     """M(q) at the rows of postures (k, n), shape (k, n, n), each positive definite."""
     n = plant.joints
     if isinstance(plant, EulerLagrange):  # one call of CasADi costs as much as a thousand postures

@@ -10,7 +10,8 @@ import numpy as np
 from tarc import check
 from tarc.certificates.base import Certificate
 from tarc.certificates.certify import certify
-from tarc.certificates.robot import mismatches, robot, sampled, searched
+from tarc.certificates.postures import mismatches, sampled, searched
+from tarc.certificates.robot import robot
 from tarc.certificates.workspace import Workspace, best_shape, spread
 from tarc.check import Numbers
 from tarc.design.adaptation import Adaptation, adaptation, expected_step

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from tarc import check
-from tarc.certificates.ball import Responses, parts_of, system
 from tarc.certificates.linear import Channel, decouple
 from tarc.certificates.loop import from_disturbance, from_noise
+from tarc.certificates.mismatch import Responses, parts_of, system
 from tarc.certificates.norms import h2_norm
-from tarc.certificates.robot import joint_norms
+from tarc.certificates.postures import joint_norms
 from tarc.errors import TarcError
 from tarc.estimators.algebraic import Algebraic
 from tarc.laws.tdc import TDC

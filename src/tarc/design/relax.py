@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from tarc.certificates.robot import mismatches, sampled
+from tarc.certificates.postures import mismatches, sampled
 from tarc.certificates.workspace import Workspace, best_shape, spread
 from tarc.design.front import Candidate, Demand, assess, candidates
 from tarc.errors import TarcError

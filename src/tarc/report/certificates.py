@@ -98,7 +98,7 @@ def _slope(certificate: "Certificate") -> Figure:
 
 def _ball(certificate: "Certificate") -> Figure:
     """The gain that limits the radius, over frequency, and the ratios that the ball holds and the robot needs."""
-    from tarc.certificates.ball import PARTS, system, weighed
+    from tarc.certificates.mismatch import PARTS, system, weighed
     from tarc.certificates.norms import gains
 
     numbers = certificate.numbers

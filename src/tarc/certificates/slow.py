@@ -1,0 +1,260 @@
+"""The robust ball for an inertia that changes no faster than its robot moves: more room, by a multiplier."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tarc.certificates.mismatch import Responses, system
+from tarc.certificates.norms import negative
+
+Array = np.ndarray
+
+DECAYS = 10
+"""How many exponentials the multiplier is made of."""
+FIRST = 50
+"""About how many frequencies the linear program begins with."""
+ROUNDS = 16
+"""Most rounds in which `best_multiplier` adds what its linear program overlooked."""
+STILL = 1e-6
+"""Least change in a period, as a share of the centre, for which a multiplier is searched for."""
+NEGLIGIBLE = 1e-4
+"""Share of the greatest term below which one is dropped."""
+MARGIN = 1e-6
+"""By how much the form must be negative, as a share of the mismatch's own square."""
+
+
+class Multiplier(NamedTuple):
+    """What shows that a loop bears a ball of E that changes slowly.
+
+    With y_m = Σ_i c_i p_i^m, m ≥ 1, a mismatch a = Δ v with Δ(t) = E(t) − ρ0 I, symmetric, that changes by at most D_m
+    within m periods, obeys
+
+        2 Σ_k Σ_m y_m (v_{k+m}ᵀ a_k − v_kᵀ a_{k+m}) ≥ −2 Σ_m |y_m| D_m Σ_k ‖v_k‖²,
+
+    for each summand is v_{k+m}ᵀ (Δ_k − Δ_{k+m}) v_k. Added to ‖a‖² ≤ δ² ‖v‖² it leaves fewer loops to fear than that
+    alone, which holds however fast Δ changes.
+
+    Attributes
+    ----------
+    decays, coefficients
+        p_i and c_i, shape (k,).
+    slope, stiffness
+        Weights of what is known of the slope, and of the stiffness.
+    """
+
+    decays: Array
+    coefficients: Array
+    slope: float = 1.0
+    stiffness: float = 1.0
+
+
+def cost(decays: Array, step: float, most: float) -> Array:
+    """2 Σ_m p^m D_m for each decay p, shape (k,), with D_m = min(m step, most)."""
+    p = np.asarray(decays, dtype=float)
+    if not step > 0:
+        return np.zeros_like(p)
+    n = np.floor(min(most / step, 1e9))
+    rising = p * (1 - (n + 1) * p**n + n * p ** (n + 1)) / (1 - p) ** 2
+    return 2 * (step * rising + most * p ** (n + 1) / (1 - p))
+
+
+def bears(
+    parts: tuple[Array, ...], centre: float, radius: float, step: float, multiplier: Multiplier,
+    weight: float = 0.0, stiffness: float = 0.0,
+) -> bool:  # fmt: skip
+    """Whether the multiplier shows that the loop bears the ball; on all frequencies, from the matrices alone.
+
+    The form is that of the inequalities above, of |k s/2|² ≥ |w|² for the slope and of h² ‖q‖² ≥ ‖a_h‖² for what the
+    stiffness has in a, added up along the loop.
+    """
+    A, B, C, D = system(parts, centre, weight)
+    p, c = multiplier.decays, multiplier.coefficients
+    if not (step >= 0 and np.all((p > 0) & (p < 1)) and multiplier.slope > 0 and multiplier.stiffness > 0):
+        return False
+    n, k, wide = len(A), len(p), parts[5].shape[1]
+    sloping, stiff = bool(parts[-1].item()), bool(weight and stiffness)
+    inputs = B.shape[1] + stiff
+    # states: the loop, v through the exponentials, a − a_h through them; everything below is a row over (state, input)
+    size = n + 2 * k + inputs
+    unit = np.eye(size)
+    outputs = np.hstack([C, np.zeros((len(C), 2 * k)), D, np.zeros((len(C), int(stiff)))])
+    v, filtered_v, filtered_a = outputs[0], c @ unit[n : n + k], c @ unit[n + k : n + 2 * k]
+    u = unit[n + 2 * k :]
+    a = u[0] - u[-1] if stiff else u[0]
+    rows = np.zeros((n + 2 * k, size))
+    rows[:n, :n], rows[:n, n + 2 * k : n + 2 * k + B.shape[1]] = A, B
+    rows[n : n + k] = p[:, None] * (unit[n : n + k] + v)
+    rows[n + k :] = p[:, None] * (unit[n + k : n + 2 * k] + a)
+
+    def square(row: Array) -> Array:
+        return np.outer(row, row)
+
+    def product(one: Array, other: Array) -> Array:
+        return np.outer(one, other) + np.outer(other, one)
+
+    room = float(np.abs(c) @ cost(p, step, 2 * radius))
+    form = (radius**2 + room) * square(v) - sum(square(one) for one in u[:wide])
+    form = form + product(v, filtered_a) - product(filtered_v, a)
+    scale = np.ones(inputs)
+    if weight:
+        form = form + radius**2 * square(outputs[1])
+    if sloping:
+        form = form + multiplier.slope * (square(outputs[-1]) - square(u[wide]))
+        scale[wide] = multiplier.slope**-0.5
+    if stiff:
+        form = form + multiplier.stiffness * ((stiffness / weight) ** 2 * square(outputs[1]) - square(u[-1]))
+        scale[-1] = multiplier.stiffness**-0.5
+    m = n + 2 * k
+    F, G = rows[:, :m], rows[:, m:] * scale
+    Q, S, R = form[:m, :m], form[:m, m:] * scale, form[m:, m:] * scale * scale[:, None]
+    return negative(F, G, Q, S, R + MARGIN * np.eye(inputs))
+
+
+def best_multiplier(
+    parts: tuple[Array, ...], centre: float, step: float, *, most: float, weight: float = 0.0, stiffness: float = 0.0
+) -> tuple[Multiplier, float]:
+    """The multiplier with which the loop bears the largest ball, and its radius, up to a grid of frequencies.
+
+    A linear program over coefficients and weights, with cuts added half-way between its answer and the best so far.
+
+    Parameters
+    ----------
+    parts
+        Of the loop, as `tarc.certificates.mismatch.parts_of` gives them.
+    centre
+        ρ0.
+    step
+        Most that E changes in one period.
+    most
+        Most that it changes at all.
+    weight, stiffness
+        η and the greatest ‖H‖ [1/s²], as in `tarc.certificates.robot`.
+
+    Returns
+    -------
+    multiplier, radius
+        The radius is zero where none was found.
+    """
+    from scipy.optimize import linprog
+
+    step = max(step, STILL * centre)  # where nothing costs anything, nothing bounds the coefficients
+    forms = _Forms(parts, centre, step, most, weight, stiffness)
+    goal = np.zeros(forms.unknowns)
+    goal[-1] = -1.0
+    inside = forms.start()
+    reached = forms.borne(inside)
+    if not reached:
+        return forms.multiplier(inside), 0.0
+    inside[-1] = reached**2
+    straight = np.zeros((len(forms.v), forms.inputs), dtype=complex)
+    straight[:, 0] = 1.0
+    first = np.arange(0, len(forms.v), max(len(forms.v) // FIRST, 1))
+    A, b = forms.cuts(first, straight[first])
+    bounds = [(0, None)] * (forms.unknowns - 1) + [(0, 1)]
+    for _ in range(ROUNDS):
+        found: Any = linprog(goal, A_ub=A, b_ub=b, bounds=bounds, method="highs")
+        if found.status != 0 or found.x[-1] < 1.01 * inside[-1]:
+            break
+        trial = (inside + found.x) / 2
+        values, vectors = np.linalg.eigh(forms.at(trial))
+        top = values[:, -1]
+        peak = (top >= np.append(top[1:], -np.inf)) & (top >= np.append(-np.inf, top[:-1]))
+        where = np.flatnonzero(peak & (top > -2 * MARGIN))
+        if len(where):
+            more = forms.cuts(where, vectors[where][:, :, -1])
+            A, b = np.concatenate([A, more[0]]), np.concatenate([b, more[1]])
+        reached = forms.borne(trial)
+        if reached**2 > inside[-1]:
+            inside, inside[-1] = trial, reached**2
+    return forms.multiplier(inside), centre * inside[-1] ** 0.5
+
+
+class _Forms:
+    """The form of `bears` at each frequency of a grid, as a function of what is searched for.
+
+    That is the c_i above and below zero, the weights of slope and stiffness where there are such, and (δ/ρ0)²; all
+    scaled to be of the order of one. A row x of inputs holds a, the rest of a, w and a_h, as far as they are there.
+    """
+
+    def __init__(
+        self, parts: tuple[Array, ...], centre: float, step: float, most: float, weight: float, stiffness: float
+    ):
+        responses = Responses(parts)
+        G = responses.at(centre)
+        self.wide, self.half = parts[5].shape[1], responses.half
+        self.sloping, self.stiff = bool(self.half), bool(weight and stiffness)
+        G = G if self.sloping else G[:, :, : self.wide]
+        G = np.concatenate([G, 0 * G[:, :, :1]], axis=2) if self.stiff else G
+        self.inputs = G.shape[2]
+        self.v, self.q = centre * G[:, 0], G[:, 1]
+        self.a = np.eye(self.inputs)[0] - (np.eye(self.inputs)[-1] if self.stiff else 0)
+        self.weight, self.stiffness = centre * weight, stiffness
+        self.started = responses.best(centre, weight)
+        lead = np.max(np.abs(np.linalg.eigvals(system(parts, centre)[0])))
+        slowest = -np.log(min(max(lead, 0.5), 1 - 1e-5))
+        p = self.decays = np.exp(-np.geomspace(slowest / 5, 2.0, DECAYS))
+        self.top = (1 - p**2) / p  # over the greatest of its sine
+        self.centre = centre
+        z = np.exp(1j * responses.angles)[:, None]
+        self.sines = 4 * self.top * np.imag(p * z / (1 - p * z))
+        self.paid = cost(p, step, most) * self.top / centre
+        self.unknowns = 2 * DECAYS + self.sloping + self.stiff + 1
+
+    def start(self) -> Array:
+        """What certainly works: no multiplier, and the scale of the slope that the ball at any speed has."""
+        x = np.zeros(self.unknowns)
+        if self.sloping:
+            x[2 * DECAYS] = self.started[0] ** -2
+        if self.stiff:
+            x[-2] = 0.01 / max(np.max(np.abs(self.stiffness * self.q)) ** 2, 1e-12)
+        return x
+
+    def at(self, x: Array) -> Array:
+        """The form at each frequency, (f, i, i)."""
+        c, rest = x[: 2 * DECAYS].reshape(2, DECAYS), list(x[2 * DECAYS :])
+        v, q = self.v[:, :, None], self.q[:, :, None]
+        share = (rest[-1] + self.paid @ c.sum(axis=0)) * v.conj()
+        half = 1j * (self.sines @ (c[0] - c[1]))[:, None, None] / 2
+        rows = share * self.v[:, None] + half * self.a[:, None] * self.v[:, None] - half * v.conj() * self.a
+        fixed = np.zeros(self.inputs)
+        fixed[: self.wide] = 1.0
+        scale = rest[-1] * self.weight**2
+        if self.sloping:
+            scale, fixed[self.wide] = scale + rest[0] * self.half**2, rest[0]
+        if self.stiff:
+            scale, fixed[-1] = scale + rest[-2] * self.stiffness**2, rest[-2]
+        return rows + scale * q.conj() * self.q[:, None] - np.diag(fixed)
+
+    def cuts(self, where: Array, x: Array) -> tuple[Array, Array]:
+        """Rows A and sides b of A z ≤ b: the form along some x, at frequencies, below a margin."""
+        v, q, a = np.sum(self.v[where] * x, axis=1), np.sum(self.q[where] * x, axis=1), x @ self.a
+        square, position = np.abs(v) ** 2, np.abs(q) ** 2
+        cross = self.sines[where] * np.imag(v * a.conj())[:, None]
+        paid = square[:, None] * self.paid
+        columns = [paid - cross, paid + cross]
+        if self.sloping:
+            columns.append((self.half**2 * position - np.abs(x[:, self.wide]) ** 2)[:, None])
+        if self.stiff:
+            columns.append((self.stiffness**2 * position - np.abs(x[:, -1]) ** 2)[:, None])
+        columns.append((square + self.weight**2 * position)[:, None])
+        A, b = np.hstack(columns), np.sum(np.abs(x[:, : self.wide]) ** 2, axis=1) - 2 * MARGIN
+        size = np.maximum(np.abs(A).max(axis=1), 1e-12)
+        return A / size[:, None], b / size
+
+    def borne(self, x: Array) -> float:
+        """The greatest radius over the centre that these coefficients and weights show on the grid; zero for none."""
+        rest = -self.at(np.concatenate([x[:-1], [0.0]])) - 2 * MARGIN * np.eye(self.inputs)
+        if np.linalg.eigvalsh(rest).min() <= 0:
+            return 0.0
+        sides = np.stack([self.v, self.weight * self.q], axis=1)
+        small = sides @ np.linalg.solve(rest, sides.conj().transpose(0, 2, 1))
+        return float(min(1.0, np.linalg.eigvalsh(small)[:, -1].max() ** -0.5))
+
+    def multiplier(self, x: Array) -> Multiplier:
+        """In the units of the loop, without the exponentials that are not used."""
+        c = x[:DECAYS] - x[DECAYS : 2 * DECAYS]
+        keep = np.abs(c) > NEGLIGIBLE * max(np.abs(c).max(), 1e-12)
+        slope = float(x[2 * DECAYS]) if self.sloping else 1.0
+        stiffness = float(x[-2]) if self.stiff else 1.0
+        c = c * self.top * self.centre
+        return Multiplier(self.decays[keep], c[keep], slope, stiffness)
