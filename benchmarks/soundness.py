@@ -2,8 +2,8 @@
 
 Nothing here uses the matrices of a certificate. The loops are recurrences written by hand from the equations of the
 laws, with weights from least squares of their own, and the adversaries choose what the certificates say may vary:
-the mismatch E(t) within its ball, alone or with a stiffness H(t) of the robot, in two dimensions, and the slope κ(t) of
-the robust term.
+the mismatch E(t) within its ball, at any speed or within a rate, alone or with a stiffness H(t) of the robot, in two
+dimensions, and the slope κ(t) of the robust term.
 """
 
 import argparse
@@ -20,7 +20,7 @@ from rich.table import Table
 
 from tarc import estimators, laws
 from tarc.certificates import ball, loop, slope, stable_intervals
-from tarc.certificates.ball import best_scales
+from tarc.certificates.ball import best_scales, widest
 from tarc.certificates.linear import decouple
 from tarc.certificates.mismatch import parts_of
 from tarc.progress import Progress
@@ -284,10 +284,23 @@ MISMATCHES = ("rotate at the peak", "rotate at half", "rotate", "switch", "bang"
 SLOPES = ("pulse at the peak", "pulse", "greedy", "greedy output", "returning", "phase")
 
 
+SLOW_MISMATCHES = (
+    "rotate at the peak",
+    "rotate at half",
+    "rotate",
+    "switch",
+    "pump",
+    "bang",
+    "greedy output",
+    "random",
+)
+
+
 class Case(NamedTuple):
     """A loop, the centre and radius of its mismatch, its largest slope, and the weight η of the robot's stiffness.
 
-    The mismatch adds the acceleration (E − ρ0 I) v − H q with ‖[E − ρ0 I, H/η]‖ at most the radius.
+    The mismatch adds the acceleration (E − ρ0 I) v − H q with ‖[E − ρ0 I, H/η]‖ at most the radius, ‖dE⁻¹/dt‖ at most
+    the rate [1/s] and ‖H‖ at most the stiffness [1/s²].
     """
 
     law: Recurrence
@@ -295,6 +308,8 @@ class Case(NamedTuple):
     radius: float = 0.0
     slope: float = 0.0
     weight: float = 0.0
+    rate: float = np.inf
+    stiffness: float = np.inf
 
 
 def lean(case: Case, rate: float | Array, kappa: float = 0.0) -> tuple[Array, Array]:
@@ -394,7 +409,8 @@ class Fleet:
         self.functionals = {kind: self._functional(kind) for kind in ("greedy", "greedy output") if self._uses(kind)}
 
     def _uses(self, kind: str) -> bool:
-        return any(kind in adversary for adversary in self.adversaries)
+        names = {name for adversary in self.adversaries for name in adversary}
+        return kind in names or (kind == "greedy" and "bang" in names)
 
     def _functional(self, kind: str) -> dict[str, Array]:
         """Weights of the histories in BᵀPAx for the two rows that an acceleration enters, and in WᵀPAx.
@@ -554,6 +570,82 @@ class Fleet:
         return (pulls[kind][2, i].conj() * q[i]).real < 0
 
 
+def inverse(m: Array, c: Array) -> tuple[Array, Array]:
+    """m and c of the inverse of v ↦ m v + c v̄."""
+    size = m**2 - np.abs(c) ** 2
+    return m / size, -c / size
+
+
+class SlowFleet(Fleet):
+    """Loops whose mismatch heads for where an adversary wants it, at no more than the rate of its case.
+
+    A symmetric matrix takes v to m v + c v̄, with m real; its norm is |m| + |c|. What is kept here is E⁻¹, for which the
+    ball is convex too. The stiffness, which may change at once, takes what room the mismatch leaves it.
+    """
+
+    def __init__(self, cases: Sequence[Case], adversaries: Sequence[Adversary], seed: int = 0):
+        super().__init__(cases, adversaries, seed)
+        self.reach = np.array([case.rate * PERIOD / SUBSTEPS for case in cases])
+        self.stiffest = np.array([case.stiffness if case.weight else 0.0 for case in cases])
+        shape = len(adversaries), len(cases)
+        self.m, self.c = 1 / self.centre + np.zeros(shape), np.zeros(shape, dtype=complex)
+        self.goal_m, self.goal_c = np.zeros(shape), np.zeros(shape, dtype=complex)
+        share = self.rng.uniform(0, np.pi / 2, len(cases))
+        self.extent = self.radius * np.where(self.stiffest > 0, np.cos(share), 1.0)
+        self.share = self.reach / np.abs(inverse(self.centre, self.extent)[1])
+
+    def _push(
+        self,
+        kind: str,
+        i: int,
+        moment: float,
+        reach: float,
+        outputs: tuple[Array, Array],
+        pulls: dict[str, Array],
+        rates: dict[str, Array],
+        leans: dict[str, tuple[Array, Array]],
+    ) -> Array:
+        v, q = outputs[0], outputs[1] / np.where(self.weight > 0, self.weight, 1.0)
+        pull = pulls["greedy output"][:, i]
+        goal = reach * pull[0] + pull[1]
+        along = goal / np.maximum(np.abs(goal), 1e-300)
+        m, c = self._aim(kind, i, moment, v, along, rates)
+        m, c = inverse(self.centre + m, c)
+        m, c = m - self.m[i], c - self.c[i]
+        share = np.minimum(1.0, self.reach / np.maximum(np.abs(m) + np.abs(c), 1e-300))
+        self.m[i] += share * m
+        self.c[i] += share * c
+        m, c = inverse(self.m[i], self.c[i])
+        m = m - self.centre
+        room = np.maximum(self.radius**2 - (np.abs(m) + np.abs(c)) ** 2, 0.0)
+        spring = np.minimum(self.stiffest, self.weight * np.sqrt(room))
+        towards = np.exp(1j * leans[kind][1]) * q if kind.startswith("rotate") else np.abs(q) * along
+        return m * v + c * v.conj() + spring * towards
+
+    def _uses(self, kind: str) -> bool:
+        return kind == "greedy output" or super()._uses(kind)
+
+    def _aim(
+        self, kind: str, i: int, moment: float, v: Array, along: Array, rates: dict[str, Array]
+    ) -> tuple[Array, Array]:
+        """Where the mismatch heads: m and c of E − ρ0 I."""
+        none, size = np.zeros(len(v)), self.extent
+        if kind.startswith("rotate"):
+            return none, size * np.exp(1j * np.minimum(2 * rates[kind], self.share * SUBSTEPS) * moment)
+        if kind in ("switch", "pump"):
+            turn = 2 * self.peak if kind == "pump" else rates["rotate"]
+            return size * np.sign(np.sin(turn * moment + 0.1)), none + 0j
+        if kind == "bang":
+            return size * np.where((along.conj() * v).real >= 0, 1.0, -1.0), none + 0j
+        if kind == "random":
+            arrived = self.rng.random(len(v)) < np.minimum(1.0, self.share)
+            one, turn = self.rng.uniform(-1, 1, len(v)), np.exp(2j * self.rng.uniform(0, np.pi, len(v)))
+            self.goal_m[i] = np.where(arrived, size * (1 + one) / 2, self.goal_m[i])
+            self.goal_c[i] = np.where(arrived, size * (1 - one) / 2 * turn, self.goal_c[i])
+            return self.goal_m[i], self.goal_c[i]
+        return none, size * along * v / np.maximum(np.abs(v), 1e-300)
+
+
 # Designs against their certificates
 
 EDGE = 3.0
@@ -672,13 +764,15 @@ def frozen_or_turning(case: Case) -> str:
     for kappa in (0.0, case.slope / 2, case.slope):
         for turn in turns:
             ratio = case.centre + case.radius * np.cos(turn)
-            stiffness = case.radius * case.weight * np.sin(turn)
+            stiffness = np.clip(case.radius * case.weight * np.sin(turn), -case.stiffness, case.stiffness)
             size = radius(polynomials(case.law, ratio, kappa, stiffness).closed)
             if size > 1 + 1e-6:
                 return f"radius {size!r} at ratio {ratio!r}, stiffness {stiffness!r}, slope {kappa!r}"
         known = polynomials(case.law, case.centre, kappa)
-        rate = joint_peak(known, case.weight)[1]
-        size = multiplier(case, kappa, np.array([rate / 2, rate])).max()
+        fastest = case.rate * PERIOD * (case.centre**2 - case.radius**2) / (2 * case.radius)  # of what E⁻¹ may turn
+        rate = min(joint_peak(known, case.weight)[1], fastest if case.rate < np.inf else np.pi)
+        alone = case if case.stiffness == np.inf else case._replace(weight=0.0)
+        size = multiplier(alone, kappa, np.array([rate / 2, rate])).max()
         if size > 1 + 1e-6:
             return f"multiplier {size!r} turning at {rate!r} rad a period, slope {kappa!r}"
     return ""
@@ -711,6 +805,41 @@ def check_pairs(
         advance()
     both = [Adversary(mismatch, SLOPES[i % len(SLOPES)]) for i, mismatch in enumerate(MISMATCHES)]
     simulate(pairs, both, rng, tally, steps, within=True)
+
+
+def check_slow(
+    designs: Sequence[Design], rng: np.random.Generator, tally: Tally, steps: int, advance: Callable[[], None]
+) -> None:
+    """Balls of a mismatch that changes slowly, half of them with a slope, a third with a stiffness."""
+    pairs = []
+    for design in designs:
+        hand, centre = recurrence(design), float(ratios(design, rng, 1, INSIDE)[0])
+        rate = float(np.exp(rng.uniform(np.log(0.1), np.log(300.0)))) / centre
+        known = polynomials(hand, centre)
+        steep = weight = stiffness = 0.0
+        if radius(known.closed) < 1:
+            if rng.random() < 0.5:
+                steep = float(rng.uniform(0.02, 1.0) / max(most_negative(known.w_to_q, known.closed)[0], 1e-9))
+            if rng.random() < 1 / 3:
+                # a constant stiffness that the loop bears or nearly does: a pole at one has v = h/ρ0 q
+                stiffness = float(centre * design.bandwidth**2 * np.exp(rng.uniform(-3, 0.5)))
+                weight = float(stiffness / centre * np.exp(rng.uniform(-1, 3)))
+        if weight:
+            parts = parts_of(decouple(design.law, design.computation)[0], steep, intersample=True)
+            reach = widest(parts, centre, weight, step=rate * PERIOD, stiffness=stiffness)[1]
+        else:
+            found = ball(design.law, centre, slope=steep, rate=rate, computation_delay=design.computation)
+            reach = found.numbers["radius"] if found.certified else 0.0
+        tally.count("certified" if reach > 0 else "inconclusive")
+        if reach > 0:
+            case = Case(hand, centre, reach, steep, weight, rate, stiffness if weight else np.inf)
+            pairs.append((design, case))
+            wrong = frozen_or_turning(case)
+            if wrong:
+                tally.violations.append(f"slow {case[1:]}, but {wrong}: {design}")
+        advance()
+    both = [Adversary(mismatch, SLOPES[i % len(SLOPES)]) for i, mismatch in enumerate(SLOW_MISMATCHES)]
+    simulate(pairs, both, rng, tally, steps, within=True, fleet=SlowFleet)
 
 
 def check_slopes(
@@ -748,29 +877,31 @@ def simulate(
     tally: Tally,
     steps: int,
     within: bool,
+    fleet: type[Fleet] = Fleet,
 ) -> None:
     """Certified cases against adversaries: what grows must do so four and sixteen times as long, or was a transient."""
     for start in range(0, len(pairs), 300):
         some = pairs[start : start + 300]
-        growth = Fleet([case for _, case in some], adversaries, int(rng.integers(2**31))).run(steps, within=within)
+        growth = fleet([case for _, case in some], adversaries, int(rng.integers(2**31))).run(steps, within=within)
         suspects = np.flatnonzero(growth.max(axis=0) > 0.5)
         if not suspects.size:
             continue
-        again = Fleet([some[i][1] for i in suspects.tolist()], adversaries, 0).run(4 * steps, within=within)
+        again = fleet([some[i][1] for i in suspects.tolist()], adversaries, 0).run(4 * steps, within=within)
         for i, log in zip(suspects.tolist(), again.T, strict=True):
             design, case = some[i]
             which = adversaries[int(np.argmax(log))]
-            if log.max() > EDGE and Fleet([case], [which], 0).run(16 * steps, within=within).max() > EDGE:
+            if log.max() > EDGE and fleet([case], [which], 0).run(16 * steps, within=within).max() > EDGE:
                 tally.violations.append(f"{case[1:]} certified, but {which} makes log growth {log.max():.3g}: {design}")
             elif log.max() > 0.5:
                 tally.undecided += 1
 
 
 def measure(count: int, seed: int = 0, show: bool | None = False, steps: int = STEPS) -> dict[str, Tally]:
-    """Tallies of all certificates: so many loops, a quarter as many balls and slopes, an eighth of ranges and pairs."""
+    """Tallies of all certificates: so many loops, a quarter as many balls and slopes, an eighth of the other kinds."""
     rng = np.random.default_rng(seed)
     plan = {"loop": count, "loop, a range": count // 8, "ball": count // 4, "slope": count // 4}
-    plan |= {"ball, stiffness": count // 8}
+    plan |= {"ball, stiffness": count // 8, "ball, slow": count // 8}
+    checks = {"ball": check_balls, "slope": check_slopes, "ball, stiffness": check_pairs, "ball, slow": check_slow}
     tallies = {}
     for name, designs in plan.items():
         tally = tallies[name] = Tally()
@@ -782,8 +913,7 @@ def measure(count: int, seed: int = 0, show: bool | None = False, steps: int = S
                     (check_loop if name == "loop" else check_range)(design, rng, tally)
                     progress.advance()
             else:
-                many = {"ball": check_balls, "slope": check_slopes}.get(name, check_pairs)
-                many(drawn, rng, tally, steps, progress.advance)
+                checks[name](drawn, rng, tally, steps, progress.advance)
         tally.seconds = time.perf_counter() - begin
     return tallies
 

@@ -40,10 +40,10 @@ def ball(
     it goes into the loop, the other half into a second block of the mismatch, and a constant scaling between the two
     blocks is searched for.
 
-    That holds however fast E changes, and no smaller a ball would do then. The inertia of a robot changes as fast as
-    the robot moves: with a rate, for ‖dE/dt‖ up to it, the ball is larger. What is added is that Δ(t) = E(t) − ρ0 I is
-    symmetric and slow: for any y_m, 2 Σ_k Σ_m y_m v_{k+m}ᵀ (Δ_k − Δ_{k+m}) v_k ≥ −2 Σ_m |y_m| min(m T rate, 2δ) Σ_k
-    ‖v_k‖². Such y_m, a sum of exponentials, are searched for by linear programming.
+    That holds however fast E changes, and no larger ball would then. The inertia of a robot changes as fast as the
+    robot moves: with a rate, for ‖dE⁻¹/dt‖ up to it, E⁻¹ = M̂^−½ M M̂^−½, the ball is larger. What is added is that E
+    is symmetric and slow: with b = E v and any y_m, 2 Σ_k Σ_m y_m (v_{k+m}ᵀ b_k − v_kᵀ b_{k+m}) is at least
+    −2 Σ_m |y_m| m T rate Σ_k ‖b_k‖². Such y_m, a sum of exponentials, are searched for by linear programming.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def ball(
     slope
         Largest slope of the robust term [1/s²]; α ĉ ‖P2‖/ε for TARC.
     rate
-        Greatest ‖dE/dt‖ [1/s]; None for any.
+        Greatest ‖dE⁻¹/dt‖ = ‖M̂^−½ (dM/dt) M̂^−½‖ [1/s]; None for any.
     intersample
         Let E change within a period too (the lifted norm); False holds it constant over each period.
     computation_delay
@@ -108,14 +108,14 @@ def ball(
     return Certificate(
         kind="ball",
         claim=f"The loop of {name} around q̈ = E(t) M̂⁻¹τ is stable for every symmetric E(t) with eigenvalues from "
-        f"{ends[0]:.5g} to {ends[1]:.5g}" + ("." if rate is None else f" that changes by at most {rate:.5g} 1/s."),
+        f"{ends[0]:.5g} to {ends[1]:.5g}" + ("." if rate is None else f", E⁻¹ changing by at most {rate:.5g} 1/s."),
         problem=_problem(bool(slope), rate is not None),
         verdict=verdict,
         margin=margin,
         margin_meaning="radius over the centre" if contains is None else "radius over the one needed, less 1",
         assumptions=(
             ("E changes at any time" if intersample else "E is constant within each period")
-            + ("" if rate is None else f", at ‖dE/dt‖ of at most {rate:.4g} 1/s"),
+            + ("" if rate is None else f", E⁻¹ at no more than {rate:.4g} 1/s"),
             f"the robust term is a slope between 0 and {slope:g} 1/s², which changes at any time"
             if slope
             else "there is no robust term",
@@ -132,7 +132,7 @@ def ball(
 
 def _problem(sloping: bool, slow: bool) -> str:
     if slow:
-        form = "δ²|T|² + 2 Σ|y_m| D_m |T|² − 4 Σ y_m sin(mω) Im T < 1"
+        form = "δ²|T|² + 2 Σ|y_m| m T rate |1 + ρ0 T|² − 4 Σ y_m sin(mω) Im T < 1"
         return f"{form}, with the slope's inequality" if sloping else form
     return "‖[δ T_vv, d δ T_vs; T_sv k/2d, T_ss k/2]‖∞ < 1, k/2 in the loop" if sloping else "‖T‖∞ δ < 1"
 
@@ -159,13 +159,15 @@ def widest(
 ) -> tuple[Evidence, float]:
     """The largest radius that is certified, zero for none, and what shows it.
 
-    With a step E changes by no more than that in a period; the stiffness is the greatest of a robot, or more.
+    With a step E⁻¹ changes by no more than that in a period; the stiffness is the greatest ‖H‖ of a robot, or more.
     """
     if step is None:
         return best_scales(parts, centre, weight)
     if schur(system(parts, centre, weight)[0])[0] != "certified":
         return Multiplier(np.zeros(0), np.zeros(0)), 0.0
-    multiplier, radius = best_multiplier(parts, centre, step, most=2 * centre, weight=weight, stiffness=stiffness)
+    multiplier, radius = best_multiplier(
+        parts, centre, step, weight=weight, stiffness=stiffness, responses=Responses(parts, centre)
+    )
     for less in LESS:
         trial = radius * (1 - less)
         if trial > 0 and bears(parts, centre, trial, step, multiplier, weight, stiffness):
@@ -201,7 +203,7 @@ def best_centre(parts: tuple[Array, ...], contains: tuple[float, float] | None, 
         if spectral_radius >= 1:
             return -spectral_radius
         if slow and step is not None:
-            radius = best_multiplier(parts, centre, step, most=2 * centre)[1]
+            radius = best_multiplier(parts, centre, step, responses=responses)[1]
         else:
             radius = responses.best(centre)[1]
         if contains is None:

@@ -70,7 +70,7 @@ class Certificate:
             return self.verdict == "inconclusive"
         try:
             return JUDGES[self.kind](self.matrices, self.numbers)[0] == self.verdict
-        except (KeyError, ValueError, np.linalg.LinAlgError):  # matrices or numbers that are missing or do not fit
+        except (KeyError, ValueError, np.linalg.LinAlgError, TarcError):  # what is missing or does not fit
             return False
 
     def explain(self) -> str:

@@ -62,12 +62,15 @@ def weighed(loop: Loop, radius: float, scale: float | None = None) -> Loop:
 class Responses:
     """Frequency responses of the loop left open, from which those at any ratio follow without its matrices.
 
-    Of v and q, each to an acceleration held as the torque is, to the mismatched acceleration and to w.
+    Of v and q, each to an acceleration held as the torque is, to the mismatched acceleration and to w. With a centre
+    there are more frequencies, beside the poles of the loop there.
     """
 
-    def __init__(self, parts: tuple[Array, ...]):
+    def __init__(self, parts: tuple[Array, ...], centre: float | None = None):
         free, into, out, robust, through, wide, share = parts
         self.angles = _angles(free)
+        if centre is not None:
+            self.angles = np.unique(np.concatenate([self.angles, _beside(system(parts, centre)[0])]))
         z = np.exp(1j * self.angles)[:, None, None]
         inputs = np.hstack([into, wide, robust])
         both = np.vstack([out, np.eye(1, len(free))])
@@ -133,6 +136,16 @@ def _angles(free: Array) -> Array:
     beside = np.concatenate([-apart, apart])
     near = (turns[turns > 0.05][:, None] + beside).ravel()
     return np.unique(np.concatenate([np.geomspace(1e-4, np.pi, 300), near[near < np.pi]]))
+
+
+def _beside(closed: Array) -> Array:
+    """Angles about the peaks of a closed loop that are too narrow for the grid of `_angles`."""
+    poles = np.linalg.eigvals(closed)
+    turns, widths = np.abs(np.angle(poles)), 1 - np.abs(poles)
+    narrow = (widths > 0) & (widths < 0.05 * np.maximum(turns, 2e-3))
+    apart = np.geomspace(0.05, 20.0, 25)
+    near = turns[narrow, None] + widths[narrow, None] * np.concatenate([-apart, [0.0], apart])
+    return near[(near > 0) & (near < np.pi)]
 
 
 def _greatest(v: Array, q: Array, mixed: Array) -> Array:

@@ -49,21 +49,36 @@ def searched(
     return [*postures, *added], np.concatenate([E, one]), np.concatenate([H, two])
 
 
+Value = Callable[[Sequence[Posture]], Array]
+"""Maps k postures to a number each, (k,)."""
+
+
 def fastest(plants: Sequence[Plant], nominal: Array, workspace: Workspace, samples: int, seed: int) -> Posture:
     """Where `rates` is greatest: of samples and what a local search from the best of them finds."""
-    if workspace.speed is None:
+    speed = workspace.speed
+    if speed is None:
         raise TarcError("workspace: it has no speed, so that nothing bounds how fast the inertia changes; give one")
-    speed, units = workspace.speed, workspace.units(samples, seed)
 
     def value(some: Sequence[Posture]) -> Array:
-        M = np.array([plant.inertia(posture) for plant, posture in some])
-        return rates(nominal, M, np.array([inertia_slopes(*one) for one in some]), speed)
+        return rates(nominal, np.array([inertia_slopes(*one) for one in some]), speed)
 
-    postures = sampled(plants, workspace, samples, seed)
+    return greatest(value, sampled(plants, workspace, samples, seed), workspace, workspace.units(samples, seed))
+
+
+def greatest(value: Value, postures: Sequence[Posture], workspace: Workspace, units: Array) -> Posture:
+    """Of postures, and what a local search from the best of them finds, the one of the greatest value."""
     found = value(postures)
     best = [postures[i] for i in np.argsort(found)[::-1][:SEARCHES]]
     best += [_climb(start, workspace, units, value, max(float(found.max()), 1e-12)) for start in best]
     return best[int(np.argmax(value(best)))]
+
+
+def greatest_rate(plants: Sequence[Plant], nominal: Array, workspace: Workspace, samples: int, seed: int) -> float:
+    """The greatest of `rates` over a workspace [1/s]; infinite without a speed."""
+    if workspace.speed is None:
+        return np.inf
+    slopes = inertia_slopes(*fastest(plants, nominal, workspace, samples, seed))
+    return float(rates(nominal, slopes[None], workspace.speed)[0])
 
 
 def inertia_slopes(plant: Plant, posture: Array) -> Array:
@@ -75,26 +90,24 @@ def inertia_slopes(plant: Plant, posture: Array) -> Array:
     return (ahead - behind) / (2 * NUDGE)
 
 
-def rates(nominal: Array, M: Array, slopes: Array, speed: Array) -> Array:
-    """The greatest ‖dE/dt‖ [1/s] where no joint is faster than its speed (n,), shape (k,) for M (k, n, n).
+def rates(nominal: Array, slopes: Array, speed: Array) -> Array:
+    """The greatest ‖dE⁻¹/dt‖ [1/s] where no joint is faster than its speed (n,), shape (k,) for slopes (k, n, n, n).
 
-    dE/dt = −Σ q̇_i M̂^½ M⁻¹ (∂M/∂q_i) M⁻¹ M̂^½ is linear in q̇, so that its norm is greatest where each joint moves at
-    its greatest speed one way or the other; beyond some joints the sum of the norms stands for the greatest of them.
+    dE⁻¹/dt = Σ q̇_i M̂^−½ (∂M/∂q_i) M̂^−½ is linear in q̇, so that its norm is greatest where each joint moves at its
+    greatest speed one way or the other; beyond some joints the sum of the norms stands for the greatest of them.
     """
     joints = np.flatnonzero(speed)
     if not joints.size:
-        return np.zeros(len(M))
-    L = np.linalg.solve(M, _roots(nominal)[0] + 0 * M)[:, None]
-    D = L.transpose(0, 1, 3, 2) @ slopes[:, joints] @ L * speed[joints, None, None]
+        return np.zeros(len(slopes))
+    inverse = _roots(nominal)[1]
+    D = inverse @ slopes[:, joints] @ inverse * speed[joints, None, None]
     if len(joints) > CORNERS:
         return np.linalg.norm(D, 2, axis=(2, 3)).sum(axis=1)
     signs = np.array([(1, *rest) for rest in product((1, -1), repeat=len(joints) - 1)])
     return np.abs(np.linalg.eigvalsh(np.einsum("sj,kjab->ksab", signs, D))).max(axis=(1, 2))
 
 
-def _climb(
-    start: Posture, workspace: Workspace, units: Array, value: Callable[[Sequence[Posture]], Array], scale: float
-) -> Posture:
+def _climb(start: Posture, workspace: Workspace, units: Array, value: Value, scale: float) -> Posture:
     """A posture of greater value near one; in a tube, near the closest of the samples, units of its variables."""
     from scipy.optimize import minimize
 

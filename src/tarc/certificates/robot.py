@@ -52,7 +52,7 @@ def robot(
     speed, and can undo what is certified where M̂ or the bandwidth is low. Certified if the robust ball, of pairs
     ‖[E − ρ0 I, H/η]‖ ≤ δ with the weight η that leaves it the most room, holds those of all postures of the workspace,
     together with every slope of the robust term up to that at its cap. Where the workspace has a speed, the ball is
-    that for ‖dE/dt‖ up to the greatest at this speed, which holds far more. Refuted if in one of the worst postures
+    that for ‖dE⁻¹/dt‖ up to the greatest at this speed, which holds far more. Refuted if in one of the worst postures
     the robot held at rest, linearised with its inertia, gravity and viscous friction, is unstable.
     Inconclusive between the two, and for gains that differ between the joints, which the ball does not cover.
 
@@ -75,7 +75,7 @@ def robot(
         Its matrices hold ``posture_low``, ``posture_high`` and ``posture_stiff`` (n,), where the least and the greatest
         ratio and the greatest stiffness were found, with the robot linearised there; its numbers the ratios
         (``least ratio``, ``greatest ratio``), their ``spread``, the ``stiffness`` [1/s²], how many ``samples`` were
-        taken, the ball's centre and radius, and with a speed the ``rate`` ‖dE/dt‖ [1/s] that it may reach, in
+        taken, the ball's centre and radius, and with a speed the ``rate`` ‖dE⁻¹/dt‖ [1/s] that it may reach, in
         ``posture_fast``. The margin is the ball's radius over the one that is needed, less 1;
         where refuted, 1 less the spectral radius.
 
@@ -104,9 +104,8 @@ def robot(
     if workspace.speed is not None:
         fast = fastest(plants, law.M, workspace, min(samples, STIFF_SAMPLES), seed)
         slopes = inertia_slopes(*fast)
-        matrices |= {"posture_fast": fast[1], "inertia_fast": fast[0].inertia(fast[1]), "slopes_fast": slopes}
-        matrices["speed"] = workspace.speed
-        step = law.period * float(rates(law.M, matrices["inertia_fast"][None], slopes[None], workspace.speed)[0])
+        matrices |= {"posture_fast": fast[1], "slopes_fast": slopes, "speed": workspace.speed}
+        step = law.period * float(rates(law.M, slopes[None], workspace.speed)[0])
         numbers |= {"step": step, "rate": step / law.period}
     if numbers["alike"]:
         (channel,) = decouple(law, computation_delay)
@@ -128,8 +127,8 @@ def robot(
     else:
         channel = whole(law, computation_delay)
         matrices |= dict(zip(PARTS[:3], channel.around(0.0)[:3], strict=True))
-    for name, i in (("low", 0), ("high", 1), ("stiff", stiff), ("joint", joint)):
-        one, posture = postures[i]
+    worst = {"low": postures[0], "high": postures[1], "stiff": postures[stiff], "joint": postures[joint]}
+    for name, (one, posture) in worst.items():
         M, damping, gravity = one.at_rest(posture)
         matrices |= {f"posture_{name}": posture, f"inertia_{name}": M}
         matrices |= {f"damping_{name}": damping, f"stiffness_{name}": gravity}
@@ -141,7 +140,7 @@ def robot(
         claim=f"{type(law).__name__} keeps the robot stable however it moves in the workspace"
         + ("." if step is None else ", at the joints' speeds given or less."),
         problem=(
-            "‖[E(q) − ρ0 I, H(q)/η]‖ ≤ δ for all q of the workspace, ‖dE/dt‖ within a rate, and a ball of radius δ "
+            "‖[E(q) − ρ0 I, H(q)/η]‖ ≤ δ for all q of the workspace, ‖dE⁻¹/dt‖ within a rate, and a ball of radius δ "
             "that the loop bears at this rate"
             if step is not None
             else "‖[E(q) − ρ0 I, H(q)/η]‖ ≤ δ < 1/‖[T_v; η T_q]‖∞ for all q of the workspace"
@@ -179,7 +178,7 @@ def _assumptions(
     ]
     if speed is not None:
         lines.append(
-            f"no joint is faster than {posture(speed)} rad/s or m/s, so that E = M̂^½ M⁻¹ M̂^½ changes by at most "
+            f"no joint is faster than {posture(speed)} rad/s or m/s, so that M̂^−½ M M̂^−½ changes by at most "
             f"{numbers['rate']:.3g} 1/s, the greatest that samples and local search found; the payload stays the same, "
             "or changes so seldom that the loop has settled in between"
         )
@@ -197,7 +196,8 @@ def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, flo
     loop = tuple(matrices[name] for name in PARTS[:3])
     least, greatest = np.inf, 0.0
     worst, witness = 1.0, None
-    for name in ("low", "high", "stiff", "joint"):
+    names = ("low", "high", "stiff", "joint")
+    for name in names:
         rest = tuple(matrices[f"{part}_{name}"] for part in ("inertia", "damping", "stiffness"))
         ratios = np.linalg.eigvals(np.linalg.solve(rest[0], matrices["nominal"])).real
         least, greatest = min(least, ratios.min()), max(greatest, ratios.max())
@@ -212,7 +212,6 @@ def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, flo
         return "inconclusive", 0.0, None
     centre, weight = numbers["centre"], numbers["weight"]
     needed = max(greatest - centre, centre - least)
-    names = ("low", "high", "stiff", "joint")
     M, G = (np.array([matrices[f"{part}_{name}"] for name in names]) for part in ("inertia", "stiffness"))
     E, H = in_nominal(matrices["nominal"], M, G)
     stiffest = float(np.linalg.norm(H, 2, axis=(1, 2)).max())
@@ -221,10 +220,9 @@ def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, flo
     elif not stiffest <= NO_STIFFNESS:  # which the loop without its weight leaves out
         return "inconclusive", 0.0, None
     if "step" in numbers:
-        M, slopes = matrices["inertia_fast"][None], matrices["slopes_fast"][None]
-        step = numbers["period"] * float(rates(matrices["nominal"], M, slopes, matrices["speed"])[0])
-        within = step <= (1 + 1e-9) * numbers["step"] and stiffest <= (1 + 1e-9) * numbers["stiffness"]
-        if not within:
+        rate = float(rates(matrices["nominal"], matrices["slopes_fast"][None], matrices["speed"])[0])
+        more = rate * numbers["period"] / (1 + 1e-9) > numbers["step"]
+        if more or not stiffest <= (1 + 1e-9) * numbers["stiffness"]:
             return "inconclusive", 0.0, None
     verdict, margin, _ = judge_ball(matrices, {**numbers, "needed": needed})
     return (verdict if numbers["bounded"] else "inconclusive"), margin, None
@@ -242,7 +240,7 @@ def best_weight(
     """The weight η of the position beside v with the most room, radius over the one needed; and the pair that needs it.
 
     A large η makes little of the stiffness in what the ball must hold and much of it in what the loop bears. Zero where
-    there is no stiffness.
+    there is no stiffness. With a step E⁻¹ changes by no more than that in a period.
     """
     sizes = np.linalg.norm(H, 2, axis=(1, 2))
     apart = np.linalg.norm(E - centre * np.eye(E.shape[1]), 2, axis=(1, 2))
@@ -252,7 +250,7 @@ def best_weight(
     def radius(weight: float) -> float:
         if step is None:
             return responses.best(centre, weight)[1]
-        return best_multiplier(parts, centre, step, most=2 * centre, weight=weight, stiffness=stiffness)[1]
+        return best_multiplier(parts, centre, step, weight=weight, stiffness=stiffness, responses=responses)[1]
 
     if stiffness <= NO_STIFFNESS:
         return radius(0.0) / extent, 0.0, int(np.argmax(apart))

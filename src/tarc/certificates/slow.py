@@ -26,13 +26,14 @@ MARGIN = 1e-6
 class Multiplier(NamedTuple):
     """What shows that a loop bears a ball of E that changes slowly.
 
-    With y_m = Σ_i c_i p_i^m, m ≥ 1, a mismatch a = Δ v with Δ(t) = E(t) − ρ0 I, symmetric, that changes by at most D_m
-    within m periods, obeys
+    A robot of stiffness H takes v to the acceleration b − d with b = E v, d = H x; let a = b − d − ρ0 v be what is not
+    as at the centre. With y_m = Σ_i c_i p_i^m, m ≥ 1, any symmetric E(t) whose inverse changes by at most D_m within m
+    periods obeys
 
-        2 Σ_k Σ_m y_m (v_{k+m}ᵀ a_k − v_kᵀ a_{k+m}) ≥ −2 Σ_m |y_m| D_m Σ_k ‖v_k‖²,
+        2 Σ_k Σ_m y_m (v_{k+m}ᵀ b_k − v_kᵀ b_{k+m}) ≥ −2 Σ_m |y_m| D_m Σ_k ‖b_k‖²,
 
-    for each summand is v_{k+m}ᵀ (Δ_k − Δ_{k+m}) v_k. Added to ‖a‖² ≤ δ² ‖v‖² it leaves fewer loops to fear than that
-    alone, which holds however fast Δ changes.
+    for each summand is b_{k+m}ᵀ (E⁻¹_{k+m} − E⁻¹_k) b_k. Added to ‖a‖² ≤ δ² (‖v‖² + η² ‖x‖²) and ‖d‖ ≤ ‖H‖ ‖x‖ it
+    leaves fewer loops to fear than these alone, which hold however fast E changes.
 
     Attributes
     ----------
@@ -49,13 +50,16 @@ class Multiplier(NamedTuple):
 
 
 def cost(decays: Array, step: float, most: float) -> Array:
-    """2 Σ_m p^m D_m for each decay p, shape (k,), with D_m = min(m step, most)."""
-    p = np.asarray(decays, dtype=float)
-    if not step > 0:
-        return np.zeros_like(p)
-    n = np.floor(min(most / step, 1e9))
-    rising = p * (1 - (n + 1) * p**n + n * p ** (n + 1)) / (1 - p) ** 2
-    return 2 * (step * rising + most * p ** (n + 1) / (1 - p))
+    """2 Σ_m p^m D_m for each decay p, shape (k,), where E⁻¹ changes by a step in each period and E is at most so large.
+
+    D_m = m step ((1 + μ)/(1 − μ))², μ = η/(1 − η): over a period E is not E⁻¹'s inverse mean, but nearly so, where
+    what E⁻¹ changes in half of it, times the greatest E, is a small η. Infinite for one that is not.
+    """
+    p, half = np.asarray(decays, dtype=float), step * most / 2
+    if not half < 1 / 3:
+        return np.full_like(p, np.inf)
+    swing = half / (1 - half)
+    return 2 * step * ((1 + swing) / (1 - swing)) ** 2 * p / (1 - p) ** 2
 
 
 def bears(
@@ -64,27 +68,29 @@ def bears(
 ) -> bool:  # fmt: skip
     """Whether the multiplier shows that the loop bears the ball; on all frequencies, from the matrices alone.
 
-    The form is that of the inequalities above, of |k s/2|² ≥ |w|² for the slope and of h² ‖q‖² ≥ ‖a_h‖² for what the
-    stiffness has in a, added up along the loop.
+    The form is the sum of these inequalities, and of |k s/2|² ≥ |w|² for the slope, with their weights.
     """
     A, B, C, D = system(parts, centre, weight)
     p, c = multiplier.decays, multiplier.coefficients
-    if not (step >= 0 and np.all((p > 0) & (p < 1)) and multiplier.slope > 0 and multiplier.stiffness > 0):
+    fine = step >= 0 and np.all((p > 0) & (p < 1)) and multiplier.slope > 0 and multiplier.stiffness > 0
+    if not fine or radius > centre:
+        return False
+    paid = np.abs(c) @ cost(p, step, centre + radius) if len(p) else 0.0
+    if not np.isfinite(paid):
         return False
     n, k, wide = len(A), len(p), parts[5].shape[1]
     sloping, stiff = bool(parts[-1].item()), bool(weight and stiffness)
     inputs = B.shape[1] + stiff
-    # states: the loop, v through the exponentials, a − a_h through them; everything below is a row over (state, input)
+    # states: the loop, v through the exponentials, b through them; everything below is a row over (state, input)
     size = n + 2 * k + inputs
     unit = np.eye(size)
     outputs = np.hstack([C, np.zeros((len(C), 2 * k)), D, np.zeros((len(C), int(stiff)))])
-    v, filtered_v, filtered_a = outputs[0], c @ unit[n : n + k], c @ unit[n + k : n + 2 * k]
-    u = unit[n + 2 * k :]
-    a = u[0] - u[-1] if stiff else u[0]
+    u, v = unit[n + 2 * k :], outputs[0]
+    b = centre * v + u[0] + (u[-1] if stiff else 0.0)
     rows = np.zeros((n + 2 * k, size))
     rows[:n, :n], rows[:n, n + 2 * k : n + 2 * k + B.shape[1]] = A, B
     rows[n : n + k] = p[:, None] * (unit[n : n + k] + v)
-    rows[n + k :] = p[:, None] * (unit[n + k : n + 2 * k] + a)
+    rows[n + k :] = p[:, None] * (unit[n + k : n + 2 * k] + b)
 
     def square(row: Array) -> Array:
         return np.outer(row, row)
@@ -92,9 +98,8 @@ def bears(
     def product(one: Array, other: Array) -> Array:
         return np.outer(one, other) + np.outer(other, one)
 
-    room = float(np.abs(c) @ cost(p, step, 2 * radius))
-    form = (radius**2 + room) * square(v) - sum(square(one) for one in u[:wide])
-    form = form + product(v, filtered_a) - product(filtered_v, a)
+    form = radius**2 * square(v) + paid * square(b) - sum(square(one) for one in u[:wide])
+    form = form + product(v, c @ unit[n + k : n + 2 * k]) - product(c @ unit[n : n + k], b)
     scale = np.ones(inputs)
     if weight:
         form = form + radius**2 * square(outputs[1])
@@ -111,8 +116,9 @@ def bears(
 
 
 def best_multiplier(
-    parts: tuple[Array, ...], centre: float, step: float, *, most: float, weight: float = 0.0, stiffness: float = 0.0
-) -> tuple[Multiplier, float]:
+    parts: tuple[Array, ...], centre: float, step: float, *, weight: float = 0.0, stiffness: float = 0.0,
+    responses: Responses | None = None,
+) -> tuple[Multiplier, float]:  # fmt: skip
     """The multiplier with which the loop bears the largest ball, and its radius, up to a grid of frequencies.
 
     A linear program over coefficients and weights, with cuts added half-way between its answer and the best so far.
@@ -124,11 +130,11 @@ def best_multiplier(
     centre
         ρ0.
     step
-        Most that E changes in one period.
-    most
-        Most that it changes at all.
+        Most that E⁻¹ changes in one period.
     weight, stiffness
         η and the greatest ‖H‖ [1/s²], as in `tarc.certificates.robot`.
+    responses
+        Those of the parts, where they are known already.
 
     Returns
     -------
@@ -137,8 +143,8 @@ def best_multiplier(
     """
     from scipy.optimize import linprog
 
-    step = max(step, STILL * centre)  # where nothing costs anything, nothing bounds the coefficients
-    forms = _Forms(parts, centre, step, most, weight, stiffness)
+    step = max(step, STILL / centre)  # where nothing costs anything, nothing bounds the coefficients
+    forms = _Forms(parts, responses or Responses(parts), centre, step, weight, stiffness)
     goal = np.zeros(forms.unknowns)
     goal[-1] = -1.0
     inside = forms.start()
@@ -173,13 +179,13 @@ class _Forms:
     """The form of `bears` at each frequency of a grid, as a function of what is searched for.
 
     That is the c_i above and below zero, the weights of slope and stiffness where there are such, and (δ/ρ0)²; all
-    scaled to be of the order of one. A row x of inputs holds a, the rest of a, w and a_h, as far as they are there.
+    scaled to be of the order of one. A row x of inputs holds a, the rest of a, w and d, as far as they are there.
     """
 
     def __init__(
-        self, parts: tuple[Array, ...], centre: float, step: float, most: float, weight: float, stiffness: float
-    ):
-        responses = Responses(parts)
+        self, parts: tuple[Array, ...], responses: Responses, centre: float, step: float, weight: float,
+        stiffness: float,
+    ):  # fmt: skip
         G = responses.at(centre)
         self.wide, self.half = parts[5].shape[1], responses.half
         self.sloping, self.stiff = bool(self.half), bool(weight and stiffness)
@@ -187,7 +193,7 @@ class _Forms:
         G = np.concatenate([G, 0 * G[:, :, :1]], axis=2) if self.stiff else G
         self.inputs = G.shape[2]
         self.v, self.q = centre * G[:, 0], G[:, 1]
-        self.a = np.eye(self.inputs)[0] - (np.eye(self.inputs)[-1] if self.stiff else 0)
+        self.b = self.v + np.eye(self.inputs)[0] + (np.eye(self.inputs)[-1] if self.stiff else 0)
         self.weight, self.stiffness = centre * weight, stiffness
         self.started = responses.best(centre, weight)
         lead = np.max(np.abs(np.linalg.eigvals(system(parts, centre)[0])))
@@ -197,25 +203,27 @@ class _Forms:
         self.centre = centre
         z = np.exp(1j * responses.angles)[:, None]
         self.sines = 4 * self.top * np.imag(p * z / (1 - p * z))
-        self.paid = cost(p, step, most) * self.top / centre
-        self.unknowns = 2 * DECAYS + self.sloping + self.stiff + 1
+        paid = cost(p, step, 2 * centre) * self.top * centre
+        self.used = DECAYS if np.isfinite(paid).all() else 0
+        self.paid, self.sines = paid[: self.used], self.sines[:, : self.used]
+        self.unknowns = 2 * self.used + self.sloping + self.stiff + 1
 
     def start(self) -> Array:
         """What certainly works: no multiplier, and the scale of the slope that the ball at any speed has."""
         x = np.zeros(self.unknowns)
         if self.sloping:
-            x[2 * DECAYS] = self.started[0] ** -2
+            x[2 * self.used] = self.started[0] ** -2
         if self.stiff:
             x[-2] = 0.01 / max(np.max(np.abs(self.stiffness * self.q)) ** 2, 1e-12)
         return x
 
     def at(self, x: Array) -> Array:
         """The form at each frequency, (f, i, i)."""
-        c, rest = x[: 2 * DECAYS].reshape(2, DECAYS), list(x[2 * DECAYS :])
-        v, q = self.v[:, :, None], self.q[:, :, None]
-        share = (rest[-1] + self.paid @ c.sum(axis=0)) * v.conj()
-        half = 1j * (self.sines @ (c[0] - c[1]))[:, None, None] / 2
-        rows = share * self.v[:, None] + half * self.a[:, None] * self.v[:, None] - half * v.conj() * self.a
+        (above, below), rest = x[: 2 * self.used].reshape(2, self.used), list(x[2 * self.used :])
+        v, q, b = (one.conj()[:, :, None] for one in (self.v, self.q, self.b))
+        half = 1j * (self.sines @ (above - below))[:, None, None] / 2
+        rows = rest[-1] * v * self.v[:, None] + self.paid @ (above + below) * b * self.b[:, None]
+        rows = rows + half * b * self.v[:, None] - half * v * self.b[:, None]
         fixed = np.zeros(self.inputs)
         fixed[: self.wide] = 1.0
         scale = rest[-1] * self.weight**2
@@ -223,14 +231,14 @@ class _Forms:
             scale, fixed[self.wide] = scale + rest[0] * self.half**2, rest[0]
         if self.stiff:
             scale, fixed[-1] = scale + rest[-2] * self.stiffness**2, rest[-2]
-        return rows + scale * q.conj() * self.q[:, None] - np.diag(fixed)
+        return rows + scale * q * self.q[:, None] - np.diag(fixed)
 
     def cuts(self, where: Array, x: Array) -> tuple[Array, Array]:
         """Rows A and sides b of A z ≤ b: the form along some x, at frequencies, below a margin."""
-        v, q, a = np.sum(self.v[where] * x, axis=1), np.sum(self.q[where] * x, axis=1), x @ self.a
+        v, q, b = (np.sum(one[where] * x, axis=1) for one in (self.v, self.q, self.b))
         square, position = np.abs(v) ** 2, np.abs(q) ** 2
-        cross = self.sines[where] * np.imag(v * a.conj())[:, None]
-        paid = square[:, None] * self.paid
+        cross = self.sines[where] * np.imag(v * b.conj())[:, None]
+        paid = np.abs(b[:, None]) ** 2 * self.paid
         columns = [paid - cross, paid + cross]
         if self.sloping:
             columns.append((self.half**2 * position - np.abs(x[:, self.wide]) ** 2)[:, None])
@@ -252,9 +260,10 @@ class _Forms:
 
     def multiplier(self, x: Array) -> Multiplier:
         """In the units of the loop, without the exponentials that are not used."""
-        c = x[:DECAYS] - x[DECAYS : 2 * DECAYS]
-        keep = np.abs(c) > NEGLIGIBLE * max(np.abs(c).max(), 1e-12)
-        slope = float(x[2 * DECAYS]) if self.sloping else 1.0
+        above, below = x[: 2 * self.used].reshape(2, self.used)
+        c = above - below
+        keep = np.abs(c) > NEGLIGIBLE * np.abs(c).max(initial=1e-12)
+        slope = float(x[2 * self.used]) if self.sloping else 1.0
         stiffness = float(x[-2]) if self.stiff else 1.0
-        c = c * self.top * self.centre
-        return Multiplier(self.decays[keep], c[keep], slope, stiffness)
+        top = self.top[: self.used]
+        return Multiplier(self.decays[: self.used][keep], (c * top * self.centre)[keep], slope, stiffness)

@@ -10,7 +10,7 @@ import numpy as np
 from tarc import check
 from tarc.certificates.base import Certificate
 from tarc.certificates.certify import certify
-from tarc.certificates.postures import mismatches, sampled, searched
+from tarc.certificates.postures import greatest_rate, mismatches, sampled, searched
 from tarc.certificates.robot import robot
 from tarc.certificates.workspace import Workspace, best_shape, spread
 from tarc.check import Numbers
@@ -241,7 +241,7 @@ def design(
             for factor in (1.0, 10.0):  # of the weights that `Demand.of` tries, a light one and a heavy one
                 eta = factor * float(np.linalg.norm(H, 2, axis=(1, 2)).max()) / middle
                 postures, E, H = searched(postures, E, H, workspace, units, shape, middle, eta)
-        demand = Demand.of(ratio, E, H)
+        demand = Demand.of(ratio, E, H, greatest_rate(plants, shape, workspace, samples, seed))
         bar.advance(20)
         looked = assess(trials, demand, slope_share=share, room=ROOM, done=bar.advance)
         need = _Need(plants, workspace, shape, demand, sigma, limits, bandwidth, noise, looked)

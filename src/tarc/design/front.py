@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from tarc.certificates.loop import from_disturbance, from_noise
 from tarc.certificates.mismatch import Responses, parts_of, system
 from tarc.certificates.norms import h2_norm
 from tarc.certificates.postures import joint_norms
+from tarc.certificates.slow import best_multiplier
 from tarc.errors import TarcError
 from tarc.estimators.algebraic import Algebraic
 from tarc.laws.tdc import TDC
@@ -27,6 +29,11 @@ CLOSELY = 16
 """And on a second."""
 CENTRES = np.geomspace(0.006, 1.5, 48)
 """Centres of the ball tried: inertia ratios."""
+SLOW_TRIED = 0.4, 0.7, 0.9
+"""For a robot of bounded speed: where centres are tried, on the logarithmic scale between those that constant ratios
+allow; on a second look at twice as many places."""
+SLOW_ENOUGH = 3
+"""And after how many bandwidths that bear it, from the highest down, the lower ones are not looked at."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,28 +125,34 @@ class Demand:
         ρ0 = (1 + spread)/2; E and H as in `tarc.certificates.robot`. Just one share, without weight, for no gravity.
     weights
         The η [1/s²].
+    rate
+        Greatest ‖dE⁻¹/dt‖ for M̂ = X [1/s]; infinite for a robot of any speed.
+    stiffness
+        Greatest ‖H‖ [1/s²].
     """
 
     spread: float
     shares: np.ndarray
     weights: np.ndarray
+    rate: float = np.inf
+    stiffness: float = 0.0
 
     @classmethod
-    def plain(cls, spread: float) -> "Demand":
+    def plain(cls, spread: float, rate: float = np.inf) -> "Demand":
         """Of a robot without gravity."""
         spread = check.number("spread", spread, 1)
-        return cls(spread, np.array([_share(spread)]), np.zeros(1))
+        return cls(spread, np.array([_share(spread)]), np.zeros(1), rate)
 
     @classmethod
-    def of(cls, spread: float, E: np.ndarray, H: np.ndarray) -> "Demand":
-        """Of a robot with these mismatches (k, n, n), for M̂ = X."""
+    def of(cls, spread: float, E: np.ndarray, H: np.ndarray, rate: float = np.inf) -> "Demand":
+        """Of a robot with these mismatches (k, n, n) and greatest rate, for M̂ = X."""
         sizes = np.linalg.norm(H, 2, axis=(1, 2))
         centre = (1 + spread) / 2
         if not sizes.max() > 1e-9:
-            return cls.plain(spread)
+            return cls.plain(spread, rate)
         weights = sizes.max() / centre * np.geomspace(0.3, 30.0, 6)
         norms = np.array([joint_norms(E, H, centre, float(weight)).max() for weight in weights])
-        return cls(spread, np.maximum(norms / centre, _share(spread)), weights)
+        return cls(spread, np.maximum(norms / centre, _share(spread)), weights, rate, float(sizes.max()))
 
 
 def candidates(
@@ -191,7 +204,8 @@ def assess(
     A loop bears the robot at the scale c if the robust ball about c(1 + spread)/2 has the share of it as radius that
     the robot demands for one of the weights, which is η/c there, next to a robust term of any slope up to slope_share ·
     bandwidth². The ball is that of `tarc.certificates.robot`, here on a grid of frequencies; the choice is certified
-    afterwards.
+    afterwards. For a robot of bounded speed, whose balls take longer, the lower bandwidths of a loop are not looked at
+    where some higher ones bear the robot.
 
     Parameters
     ----------
@@ -208,13 +222,25 @@ def assess(
     done
         Called after each candidate, to show progress.
     """
-    found: list[Candidate] = []
-    for one in trials:
-        with warnings.catch_warnings(), np.errstate(all="ignore"):
-            warnings.simplefilter("ignore")  # what rounding spoils is thrown out below, not trusted
-            found += _assess(one, demand, slope_share, room, closely)
+    slow = np.isfinite(demand.rate)
+    order = list(range(len(trials)))
+    if slow and not closely:
+        order.sort(key=lambda i: -trials[i].bandwidth)
+    found: dict[int, list[Candidate]] = {}
+    bearing: dict[tuple, list[float]] = {}
+    for i in order:
+        one = trials[i]
+        higher = bearing.setdefault((one.window, one.degree, one.delay, one.synchronised), [])
+        if slow and not closely and len(higher) >= SLOW_ENOUGH:
+            found[i] = [replace(one, slope=slope_share * one.bandwidth**2, spread=demand.spread, reach=higher[-1])]
+        else:
+            with warnings.catch_warnings(), np.errstate(all="ignore"):
+                warnings.simplefilter("ignore")  # what rounding spoils is thrown out below, not trusted
+                found[i] = _assess(one, demand, slope_share, room, closely)
+            if found[i] and found[i][0].feasible:
+                higher.append(found[i][0].reach)
         done()
-    return found
+    return [one for i in range(len(trials)) for one in found[i]]
 
 
 def _assess(one: Candidate, demand: Demand, slope_share: float, room: float, closely: bool) -> list[Candidate]:
@@ -231,37 +257,109 @@ def _assess(one: Candidate, demand: Demand, slope_share: float, room: float, clo
     plain = np.min(np.abs(free) / np.linalg.norm(responses.mismatch[:, 0], axis=1), axis=1) / CENTRES
     plain = _where_stable(parts_of(channel, 0.0, intersample=True), CENTRES, plain)
     one = replace(one, slope=slope, spread=spread, reach=_spread(float(np.max(plain))))
-    centres = CENTRES[plain >= needed.min()]
-    most = CLOSELY if closely else TRIED
-    if len(centres) > most:
-        centres = centres[np.linspace(0, len(centres) - 1, most).round().astype(int)]
-    able, rooms = [], []
-    for centre in centres:
-        enough, spare = False, -1.0
-        for weight, share, least in zip(demand.weights, demand.shares, needed, strict=True):
-            weight = float(weight * (1 + spread) / (2 * centre))
-            borne = responses.best(float(centre), weight)[1] / centre
-            now = _spread(borne) / _spread(float(share)) - 1
-            past = now < spare
-            enough, spare = enough or borne >= least, max(spare, now)
-            if enough and (past or not closely):  # the first weight that does, or all up to the best
-                break
-        if enough:
-            able.append(float(centre))
-            rooms.append(spare)
+    loop = _Loop(parts, responses, demand, needed, one.period)
+    if np.isfinite(demand.rate):
+        rooms = loop.slow_rooms(closely)
+        widest = max(rooms.values(), default=-1.0)
+        one = replace(one, reach=max(one.reach, (1 + widest) * spread))
+        rooms = {centre: spare for centre, spare in rooms.items() if spare >= room}
+    else:
+        rooms = loop.rooms(CENTRES[plain >= needed.min()], closely)
+    able = sorted(rooms)
     stable = _where_stable(parts, np.array(able), np.ones(len(able))) if able else np.zeros(0)
-    able = [(centre, spare) for centre, spare, fine in zip(able, rooms, stable, strict=True) if fine]
+    able = [centre for centre, fine in zip(able, stable, strict=True) if fine]
     result = []
     if not closely and able:
         able = [able[i] for i in sorted({0, len(able) // 2, len(able) - 1})]
-    for centre, spare in able:
+    for centre in able:
         scale = 2 * centre / (spread + 1)
         ratios = scale, scale * spread**0.5, scale * spread
         noise = scale * max(h2_norm(*from_noise(channel, ratio)) for ratio in ratios)
         error = max(ratio / scale * settling(channel, ratio) for ratio in ratios)
         if np.isfinite(noise) and np.isfinite(error):
-            result.append(replace(one, scale=scale, room=spare, noise=noise, error=error))
+            result.append(replace(one, scale=scale, room=rooms[centre], noise=noise, error=error))
     return result or [one]
+
+
+@dataclass(frozen=True)
+class _Loop:
+    """A loop against a demand: at which centres of the ball it bears the robot, and with how much room."""
+
+    parts: tuple[np.ndarray, ...]
+    responses: Responses
+    demand: Demand
+    needed: np.ndarray
+    period: float
+
+    def weight(self, number: int, centre: float) -> float:
+        """η of the demand at this centre."""
+        return float(self.demand.weights[number] * (1 + self.demand.spread) / (2 * centre))
+
+    def rooms(self, centres: np.ndarray, closely: bool) -> dict[float, float]:
+        """By centre, of those that bear the robot however fast it moves."""
+        most = CLOSELY if closely else TRIED
+        if len(centres) > most:
+            centres = centres[np.linspace(0, len(centres) - 1, most).round().astype(int)]
+        found = {}
+        for centre in centres:
+            enough, spare = False, -1.0
+            for number, (share, least) in enumerate(zip(self.demand.shares, self.needed, strict=True)):
+                borne = self.responses.best(float(centre), self.weight(number, centre))[1] / centre
+                now = _spread(borne) / _spread(float(share)) - 1
+                past = now < spare
+                enough, spare = enough or borne >= least, max(spare, now)
+                if enough and (past or not closely):  # the first weight that does, or all up to the best
+                    break
+            if enough:
+                found[float(centre)] = spare
+        return found
+
+    def slow_rooms(self, closely: bool) -> dict[float, float]:
+        """By centre, within the speed, of those that were tried."""
+        low, high = self.constant()
+        least = float(self.needed.min())
+        low, high = low / (1 - least) if least < 1 else np.inf, high / (1 + least)
+        if not low < high:
+            return {}
+        places = np.interp(np.arange(0, 2.5, 0.5), np.arange(3), SLOW_TRIED) if closely else SLOW_TRIED
+        return {centre: self.slow_room(centre) for place in places for centre in [float(low * (high / low) ** place)]}
+
+    def slow_room(self, centre: float) -> float:
+        """The most room at a centre, over the weights that do best at any speed."""
+        demand, spare = self.demand, -1.0
+        if np.abs(np.linalg.eigvals(system(self.parts, centre)[0])).max() >= 1:
+            return spare
+        weights = [self.weight(number, centre) for number in range(len(demand.shares))]
+        shares = [float(share) for share in demand.shares]
+        plain = [
+            self.responses.best(centre, one)[1] / centre - share for one, share in zip(weights, shares, strict=True)
+        ]
+        scale = 2 * centre / (1 + demand.spread)
+        step = demand.rate * self.period / scale
+        for number in np.argsort(plain)[::-1][:2]:
+            if shares[number] >= 1:
+                continue
+            borne = best_multiplier(
+                self.parts, centre, step, weight=weights[number], stiffness=demand.stiffness,
+                responses=self.responses,
+            )[1] / centre  # fmt: skip
+            spare = max(spare, _spread(min(borne, 1 - 1e-9)) / _spread(shares[number]) - 1)
+        return spare
+
+    def constant(self) -> tuple[float, float]:
+        """The widest interval of constant ratios with which the loop is stable, up to the grid of frequencies."""
+        held = self.responses.held[:, 0]
+        change = np.flatnonzero(np.diff(np.sign(held.imag)))
+        part = held.imag[change] / (held.imag[change] - held.imag[change + 1])
+        real = held.real[change] + part * (held.real[change + 1] - held.real[change])
+        edges = np.sort([*(1 / real[real > 0]), CENTRES[0] / 100, 10 * CENTRES[-1]])
+        edges = edges[(edges >= CENTRES[0] / 100) & (edges <= 10 * CENTRES[-1])]
+        best = 1.0, 1.0
+        for low, high in pairwise(edges):
+            if high / low > best[1] / best[0]:
+                stable = np.abs(np.linalg.eigvals(system(self.parts, float((low * high) ** 0.5))[0])).max() < 1
+                best = (float(low), float(high)) if stable else best
+        return best
 
 
 def _share(spread: float) -> float:
