@@ -9,7 +9,7 @@ from tarc.certificates.base import JUDGES, Certificate, Witness, schur
 from tarc.certificates.linear import alike, decouple
 from tarc.certificates.mismatch import PARTS, Responses, parts_of, system, weighed
 from tarc.certificates.norms import hinf_norm
-from tarc.certificates.slow import Multiplier, bears, best_multiplier
+from tarc.certificates.slow import STILL, Multiplier, bears, best_multiplier
 from tarc.errors import TarcError
 from tarc.laws.base import Law
 
@@ -140,6 +140,9 @@ def _problem(sloping: bool, slow: bool) -> str:
 LESS = 0.0, 2e-5, 2e-4, 2e-3, 0.01, 0.03, 0.08, 0.2, 0.4
 """Shares by which a radius is made smaller until it holds at all frequencies, and not on a grid of them alone."""
 
+FASTER = 1.0, 4.0, 16.0
+"""Times its rate for which a multiplier is searched for, until one holds between the frequencies of the grid too."""
+
 Evidence = Multiplier | float | None
 """What shows a radius: a multiplier, or the scale of the slope's block, or nothing where there is no slope."""
 
@@ -165,14 +168,20 @@ def widest(
         return best_scales(parts, centre, weight)
     if schur(system(parts, centre, weight)[0])[0] != "certified":
         return Multiplier(np.zeros(0), np.zeros(0)), 0.0
-    multiplier, radius = best_multiplier(
-        parts, centre, step, weight=weight, stiffness=stiffness, responses=Responses(parts, centre)
-    )
-    for less in LESS:
-        trial = radius * (1 - less)
-        if trial > 0 and bears(parts, centre, trial, step, multiplier, weight, stiffness):
-            return multiplier, trial
-    return multiplier, 0.0
+    responses = Responses(parts, centre)
+    best = Multiplier(np.zeros(0), np.zeros(0)), 0.0
+    for faster in FASTER:
+        multiplier, radius = best_multiplier(
+            parts, centre, faster * max(step, STILL / centre), weight=weight, stiffness=stiffness, responses=responses
+        )
+        for less in LESS:
+            trial = radius * (1 - less)
+            if trial > best[1] and bears(parts, centre, trial, step, multiplier, weight, stiffness):
+                best = multiplier, trial
+                break
+        if best[1] > 0.99 * radius:
+            break
+    return best
 
 
 def best_scales(parts: tuple[Array, ...], centre: float, weight: float = 0.0) -> tuple[float | None, float]:
@@ -243,6 +252,7 @@ def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, flo
     centre, radius, needed = numbers["centre"], numbers["radius"], numbers["needed"]
     weight, scale, step = numbers.get("weight", 0.0), numbers.get("scale"), numbers.get("step")
     given = [centre, radius, needed, weight, 1.0 if scale is None else scale, 0.0 if step is None else step]
+    given += [numbers.get(name, 1.0) for name in ("slope weight", "stiffness weight", "stiffness")]
     if not np.all(np.isfinite(given)) or not centre > 0 or scale == 0:
         return "inconclusive", 0.0, None
     parts = tuple(matrices[name] for name in PARTS)

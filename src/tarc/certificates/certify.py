@@ -31,6 +31,7 @@ def certify(
     computation_delay: int = 0,
     samples: int = 2000,
     seed: int = 0,
+    known: Certificate | None = None,
     done: Callable[[str], object] = lambda kind: None,
 ) -> dict[str, Certificate]:
     """All certificates that apply to a law on a robot, the verdict for the robot first.
@@ -47,6 +48,8 @@ def certify(
         Periods between a measurement and its torque.
     samples, seed
         Of the workspace.
+    known
+        What `robot` gave for all this, where it was asked before.
     done
         Called with the kind of each certificate once it is made, to show progress.
 
@@ -73,7 +76,8 @@ def certify(
         done(certificate.kind)
         return certificate
 
-    verdict = add(robot(law, plant, workspace, computation_delay=computation_delay, samples=samples, seed=seed))
+    options = {"computation_delay": computation_delay, "samples": samples, "seed": seed}
+    verdict = add(known or robot(law, plant, workspace, **options))
     low, high = verdict.numbers["least ratio"], verdict.numbers["greatest ratio"]
     if all(channel.width == 1 for channel in decouple(law, computation_delay)):
         add(loop(law, (low, high), computation_delay=computation_delay))

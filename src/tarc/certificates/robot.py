@@ -112,7 +112,7 @@ def robot(
         parts = parts_of(channel, slope, intersample=True)
         tries = {best_centre(parts, (found.low, found.high), step), (found.low + found.high) / 2}
         for last in (False, False, True):  # the worst posture moves with the weight
-            trials = [(*best_weight(parts, centre, E, H, step), centre) for centre in tries]
+            trials = [(*best_weight(parts, centre, E, H, step if last else None), centre) for centre in tries]
             _, weight, joint, centre = max(trials, key=lambda trial: trial[0])
             if last or not weight:
                 break
@@ -254,7 +254,7 @@ def best_weight(
 
     if stiffness <= NO_STIFFNESS:
         return radius(0.0) / extent, 0.0, int(np.argmax(apart))
-    for weight in stiffness / extent * np.geomspace(0.1, 100.0, 31 if step is None else 9):
+    for weight in stiffness / extent * np.geomspace(0.1, 100.0, 31 if step is None else 7):
         norms = joint_norms(E, H, centre, weight)
         room = radius(float(weight)) / norms.max()
         if room > best[0]:

@@ -15,7 +15,7 @@ FIRST = 50
 """About how many frequencies the linear program begins with."""
 ROUNDS = 16
 """Most rounds in which `best_multiplier` adds what its linear program overlooked."""
-STILL = 1e-6
+STILL = 1e-4
 """Least change in a period, as a share of the centre, for which a multiplier is searched for."""
 NEGLIGIBLE = 1e-4
 """Share of the greatest term below which one is dropped."""
@@ -117,7 +117,7 @@ def bears(
 
 def best_multiplier(
     parts: tuple[Array, ...], centre: float, step: float, *, weight: float = 0.0, stiffness: float = 0.0,
-    responses: Responses | None = None,
+    responses: Responses | None = None, enough: float = np.inf,
 ) -> tuple[Multiplier, float]:  # fmt: skip
     """The multiplier with which the loop bears the largest ball, and its radius, up to a grid of frequencies.
 
@@ -135,6 +135,8 @@ def best_multiplier(
         η and the greatest ‖H‖ [1/s²], as in `tarc.certificates.robot`.
     responses
         Those of the parts, where they are known already.
+    enough
+        A radius at which to stop, once it is reached or out of reach.
 
     Returns
     -------
@@ -157,9 +159,12 @@ def best_multiplier(
     first = np.arange(0, len(forms.v), max(len(forms.v) // FIRST, 1))
     A, b = forms.cuts(first, straight[first])
     bounds = [(0, None)] * (forms.unknowns - 1) + [(0, 1)]
+    enough = (enough / centre) ** 2
     for _ in range(ROUNDS):
+        if inside[-1] >= enough:
+            break
         found: Any = linprog(goal, A_ub=A, b_ub=b, bounds=bounds, method="highs")
-        if found.status != 0 or found.x[-1] < 1.01 * inside[-1]:
+        if found.status != 0 or found.x[-1] < max(1.01 * inside[-1], enough if enough < 1 else 0.0):
             break
         trial = (inside + found.x) / 2
         values, vectors = np.linalg.eigh(forms.at(trial))

@@ -254,8 +254,12 @@ def design(
         made, adapted = _law(law, best, shape, plants, workspace, sensor, limits)
         verdict = robot(made, plants, workspace, computation_delay=computation_delay, samples=samples, seed=seed)
         for more in (0.03, 0.06, 0.12, 0.25):  # what local searches found beyond the postures above
-            roomier = [one for one in looked if one.room >= ROOM + more]
-            if verdict.certified or not roomier:
+            if verdict.certified:
+                break
+            near = _near(best, bandwidth is None)
+            roomier = assess(near, demand, slope_share=share, room=ROOM + more, closely=True)
+            roomier += [one for one in looked if one.room >= ROOM + more]
+            if not any(one.feasible for one in roomier):
                 break
             best = replace(need, looked=roomier).pick()
             made, adapted = _law(law, best, shape, plants, workspace, sensor, limits)
@@ -265,7 +269,9 @@ def design(
                 f"design: the loop that bears the spread on paper is {verdict.verdict} on the robot, margin "
                 f"{verdict.margin:.3g}; use more samples, or a smaller workspace"
             )
-        certificates = certify(made, plants, workspace, computation_delay=computation_delay, samples=samples, seed=seed)
+        certificates = certify(
+            made, plants, workspace, computation_delay=computation_delay, samples=samples, seed=seed, known=verdict
+        )
         bar.advance(20)
     predicted = best.noise * np.linalg.norm(shape * sigma, axis=1)
     result = Design(
@@ -431,7 +437,7 @@ def _choices(
             f"of all {'diagonal ' if diagonal else ''}M̂ this shape spreads the eigenvalues of M(q)⁻¹M̂ least: by "
             f"{made.spread:.3g} over {'the payloads and ' if len(made.plants) > 1 else ''}the workspace "
             f"({found.samples} samples and local search); scaled they lie between {best.scale:.3g} and "
-            f"{best.scale * made.spread:.3g}, which the loop bears with {100 * best.room:.0f} % to spare",
+            f"{best.scale * made.spread:.3g}, which the loop bears with at least {100 * best.room:.0f} % to spare",
         ),
         Choice(
             "window",

@@ -29,11 +29,15 @@ CLOSELY = 16
 """And on a second."""
 CENTRES = np.geomspace(0.006, 1.5, 48)
 """Centres of the ball tried: inertia ratios."""
-SLOW_TRIED = 0.4, 0.7, 0.9
+SLOW_TRIED = 0.7, 0.9, 0.4
 """For a robot of bounded speed: where centres are tried, on the logarithmic scale between those that constant ratios
-allow; on a second look at twice as many places."""
-SLOW_ENOUGH = 3
+allow."""
+SLOW_ENOUGH = 2
 """And after how many bandwidths that bear it, from the highest down, the lower ones are not looked at."""
+HOPELESS = -0.3
+"""Room at which no other centre is tried."""
+LIGHT = 1.15
+"""How much more than the least spread a weight may demand to be the one that is tried."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -315,35 +319,38 @@ class _Loop:
         return found
 
     def slow_rooms(self, closely: bool) -> dict[float, float]:
-        """By centre, within the speed, of those that were tried."""
+        """By centre, within the speed, of those that were tried; enough room, or less, and not how much exactly."""
         low, high = self.constant()
         least = float(self.needed.min())
         low, high = low / (1 - least) if least < 1 else np.inf, high / (1 + least)
         if not low < high:
             return {}
-        places = np.interp(np.arange(0, 2.5, 0.5), np.arange(3), SLOW_TRIED) if closely else SLOW_TRIED
-        return {centre: self.slow_room(centre) for place in places for centre in [float(low * (high / low) ** place)]}
+        places = (0.25, 0.4, 0.55, 0.7, 0.8, 0.9) if closely else SLOW_TRIED
+        found: dict[float, float] = {}
+        for place in places:
+            centre = float(low * (high / low) ** place)
+            found[centre] = self.slow_room(centre)
+            if found[centre] < HOPELESS:
+                break
+        return found
 
     def slow_room(self, centre: float) -> float:
-        """The most room at a centre, over the weights that do best at any speed."""
-        demand, spare = self.demand, -1.0
+        """The room at a centre, for the lightest weight that takes little of it, or the next."""
+        spare, scale = -1.0, 2 * centre / (1 + self.demand.spread)
         if np.abs(np.linalg.eigvals(system(self.parts, centre)[0])).max() >= 1:
             return spare
-        weights = [self.weight(number, centre) for number in range(len(demand.shares))]
-        shares = [float(share) for share in demand.shares]
-        plain = [
-            self.responses.best(centre, one)[1] / centre - share for one, share in zip(weights, shares, strict=True)
-        ]
-        scale = 2 * centre / (1 + demand.spread)
-        step = demand.rate * self.period / scale
-        for number in np.argsort(plain)[::-1][:2]:
-            if shares[number] >= 1:
-                continue
+        light = int(np.argmax(self.needed <= _share(LIGHT * _spread(float(self.needed.min())))))
+        for number in range(light, min(light + 2, len(self.needed))):
+            share, least = float(self.demand.shares[number]), float(self.needed[number])
+            if least >= 1:
+                break
             borne = best_multiplier(
-                self.parts, centre, step, weight=weights[number], stiffness=demand.stiffness,
-                responses=self.responses,
+                self.parts, centre, self.demand.rate * self.period / scale, weight=self.weight(number, centre),
+                stiffness=self.demand.stiffness, responses=self.responses, enough=1.0001 * least * centre,
             )[1] / centre  # fmt: skip
-            spare = max(spare, _spread(min(borne, 1 - 1e-9)) / _spread(shares[number]) - 1)
+            spare = max(spare, _spread(min(borne, 1 - 1e-9)) / _spread(share) - 1)
+            if borne >= least or spare < HOPELESS:
+                break
         return spare
 
     def constant(self) -> tuple[float, float]:

@@ -1,0 +1,413 @@
+"""The ball for an inertia that changes slowly, against Floquet multipliers, sums and frequency grids of its own."""
+
+import numpy as np
+import pytest
+from benchmarks.soundness import (
+    PERIOD,
+    Case,
+    Design,
+    SlowFleet,
+    Tally,
+    check_slow,
+    draw,
+    matrices,
+    multiplier,
+    polynomials,
+    recurrence,
+    respond,
+)
+
+from family import make_tdc
+from tarc import TarcError, plants
+from tarc.certificates import Certificate, Workspace, ball, robot, stable_interval
+from tarc.certificates.ball import widest
+from tarc.certificates.linear import decouple
+from tarc.certificates.mismatch import parts_of
+from tarc.certificates.norms import negative
+from tarc.certificates.postures import inertia_slopes, rates
+from tarc.certificates.slow import Multiplier, bears, cost
+
+LITERAL, SYNCHRONISED = Design(window=10), Design(window=10, synchronised=True)
+BOTH = [(LITERAL, 0.079), (SYNCHRONISED, 1.074)]
+ARM, LOADED = plants.TwoLinkArm(), plants.TwoLinkArm(payload=2.0)
+
+
+def slowly(design, centre, relative, **options):
+    """The ball at a rate [1/s] times the centre."""
+    return ball(design.law, centre, rate=relative / centre, **options)
+
+
+# How large it is
+
+
+@pytest.mark.parametrize(("design", "centre"), BOTH)
+@pytest.mark.parametrize("slope", [0.0, 100.0])
+def test_the_faster_the_smaller_down_to_the_ball_at_any_speed(design, centre, slope):
+    found = [slowly(design, centre, one, slope=slope) for one in (0.1, 3.0, 30.0, 300.0, 1e6)]
+    radii = [one.numbers["radius"] for one in found]
+    anyhow = ball(design.law, centre, slope=slope).numbers["radius"]
+    assert all(one.certified for one in found)
+    assert np.all(np.diff(radii) < 0.01 * centre)
+    assert radii[-1] == pytest.approx(anyhow, rel=0.01)
+    assert radii[0] > 1.02 * anyhow
+
+
+@pytest.mark.parametrize(("design", "centre"), BOTH)
+@pytest.mark.parametrize("relative", [0.0, 0.01])
+def test_nearly_at_rest_it_holds_nearly_what_constant_ratios_may_be(design, centre, relative):
+    low, high = stable_interval(design.law)
+    most = min(centre - low, high - centre)
+    assert 0.98 * most < slowly(design, centre, relative).numbers["radius"] < most
+
+
+def test_a_range_that_fits_at_a_rate_only():
+    low, high = stable_interval(LITERAL.law)
+    ends = 1.2 * low, 0.135
+    assert ends[1] < high
+    assert ball(LITERAL.law, contains=ends).verdict == "inconclusive"
+    slow = ball(LITERAL.law, contains=ends, rate=5.0)
+    assert slow.certified
+    assert slow.numbers["low"] < ends[0] < ends[1] < slow.numbers["high"]
+    assert "changing by at most 5 1/s" in slow.claim
+
+
+# What it claims, by Floquet multipliers
+
+
+def fastest_turn(centre, radius, rate):
+    """How fast axes may turn [rad a period] if E⁻¹, with eigenvalues 1/(ρ0 ± δ), is to keep within the rate."""
+    apart = 1 / (centre - radius) - 1 / (centre + radius)
+    return rate * PERIOD / apart
+
+
+def growth_of_turning(design, centre, radius, limit):
+    rates_tried = min(limit, np.pi) * np.append(np.geomspace(1e-4, 1, 120), 1.0)
+    return multiplier(Case(recurrence(design), centre, radius), 0.0, rates_tried).max()
+
+
+@pytest.mark.parametrize(("design", "centre"), BOTH)
+@pytest.mark.parametrize("relative", [0.3, 3.0, 30.0, 100.0])
+def test_axes_that_turn_within_the_rate_are_borne_and_no_much_larger_radius(design, centre, relative):
+    size = slowly(design, centre, relative, intersample=False).numbers["radius"]
+    rate = relative / centre
+    assert growth_of_turning(design, centre, size, fastest_turn(centre, size, rate)) < 1
+    larger = min(1.2 * size, 0.999 * centre)
+    assert growth_of_turning(design, centre, larger, fastest_turn(centre, larger, rate)) > 1
+
+
+def test_the_rate_matters():
+    """Axes that turn some times faster than the rate make the certified loop diverge."""
+    size = slowly(LITERAL, 0.079, 30.0, intersample=False).numbers["radius"]
+    limit = fastest_turn(0.079, size, 30.0 / 0.079)
+    assert growth_of_turning(LITERAL, 0.079, size, limit) < 1 < growth_of_turning(LITERAL, 0.079, size, 6 * limit)
+
+
+@pytest.mark.parametrize(("design", "centre"), BOTH)
+@pytest.mark.parametrize("relative", [30.0, 300.0])
+def test_a_ratio_that_swings_within_the_rate_is_borne(design, centre, relative):
+    """1/E is a sinusoid over all of the ball, or half of it, held over each period."""
+    size, step = slowly(design, centre, relative, intersample=False).numbers["radius"], relative / centre * PERIOD
+    A, B, _, C = matrices(Case(recurrence(design), centre))
+    ends, tried = np.array([1 / (centre + size), 1 / (centre - size)]), 0
+    for share in (0.3, 1.0):
+        swing = share * np.diff(ends)[0] / 2
+        least = max(2, int(np.ceil(np.pi / np.arcsin(min(1.0, step / 2 / swing)))))
+        for periods in np.unique((least * np.array([1.0, 1.7, 3.0])).astype(int)):
+            for middle in (ends[0] + swing, ends[1] - swing):
+                inverse = middle + swing * np.cos(2 * np.pi * np.arange(periods) / periods)
+                assert np.abs(np.diff(inverse)).max() <= step * (1 + 1e-9)
+                around, log = np.eye(len(A)), 0.0
+                for ratio in 1 / inverse:
+                    around = (A + (ratio - centre) * np.outer(B, C)) @ around
+                    log += np.log(np.abs(around).max())
+                    around /= np.abs(around).max()
+                assert log + np.log(np.abs(np.linalg.eigvals(around)).max()) < 0
+                tried += 1
+    assert tried > 7
+
+
+def test_nothing_contradicts_a_slow_ball():
+    rng, tally = np.random.default_rng(5), Tally()
+    check_slow([draw(rng) for _ in range(16)], rng, tally, 800, lambda: None)
+    assert tally.violations == []
+    assert tally.certified > 6
+    assert tally.undecided < 3
+
+
+def test_the_slow_fleet_keeps_to_the_rate_and_the_ball_and_finds_what_is_outside():
+    from benchmarks.soundness import SLOW_MISMATCHES, SUBSTEPS, Adversary, inverse
+
+    found = slowly(LITERAL, 0.079, 30.0).numbers
+    adversaries = [Adversary(kind) for kind in SLOW_MISMATCHES]
+    turning = adversaries[:1]
+    seen = []
+
+    class Watched(SlowFleet):
+        def _push(self, kind, i, *rest):
+            before = self.m[i].copy(), self.c[i].copy()
+            push = super()._push(kind, i, *rest)
+            m, c = inverse(self.m[i], self.c[i])
+            change = np.abs(self.m[i] - before[0]) + np.abs(self.c[i] - before[1])
+            seen.append((change.max(), (np.abs(m - self.centre) + np.abs(c)).max()))
+            return push
+
+    case = Case(recurrence(LITERAL), 0.079, found["radius"], rate=30.0 / 0.079)
+    Watched([case], adversaries).run(200, within=True)
+    most = np.max(seen, axis=0)
+    assert 0.9 < most[0] / (case.rate * PERIOD / SUBSTEPS) <= 1 + 1e-9
+    assert 0.9 < most[1] / case.radius <= 1 + 1e-9
+    outside = case._replace(radius=1.12 * case.radius)
+    inside, diverging = SlowFleet([case, outside], turning).run(6000, within=True).max(axis=0)
+    assert inside < 0
+    assert diverging > 3
+
+
+# Its parts
+
+
+@pytest.mark.parametrize("step", [1e-4, 0.01, 0.3])
+def test_cost_against_the_sum(step):
+    """Within a period E is E⁻¹'s inverse mean only nearly, so that it costs a little more than the plain sum."""
+    decays, most = np.array([0.05, 0.5, 0.9, 0.999]), 1.5
+    m = np.arange(1, 40_000)[:, None]
+    plain = 2 * np.sum(decays**m * m * step, axis=0)
+    found = cost(decays, step, most)
+    rest = step * most / 2
+    worst = ((1 + rest / (1 - rest)) / (1 - rest / (1 - rest))) ** 2
+    np.testing.assert_allclose(found, worst * plain, rtol=1e-9)
+    assert np.all(found >= plain)
+
+
+def test_a_mean_over_a_period_changes_no_more_than_what_it_costs():
+    """Random W(t) = E⁻¹ of a bounded rate: the inverse of E's mean from period to period, against D_1 = cost/2p."""
+    rng, worst = np.random.default_rng(0), 0.0
+    for step in (0.02, 0.1, 0.25):
+        for _ in range(40):
+            turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+            W = turn @ np.diag(rng.uniform(0.8, 2.0, 3)) @ turn.T
+            pieces, way = [], rng.normal(size=(3, 3))
+            for _ in range(40):  # two periods of twenty pieces each
+                way = rng.normal(size=(3, 3)) if rng.random() < 0.1 else way
+                W = W + step / 20 * (way + way.T) / np.linalg.norm(way + way.T, 2)
+                pieces.append(W)
+            E = np.linalg.inv(np.array(pieces))
+            most = np.linalg.norm(E, 2, axis=(1, 2)).max()
+            one, two = (np.linalg.inv(E[i : i + 20].mean(axis=0)) for i in (0, 20))
+            change, p = np.linalg.norm(one - two, 2), np.array([1e-9])
+            assert change <= cost(p, step, most)[0] / 2 / p[0]
+            worst = max(worst, change / step)
+    assert worst > 0.9
+
+
+def test_no_multiplier_for_what_changes_by_most_of_itself_in_a_period():
+    assert np.all(np.isinf(cost(np.array([0.5]), 1.0, 1.0)))
+    assert np.isfinite(cost(np.array([0.5]), 0.1, 1.0)).all()
+
+
+def hand_form(design, centre, radius, step, evidence, angles):
+    """The form's value on a dense grid, for E held over each period: T from a to v by the recurrence's polynomials."""
+    known = polynomials(recurrence(design), centre)
+    T = respond(known.a_to_v, known.closed, angles)
+    m = np.arange(1, 3000)
+    powers = evidence.decays[:, None] ** m
+    swing = step * (centre + radius) / 2
+    paid = 2 * np.abs(evidence.coefficients) @ powers @ (m * step) / (1 - 2 * swing) ** 2
+    # 2 Σ y_m Re(conj(v e^{jmω}) b − conj(v) b e^{jmω}) with b = ρ0 v + a, v = T a
+    cross = -4 * np.sin(np.outer(angles, m)) @ (evidence.coefficients @ powers) * T.imag
+    return radius**2 * np.abs(T) ** 2 + paid * np.abs(1 + centre * T) ** 2 + cross - 1
+
+
+@pytest.mark.parametrize(("design", "centre"), BOTH)
+@pytest.mark.parametrize("relative", [3.0, 30.0])
+def test_bears_against_a_dense_grid(design, centre, relative):
+    (channel,) = decouple(design.law)
+    parts, step = parts_of(channel, 0.0, intersample=False), relative / centre * PERIOD
+    evidence, size = widest(parts, centre, step=step)
+    assert isinstance(evidence, Multiplier)
+    assert len(evidence.coefficients) > 0
+    angles = np.unique(np.concatenate([np.geomspace(1e-5, np.pi, 600), np.linspace(1e-3, np.pi, 600)]))
+    for share in (0.5, 0.9, 0.99, 1.0, 1.01, 1.05, 1.2):
+        value = hand_form(design, centre, share * size, step, evidence, angles).max()
+        assert abs(value) > 1e-5
+        assert bears(parts, centre, share * size, step, evidence) == (value < 0)
+
+
+@pytest.mark.parametrize("slope", [0.0, 100.0])
+@pytest.mark.parametrize("weight", [0.0, 3000.0])
+def test_bears_nothing_that_was_changed(slope, weight):
+    (channel,) = decouple(LITERAL.law)
+    parts, centre, step, stiffness = parts_of(channel, slope, intersample=True), 0.08, 0.1, 20.0
+    evidence, size = widest(parts, centre, weight, step=step, stiffness=stiffness)
+    rest = weight, stiffness
+    assert isinstance(evidence, Multiplier)
+    assert size > 0
+    assert bears(parts, centre, size, step, evidence, *rest)
+    wrong = [
+        evidence._replace(coefficients=-evidence.coefficients),
+        evidence._replace(coefficients=100 * evidence.coefficients),
+        evidence._replace(decays=1 / evidence.decays),
+        evidence._replace(decays=-evidence.decays),
+        evidence._replace(slope=-1.0),
+        evidence._replace(stiffness=0.0),
+    ]
+    for one in wrong:
+        assert not bears(parts, centre, size, step, one, *rest)
+    assert not bears(parts, centre, 1.1 * size, step, evidence, *rest)
+    assert not bears(parts, centre, 1.01 * centre, step, evidence, *rest)
+    for other in (30 * step, -step, np.nan):
+        assert not bears(parts, centre, size, other, evidence, *rest)
+
+
+@pytest.mark.parametrize("slope", [0.0, 100.0])
+def test_without_exponentials_it_is_the_ball_at_any_speed(slope):
+    parts = parts_of(decouple(LITERAL.law)[0], slope, intersample=True)
+    anyhow = ball(LITERAL.law, 0.08, slope=slope).numbers
+    plain = Multiplier(np.zeros(0), np.zeros(0), anyhow.get("scale", 1.0) ** -2.0)
+    assert bears(parts, 0.08, 0.999 * anyhow["radius"], 1e9, plain)
+    assert not bears(parts, 0.08, 1.02 * anyhow["radius"], 0.0, plain)
+
+
+def test_negative_against_a_dense_grid():
+    """Random systems beside the level at which the form changes its sign."""
+    rng, both = np.random.default_rng(2), [0, 0]
+    angles = np.concatenate([[0.0], np.geomspace(1e-5, np.pi, 4000), np.linspace(1e-3, np.pi, 6000)])
+    z = np.exp(1j * angles)[:, None, None]
+    for _ in range(40):
+        n, inputs = int(rng.integers(1, 7)), int(rng.integers(1, 4))
+        A = rng.normal(size=(n, n))
+        A *= rng.uniform(0.3, 0.99) / np.abs(np.linalg.eigvals(A)).max()
+        B, S, whole = rng.normal(size=(n, inputs)), rng.normal(size=(n, inputs)), rng.normal(size=(n, n))
+        Q = whole + whole.T
+        x = np.linalg.solve(z * np.eye(n) - A, B + 0 * z)
+        mixed = x.conj().transpose(0, 2, 1) @ S
+        form = x.conj().transpose(0, 2, 1) @ Q @ x + mixed + mixed.conj().transpose(0, 2, 1)
+        top = np.linalg.eigvalsh(form).max()
+        for share, answer in ((1e-2, True), (-1e-6, False)):
+            R = -(top + share * max(abs(top), 1.0)) * np.eye(inputs)
+            assert negative(A, B, Q, S, R) == answer
+            both[answer] += 1
+        assert not negative(1.5 / np.abs(np.linalg.eigvals(A)).max() * A, B, Q, S, -1e9 * np.eye(inputs))
+    assert min(both) == 40
+
+
+# As certificates
+
+
+@pytest.mark.parametrize("options", [{}, {"slope": 100.0}, {"contains": (0.02, 0.13)}])
+def test_json_round_trip_verifies_and_tampering_shows(options):
+    certificate = ball(LITERAL.law, rate=20.0, **options)
+    assert certificate.certified
+    read = Certificate.from_json(certificate.to_json())
+    assert read.verify()
+    assert read.numbers == certificate.numbers
+    changes = {
+        "radius": [1.02, np.inf, np.nan, 0.0],
+        "centre": [0.5, np.nan],
+        "step": [50.0, -1.0, np.nan, np.inf],
+        "slope weight": [-1.0, np.nan, np.inf],
+        "stiffness weight": [np.nan, np.inf],
+    }
+    for name, factors in changes.items():
+        for factor in factors:
+            changed = Certificate.from_json(certificate.to_json())
+            changed.numbers[name] *= factor
+            assert not changed.verify()
+    for name, factor in (("coefficients", -1.0), ("decays", 1.5), ("into", 3.0)):
+        changed = Certificate.from_json(certificate.to_json())
+        changed.matrices[name] *= factor
+        assert not changed.verify()
+        changed.matrices.pop(name)
+        assert not changed.verify()
+
+
+def test_without_a_rate_nothing_of_it_is_written():
+    plain = ball(LITERAL.law)
+    assert "step" not in plain.numbers
+    assert "coefficients" not in plain.matrices
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: ball(LITERAL.law, rate=-1.0), "rate: got -1"),
+        (lambda: ball(LITERAL.law, rate=np.nan), "rate: got nan"),
+        (lambda: ball(LITERAL.law, rate=np.inf), "rate: got inf"),
+        (lambda: ball(LITERAL.law, rate="fast"), "rate"),  # type: ignore[arg-type]
+        (lambda: Workspace.of(ARM, speed=[1.0, 1.0, 1.0]), "speed"),
+        (lambda: Workspace.of(ARM, speed=-1.0), "speed"),
+        (lambda: Workspace.box([0.0, 0.0], [1.0, 1.0], speed=[1.0, np.nan]), "speed"),
+    ],
+)
+def test_bad_input(call, message):
+    with pytest.raises(TarcError, match=message):
+        call()
+
+
+# Robots
+
+
+def inverse_mismatch(plant, nominal, posture):
+    values, vectors = np.linalg.eigh(nominal)
+    root = vectors @ np.diag(values**-0.5) @ vectors.T
+    return root @ plant.inertia(posture) @ root
+
+
+def test_rates_bound_what_motions_do_and_are_reached():
+    nominal, rng = 0.1 * ARM.inertia([0.0, 1.5]), np.random.default_rng(4)
+    speed, dt, shares = np.array([2.0, 3.0]), 1e-6, []
+    for _ in range(60):
+        q, way = rng.uniform(-3, 3, 2), rng.uniform(-1, 1, 2)
+        bound = rates(nominal, inertia_slopes(LOADED, q)[None], speed)[0]
+        fastest = 0.0
+        for share in (way, np.sign(way)):
+            ends = [inverse_mismatch(LOADED, nominal, q + sign * share * speed * dt / 2) for sign in (-1, 1)]
+            seen = np.linalg.norm(ends[1] - ends[0], 2) / dt
+            assert seen <= bound * (1 + 1e-5) + 1e-6
+            fastest = max(fastest, seen)
+        shares.append(fastest / bound)
+    assert max(shares) == pytest.approx(1.0, abs=1e-4)
+    assert np.all(rates(nominal, inertia_slopes(ARM, np.array([0.3, 1.0]))[None], np.zeros(2)) == 0)
+
+
+@pytest.fixture(scope="module")
+def verdicts():
+    law = make_tdc(synchronised=True, inertia=INERTIA)
+    speeds = (None, 1.0)
+    return [robot(law, [ARM, LOADED], Workspace.of(ARM, speed=speed), samples=100) for speed in speeds]
+
+
+INERTIA = 0.5 * ARM.inertia([0.0, 2.0])
+
+
+def test_a_robot_that_is_certified_within_a_speed_only(verdicts):
+    anyhow, slow = verdicts
+    assert anyhow.verdict == "inconclusive"
+    assert slow.certified
+    assert slow.margin > anyhow.margin
+    # the second joint alone changes the inertia: the rate by differences at a fine grid of its angle
+    grid, dt = np.linspace(-np.pi, np.pi, 721), 1e-6
+    seen = max(
+        np.linalg.norm(
+            inverse_mismatch(LOADED, INERTIA, [0.0, angle + dt]) - inverse_mismatch(LOADED, INERTIA, [0.0, angle - dt]),
+            2,
+        )
+        / (2 * dt)
+        for angle in grid
+    )
+    assert slow.numbers["rate"] == pytest.approx(seen, rel=1e-3)
+
+
+def test_a_robot_verifies_and_tampering_shows(verdicts):
+    slow = verdicts[1]
+    assert Certificate.from_json(slow.to_json()).verify()
+    for name, factor in (("speed", 1.5), ("slopes_fast", 1.5), ("coefficients", -1.0)):
+        changed = Certificate.from_json(slow.to_json())
+        changed.matrices[name] *= factor
+        assert not changed.verify()
+    for name, factor in (("step", 0.9), ("stiffness", 0.9), ("radius", 1.1), ("radius", 0.5), ("weight", np.nan)):
+        changed = Certificate.from_json(slow.to_json())
+        changed.numbers[name] *= factor
+        assert not changed.verify()
+    changed = Certificate.from_json(slow.to_json())
+    del changed.numbers["step"]  # what is left claims any speed
+    assert not changed.verify()
