@@ -636,7 +636,7 @@ class SlowFleet(Fleet):
             turn = 2 * self.peak if kind == "pump" else rates["rotate"]
             return size * np.sign(np.sin(turn * moment + 0.1)), none + 0j
         if kind == "bang":
-            return size * np.where((along.conj() * v).real >= 0, 1.0, -1.0), none + 0j
+            return size * np.where(np.real(along.conj() * v) >= 0, 1.0, -1.0), none + 0j
         if kind == "random":
             arrived = self.rng.random(len(v)) < np.minimum(1.0, self.share)
             one, turn = self.rng.uniform(-1, 1, len(v)), np.exp(2j * self.rng.uniform(0, np.pi, len(v)))

@@ -66,6 +66,10 @@ def certify(
     full_range: Annotated[
         bool, typer.Option("--full-range", help="All that the joints reach, instead of the reference.")
     ] = False,
+    speed: Annotated[
+        str,
+        typer.Option(metavar="NUMBERS", help="Greatest speed of the joints, rad/s or m/s; default: any speed."),
+    ] = "",
     samples: Annotated[int, typer.Option(help="Postures to sample, before a local search.")] = 2000,
     as_json: Json = False,
     figures: Figures = True,
@@ -81,7 +85,7 @@ def certify(
 
     described = Scenario.load(scenario, set_ or [])
     folder = _folder(out or Path("runs") / _stem(described.name))
-    found = described.certify(tube=tube, full_range=full_range, samples=samples)
+    found = described.certify(tube=tube, full_range=full_range, speed=_numbers("--speed", speed), samples=samples)
     files = save_certificates(described, found, folder, figures)
     from tarc.report import tables
 
@@ -150,6 +154,15 @@ def design(
             rich_help_panel=ASKED,
         ),
     ] = None,
+    speed: Annotated[
+        str,
+        typer.Option(
+            metavar="NUMBERS",
+            help="Greatest speed of the joints, rad/s or m/s: the slower the robot, the better the gains that can be "
+            "certified. Default: the velocity limits in the file, where it has them; inf for any speed.",
+            rich_help_panel=ASKED,
+        ),
+    ] = "",
     noise: Annotated[
         float | None,
         typer.Option(
@@ -195,7 +208,7 @@ def design(
     from tarc import check
     from tarc.design import design as choose
     from tarc.design import limits as stands
-    from tarc.design.premises import within
+    from tarc.design.premises import rated, within
     from tarc.design.scenario import save, target
     from tarc.errors import TarcError
     from tarc.plants import MujocoPlant
@@ -215,7 +228,8 @@ def design(
     asked = {
         "period": 1 / check.number("--rate", rate, 0, strict=True),
         "sensor": Encoder(bits=check.whole("--encoder-bits", encoder_bits, 1, 52)),
-        "workspace": within(plant, reach),
+        "workspace": within(plant, reach).within(rated(plant)),
+        "speed": _numbers("--speed", speed),
         "torque_limit": _numbers("--torque-limit", torque_limit),
         "law": check.one_of("--law", law.lower(), ("tarc", "tdc")).upper(),
     }

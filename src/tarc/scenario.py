@@ -15,6 +15,7 @@ from tarc import check
 from tarc.certificates.base import Certificate
 from tarc.certificates.certify import certify
 from tarc.certificates.workspace import Workspace
+from tarc.check import Numbers
 from tarc.engines import variants
 from tarc.errors import TarcError
 from tarc.loop import simulate
@@ -209,7 +210,13 @@ class Scenario(BaseModel):
         return {name: self.build_law(part, plant, reference) for name, part in self.laws.items()}
 
     def certify(
-        self, *, tube: float = 0.01, full_range: bool = False, samples: int = 2000, progress: bool | None = None
+        self,
+        *,
+        tube: float = 0.01,
+        full_range: bool = False,
+        speed: Numbers | None = None,
+        samples: int = 2000,
+        progress: bool | None = None,
     ) -> dict[str, dict[str, Certificate]]:
         """Certify every law, by name and then by kind, on the robot with each payload and schedule that it meets.
 
@@ -219,6 +226,8 @@ class Scenario(BaseModel):
             How far each joint may be from its reference [rad or m].
         full_range
             Certify for all that the joints reach, instead of the reference and the tube about it.
+        speed
+            Greatest speed of the joints [rad/s or m/s], one number or one a joint; None for any.
         samples
             How many postures to sample.
         progress
@@ -227,7 +236,7 @@ class Scenario(BaseModel):
         plant, reference = self.build_plant(), self.build_reference()
         robots = [robot for begin, robot in variants(plant, self.build_disturbances()) if begin < self.duration]
         workspace = Workspace.of(plant) if full_range else Workspace.path(reference, self.duration, tube=tube)
-        laws = self.build_laws(plant, reference)
+        workspace, laws = workspace.within(speed), self.build_laws(plant, reference)
         delay, found = self.computation_delay, {}
         with Progress("certifying", 9 * len(laws), progress) as bar:
             for name, law in laws.items():

@@ -143,9 +143,9 @@ def test_the_slow_fleet_keeps_to_the_rate_and_the_ball_and_finds_what_is_outside
     seen = []
 
     class Watched(SlowFleet):
-        def _push(self, kind, i, *rest):
+        def _push(self, kind, i, *rest, **others):
             before = self.m[i].copy(), self.c[i].copy()
-            push = super()._push(kind, i, *rest)
+            push = super()._push(kind, i, *rest, **others)
             m, c = inverse(self.m[i], self.c[i])
             change = np.abs(self.m[i] - before[0]) + np.abs(self.c[i] - before[1])
             seen.append((change.max(), (np.abs(m - self.centre) + np.abs(c)).max()))
@@ -213,7 +213,7 @@ def hand_form(design, centre, radius, step, evidence, angles):
     swing = step * (centre + radius) / 2
     paid = 2 * np.abs(evidence.coefficients) @ powers @ (m * step) / (1 - 2 * swing) ** 2
     # 2 Σ y_m Re(conj(v e^{jmω}) b − conj(v) b e^{jmω}) with b = ρ0 v + a, v = T a
-    cross = -4 * np.sin(np.outer(angles, m)) @ (evidence.coefficients @ powers) * T.imag
+    cross = -4 * np.sin(np.outer(angles, m)) @ (evidence.coefficients @ powers) * np.imag(T)
     return radius**2 * np.abs(T) ** 2 + paid * np.abs(1 + centre * T) ** 2 + cross - 1
 
 

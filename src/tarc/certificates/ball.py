@@ -43,7 +43,8 @@ def ball(
     That holds however fast E changes, and no larger ball would then. The inertia of a robot changes as fast as the
     robot moves: with a rate, for ‖dE⁻¹/dt‖ up to it, E⁻¹ = M̂^−½ M M̂^−½, the ball is larger. What is added is that E
     is symmetric and slow: with b = E v and any y_m, 2 Σ_k Σ_m y_m (v_{k+m}ᵀ b_k − v_kᵀ b_{k+m}) is at least
-    −2 Σ_m |y_m| m T rate Σ_k ‖b_k‖². Such y_m, a sum of exponentials, are searched for by linear programming.
+    −2 Σ_m |y_m| m T rate Σ_k ‖b_k‖². Such y_m, a sum of exponentials, are searched for by linear programming. From the
+    loop at ρ0, which is stable, E comes about along E_τ⁻¹ = (1 − τ)/ρ0 + τ E⁻¹, 0 ≤ τ ≤ 1, on which all of this holds.
 
     Parameters
     ----------

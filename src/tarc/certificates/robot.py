@@ -100,30 +100,32 @@ def robot(
     slope = law.robust_slope if bounded else 0.0
     numbers = {"period": law.period, "alike": float(alike(law)), "bounded": float(bounded)}
     numbers["stiffness"] = float(sizes[stiff])
-    step = None
+    moving, step = {}, None
     if workspace.speed is not None:
         fast = fastest(plants, law.M, workspace, min(samples, STIFF_SAMPLES), seed)
-        slopes = inertia_slopes(*fast)
-        matrices |= {"posture_fast": fast[1], "slopes_fast": slopes, "speed": workspace.speed}
-        step = law.period * float(rates(law.M, slopes[None], workspace.speed)[0])
-        numbers |= {"step": step, "rate": step / law.period}
+        moving = {"posture_fast": fast[1], "slopes_fast": inertia_slopes(*fast), "speed": workspace.speed}
+        step = law.period * float(rates(law.M, moving["slopes_fast"][None], workspace.speed)[0])
     if numbers["alike"]:
         (channel,) = decouple(law, computation_delay)
         parts = parts_of(channel, slope, intersample=True)
         tries = {best_centre(parts, (found.low, found.high), step), (found.low + found.high) / 2}
-        for last in (False, False, True):  # the worst posture moves with the weight
-            trials = [(*best_weight(parts, centre, E, H, step if last else None), centre) for centre in tries]
-            _, weight, joint, centre = max(trials, key=lambda trial: trial[0])
-            if last or not weight:
+        for _ in range(2):  # the worst posture moves with the weight
+            _, weight, joint, centre = max((*best_weight(parts, centre, E, H), centre) for centre in tries)
+            if not weight:
                 break
             postures, E, H = searched(postures, E, H, workspace, units, law.M, centre, weight)
-            sizes = np.linalg.norm(H, 2, axis=(1, 2))
+        sizes = np.linalg.norm(H, 2, axis=(1, 2))
         stiff = int(np.argmax(sizes))
-        numbers["stiffness"] = float(sizes[stiff])
-        evidence, radius = widest(parts, centre, weight, step=step, stiffness=numbers["stiffness"])
+        trials = [(*best_weight(parts, centre, E, H, one), centre, one) for one in {step, None} for centre in tries]
+        _, weight, joint, centre, step = max(trials, key=lambda trial: trial[0])  # the ball at any speed may do better
+        evidence, radius = widest(parts, centre, weight, step=step, stiffness=float(sizes[stiff]))
         evidence_matrices, evidence_numbers = recorded(evidence)
         matrices |= dict(zip(PARTS, parts, strict=True)) | evidence_matrices
-        numbers |= {"centre": centre, "radius": radius, "weight": weight} | evidence_numbers
+        numbers |= {"centre": centre, "radius": radius, "weight": weight, "stiffness": float(sizes[stiff])}
+        numbers |= evidence_numbers
+        if step is not None:
+            matrices |= moving
+            numbers |= {"step": step, "rate": step / law.period}
     else:
         channel = whole(law, computation_delay)
         matrices |= dict(zip(PARTS[:3], channel.around(0.0)[:3], strict=True))
@@ -151,7 +153,7 @@ def robot(
         margin_meaning="1 less the spectral radius in that posture"
         if verdict == "refuted"
         else "radius of the ball over the one needed, less 1",
-        assumptions=_assumptions(law, found, numbers, workspace.speed, computation_delay),
+        assumptions=_assumptions(law, found, numbers, workspace.speed if step is not None else None, computation_delay),
         matrices=matrices,
         numbers=numbers,
         witness=witness,

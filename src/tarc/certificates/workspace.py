@@ -1,7 +1,7 @@
 """How far the inertia ratio spreads over a workspace: the eigenvalues of M(q)⁻¹M̂, and the M̂ that spreads them least."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -115,6 +115,16 @@ class Workspace:
                     "Workspace.box(low, high)"
                 )
         return cls(low=low, high=high, speed=_speed(speed, plant.joints))
+
+    def within(self, speed: Numbers | None) -> "Workspace":
+        """The same postures, no joint faster than its speed [rad/s or m/s], one number or one a joint.
+
+        Any speed for None and where one is infinite.
+        """
+        if speed is None:
+            return replace(self, speed=None)
+        given = np.asarray(speed, dtype=float)
+        return replace(self, speed=None if np.isposinf(given).any() else _speed(given, self.joints))
 
     @property
     def joints(self) -> int:

@@ -16,7 +16,7 @@ from tarc.certificates.workspace import Workspace, best_shape, spread
 from tarc.check import Numbers
 from tarc.design.adaptation import Adaptation, adaptation, expected_step
 from tarc.design.front import WINDOWS, Candidate, Demand, assess, candidates, front
-from tarc.design.premises import premises, weight
+from tarc.design.premises import premises, rated, weight
 from tarc.errors import TarcError
 from tarc.laws.tarc import TARC
 from tarc.laws.tdc import TDC
@@ -149,6 +149,7 @@ def design(
     sensor: Encoder | None = None,
     payload: tuple[float, float] = (0.0, 0.0),
     workspace: Workspace | None = None,
+    speed: Numbers | None = None,
     bandwidth: float | None = None,
     damping: float = 1.0,
     noise: float | None = None,
@@ -178,6 +179,10 @@ def design(
         Least and greatest payload at the tool [kg].
     workspace
         Postures to certify for; None for all that the joints reach.
+    speed
+        Greatest speed of the joints [rad/s or m/s], one number or one a joint; infinite for any. None for that of the
+        workspace, or without one for the velocity limits in the robot's file, where all joints have one. The slower
+        the robot, the better the gains that are certified.
     bandwidth
         ωn [rad/s]; None to have it chosen.
     damping
@@ -217,7 +222,9 @@ def design(
     check.number("damping", damping, 0, strict=True)
     share = SLOPE if law == "TARC" else 0.0
     plants = _with_payloads(plant, low, high)
-    workspace = Workspace.of(plant) if workspace is None else workspace
+    workspace = Workspace.of(plant).within(rated(plant)) if workspace is None else workspace
+    if speed is not None:
+        workspace = workspace.within(speed)
     limits = _limits(plant, torque_limit)
     sigma = _deviation(sensor, plant.joints)
     _check_budget(plant.joint_names, bandwidth, noise, limits, sigma)

@@ -21,7 +21,7 @@ from tarc.signals.disturbances import Payload
 from tarc.signals.references import Sinusoid
 from tarc.signals.sensors import Encoder
 
-QUESTIONS = {"payload": "kg", "bits": "bits", "rate": "Hz", "computation_delay": "periods"}
+QUESTIONS = {"payload": "kg", "bits": "bits", "rate": "Hz", "computation_delay": "periods", "speed": "rad/s"}
 """What may be asked, with units."""
 TRIES = 8
 """Most certificates a question."""
@@ -139,17 +139,18 @@ def limits(
 
     ``payload``: the heaviest load, with the least one as designed. ``rate``: the slowest, with gains, M̂ and adaptation
     the same and the window as near as whole periods allow. ``computation_delay``: by how many periods the torque may
-    come later than the law was told. Each by steps until the certificate fails and bisection between, with at most
-    eight certificates; what lies between the values tried was not looked at. ``bits``: the fewest over the encoder's
-    span with which the torque noise, predicted as in `tarc.design.design`, stays within a share of the torque limit,
-    for the certificate does not depend on the encoder.
+    come later than the law was told. ``speed``: the fastest motion, as the greatest speed of any joint, those of the
+    others in proportion; simulated with sines of a frequency that gives this speed. Each by steps until the certificate
+    fails and bisection between, with at most eight certificates; what lies between the values tried was not looked at.
+    ``bits``: the fewest over the encoder's span with which the torque noise, predicted as in `tarc.design.design`,
+    stays within a share of the torque limit, for the certificate does not depend on the encoder.
 
     Parameters
     ----------
     design
         From `tarc.design.design`.
     questions
-        Which of ``payload``, ``bits``, ``rate`` and ``computation_delay`` to answer.
+        Which of ``payload``, ``bits``, ``rate``, ``computation_delay`` and ``speed`` to answer.
     noise
         For bits: RMS torque noise allowed, as a share of each joint's limit; the design's own where that is more.
     simulate
@@ -177,7 +178,7 @@ def limits(
     check.number("noise", noise, 0, strict=True)
     check.number("duration", duration, 1.0)
     mass = float(np.squeeze(design.plants[-1].parameters["payload"])) if len(design.plants) > 1 else None
-    base = _Case(design, design.law, design.sensor, design.chosen.computation_delay, mass)
+    base = _Case(design, design.law, design.sensor, design.chosen.computation_delay, mass, design.workspace.speed)
     found, usual = {}, base.simulate(np.nan, duration).rms_error if simulate else np.nan
     with Progress("limits", len(asked) * (TRIES + 3), progress) as bar:
         for number, name in enumerate(asked, 1):
@@ -185,6 +186,8 @@ def limits(
                 limit = _payload(base, bar)
             elif name == "bits":
                 limit = _bits(base, noise)
+            elif name == "speed":
+                limit = _speed(base, bar)
             else:
                 start, step = (0, 1) if name == "computation_delay" else (design.law.period, design.law.period / 4)
                 limit = _search(base, bar, name, start, step)
@@ -201,20 +204,23 @@ def limits(
 
 @dataclass(frozen=True)
 class _Case:
-    """A design with one thing changed: its law, encoder, periods of delay, or heaviest payload [kg]."""
+    """A design with one thing changed: its law, encoder, periods of delay, heaviest payload [kg], or speeds [rad/s]."""
 
     design: Design
     law: TDC | TARC
     sensor: Encoder
     delay: int
     mass: float | None
+    speed: np.ndarray | None
+    fast: bool = False
 
     def certificate(self) -> Certificate:
         plants = [self.design.plants[0]]
         if self.mass is not None:
             plants.append(plants[0].with_parameters({"payload": self.mass}))
         samples = int(self.design.certificates["robot"].numbers["samples"])
-        return robot(self.law, plants, self.design.workspace, computation_delay=self.delay, samples=samples)
+        workspace = self.design.workspace.within(self.speed)
+        return robot(self.law, plants, workspace, computation_delay=self.delay, samples=samples)
 
     def simulate(self, value: float, duration: float, usual: float = np.inf) -> Outcome:
         """The motion of `Design.scenario`, or the workspace's own reference; the payload comes at half-time.
@@ -223,7 +229,11 @@ class _Case:
         """
         reference = self.design.workspace.reference
         if reference is None:
-            reference = Sinusoid(**{key: one for key, one in reference_section(self.design).items() if key != "kind"})
+            sines = {key: one for key, one in reference_section(self.design).items() if key != "kind"}
+            if self.fast and self.speed is not None:
+                usual_speed = np.abs(np.array(sines["amplitude"]) * sines["frequency"])
+                sines["frequency"] = (np.min(self.speed / usual_speed) * np.array(sines["frequency"])).tolist()
+            reference = Sinusoid(**sines)
         else:
             duration = min(duration, float(self.design.workspace.high[0]))
         free = replace(self.law, torque_limit=np.inf)
@@ -257,6 +267,8 @@ def _changed(base: _Case, name: str, value: float) -> _Case:
         return replace(base, mass=value)
     if name == "bits":
         return replace(base, sensor=replace(base.sensor, bits=int(value), resolution=None))
+    if name == "speed" and base.speed is not None:
+        return replace(base, speed=value / base.speed.max() * base.speed, fast=True)
     if name == "computation_delay":
         return replace(base, delay=base.delay + int(value))
     chosen, period = base.design.chosen, 1 / value
@@ -323,6 +335,14 @@ def _payload(base: _Case, bar: Progress) -> Limit:
     held = np.array([heavy.gravity_torque(posture) for posture in base.design.workspace.sample(200)], dtype=float)
     share = float(np.max(np.abs(held) / base.law.limit))
     return replace(found, note=f"to hold it takes up to {share:.0%} of a torque limit" if share > 1 else "")
+
+
+def _speed(base: _Case, bar: Progress) -> Limit:
+    """From the speed designed for upwards."""
+    if base.speed is None or not base.speed.any():
+        return Limit(name="speed", note="it is certified for any speed, or for a robot at rest")
+    start = float(base.speed.max())
+    return _search(base, bar, "speed", start, start / 4)
 
 
 def _bits(base: _Case, noise: float) -> Limit:

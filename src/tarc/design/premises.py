@@ -43,6 +43,12 @@ def within(plant: Plant, reach: float | None = None) -> Workspace:
     return Workspace.box(np.where(np.isfinite(low), low, -np.pi), np.where(np.isfinite(high), high, np.pi))
 
 
+def rated(plant: Plant) -> np.ndarray | None:
+    """The velocity limits of a robot's file [rad/s or m/s], shape (n,); None where a joint has none."""
+    found = np.broadcast_to(getattr(plant, "speed_limit", np.inf), (plant.joints,))
+    return found if np.isfinite(found).all() else None
+
+
 def _ranges(plant: Plant) -> tuple[np.ndarray, np.ndarray]:
     """Ends of the joints' ranges [rad or m], infinite where the robot has none."""
     low, high = np.full(plant.joints, -np.inf), np.full(plant.joints, np.inf)
@@ -155,7 +161,7 @@ def premises(
 ) -> list[tuple[str, str, str]]:
     """Name, value and reason of what was taken from the robot rather than chosen; ``own`` for its own torque limits."""
     plant = plants[0]
-    found = [_robot(plant), _workspace(plant, workspace)]
+    found = [_robot(plant), _workspace(plant, workspace), _speed(plant, workspace)]
     masses = [_payload(one) for one in plants]
     if max(masses) > 0:
         where = f"at {plant.carrier}" if isinstance(plant, MujocoPlant) else "as the robot's parameter"
@@ -201,6 +207,17 @@ def _workspace(plant: Plant, workspace: Workspace) -> tuple[str, str, str]:
         text += f"; no range in the file for {', '.join(endless)}"
         text += ", which is taken to ±π, a whole turn" if full else ""
     return "workspace", "all that the joints reach" if full else "a part of what the joints reach", text
+
+
+def _speed(plant: Plant, workspace: Workspace) -> tuple[str, str, str]:
+    speed, own = workspace.speed, rated(plant)
+    if speed is None:
+        text = "no joint's speed is bounded, so that M(q) may change at any rate; a bound makes better gains possible"
+        return "speed", "any", text
+    unit = "rad/s" if "m" not in plant.joint_units else "rad/s or m/s"
+    value = f"{speed[0]:.4g} {unit}" if np.ptp(speed) == 0 else f"{_listed(speed)} {unit}"
+    source = "the limits in the robot's file" if own is not None and np.allclose(own, speed) else "as given"
+    return "speed", value, f"{source}: no joint may move faster; the slower, the more inertia the loop bears"
 
 
 def _torque_limit(plant: Plant, limits: np.ndarray, own: bool) -> tuple[str, str, str]:

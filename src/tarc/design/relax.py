@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from tarc.certificates.postures import mismatches, sampled
+from tarc.certificates.postures import greatest_rate, mismatches, sampled
 from tarc.certificates.workspace import Workspace, best_shape, spread
 from tarc.design.front import Candidate, Demand, assess, candidates
 from tarc.errors import TarcError
@@ -42,6 +42,8 @@ def remedies(
         rate = slowest_rate(looked[0], demand, bandwidth, room)
         if rate:
             lines.append(f"a rate of at least {-_down(-rate, 4):g} Hz")
+    if part := slower(looked, demand, room):
+        lines.append(f"{_down(100 * part, 2):g} % of the speed")
     lines += [text for find in (_payload, _armature, _reach) if (text := find(plants, workspace, fits))]
     if not lines:
         return "No single requirement that could be relaxed makes up for it: give rotor inertia and a smaller workspace"
@@ -86,6 +88,21 @@ def slowest_rate(like: Candidate, demand: Demand, bandwidth: float, room: float)
     return float(np.exp(-_bisect(fits, low, high))) if fits(low) else None
 
 
+def slower(looked: Sequence[Candidate], demand: Demand, room: float) -> float | None:
+    """The greatest share of the speed at which one of the loops bears a robot; None if none does, or for any speed."""
+    if not np.isfinite(demand.rate) or not looked:
+        return None
+    share = looked[0].slope / looked[0].bandwidth ** 2
+    trials = sorted({replace(one, scale=0.0, room=0.0) for one in looked}, key=lambda one: -one.reach)[:MOST]
+
+    def fits(log: float) -> bool:
+        less = replace(demand, rate=demand.rate * float(np.exp(log)))
+        return any(one.feasible for one in assess(trials, less, room=room, slope_share=share))
+
+    low = np.log(0.01)
+    return float(np.exp(_bisect(fits, low, 0.0))) if fits(low) else None
+
+
 def _bears(like: Candidate, demand: Demand, bandwidth: float, period: float, room: float) -> bool:
     trials = candidates(
         period, bandwidths=[bandwidth], windows=(2, 3, 4, 5), damping=like.damping,
@@ -126,7 +143,7 @@ def _bearable(looked: Sequence[Candidate], room: float, plants: Sequence[Plant],
     found = spread(plants, shape, workspace, samples=QUICK)
     shape, ends = shape / found.low, ((found.plant_low, found.where_low), (found.plant_high, found.where_high))
     postures = [*((plants[number], posture) for number, posture in ends), *sampled(plants, workspace, QUICK, 0)]
-    demand = Demand.of(found.ratio, *mismatches(shape, postures))
+    demand = Demand.of(found.ratio, *mismatches(shape, postures), greatest_rate(plants, shape, workspace, QUICK, 0))
     share = trials[0].slope / trials[0].bandwidth ** 2
     # where the spread is small most of them will do
     some = trials[:: -(-len(trials) // MOST)]

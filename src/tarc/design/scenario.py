@@ -36,6 +36,7 @@ WIDTH = 110
 BESIDE = {
     "robot": ("robot", "file"),
     "workspace": ("reference",),
+    "speed": ("reference",),
     "payload": ("disturbance",),
     "torque limit": ("law", "torque_limit"),
     "weight": ("law", "torque_limit"),
@@ -250,14 +251,20 @@ def again(design: "Design") -> str:
     from tarc.design.premises import within
 
     workspace = design.workspace
+    pace = "" if workspace.speed is None else " --speed " + ",".join(f"{one:.6g}" for one in _short(workspace.speed))
     if workspace.reference is not None:
-        return f"--tube {float(workspace.high[1:].max()):g}"
+        return f"--tube {float(workspace.high[1:].max()):g}{pace}"
     try:
         reach = within(design.plants[0])
     except TarcError:
-        return "--tube 0.01"
+        return f"--tube 0.01{pace}"
     full = np.allclose(reach.low, workspace.low) and np.allclose(reach.high, workspace.high)
-    return "--full-range" if full else "--tube 0.01"
+    return f"--full-range{pace}" if full else f"--tube 0.01{pace}"
+
+
+def _short(values: np.ndarray) -> np.ndarray:
+    """One number for all where they are the same."""
+    return values[:1] if np.ptp(values) == 0 else values
 
 
 def _comments(texts: Sequence[str], indent: int) -> list[str]:

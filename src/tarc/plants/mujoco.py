@@ -18,6 +18,7 @@ from tarc.plants.robot_file import (
     find_robot,
     read_specification,
     set_joint,
+    speed_limits,
     tool_body,
     without_log_file,
 )
@@ -39,6 +40,8 @@ class MujocoPlant(Plant):
     torque_limit
         Limits from the file [N m or N], shape (n,), infinite where it has none; the smaller one where a range is
         not symmetric.
+    speed_limit
+        Limits from a URDF [rad/s or m/s], shape (n,), infinite where it has none.
     options
         How to make this robot again: ``file`` and the other arguments of `from_file`.
     locked
@@ -63,6 +66,7 @@ class MujocoPlant(Plant):
         self._payload_body = self.model.body("tarc_payload").id
         limited, ranges = self.model.jnt_actfrclimited.astype(bool), np.abs(self.model.jnt_actfrcrange)
         self.torque_limit = np.where(limited, ranges.min(axis=1), np.inf)
+        self.speed_limit = np.full(self.joints, np.inf)
         self.set_parameters(self.model, {"payload": np.array(payload)})
         values, vectors = np.linalg.eigh(self.inertia(self._home))
         if not values[0] > 1e-9:
@@ -144,6 +148,8 @@ class MujocoPlant(Plant):
             "coulomb": coulomb, "payload": payload or None, "tool": tool, "contact": contact or None,
         }  # fmt: skip
         plant.locked = locked
+        speeds = speed_limits(file)
+        plant.speed_limit = np.array([speeds.get(joint, np.inf) for joint in plant.joint_names])
         plant.options = {"file": str(path), **{key: value for key, value in given.items() if value is not None}}
         return plant
 

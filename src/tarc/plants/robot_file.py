@@ -191,6 +191,20 @@ def read_specification(file: Path) -> mujoco.MjSpec:
         raise TarcError(f"robot file: MuJoCo cannot read {file}: {_line(error)}") from None
 
 
+def speed_limits(file: Path) -> dict[str, float]:
+    """The velocity limits of a URDF's joints [rad/s or m/s], by name; MuJoCo does not keep them, and MJCF has none."""
+    root, found = _parsed(file), {}
+    for joint in root.findall("joint") if root.tag == "robot" else ():
+        limit = joint.find("limit")
+        try:
+            value = float("0" if limit is None else limit.get("velocity", "0"))
+        except ValueError:
+            continue
+        if value > 0:
+            found[joint.get("name", "")] = value
+    return found
+
+
 def _without_missing_meshes(spec: mujoco.MjSpec, file: Path) -> mujoco.MjSpec:
     """Drop the geoms whose mesh file is not there; their body must state its inertia itself."""
     folder = file.parent / spec.meshdir
