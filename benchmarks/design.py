@@ -32,7 +32,7 @@ from rich.table import Table
 
 import tarc
 from tarc.certificates import Certificate, Workspace, stable_intervals
-from tarc.certificates.postures import mismatches, sampled
+from tarc.certificates.postures import greatest_rate, mismatches, sampled
 from tarc.certificates.robot import robot, unstable_posture
 from tarc.design import Design, adaptation, assess, design, expected_step
 from tarc.design.choose import ROOM
@@ -61,6 +61,10 @@ NEAR = 0.3
 """Width of the box about the best so far, of the whole, in which the second half of a sweep looks."""
 
 
+SPEED = 1.5
+"""Of the joints [rad/s], where the file does not say less: what the designs are certified for, and the motion keeps."""
+
+
 class Robot(NamedTuple):
     """An arm: its file, rated payload [kg], rotor inertia [kg m²], joints if not all."""
 
@@ -73,6 +77,10 @@ class Robot(NamedTuple):
     def plant(self) -> tarc.plants.MujocoPlant:
         file = Path(sysconfig.get_path("purelib")) / DATA / self.file
         return tarc.plants.MujocoPlant.from_file(file, joints=self.joints, armature=self.armature)
+
+    def speed(self) -> np.ndarray:
+        """Greatest speed of each joint [rad/s]."""
+        return np.minimum(self.plant().speed_limit, SPEED)
 
 
 ROBOTS = (
@@ -329,7 +337,8 @@ def ceilings(made: Design) -> dict[str, float]:
     """The greatest bandwidth [rad/s] at the window chosen, as each thing that the certificate asks for is left out."""
     chosen = made.chosen
     E, H = mismatches(made.shape, sampled(made.plants, made.workspace, SAMPLES, 0))
-    full, light = Demand.of(made.spread, E, H), Demand.plain(made.spread)
+    rate = greatest_rate(made.plants, made.shape, made.workspace, SAMPLES, 0)
+    full, light = Demand.of(made.spread, E, H, rate), Demand.plain(made.spread, rate)
     slope = chosen.slope / chosen.bandwidth**2
 
     def at(speed: float) -> Candidate:
@@ -344,6 +353,7 @@ def ceilings(made: Design) -> dict[str, float]:
         return any(high >= made.spread * low for low, high in intervals)
 
     tests = {
+        "any speed": ball(replace(full, rate=np.inf), slope, ROOM),
         "chosen for": ball(full, slope, ROOM),
         "no switching gain": ball(full, 0.0, ROOM),
         "no room": ball(full, 0.0, 0.0),
@@ -354,8 +364,12 @@ def ceilings(made: Design) -> dict[str, float]:
 
 
 def _greatest(test: Callable[[float], bool], start: float) -> float:
-    """The greatest bandwidth [rad/s] that passes, to a hundredth, upwards from one that does."""
+    """The greatest bandwidth [rad/s] that passes, to a hundredth; NaN where none near the start does."""
     low, high = start, 2 * start
+    while not test(low) and low > start / 20:
+        low, high = low / 1.3, low
+    if not test(low):
+        return np.nan
     while test(high) and high < 100 * start:
         low, high = high, 2 * high
     for _ in range(6):
@@ -432,7 +446,9 @@ def measure_robot(which: Robot, picks: bool = True) -> Result | str:
 
     try:
         sweeps = SWEEPS if picks else ()
-        return measure(which.name, which.plant(), which.payload, sweeps=sweeps, motion=picks, done=done)
+        return measure(
+            which.name, which.plant(), which.payload, sweeps=sweeps, motion=picks, done=done, speed=which.speed()
+        )
     except tarc.TarcError as error:
         done(f"no design: {error}")
         return str(error)
@@ -528,15 +544,20 @@ def _picks(found: Sequence[Result]) -> Sheet:
     return Sheet("Hand picks within the design's torque variation and processor time", heads, rows, note)
 
 
+def _number(value: float) -> str:
+    return "–" if np.isnan(value) else f"{value:.3g}"
+
+
 def _times(ratio: float) -> str:
     return "–" if np.isnan(ratio) else "lost" if np.isinf(ratio) else f"{ratio:.2g}×"
 
 
 def _ceilings(found: Sequence[Result]) -> Sheet:
     names = list(found[0].ceilings)
-    rows = [[one.name, f"{one.bandwidth:.3g}", *(f"{one.ceilings[name]:.3g}" for name in names)] for one in found]
+    rows = [[one.name, f"{one.bandwidth:.3g}", *(_number(one.ceilings[name]) for name in names)] for one in found]
     note = (
-        "The greatest bandwidth that bears the spread at the window chosen; each column leaves one thing more out. The "
+        "The greatest bandwidth that bears the spread at the window chosen, – for none; each column leaves one thing "
+        "more out of what is asked, first of all that the inertia may change at any speed. The "
         "last bears every inertia of the workspace as long as it does not change, no proof for a robot that moves."
     )
     return Sheet("What holds the bandwidth back [rad/s]", ["robot", "chosen", *names], rows, note)

@@ -158,6 +158,12 @@ def recorded(evidence: Evidence) -> tuple[dict[str, Array], dict[str, float]]:
     return {}, {} if evidence is None else {"scale": evidence}
 
 
+def multiplier_of(matrices: dict[str, Array], numbers: dict[str, Any]) -> Multiplier:
+    """The multiplier that a certificate holds."""
+    weights = float(numbers["slope weight"]), float(numbers["stiffness weight"])
+    return Multiplier(matrices["decays"], matrices["coefficients"], *weights)
+
+
 def widest(
     parts: tuple[Array, ...], centre: float, weight: float = 0.0, *, step: float | None = None, stiffness: float = 0.0
 ) -> tuple[Evidence, float]:
@@ -263,8 +269,7 @@ def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, flo
     if step is None:
         sound = sound and hinf_norm(*weighed(loop, radius, scale)) < 1
     else:
-        weights = numbers["slope weight"], numbers["stiffness weight"]
-        multiplier = Multiplier(matrices["decays"], matrices["coefficients"], *weights)
+        multiplier = multiplier_of(matrices, numbers)
         sound = sound and bears(parts, centre, radius, step, multiplier, weight, numbers.get("stiffness", 0.0))
     return ("certified" if sound else "inconclusive"), float(margin), None
 

@@ -154,9 +154,13 @@ def negative(A: Array, B: Array, Q: Array, S: Array, R: Array) -> bool:
     A, (scale, _) = matrix_balance(A, permute=False, separate=True)
     B, Q, S = B / scale[:, None], Q * scale * scale[:, None], S * scale[:, None]
     grid = np.concatenate([[0.0], np.geomspace(1e-6, np.pi, 50), np.abs(np.angle(poles[np.abs(poles) > 0.5]))])
-    z = np.exp(1j * np.concatenate([grid, _crossings(A, B, Q, S, R)]))[:, None, None]
+    return bool(np.max(greatest(A, B, Q, S, R, np.concatenate([grid, _crossings(A, B, Q, S, R)]))) < 0)
+
+
+def greatest(A: Array, B: Array, Q: Array, S: Array, R: Array, angles: Array) -> Array:
+    """Greatest eigenvalue of the form of `negative` at each angle ω [rad]."""
+    z = np.exp(1j * np.asarray(angles))[:, None, None]
     x = np.linalg.solve(z * np.eye(len(A)) - A, B + 0 * z)
     adjoint = x.conj().transpose(0, 2, 1)
     mixed = adjoint @ S
-    forms = adjoint @ Q @ x + mixed + mixed.conj().transpose(0, 2, 1) + R
-    return bool(np.max(np.linalg.eigvalsh(forms)) < 0)
+    return np.linalg.eigvalsh(adjoint @ Q @ x + mixed + mixed.conj().transpose(0, 2, 1) + R)[:, -1]

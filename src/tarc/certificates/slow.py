@@ -70,14 +70,24 @@ def bears(
 
     The form is the sum of these inequalities, and of |k s/2|² ≥ |w|² for the slope, with their weights.
     """
-    A, B, C, D = system(parts, centre, weight)
     p, c = multiplier.decays, multiplier.coefficients
     fine = step >= 0 and np.all((p > 0) & (p < 1)) and multiplier.slope > 0 and multiplier.stiffness > 0
     if not fine or radius > centre:
         return False
-    paid = np.abs(c) @ cost(p, step, centre + radius) if len(p) else 0.0
-    if not np.isfinite(paid):
+    if not np.isfinite(np.abs(c) @ cost(p, step, centre + radius) if len(p) else 0.0):
         return False
+    F, G, Q, S, R = dissipation(parts, centre, radius, step, multiplier, weight, stiffness)
+    return negative(F, G, Q, S, R + MARGIN * np.eye(len(R)))
+
+
+def dissipation(
+    parts: tuple[Array, ...], centre: float, radius: float, step: float, multiplier: Multiplier,
+    weight: float = 0.0, stiffness: float = 0.0,
+) -> tuple[Array, ...]:  # fmt: skip
+    """A, B, Q, S, R of the form that `bears` asks to be negative, each input scaled to have −1 of its own square."""
+    A, B, C, D = system(parts, centre, weight)
+    p, c = multiplier.decays, multiplier.coefficients
+    paid = np.abs(c) @ cost(p, step, centre + radius) if len(p) else 0.0
     n, k, wide = len(A), len(p), parts[5].shape[1]
     sloping, stiff = bool(parts[-1].item()), bool(weight and stiffness)
     inputs = B.shape[1] + stiff
@@ -112,7 +122,7 @@ def bears(
     m = n + 2 * k
     F, G = rows[:, :m], rows[:, m:] * scale
     Q, S, R = form[:m, :m], form[:m, m:] * scale, form[m:, m:] * scale * scale[:, None]
-    return negative(F, G, Q, S, R + MARGIN * np.eye(inputs))
+    return F, G, Q, S, R
 
 
 def best_multiplier(

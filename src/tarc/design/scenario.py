@@ -24,6 +24,8 @@ AMPLITUDE = 0.4
 """Greatest amplitude of the sines [rad or m]."""
 SLOW = 1.5
 """Frequency of the first joint's sine [rad/s]; the others are a fifth apart."""
+PACE = 0.8
+"""Share of the joints' greatest speed that the sines may reach."""
 DURATION = 10.0
 """Of the scenario [s]."""
 HELD = 0.7
@@ -122,9 +124,10 @@ def law_section(law: Any) -> dict[str, Any]:
 def reference_section(design: "Design") -> dict[str, Any]:
     """Sines about the home posture, that begin at rest and leave torque to move with; or the workspace's reference.
 
-    At most a quarter of the workspace's width, and smaller where the weight alone would take most of the torque.
+    At most a quarter of the workspace's width, and smaller where the weight alone would take most of the torque; slower
+    where a joint would be near its greatest speed.
     """
-    n = design.law.joints
+    n, speed = design.law.joints, design.workspace.speed
     if design.workspace.reference is not None:
         given = design.workspace.reference
         return {"kind": type(given).__name__, **_plain(_given(given))}
@@ -133,10 +136,13 @@ def reference_section(design: "Design") -> dict[str, Any]:
     for share in (1.0, 0.5, 0.25, 0.1):
         amplitude = share * np.minimum(AMPLITUDE, (high - low) / 4)
         middle = np.clip(np.clip(design.plants[0].home, low, high), low + amplitude, high - amplitude)
+        frequency = SLOW * (1 + 0.2 * np.arange(n))
+        if speed is not None:
+            frequency = np.minimum(frequency, PACE * speed / np.maximum(amplitude, 1e-9))
         section = {
             "kind": "Sinusoid",
             "amplitude": amplitude.round(4).tolist(),
-            "frequency": [round(SLOW * (1 + 0.2 * i), 3) for i in range(n)],
+            "frequency": frequency.round(3).tolist(),
             "phase": float(np.pi / 2),
             "offset": middle.round(4).tolist(),
         }

@@ -99,7 +99,7 @@ def _slope(certificate: "Certificate") -> Figure:
 def _ball(certificate: "Certificate") -> Figure:
     """The gain that limits the radius, over frequency, and the ratios that the ball holds and the robot needs."""
     from tarc.certificates.mismatch import PARTS, system, weighed
-    from tarc.certificates.norms import gains
+    from tarc.certificates.norms import gains, greatest
 
     numbers = certificate.numbers
     figure = Figure(figsize=(9, 3.8), layout="constrained")
@@ -107,13 +107,17 @@ def _ball(certificate: "Certificate") -> Figure:
     if "centre" in numbers:
         angles = np.geomspace(1e-4, np.pi, 600)
         parts = tuple(certificate.matrices[name] for name in PARTS)
-        if numbers["radius"] > 0:
+        if numbers["radius"] > 0 and "step" in numbers:
+            A, B, Q, S, R = _form(certificate)
+            left.semilogx(angles / numbers["period"], 1 + greatest(A, B, Q, S, R, angles), color=COLOURS[0])
+        elif numbers["radius"] > 0:
             loop = system(parts, numbers["centre"], numbers.get("weight", 0.0))
             norm = gains(*weighed(loop, numbers["radius"], numbers.get("scale")), angles)
             left.semilogx(angles / numbers["period"], norm, color=COLOURS[0])
         left.axhline(1.0, color="0.5", ls="--", label="limit")
         left.set_xlabel("frequency [rad/s]")
-        left.set_ylabel("weighted gain of the loop")
+        slow = "step" in numbers
+        left.set_ylabel("weighted square gain, with the multiplier" if slow else "weighted gain of the loop")
         left.set_ylim(0, 1.1)
         left.legend(fontsize="small")
     rows = {"ball": (numbers.get("centre", np.nan) - numbers.get("radius", 0), numbers.get("centre", np.nan))}
@@ -130,6 +134,18 @@ def _ball(certificate: "Certificate") -> Figure:
     right.xaxis.set_minor_formatter(NullFormatter())
     right.set_xlabel("inertia ratio, eigenvalues of M(q)⁻¹M̂")
     return _finish(figure, certificate)
+
+
+def _form(certificate: "Certificate") -> tuple[np.ndarray, ...]:
+    """The form that a ball of bounded speed asks to be negative."""
+    from tarc.certificates.ball import multiplier_of
+    from tarc.certificates.mismatch import PARTS
+    from tarc.certificates.slow import dissipation
+
+    numbers, parts = certificate.numbers, tuple(certificate.matrices[name] for name in PARTS)
+    multiplier = multiplier_of(certificate.matrices, numbers)
+    given = numbers["centre"], numbers["radius"], numbers["step"], multiplier
+    return dissipation(parts, *given, numbers.get("weight", 0.0), numbers.get("stiffness", 0.0))
 
 
 def _forms(certificate: "Certificate") -> Figure:
