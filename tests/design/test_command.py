@@ -120,7 +120,10 @@ def test_the_scenario_runs_from_anywhere(made, tmp_path, monkeypatch):
 def test_it_certifies_again_over_the_full_range(made, tmp_path):
     folder, _ = made
     path = str(folder / "out.yaml")
-    done = call("certify", path, "--full-range", "--samples", "150", "--json", "--no-figures", folder=tmp_path)
+    (line,) = re.findall(r"tarc certify out.yaml (.*)", (folder / "out.yaml").read_text())
+    options = line.split()
+    assert options == ["--full-range", "--speed", "3"]
+    done = call("certify", path, *options, "--samples", "150", "--json", "--no-figures", folder=tmp_path)
     again = json.loads(done.stdout)["certificates"]["TARC"]["robot"]
     before = Certificate.from_json(json.dumps(json.loads((folder / "out-certificates.json").read_text())["robot"]))
     assert before.verify()

@@ -23,7 +23,7 @@ def made():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(import_module("tarc.design.choose"), "WINDOWS", (12,))
         patch.setattr(import_module("tarc.design.front"), "BANDWIDTHS", (8.0,))
-        space = Workspace.box([-np.pi, -2.0], [np.pi, 2.0])
+        space = Workspace.box([-np.pi, -2.0], [np.pi, 2.0], speed=[1.0, 2.0])
         return design(TwoLinkArm(), payload=(0, 0.5), workspace=space, torque_limit=LIMIT, samples=SAMPLES)
 
 
@@ -61,6 +61,19 @@ def test_rate_lies_between_certified_and_not(made, found):
     assert one.beyond < one.value <= 1 / made.law.period
     assert one.value - one.beyond <= 3 * FINE * one.value
     assert [certified(made, law=slower(made, rate)) for rate in (one.value, one.beyond)] == [True, False]
+
+
+def test_speed_lies_between_certified_and_not(made, found):
+    one = found["speed"]
+    assert 2.0 <= one.value < one.beyond
+    for value, answer in ((one.value, True), (one.beyond, False)):
+        space = made.workspace.within(value / 2.0 * np.array([1.0, 2.0]))
+        assert robot(made.law, made.plants, space, samples=SAMPLES).certified == answer
+
+
+def test_no_speed_is_asked_of_a_design_for_any(made):
+    free = replace(made, workspace=made.workspace.within(None))
+    assert "any speed" in limits(free, questions="speed", simulate=False)["speed"].explain()
 
 
 def test_delay_is_the_last_certified(made, found):
