@@ -117,6 +117,32 @@ def test_the_scenario_runs_from_anywhere(made, tmp_path, monkeypatch):
     assert run.metrics(start=0.4)["rms_error"] < 0.02
 
 
+def test_speed_is_that_of_the_file_or_as_asked(made, tmp_path):
+    folder, printed = made
+    assert "speed" in printed
+    proof = json.loads((folder / "out-certificates.json").read_text())["robot"]
+    assert proof["matrices"]["speed"] == [3.0, 3.0]
+    wanted = {"inf": "any", "0.7,0.4": "0.7, 0.4 rad/s"}
+    for given, said in wanted.items():
+        options = [
+            *ASKED,
+            "--law",
+            "tdc",
+            "--speed",
+            given,
+            "--json",
+            "--no-figures",
+            "-o",
+            str(tmp_path / "some.yaml"),
+        ]
+        found = json.loads(call("design", str(folder / "arm.urdf"), *options, folder=tmp_path).stdout)
+        assert found["choices"]["speed"]["value"] == said
+        sines = Scenario.load(tmp_path / "some.yaml").build_reference()
+        _, velocity, _ = sines.sample(np.linspace(0, 10, 2000))
+        if given != "inf":
+            assert np.all(np.abs(velocity).max(axis=1) <= [0.7, 0.4])
+
+
 def test_it_certifies_again_over_the_full_range(made, tmp_path):
     folder, _ = made
     path = str(folder / "out.yaml")

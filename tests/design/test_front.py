@@ -64,6 +64,35 @@ def test_reach_is_the_ratio_of_the_widest_ball(window, synchronised, known):
     assert 0.96 * known < reach < 1.01 * known
 
 
+@pytest.mark.parametrize(("slope_share", "rate"), [(0.0, 0.3), (1.0, 0.3), (0.0, 5.0)])
+def test_what_bears_a_spread_within_a_speed_is_certified(slope_share, rate):
+    """By the ball for the rate that M̂ = scale X makes of it; most of them are not for any speed."""
+    spread = 12.0
+    trials = candidates(PERIOD, bandwidths=[5.0, 10.0, 20.0], windows=[5, 10], degrees=[2])
+    looked = assess(trials, Demand.plain(spread, rate), slope_share=slope_share)
+    able = [one for one in looked if one.feasible]
+    at_once = []
+    for one in able:
+        ends = one.scale, one.scale * spread
+        slow = ball(law_of(one), contains=ends, slope=one.slope, rate=rate / one.scale)
+        assert slow.certified, one
+        at_once.append(ball(law_of(one), contains=ends, slope=one.slope).certified)
+    assert len(able) > 3
+    assert not all(at_once)
+
+
+def test_a_slower_robot_is_borne_at_more_bandwidth():
+    trials = candidates(PERIOD, windows=[8], degrees=[2])
+
+    def fastest(rate):
+        looked = assess(trials, Demand.plain(15.0, rate))
+        return max((one.bandwidth for one in looked if one.feasible), default=0.0)
+
+    speeds = [fastest(rate) for rate in (np.inf, 3.0, 0.1)]
+    assert speeds[0] < speeds[2]
+    assert speeds == sorted(speeds)
+
+
 @pytest.mark.parametrize("delay", [0, 1, 2, 3])
 @pytest.mark.parametrize("slope_share", [0.0, 1.0])
 @pytest.mark.parametrize("spread", [1.7, 5.0])

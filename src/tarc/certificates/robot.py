@@ -346,21 +346,22 @@ def advice(law: PolePlacement, verdict: Certificate, computation_delay: int = 0)
         return "Give the gain a cap, without which nothing bounds the robust term"
     if not np.isfinite(law.robust_slope):
         return "The robust term of this law is not covered by these certificates: simulate it"
-    needed, slope = verdict.numbers["spread"], verdict.numbers["slope"]
+    needed, slope, rate = verdict.numbers["spread"], verdict.numbers["slope"], verdict.numbers.get("rate")
+    slower = "a bound on the joints' speeds" if rate is None else "slower joints"
     trials = {"as it is": law}
     if isinstance(law, TDE) and not law.synchronised:
         trials["synchronised"] = replace(law, synchronised=True, delay=None)
     lines = []
     for name, trial in trials.items():
         with suppress(TarcError):
-            found = ball(trial, slope=slope, computation_delay=computation_delay).numbers
+            found = ball(trial, slope=slope, rate=rate, computation_delay=computation_delay).numbers
             scale = (found["low"] * found["high"]) ** 0.5
             scale /= (verdict.numbers["least ratio"] * verdict.numbers["greatest ratio"]) ** 0.5
             lines.append(f"{found['ratio']:.3g} ({name}, with {scale:.3g} of this M̂)")
     return (
         f"The robot's spread is {needed:.3g}; the widest ball of this loop holds {' or '.join(lines) or 'none'}. A "
-        "shorter window, a lower bandwidth, a smaller cap or more rotor inertia narrow the gap; inconclusive does not "
-        "mean unstable"
+        f"shorter window, a lower bandwidth, a smaller cap, more rotor inertia or {slower} narrow the gap; "
+        "inconclusive does not mean unstable"
     )
 
 

@@ -162,6 +162,9 @@ def print_certificates(scenario: Scenario, found: dict[str, dict[str, Certificat
             low, high = numbers["centre"] - numbers["radius"], numbers["centre"] + numbers["radius"]
             held = f"; the ball that fits best holds {low:.4g} to {high:.4g}"
         console.print(f"spread {numbers['spread']:.3g}, from {count}{held}", highlight=False)
+        if "rate" in numbers:
+            speeds = ", ".join(f"{one:.3g}" for one in verdict.matrices["speed"])
+            console.print(f"no joint faster than ({speeds}), M changes by {numbers['rate']:.3g} M̂ a second at most")
         text = advice(laws[name], verdict, scenario.computation_delay)
         if text:
             console.print(f"[{colours[verdict.verdict]}]{escape(text)}[/]", highlight=False)
