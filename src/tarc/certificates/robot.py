@@ -1,19 +1,20 @@
 """The verdict for a robot: the spread of its inertia over a workspace against what the loop bears."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from tarc.certificates.ball import ball, best_centre, recorded, widest
+from tarc.certificates.ball import Evidence, ball, best_centre, recorded, widest
 from tarc.certificates.ball import judge as judge_ball
 from tarc.certificates.base import JUDGES, Certificate, Witness, schur
 from tarc.certificates.linear import alike, decouple, whole
 from tarc.certificates.loop import stable_intervals
 from tarc.certificates.mismatch import PARTS, Responses, parts_of
 from tarc.certificates.postures import (
+    Posture,
     fastest,
     in_nominal,
     inertia_slopes,
@@ -91,50 +92,33 @@ def robot(
     ends = (plants[found.plant_low], found.where_low), (plants[found.plant_high], found.where_high)
     units = workspace.units(min(samples, STIFF_SAMPLES), seed)
     postures = [*ends, *sampled(plants, workspace, min(samples, STIFF_SAMPLES), seed)]
-    E, H = mismatches(law.M, postures)
-    sizes = np.linalg.norm(H, 2, axis=(1, 2))
-    stiff = int(np.argmax(sizes))
-    matrices = {"nominal": law.M}
-    joint = stiff
     bounded = bool(np.isfinite(law.robust_slope))
     slope = law.robust_slope if bounded else 0.0
+    matrices = {"nominal": law.M}
     numbers = {"period": law.period, "alike": float(alike(law)), "bounded": float(bounded)}
-    numbers["stiffness"] = float(sizes[stiff])
-    moving, step = {}, None
-    if workspace.speed is not None:
-        fast = fastest(plants, law.M, workspace, min(samples, STIFF_SAMPLES), seed)
-        moving = {"posture_fast": fast[1], "slopes_fast": inertia_slopes(*fast), "speed": workspace.speed}
-        step = law.period * float(rates(law.M, moving["slopes_fast"][None], workspace.speed)[0])
     if numbers["alike"]:
-        (channel,) = decouple(law, computation_delay)
-        parts = parts_of(channel, slope, intersample=True)
+        parts = parts_of(decouple(law, computation_delay)[0], slope, intersample=True)
+        moving, step = {}, None
+        if workspace.speed is not None:
+            fast = fastest(plants, law.M, workspace, min(samples, STIFF_SAMPLES), seed)
+            moving = {"posture_fast": fast[1], "slopes_fast": inertia_slopes(*fast), "speed": workspace.speed}
+            step = law.period * float(rates(law.M, moving["slopes_fast"][None], workspace.speed)[0])
         tries = {best_centre(parts, (found.low, found.high), step), (found.low + found.high) / 2}
-        for _ in range(2):  # the worst posture moves with the weight
-            one = max((best_weights(parts, centre, E, H)[0] for centre in tries), key=lambda one: one.room)
-            if not one.weight:
-                break
-            postures, E, H = searched(postures, E, H, workspace, units, law.M, one.centre, one.weight)
-        sizes = np.linalg.norm(H, 2, axis=(1, 2))
-        stiff = int(np.argmax(sizes))
-        # the ball at any speed may do better, and what holds on a grid of frequencies need not hold on all
-        trials = [one for kind in {step, None} for centre in tries for one in best_weights(parts, centre, E, H, kind)]
-        spare, best, evidence, radius = -1.0, trials[0], None, 0.0
-        for one in sorted(trials, reverse=True, key=lambda one: one.room)[:TRIALS]:
-            if one.room > spare:
-                shown, reach = widest(parts, one.centre, one.weight, step=one.step, stiffness=float(sizes[stiff]))
-                if reach / one.needed > spare:
-                    spare, best, evidence, radius = reach / one.needed, one, shown, reach
-        _, _, weight, joint, centre, step = best
+        postures, E, H = hardest(parts, tries, postures, law.M, workspace, units)
+        best, evidence, radius = best_ball(parts, tries, E, H, step)
+        joint, step = best.joint, best.step
         evidence_matrices, evidence_numbers = recorded(evidence)
-        matrices |= dict(zip(PARTS, parts, strict=True)) | evidence_matrices
-        numbers |= {"centre": centre, "radius": radius, "weight": weight, "stiffness": float(sizes[stiff])}
-        numbers |= evidence_numbers
-        if step is not None:
-            matrices |= moving
-            numbers |= {"step": step, "rate": step / law.period}
+        matrices |= dict(zip(PARTS, parts, strict=True)) | evidence_matrices | ({} if step is None else moving)
+        numbers |= {"centre": best.centre, "radius": radius, "weight": best.weight} | evidence_numbers
+        numbers |= {} if step is None else {"step": step, "rate": step / law.period}
     else:
+        (E, H), joint, step = mismatches(law.M, postures), 0, None
         channel = whole(law, computation_delay)
         matrices |= dict(zip(PARTS[:3], channel.around(0.0)[:3], strict=True))
+    sizes = np.linalg.norm(H, 2, axis=(1, 2))
+    stiff = int(np.argmax(sizes))
+    numbers["stiffness"] = float(sizes[stiff])
+    joint = joint if numbers["alike"] else stiff
     worst = {"low": postures[0], "high": postures[1], "stiff": postures[stiff], "joint": postures[joint]}
     for name, (one, posture) in worst.items():
         M, damping, gravity = one.at_rest(posture)
@@ -253,6 +237,40 @@ class Trial(NamedTuple):
     joint: int
     centre: float
     step: float | None
+
+
+def hardest(
+    parts: tuple[Array, ...], tries: Collection[float], postures: list[Posture], nominal: Array, workspace: Workspace,
+    units: Array,
+) -> tuple[list[Posture], Array, Array]:  # fmt: skip
+    """Postures with their `mismatches`, and those that a local search adds; the worst one moves with the weight."""
+    E, H = mismatches(nominal, postures)
+    for _ in range(2):
+        one = max((best_weights(parts, centre, E, H)[0] for centre in tries), key=lambda one: one.room)
+        if not one.weight:
+            break
+        postures, E, H = searched(postures, E, H, workspace, units, nominal, one.centre, one.weight)
+    return postures, E, H
+
+
+def best_ball(
+    parts: tuple[Array, ...], tries: Collection[float], E: Array, H: Array, step: float | None
+) -> tuple[Trial, Evidence, float]:
+    """The ball with the most room, what shows it, and its radius.
+
+    Several are looked at: what holds on a grid of frequencies need not hold on all, and a ball for any speed may do
+    better than one for a bounded speed.
+    """
+    stiffness = float(np.linalg.norm(H, 2, axis=(1, 2)).max())
+    trials = [one for kind in {step, None} for centre in tries for one in best_weights(parts, centre, E, H, kind)]
+    trials.sort(reverse=True, key=lambda one: one.room)
+    best, evidence, radius = trials[0], None, -1.0
+    for one in trials[:TRIALS]:
+        if one.room > radius / best.needed:
+            shown, reach = widest(parts, one.centre, one.weight, step=one.step, stiffness=stiffness)
+            if reach / one.needed > radius / best.needed:
+                best, evidence, radius = one, shown, reach
+    return best, evidence, radius
 
 
 def best_weights(parts: tuple[Array, ...], centre: float, E: Array, H: Array, step: float | None = None) -> list[Trial]:
