@@ -256,7 +256,9 @@ def design(
         for _ in range(2):
             near = _near(best, bandwidth is None)
             looked = [*looked, *assess(near, demand, slope_share=share, room=ROOM, closely=True)]
-            best = replace(need, looked=looked).pick()
+            before, best = best, replace(need, looked=looked).pick()
+            if best == before:
+                break
         bar.advance(20)
         made, adapted = _law(law, best, shape, plants, workspace, sensor, limits)
         verdict = robot(made, plants, workspace, computation_delay=computation_delay, samples=samples, seed=seed)

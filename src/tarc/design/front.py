@@ -36,6 +36,8 @@ SLOW_ENOUGH = 2
 """And after how many bandwidths that bear it, from the highest down, the lower ones are not looked at."""
 HOPELESS = -0.3
 """Room at which no other centre is tried."""
+FEW = 5
+"""Centres at which a loop is looked at for any speed, where what counts is a bounded one."""
 LIGHT = 1.15
 """How much more than the least spread a weight may demand to be the one that is tried."""
 
@@ -259,10 +261,11 @@ def _assess(one: Candidate, demand: Demand, slope_share: float, room: float, clo
     responses = Responses(parts)
     free = 1 - CENTRES[:, None] * responses.held[:, 0]
     plain = np.min(np.abs(free) / np.linalg.norm(responses.mismatch[:, 0], axis=1), axis=1) / CENTRES
-    plain = _where_stable(parts_of(channel, 0.0, intersample=True), CENTRES, plain)
+    loop, without = _Loop(parts, responses, demand, needed, one.period), parts_of(channel, 0.0, intersample=True)
+    slow = np.isfinite(demand.rate)
+    plain = np.array([_first_stable(without, CENTRES, plain)]) if slow else _where_stable(without, CENTRES, plain)
     one = replace(one, slope=slope, spread=spread, reach=_spread(float(np.max(plain))))
-    loop = _Loop(parts, responses, demand, needed, one.period)
-    if np.isfinite(demand.rate):
+    if slow:
         rooms = loop.slow_rooms(closely)
         widest = max(rooms.values(), default=-1.0)
         one = replace(one, reach=max(one.reach, (1 + widest) * spread))
@@ -325,7 +328,7 @@ class _Loop:
         low, high = low / (1 - least) if least < 1 else np.inf, high / (1 + least)
         if not low < high:
             return {}
-        places = (0.25, 0.4, 0.55, 0.7, 0.8, 0.9) if closely else SLOW_TRIED
+        places = (0.3, 0.5, 0.7, 0.85) if closely else SLOW_TRIED
         found: dict[float, float] = {}
         for place in places:
             centre = float(low * (high / low) ** place)
@@ -344,10 +347,13 @@ class _Loop:
             share, least = float(self.demand.shares[number]), float(self.needed[number])
             if least >= 1:
                 break
-            borne = best_multiplier(
-                self.parts, centre, self.demand.rate * self.period / scale, weight=self.weight(number, centre),
-                stiffness=self.demand.stiffness, responses=self.responses, enough=1.0001 * least * centre,
-            )[1] / centre  # fmt: skip
+            weight = self.weight(number, centre)
+            borne = self.responses.best(centre, weight)[1] / centre
+            if borne < least:  # at any speed
+                borne = best_multiplier(
+                    self.parts, centre, self.demand.rate * self.period / scale, weight=weight,
+                    stiffness=self.demand.stiffness, responses=self.responses, enough=1.0001 * least * centre,
+                )[1] / centre  # fmt: skip
             spare = max(spare, _spread(min(borne, 1 - 1e-9)) / _spread(share) - 1)
             if borne >= least or spare < HOPELESS:
                 break
@@ -387,6 +393,14 @@ def _where_stable(parts: tuple[np.ndarray, ...], centres: np.ndarray, shares: np
         loops = np.stack([system(parts, float(centre))[0] for centre in centres[worth]])
         result[worth[np.abs(np.linalg.eigvals(loops)).max(axis=1) >= 1]] = 0.0
     return result
+
+
+def _first_stable(parts: tuple[np.ndarray, ...], centres: np.ndarray, shares: np.ndarray) -> float:
+    """The largest of `_where_stable`, of the few that are looked at."""
+    for i in np.argsort(shares)[::-1][:FEW]:
+        if shares[i] > 0.2 and np.abs(np.linalg.eigvals(system(parts, float(centres[i]))[0])).max() < 1:
+            return float(shares[i])
+    return 0.0
 
 
 def settling(channel: Channel, ratio: float) -> float:
