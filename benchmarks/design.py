@@ -86,7 +86,7 @@ class Robot(NamedTuple):
 ROBOTS = (
     Robot("SO-101", "so_arm_description/urdf/so101.urdf", 0.3, 0.028),
     Robot("UR5", "ur_description/urdf/ur5_robot.urdf", 5.0),
-    Robot("Panda", "panda_description/urdf/panda.urdf", 2.0, joints=[f"panda_joint{i}" for i in range(1, 8)]),
+    Robot("Panda", "panda_description/urdf/panda.urdf", 3.0, joints=[f"panda_joint{i}" for i in range(1, 8)]),
     Robot("Kinova", "kinova_description/robots/kinova.urdf", 2.0),
     Robot("xArm7", "xarm_description/urdf/xarm7.urdf", 3.5),
     Robot("Z1", "z1_description/urdf/z1.urdf", 2.0),

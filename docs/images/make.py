@@ -61,7 +61,7 @@ def first_robot() -> None:
         joints=[f"joint{i}" for i in range(1, 7)],
         armature=0.1,
     )
-    made = design(arm, payload=(0.0, 2.0), sensor=Encoder(bits=17))
+    made = design(arm, payload=(0.0, 2.0), sensor=Encoder(bits=17), speed=1.0)
     figures = {"z1-front.png": made.plot("front")}
     figures["z1-tracking.png"] = run_figure(made.scenario().run())
     with tempfile.TemporaryDirectory() as folder:

@@ -34,7 +34,7 @@ NOISE = 0.01
 NEAR = 1.5
 """Where even the quietest certified loop is above that share: how much more noise than its is taken for less error."""
 SLOPE = 1.0
-"""Slope of TARC's robust term at its cap over the stiffness K1: it costs a tenth of the spread that the loop bears."""
+"""Slope of TARC's robust term at its cap over the stiffness K1: it costs up to a quarter of the spread borne."""
 ROOM = 0.1
 """By which share the spread that the loop bears must exceed the robot's."""
 

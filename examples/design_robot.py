@@ -1,0 +1,20 @@
+"""Design for a UR5e that carries up to 5 kg: what a bound on the joints' speeds is worth, and how fast it may move."""
+
+import tarc
+
+arm = tarc.plants.MujocoPlant.from_file("ur5e", armature=0.1)
+designs = {}
+for speed in (float("inf"), 2.0, 0.5):
+    made = tarc.design.design(arm, payload=(0.0, 5.0), sensor=tarc.signals.Encoder(bits=17), speed=speed)
+    run = next(iter(made.scenario().run().values()))
+    found = run.metrics(start=1.0)
+    loop, verdict = made.chosen, made.certificates["robot"].verdict
+    print(f"up to {speed:g} rad/s: {verdict}, bandwidth {loop.bandwidth:.3g} rad/s, window {loop.window} ms")
+    print(f"    RMS error {1e3 * found['rms_error']:.3g} mrad at {found['torque_variation']:.0f} N m/s")
+    designs[speed] = made
+
+slow = designs[0.5]
+slow.plot("front").savefig("front.png")
+slow.plot("reach").savefig("reach.png")
+for answer in tarc.design.limits(slow, questions=("speed", "payload")).values():
+    print(answer.explain())
