@@ -192,7 +192,7 @@ def design_figure(law: "PolePlacement", certificates: dict[str, "Certificate"], 
     channels = decouple(law, computation_delay)
     figure = Figure(figsize=(13, 8), layout="constrained")
     (map_axes, circle), (error, torque) = figure.subplots(2, 2)
-    _map(map_axes, law, low, high, computation_delay)
+    _map(map_axes, law, low, high, computation_delay, verdict.numbers.get("rate"))
     from scipy.linalg import block_diag
 
     _eigenvalues(
@@ -220,8 +220,11 @@ def design_figure(law: "PolePlacement", certificates: dict[str, "Certificate"], 
     return figure
 
 
-def _map(axes: Axes, law: "PolePlacement", low: float, high: float, computation_delay: int) -> None:
-    """Stable ratios, and the widest ball, over the window, with the design marked; without a window over the ratio."""
+def _map(axes: Axes, law: "PolePlacement", low: float, high: float, computation_delay: int, rate: float | None) -> None:
+    """Stable ratios, and the widest ball, over the window, with the design marked; without a window over the ratio.
+
+    With a rate it is the ball that suits the design: the widest may be at another scale of M̂, and so another rate.
+    """
     from tarc.certificates.ball import ball
     from tarc.certificates.linear import alike, decouple
     from tarc.certificates.loop import stable_intervals
@@ -250,16 +253,16 @@ def _map(axes: Axes, law: "PolePlacement", low: float, high: float, computation_
             exact[i] = max(found, key=lambda ends: ends[1] / max(ends[0], 1e-300))
         if alike(law):
             try:
-                numbers = ball(other, computation_delay=computation_delay).numbers
+                about = None if rate is None else (low, high)
+                numbers = ball(other, contains=about, rate=rate, computation_delay=computation_delay).numbers
                 held[i] = numbers["low"], numbers["high"]
             except TarcError:
                 pass
     axes.fill_between(
         counts, exact[:, 0], exact[:, 1], color=COLOURS[5], alpha=0.5, lw=0, label="stable if the ratio is constant"
     )
-    axes.fill_between(
-        counts, held[:, 0], held[:, 1], color=COLOURS[2], alpha=0.6, lw=0, label="stable if it varies: widest ball"
-    )
+    words = "stable if it varies: widest ball" if rate is None else "if it varies as fast as the joints move: a ball"
+    axes.fill_between(counts, held[:, 0], held[:, 1], color=COLOURS[2], alpha=0.6, lw=0, label=words)
     axes.plot([own, own], [low, high], "o-", color=COLOURS[1], lw=3, ms=4, label="this design on this robot")
     axes.set_yscale("log")
     axes.yaxis.set_major_formatter("{x:g}")
