@@ -105,7 +105,7 @@ def ball(
     evidence_matrices, evidence_numbers = recorded(evidence)
     matrices: dict[str, Array] = dict(zip(PARTS, parts, strict=True)) | evidence_matrices
     numbers = {"centre": centre, "radius": radius, "needed": needed} | evidence_numbers
-    numbers |= {} if step is None else {"step": step}
+    numbers |= {} if step is None else {"step": step, "rate": step / law.period}
     verdict, margin, witness = judge(matrices, numbers)
     numbers |= {"low": centre - radius, "high": centre + radius, "slope": slope, "period": law.period}
     if centre > radius:

@@ -19,6 +19,8 @@ STILL = 1e-4
 """Least change in a period, as a share of the centre, for which a multiplier is searched for."""
 NEGLIGIBLE = 1e-4
 """Share of the greatest term below which one is dropped."""
+SLOWEST = 1e-7
+"""Least decay in a period that is taken: slower ones have all that they do below the frequencies looked at."""
 MARGIN = 1e-6
 """By how much the form must be negative, as a share of the mismatch's own square."""
 
@@ -71,7 +73,7 @@ def bears(
     The form is the sum of these inequalities, and of |k s/2|² ≥ |w|² for the slope, with their weights.
     """
     p, c = multiplier.decays, multiplier.coefficients
-    fine = step >= 0 and np.all((p > 0) & (p < 1)) and multiplier.slope > 0 and multiplier.stiffness > 0
+    fine = step >= 0 and np.all((p > 0) & (p < 1 - SLOWEST)) and multiplier.slope > 0 and multiplier.stiffness > 0
     if not fine or radius > centre:
         return False
     if not np.isfinite(np.abs(c) @ cost(p, step, centre + radius) if len(p) else 0.0):
