@@ -69,7 +69,9 @@ def test_example_scenarios_complete(example):
 
 
 def test_symbols_exist():
-    """Each code word of the table of symbols is a parameter, field or attribute of something public."""
+    """Each code word of the table of symbols is a parameter, field or attribute of something public, or what a
+    certificate carries.
+    """
     table = [
         line.split("|") for line in (ROOT / "docs" / "symbols.md").read_text().splitlines() if line.startswith("| ")
     ]
@@ -85,6 +87,12 @@ def test_symbols_exist():
     from tarc.run import VARIABLES
 
     known |= set(VARIABLES) | set(Tracking._fields)
+    law = tarc.laws.TDC(
+        inertia=0.5, bandwidth=10.0, period=1e-3, estimator=tarc.estimators.Algebraic(window=0.01), synchronised=True
+    )
+    space = tarc.certificates.Workspace.box([-0.3], [0.3], speed=1.0)
+    for one in (tarc.certificates.ball(law, rate=5.0), tarc.certificates.robot(law, tarc.plants.Pendulum(), space)):
+        known |= set(one.numbers) | set(one.matrices)
     assert words <= known, words - known
 
 
