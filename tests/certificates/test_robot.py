@@ -16,7 +16,8 @@ from tarc.certificates.linear import decouple
 from tarc.certificates.mismatch import PARTS
 from tarc.certificates.postures import joint_norms, mismatches, sampled
 from tarc.certificates.robot import _at_rest, advice
-from tarc.certificates.workspace import best_shape, inverse_ratios
+from tarc.certificates.shape import best_shape
+from tarc.certificates.spread import inverse_ratios
 
 ARM, LOADED = plants.TwoLinkArm(), plants.TwoLinkArm(payload=2.0)
 BOX = Workspace.box([-1.0, 0.8], [1.0, 2.2])

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from tarc import TarcError, signals
-from tarc.certificates.workspace import Workspace, best_shape, extremes, inverse_ratios, spread
-from tarc.plants import MassSpringDamper, MujocoPlant, NLinkArm, TwoLinkArm, WheeledMobileRobot
+from tarc.certificates.shape import best_shape
+from tarc.certificates.spread import extremes, inverse_ratios, spread
+from tarc.certificates.workspace import Workspace
+from tarc.plants import MassSpringDamper, MujocoPlant, NLinkArm, TwoLinkArm
 from tarc.plants.base import Plant
 
 ROBOTS = Path(sysconfig.get_path("purelib"), "cmeel.prefix", "share", "example-robot-data", "robots")
@@ -107,54 +109,6 @@ def test_any_function_of_the_inertia_matrix():
     (found,) = extremes([lambda M: -M[:, 0, 0]], ARM, Workspace.of(ARM))
     assert -found.value == pytest.approx(1.0, rel=1e-9)  # arm folded back, both masses of 1 kg: only the first counts
     assert abs(found.posture[1]) == pytest.approx(np.pi, abs=1e-3)
-
-
-def test_best_shape_of_one_joint_is_the_ratio_of_its_masses():
-    robots = [MassSpringDamper(masses=[m], springs=[0.0], dampers=[0.0]) for m in (2.0, 7.0)]
-    X, t = best_shape(robots, Workspace.box([0.0], [1.0]))
-    assert t == pytest.approx(3.5, rel=1e-6)
-    np.testing.assert_allclose(X, [[7.0]], rtol=1e-6)
-
-
-def test_best_diagonal_shape_in_closed_form():
-    """Stretched out, M = [5 2; 2 1]: the best diagonal leaves [1 r; r 1], r = 2/√5, hence a ratio (1+r)/(1−r)."""
-    X, t = best_shape(ARM, Workspace.of(ARM), diagonal=True, tolerance=0.001)
-    assert np.count_nonzero(X) == 2
-    assert t == pytest.approx((2 + np.sqrt(5)) ** 2, rel=1e-3)
-
-
-def test_best_shape_of_two_matrices_is_their_own_ratio():
-    """X ≽ M_2 and X ≼ t M_1 need t ≥ λmax(M_1⁻¹M_2), which X = M_2 has where M_2 ≽ M_1."""
-    robots = [WheeledMobileRobot(mass=mass) for mass in (10.0, 40.0)]
-    X, t = best_shape(robots, Workspace.of(robots[0]), tolerance=0.001)
-    M = [robot.inertia([0, 0]) for robot in robots]
-    assert t == pytest.approx(np.linalg.eigvals(np.linalg.solve(M[0], M[1])).real.max(), rel=2e-3)
-    for one in M:
-        ratios = np.linalg.eigvals(np.linalg.solve(one, X)).real
-        assert 1 - 1e-9 <= ratios.min() <= ratios.max() <= t * (1 + 1e-9)
-
-
-@pytest.mark.parametrize("diagonal", [False, True])
-def test_best_shape_is_no_worse_than_any_near_it(diagonal):
-    postures = Workspace.of(ARM)
-    X, t = best_shape(ARM, postures, diagonal=diagonal, tolerance=0.002)
-    found = spread(ARM, X, postures)
-    assert (found.low, found.ratio) == pytest.approx((1.0, t), rel=1e-9)
-    rng = np.random.default_rng(1)
-    for _ in range(20):
-        root = np.linalg.cholesky(X) @ (np.eye(2) + 0.05 * rng.normal(size=(2, 2)))
-        other = root @ root.T
-        assert spread(ARM, np.diag(np.diag(other)) if diagonal else other, postures, refine=2).ratio > t / 1.002
-
-
-@pytest.mark.parametrize(("folder", "file", "known"), [("ur", "ur5_robot", 11.4), ("panda", "panda", 31.3)])
-def test_ratios_that_real_robots_need(folder, file, known):
-    """With rotor inertia 0.1 kg m² a UR5 needs a ratio of about 11, a Panda one of about 31 (theory, robust ball)."""
-    path = next((ROBOTS / f"{folder}_description").rglob(f"{file}.urdf"))
-    names = [name for name in MujocoPlant.from_file(path, armature=0.1).joint_names if "finger" not in name]
-    robot = MujocoPlant.from_file(path, armature=0.1, joints=names)
-    _, t = best_shape(robot, Workspace.of(robot))
-    assert t == pytest.approx(known, rel=0.015)
 
 
 class Broken(Plant):

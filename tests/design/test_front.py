@@ -10,7 +10,8 @@ from family import make_tdc
 from tarc import TarcError, laws, plants, signals
 from tarc.certificates import Workspace, ball, robot
 from tarc.certificates.postures import mismatches, sampled, searched
-from tarc.certificates.workspace import best_shape, spread
+from tarc.certificates.shape import best_shape
+from tarc.certificates.spread import spread
 from tarc.design.front import Demand, assess, candidates, front, peak, settling
 
 PERIOD = 1e-3

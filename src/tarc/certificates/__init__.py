@@ -9,10 +9,12 @@ from tarc.certificates.loop import loop, stable_interval, stable_intervals
 from tarc.certificates.nominal import nominal, nominal_delay, nominal_window
 from tarc.certificates.norms import h2_norm, hinf_norm
 from tarc.certificates.robot import robot
+from tarc.certificates.shape import best_shape
 from tarc.certificates.slope import slope
+from tarc.certificates.spread import Spread, spread
 from tarc.certificates.theorem1 import UltimateBound, theorem1, theorem1_delay, ultimate_bound
 from tarc.certificates.theorem2 import theorem2
-from tarc.certificates.workspace import Spread, Workspace, best_shape, spread
+from tarc.certificates.workspace import Workspace
 
 __all__ = [
     "Certificate",

@@ -7,7 +7,8 @@ import numpy as np
 
 from tarc.certificates.base import FORMS, JUDGES, Certificate, Witness, definite
 from tarc.certificates.exact import balls, negative_at, positive, prove
-from tarc.certificates.workspace import Workspace, extremes, inverse_ratios
+from tarc.certificates.spread import extremes, inverse_ratios
+from tarc.certificates.workspace import Workspace
 from tarc.errors import TarcError
 from tarc.laws.base import Law
 from tarc.laws.poles import PolePlacement

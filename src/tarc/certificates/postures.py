@@ -6,7 +6,8 @@ from itertools import product
 
 import numpy as np
 
-from tarc.certificates.workspace import Workspace, inertias
+from tarc.certificates.spread import inertias
+from tarc.certificates.workspace import Workspace
 from tarc.errors import TarcError
 from tarc.plants.base import Plant
 

@@ -25,7 +25,8 @@ from tarc.certificates.postures import (
     searched,
 )
 from tarc.certificates.slow import best_multiplier
-from tarc.certificates.workspace import Spread, Workspace, inverse_ratios, spread
+from tarc.certificates.spread import Spread, inverse_ratios, spread
+from tarc.certificates.workspace import Workspace
 from tarc.errors import TarcError
 from tarc.laws.base import Law
 from tarc.laws.poles import PolePlacement

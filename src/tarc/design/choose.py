@@ -12,7 +12,9 @@ from tarc.certificates.base import Certificate
 from tarc.certificates.certify import certify
 from tarc.certificates.postures import greatest_rate, mismatches, sampled, searched
 from tarc.certificates.robot import robot
-from tarc.certificates.workspace import Workspace, best_shape, spread
+from tarc.certificates.shape import best_shape
+from tarc.certificates.spread import spread
+from tarc.certificates.workspace import Workspace
 from tarc.check import Numbers
 from tarc.design.adaptation import Adaptation, adaptation, expected_step
 from tarc.design.front import WINDOWS, Candidate, Demand, assess, candidates, front

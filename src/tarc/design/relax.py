@@ -7,7 +7,9 @@ from functools import partial
 import numpy as np
 
 from tarc.certificates.postures import greatest_rate, mismatches, sampled
-from tarc.certificates.workspace import Workspace, best_shape, spread
+from tarc.certificates.shape import best_shape
+from tarc.certificates.spread import spread
+from tarc.certificates.workspace import Workspace
 from tarc.design.front import Candidate, Demand, assess, candidates
 from tarc.errors import TarcError
 from tarc.plants.base import Plant
