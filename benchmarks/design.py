@@ -31,12 +31,12 @@ from rich.console import Console
 from rich.table import Table
 
 import tarc
-from tarc.certificates import Certificate, Workspace, stable_intervals
-from tarc.certificates.postures import greatest_rate, mismatches, sampled
+from tarc.certificates import Certificate, Workspace, spread, stable_intervals
 from tarc.certificates.robot import robot, unstable_posture
 from tarc.design import Design, adaptation, assess, design, expected_step
 from tarc.design.choose import ROOM
-from tarc.design.front import Candidate, Demand
+from tarc.design.demand import Demand
+from tarc.design.front import Candidate
 from tarc.design.scenario import SLOW
 from tarc.plants.base import Plant
 from tarc.run import Run
@@ -61,7 +61,7 @@ NEAR = 0.3
 """Width of the box about the best so far, of the whole, in which the second half of a sweep looks."""
 
 
-SPEED = 1.5
+SPEED = 1.0
 """Of the joints [rad/s], where the file does not say less: what the designs are certified for, and the motion keeps."""
 
 
@@ -336,9 +336,9 @@ def judged(pick: Pick, law: Any, trial: Trial) -> Pick:
 def ceilings(made: Design) -> dict[str, float]:
     """The greatest bandwidth [rad/s] at the window chosen, as each thing that the certificate asks for is left out."""
     chosen = made.chosen
-    E, H = mismatches(made.shape, sampled(made.plants, made.workspace, SAMPLES, 0))
-    rate = greatest_rate(made.plants, made.shape, made.workspace, SAMPLES, 0)
-    full, light = Demand.of(made.spread, E, H, rate), Demand.plain(made.spread, rate)
+    there = spread(made.plants, made.shape, made.workspace, samples=SAMPLES)
+    full = Demand.of_robot(made.plants, made.workspace, made.shape, there)
+    light = Demand.plain(made.spread, full.rate)
     slope = chosen.slope / chosen.bandwidth**2
 
     def at(speed: float) -> Candidate:
@@ -357,7 +357,7 @@ def ceilings(made: Design) -> dict[str, float]:
         "chosen for": ball(full, slope, ROOM),
         "no switching gain": ball(full, 0.0, ROOM),
         "no room": ball(full, 0.0, 0.0),
-        "no gravity": ball(light, 0.0, 0.0),
+        "no stiffness": ball(light, 0.0, 0.0),
         "constant M": still,
     }
     return {name: _greatest(test, chosen.bandwidth) for name, test in tests.items()}

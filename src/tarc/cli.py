@@ -70,6 +70,13 @@ def certify(
         str,
         typer.Option(metavar="NUMBERS", help="Greatest speed of the joints, rad/s or m/s; default: any speed."),
     ] = "",
+    acceleration: Annotated[
+        str,
+        typer.Option(
+            metavar="NUMBERS",
+            help="And their greatest acceleration, rad/s² or m/s²; default: four times the speed, a second.",
+        ),
+    ] = "",
     samples: Annotated[int, typer.Option(help="Postures to sample, before a local search.")] = 2000,
     as_json: Json = False,
     figures: Figures = True,
@@ -85,7 +92,8 @@ def certify(
 
     described = Scenario.load(scenario, set_ or [])
     folder = _folder(out or Path("runs") / _stem(described.name))
-    found = described.certify(tube=tube, full_range=full_range, speed=_numbers("--speed", speed), samples=samples)
+    swift, steep = _numbers("--speed", speed), _numbers("--acceleration", acceleration)
+    found = described.certify(tube=tube, full_range=full_range, speed=swift, acceleration=steep, samples=samples)
     files = save_certificates(described, found, folder, figures)
     from tarc.report import tables
 
@@ -163,6 +171,14 @@ def design(
             rich_help_panel=ASKED,
         ),
     ] = "",
+    acceleration: Annotated[
+        str,
+        typer.Option(
+            metavar="NUMBERS",
+            help="And their greatest acceleration, rad/s² or m/s². Default: four times the speed, a second.",
+            rich_help_panel=ASKED,
+        ),
+    ] = "",
     noise: Annotated[
         float | None,
         typer.Option(
@@ -230,6 +246,7 @@ def design(
         "sensor": Encoder(bits=check.whole("--encoder-bits", encoder_bits, 1, 52)),
         "workspace": within(plant, reach).within(rated(plant)),
         "speed": _numbers("--speed", speed),
+        "acceleration": _numbers("--acceleration", acceleration),
         "torque_limit": _numbers("--torque-limit", torque_limit),
         "law": check.one_of("--law", law.lower(), ("tarc", "tdc")).upper(),
     }

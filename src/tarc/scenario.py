@@ -215,6 +215,7 @@ class Scenario(BaseModel):
         tube: float = 0.01,
         full_range: bool = False,
         speed: Numbers | None = None,
+        acceleration: Numbers | None = None,
         samples: int = 2000,
         progress: bool | None = None,
     ) -> dict[str, dict[str, Certificate]]:
@@ -228,6 +229,9 @@ class Scenario(BaseModel):
             Certify for all that the joints reach, instead of the reference and the tube about it.
         speed
             Greatest speed of the joints [rad/s or m/s], one number or one a joint; None for any.
+        acceleration
+            And their greatest acceleration [rad/s² or m/s²]; None for that which reaches the speed in a quarter of a
+            second.
         samples
             How many postures to sample.
         progress
@@ -236,7 +240,7 @@ class Scenario(BaseModel):
         plant, reference = self.build_plant(), self.build_reference()
         robots = [robot for begin, robot in variants(plant, self.build_disturbances()) if begin < self.duration]
         workspace = Workspace.of(plant) if full_range else Workspace.path(reference, self.duration, tube=tube)
-        workspace, laws = workspace.within(speed), self.build_laws(plant, reference)
+        workspace, laws = workspace.within(speed, acceleration), self.build_laws(plant, reference)
         delay, found = self.computation_delay, {}
         with Progress("certifying", 9 * len(laws), progress) as bar:
             for name, law in laws.items():

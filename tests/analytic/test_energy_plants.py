@@ -14,6 +14,7 @@ from scipy.special import ellipk
 from tarc import TarcError
 from tarc.loop import runge_kutta
 from tarc.plants import MassSpringDamper, NLinkArm, Pendulum, TwoLinkArm, WheeledMobileRobot
+from tarc.plants.base import Plant
 from tarc.plants.euler_lagrange import EulerLagrange
 
 SMOOTH: dict[str, Any] = {"coulomb_width": 0.5}  # wide enough for the energy balance to show the integrator's order
@@ -92,6 +93,29 @@ def test_acceleration_solves_the_equation_of_motion(plant: EulerLagrange, data: 
     parts = plant.evaluate("coriolis", q, dq) @ dq + plant.gravity_torque(q) + plant.evaluate("friction", q, dq)
     assert np.allclose(N, parts, rtol=1e-12, atol=1e-12)
     assert np.allclose(plant.inertia(q) @ acceleration + N, torque, rtol=1e-9, atol=1e-9 * (1 + np.max(np.abs(N))))
+
+
+@every_plant
+@sampled
+@given(data=st.data())
+def test_linearised_about_a_motion_it_is_the_slope_of_the_torque(plant: EulerLagrange, data: st.DataObject) -> None:
+    """M, D and G against differences of M(q) q̈ + N(q, q̇) along a random direction."""
+    q, dq, ddq, way = (data.draw(vectors(plant.joints)) for _ in range(4))
+    M, D, G = plant.linearised(q, dq, ddq)
+    assert np.allclose(M, plant.inertia(q))
+    assert np.allclose(D, plant.damping(q, dq), rtol=1e-9, atol=1e-9)
+    step = 1e-6
+
+    def torque(share: float, *on: float) -> np.ndarray:
+        a, b = (share * step * one * way for one in on)
+        return plant.inertia(q + a) @ ddq + plant.bias(q + a, dq + b)
+
+    for matrix, on in ((G, (1.0, 0.0)), (D, (0.0, 1.0))):
+        slope = (torque(1.0, *on) - torque(-1.0, *on)) / (2 * step)
+        assert np.allclose(matrix @ way, slope, rtol=1e-5, atol=1e-5 * (1 + np.abs(matrix).max()))
+    still = plant.linearised(q)
+    assert np.allclose(still[1], plant.damping(q))
+    assert np.allclose(still[2], Plant.linearised(plant, q)[2], rtol=1e-5, atol=1e-5 * (1 + np.abs(still[2]).max()))
 
 
 @every_plant

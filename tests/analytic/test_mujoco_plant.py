@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 import tarc
 from tarc import TarcError
 from tarc.plants import MujocoPlant, TwoLinkArm, find_robot, shipped_robots
+from tarc.plants.base import Plant
 
 SHIPPED = {name: MujocoPlant.from_file(name) for name in ("ur5e", "panda")}
 every_robot = pytest.mark.parametrize("robot", SHIPPED.values(), ids=SHIPPED.keys())
@@ -54,6 +55,23 @@ def test_inertia_is_symmetric_positive_definite(robot: MujocoPlant, data: st.Dat
     M = robot.inertia(posture(robot, data))
     assert np.array_equal(M, M.T)
     assert np.linalg.eigvalsh(M)[0] > 0
+
+
+@every_robot
+@sampled
+@given(data=st.data())
+def test_linearised_about_a_motion_as_from_bias_and_inertia(robot: MujocoPlant, data: st.DataObject) -> None:
+    """Inverse dynamics with rotor inertia, friction and a load, against the way that serves every plant."""
+    loaded = robot.with_parameters({"payload": 3.0, "armature": 0.1, "viscous": 2.0, "coulomb": 1.0})
+    q = posture(robot, data)
+    motion = st.lists(st.floats(-3.0, 3.0), min_size=robot.joints, max_size=robot.joints).map(np.array)
+    dq, ddq = data.draw(motion), data.draw(motion)
+    for rates in ((), (dq, ddq)):
+        ours, general = loaded.linearised(q, *rates), Plant.linearised(loaded, q, *rates)
+        for one, other in zip(ours, general, strict=True):
+            assert np.allclose(one, other, rtol=1e-5, atol=1e-6 * (1 + np.abs(other).max()))
+    assert np.allclose(loaded.linearised(q)[1], 2.0 * np.eye(robot.joints), atol=1e-9)
+    assert np.allclose(loaded.damping(q, dq), loaded.linearised(q, dq, ddq)[1], atol=1e-9)
 
 
 @every_robot

@@ -31,7 +31,7 @@ from tarc.certificates import Certificate, ball, hinf_norm, stable_interval, sta
 from tarc.certificates.ball import best_scales
 from tarc.certificates.base import schur
 from tarc.certificates.linear import decouple, whole
-from tarc.certificates.mismatch import PARTS, Responses, parts_of, system, weighed
+from tarc.certificates.mismatch import Parts, Responses, parts_of, system, weighed
 
 LITERAL, SYNCHRONISED = Design(window=10), Design(window=10, synchronised=True)
 
@@ -240,7 +240,7 @@ def test_json_round_trip_verifies_and_tampering_shows():
             changed = Certificate.from_json(certificate.to_json())
             changed.numbers.update(numbers)
             assert not changed.verify()
-        for name in PARTS[:3]:
+        for name in Parts._fields[:3]:
             changed = Certificate.from_json(certificate.to_json())
             changed.matrices[name] *= 10
             assert not changed.verify()
@@ -370,7 +370,7 @@ def test_stiffness_of_the_robot_within_the_ball_does_not_diverge(window, synchro
     assert radius > 0
     assert hinf_norm(*weighed(system(parts, ratio, weight), radius, scale)) < 1
     assert radius < best_scales(parts, ratio)[1]
-    free, into, out, robust, through, _, _ = parts
+    free, into, out, robust, through = parts[:5]
     A, W = free + ratio * into @ out, robust + ratio * into @ through
     rng = np.random.default_rng(0)
     worst = -np.inf
@@ -503,6 +503,31 @@ def test_stiffness_acts_between_the_samples_as_at_them(design, centre, weight):
     D[1:] = PERIOD**2 * np.tril(moments[:, None] - moments, -1) / np.sqrt(cuts)
     C[1:], D[1:] = C[1:] * weight / np.sqrt(cuts), D[1:] * weight / np.sqrt(cuts)
     assert best_scales(parts, centre, weight)[1] == pytest.approx(1 / hinf_norm(A, B, C, D), rel=1e-3)
+
+
+@pytest.mark.parametrize(("design", "centre"), [(LITERAL, 0.08), (SYNCHRONISED, 1.0), (Design(window=5), 0.2)])
+@pytest.mark.parametrize("lead", [3.0, 30.0, 300.0])
+def test_damping_acts_between_the_samples_as_their_mean_velocity(design, centre, lead):
+    """The period cut into pieces, position and velocity weighed in each, against position and mean velocity."""
+    cuts, weight = 24, 1e3
+    parts = parts_of(decouple(design.law)[0], 0.0, intersample=True, lead=lead)
+    free, into, out = parts[:3]
+    A = free + centre * into @ out
+    B, C, D = np.zeros((len(A), cuts)), np.zeros((2 * cuts + 1, len(A))), np.zeros((2 * cuts + 1, cuts))
+    moments = (np.arange(cuts) + 0.5) / cuts
+    B[0], B[1] = PERIOD**2 * (1 - moments) / np.sqrt(cuts), PERIOD**2 / np.sqrt(cuts)
+    C[0] = out
+    position, velocity = slice(1, cuts + 1), slice(cuts + 1, None)
+    C[position] = centre * (moments[:, None] * PERIOD) ** 2 / 2 * out
+    C[position, 0] += 1.0
+    C[position, 1] += moments
+    D[position] = PERIOD**2 * np.tril(moments[:, None] - moments, -1) / np.sqrt(cuts)
+    C[velocity] = centre * moments[:, None] * PERIOD**2 * out
+    C[velocity, 1] += 1.0
+    D[velocity] = PERIOD**2 * np.tril(np.ones((cuts, cuts)), -1) / np.sqrt(cuts)
+    C[velocity], D[velocity] = lead * C[velocity], lead * D[velocity]
+    C[1:], D[1:] = C[1:] * weight / np.sqrt(cuts), D[1:] * weight / np.sqrt(cuts)
+    assert best_scales(parts, centre, weight)[1] == pytest.approx(1 / hinf_norm(A, B, C, D), rel=5e-3)
 
 
 @pytest.mark.parametrize(

@@ -13,8 +13,8 @@ from family import make_law, make_tdc
 from tarc import TarcError, laws, plants, signals
 from tarc.certificates import Certificate, Workspace, ball, robot, stable_interval
 from tarc.certificates.linear import decouple
-from tarc.certificates.mismatch import PARTS
-from tarc.certificates.postures import joint_norms, mismatches, sampled
+from tarc.certificates.mismatch import Parts
+from tarc.certificates.postures import Instant, mismatches, sampled
 from tarc.certificates.robot import _at_rest, advice
 from tarc.certificates.shape import best_shape
 from tarc.certificates.spread import inverse_ratios
@@ -270,7 +270,8 @@ def test_json_round_trip_verifies_and_tampering_shows(tmp_path):
         assert read.verify()
         read.plot().savefig(tmp_path / "robot.png")
     certified = of(share(0.05)).to_json()
-    for name, factor in (("nominal", 5.0), ("inertia_low", 20.0), ("inertia_high", 0.1), *((n, 10) for n in PARTS[:3])):
+    parts = ((name, 10.0) for name in Parts._fields[:3])
+    for name, factor in (("nominal", 5.0), ("inertia_low", 20.0), ("inertia_high", 0.1), *parts):
         changed = Certificate.from_json(certified)
         changed.matrices[name] *= factor
         assert not changed.verify(), name
@@ -377,10 +378,11 @@ def test_no_law_is_certified_without_its_robust_term():
 # Mismatch and stiffness of one posture together
 
 
-def joint(law, verdict, postures):
-    """What the ball must hold, of postures, with the verdict's own centre and weight."""
+def joint(law, verdict, instants):
+    """What the ball must hold, of robots at rest or moving, with the verdict's own centre, weight and lead."""
     numbers = verdict.numbers
-    return joint_norms(*mismatches(law.M, postures), numbers["centre"], numbers["weight"])
+    lead = verdict.matrices["lead"].item() * law.period
+    return mismatches(law.M, instants).joint_norms(numbers["centre"], numbers["weight"], lead)
 
 
 @pytest.mark.parametrize(
@@ -400,7 +402,9 @@ def test_the_worst_posture_is_sought_and_not_only_sampled(both, low, high):
         needed = verdict.numbers["radius"] / (1 + verdict.margin)
         found = joint(law, verdict, sampled(both, box, 1500, 77))
         assert found.max() <= 1.01 * needed
-        assert joint(law, verdict, [(both[0], verdict.matrices["posture_joint"])])[0] <= needed * (1 + 1e-9)
+        assert joint(law, verdict, [Instant.at_rest(both[0], verdict.matrices["posture_joint"])])[0] <= needed * (
+            1 + 1e-9
+        )
 
 
 def test_every_payload_between_needs_no_more_than_the_ends():
@@ -410,8 +414,8 @@ def test_every_payload_between_needs_no_more_than_the_ends():
     rng = np.random.default_rng(0)
     for _ in range(100):
         posture = rng.uniform(BOX.low, BOX.high)
-        ends = joint(law, verdict, [(ARM, posture), (LOADED, posture)]).max()
-        between = [(plants.TwoLinkArm(payload=float(mass)), posture) for mass in rng.uniform(0, 2, 3)]
+        ends = joint(law, verdict, [Instant.at_rest(ARM, posture), Instant.at_rest(LOADED, posture)]).max()
+        between = [Instant.at_rest(plants.TwoLinkArm(payload=float(mass)), posture) for mass in rng.uniform(0, 2, 3)]
         assert joint(law, verdict, between).max() <= ends * (1 + 1e-9)
 
 
@@ -437,8 +441,8 @@ def test_certified_with_the_least_inertia_holds_against_gravity_anywhere(bandwid
     verdict = of(law, [ARM, LOADED], box)
     assert verdict.numbers["weight"] > 0
     loop = decouple(law)[0].around(0.0)[:3]
-    for plant, posture in sampled([ARM, LOADED], box, 300, 5):
-        assert np.abs(np.linalg.eigvals(_at_rest(loop, law.M, plant.at_rest(posture), law.period))).max() < 1
+    for plant, posture, *_ in sampled([ARM, LOADED], box, 300, 5):
+        assert np.abs(np.linalg.eigvals(_at_rest(loop, law.M, plant.linearised(posture), law.period))).max() < 1
     worst = [verdict.matrices[f"posture_{one}"] for one in ("joint", "low")]
     for posture in ([np.pi / 2, 0.8], [-np.pi / 2, 0.8], *worst):
         for plant in (ARM, LOADED):
@@ -502,7 +506,7 @@ def test_one_posture_and_any_stiffness(count, spring):
         assert verdict.verify()
         assert (verdict.numbers["weight"] > 0) == (abs(spring) > 1e-9)
         loop = decouple(law)[0].around(0.0)[:3]
-        size = np.abs(np.linalg.eigvals(_at_rest(loop, law.M, plant.at_rest([0.0] * count), law.period))).max()
+        size = np.abs(np.linalg.eigvals(_at_rest(loop, law.M, plant.linearised([0.0] * count), law.period))).max()
         expected = "refuted" if size > 1 else "certified" if abs(spring) < 2e3 else "inconclusive"
         assert verdict.verdict == expected
 

@@ -9,7 +9,8 @@ import tarc
 from tarc import TarcError, laws, plants, signals
 from tarc.certificates import Workspace, ball
 from tarc.design.adaptation import QUANTA, RATIO, Adaptation, adaptation, expected_step
-from tarc.design.front import Demand, assess, candidates, peak
+from tarc.design.demand import Demand
+from tarc.design.front import assess, candidates, peak
 
 PERIOD = 1e-3
 

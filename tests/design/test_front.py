@@ -9,10 +9,11 @@ import tarc
 from family import make_tdc
 from tarc import TarcError, laws, plants, signals
 from tarc.certificates import Workspace, ball, robot
-from tarc.certificates.postures import mismatches, sampled, searched
+from tarc.certificates.postures import Mismatches
 from tarc.certificates.shape import best_shape
 from tarc.certificates.spread import spread
-from tarc.design.front import Demand, assess, candidates, front, peak, settling
+from tarc.design.demand import Demand
+from tarc.design.front import assess, candidates, front, peak, settling
 
 PERIOD = 1e-3
 
@@ -118,13 +119,7 @@ def test_what_bears_a_robot_with_gravity_is_certified_on_it():
     shape, _ = best_shape(both, box, samples=200)
     ends = spread(both, shape, box, samples=200)
     shape = shape / ends.low
-    pair = [(both[ends.plant_low], ends.where_low), (both[ends.plant_high], ends.where_high)]
-    postures = [*pair, *sampled(both, box, 200, 0)]
-    E, H = mismatches(shape, postures)
-    for weight in Demand.of(ends.ratio, E, H).weights[::2]:
-        found = searched(postures, E, H, box, box.units(200, 0), shape, (1 + ends.ratio) / 2, float(weight))
-        postures, E, H = found
-    demand = Demand.of(ends.ratio, E, H)
+    demand = Demand.of_robot(both, box, shape, ends)
     assert np.all(demand.shares > Demand.plain(ends.ratio).shares)
     assert np.all(np.diff(demand.shares) <= 0)  # more weight, less share of the stiffness
     trials = candidates(PERIOD, bandwidths=[2.0, 5.0, 10.0], windows=[3, 6, 12], degrees=[2])
@@ -278,10 +273,10 @@ def test_demand():
     np.testing.assert_allclose(plain.shares, [0.6])
     np.testing.assert_array_equal(plain.weights, [0.0])
     E = np.array([np.eye(2), 4.0 * np.eye(2), np.diag([1.0, 4.0])])
-    none = Demand.of(4.0, E, 0 * E)
+    none = Demand.of(4.0, Mismatches(E, 0 * E, 0 * E))
     np.testing.assert_array_equal(none.shares, plain.shares)
     H = np.array([10.0 * np.eye(2), 0 * np.eye(2), 0 * np.eye(2)])
-    some = Demand.of(4.0, E, H)
+    some = Demand.of(4.0, Mismatches(E, H, 0 * E))
     # the first posture alone: [1 − 2.5, 10/η] over 2.5
     expected = np.hypot(1.5, 10.0 / some.weights) / 2.5
     np.testing.assert_allclose(some.shares, np.maximum(expected, 0.6))

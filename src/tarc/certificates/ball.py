@@ -7,7 +7,7 @@ import numpy as np
 from tarc import check
 from tarc.certificates.base import JUDGES, Certificate, Witness, schur
 from tarc.certificates.linear import alike, decouple
-from tarc.certificates.mismatch import PARTS, Responses, parts_of, system, weighed
+from tarc.certificates.mismatch import Parts, Responses, parts_of, system, weighed
 from tarc.certificates.norms import hinf_norm
 from tarc.certificates.slow import STILL, Multiplier, bears, best_multiplier
 from tarc.errors import TarcError
@@ -103,7 +103,7 @@ def ball(
             break
     needed = 0.0 if contains is None else max(contains[1] - centre, centre - contains[0])
     evidence_matrices, evidence_numbers = recorded(evidence)
-    matrices: dict[str, Array] = dict(zip(PARTS, parts, strict=True)) | evidence_matrices
+    matrices: dict[str, Array] = parts._asdict() | evidence_matrices
     numbers = {"centre": centre, "radius": radius, "needed": needed} | evidence_numbers
     numbers |= {} if step is None else {"step": step, "rate": step / law.period}
     verdict, margin, witness = judge(matrices, numbers)
@@ -174,7 +174,7 @@ def multiplier_of(matrices: dict[str, Array], numbers: dict[str, Any]) -> Multip
 
 
 def widest(
-    parts: tuple[Array, ...], centre: float, weight: float = 0.0, *, step: float | None = None, stiffness: float = 0.0
+    parts: Parts, centre: float, weight: float = 0.0, *, step: float | None = None, stiffness: float = 0.0
 ) -> tuple[Evidence, float]:
     """The largest radius that is certified, zero for none, and what shows it.
 
@@ -187,7 +187,7 @@ def widest(
     responses = Responses(parts, centre)
     best = Multiplier(np.zeros(0), np.zeros(0)), 0.0
     for faster in FASTER:
-        multiplier, radius = best_multiplier(
+        multiplier, radius, _ = best_multiplier(
             parts, centre, faster * max(step, STILL / centre), weight=weight, stiffness=stiffness, responses=responses
         )
         for less in LESS:
@@ -200,10 +200,10 @@ def widest(
     return best
 
 
-def best_scales(parts: tuple[Array, ...], centre: float, weight: float = 0.0) -> tuple[float | None, float]:
+def best_scales(parts: Parts, centre: float, weight: float = 0.0) -> tuple[float | None, float]:
     """Scale of the slope's block, None without a slope, and the largest radius that is certified; zero for none."""
     loop = system(parts, centre, weight)
-    sloping = bool(parts[-1].item())
+    sloping = bool(parts.share.item())
     if schur(loop[0])[0] != "certified":
         return (1.0 if sloping else None), 0.0
     if not sloping:
@@ -216,7 +216,7 @@ def best_scales(parts: tuple[Array, ...], centre: float, weight: float = 0.0) ->
     return scale, 0.0
 
 
-def best_centre(parts: tuple[Array, ...], contains: tuple[float, float] | None, step: float | None = None) -> float:
+def best_centre(parts: Parts, contains: tuple[float, float] | None, step: float | None = None) -> float:
     """The centre whose ball has the largest ratio of its ends, or holds a range with the most room."""
     from scipy.optimize import minimize_scalar
 
@@ -271,7 +271,7 @@ def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, flo
     given += [numbers.get(name, 1.0) for name in ("slope weight", "stiffness weight", "stiffness")]
     if not np.all(np.isfinite(given)) or not centre > 0 or scale == 0:
         return "inconclusive", 0.0, None
-    parts = tuple(matrices[name] for name in PARTS)
+    parts = Parts(*(matrices[name] for name in Parts._fields))
     loop = system(parts, centre, weight)
     margin = radius / max(needed, centre / 1e3) - 1 if needed else radius / centre
     sound = radius > 0 and radius >= needed and schur(loop[0])[0] == "certified"

@@ -1,6 +1,6 @@
 """The loop of one joint around an inertia that is off: its matrices, the mismatch outside, and its responses."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -9,13 +9,26 @@ from tarc.certificates.linear import Channel
 Array = np.ndarray
 Loop = tuple[Array, Array, Array, Array]
 
-PARTS = ("free", "into", "out", "robust", "through", "acceleration", "share")
-"""Of a loop that closes at any ratio: A(ρ) = free + ρ into out, W(ρ) = robust + ρ into through, v = out y + through w,
-B for the mismatched acceleration, and k/2."""
+
+class Parts(NamedTuple):
+    """Of a loop that closes at any ratio: A(ρ) = free + ρ into out, W(ρ) = robust + ρ into through.
+
+    v = out y + through w; then B for the mismatched acceleration, k/2, and the lead, by which the velocity counts
+    beside the position [periods].
+    """
+
+    free: Array
+    into: Array
+    out: Array
+    robust: Array
+    through: Array
+    acceleration: Array
+    share: Array
+    lead: Array
 
 
-def parts_of(channel: Channel, slope: float, intersample: bool) -> tuple[Array, ...]:
-    """`PARTS` of a loop of one joint."""
+def parts_of(channel: Channel, slope: float, intersample: bool, lead: float = 0.0) -> Parts:
+    """`Parts` of a loop of one joint."""
     free, B, C, H, E = channel.around(0.0)
     T, wide = channel.period, B
     if intersample:
@@ -23,17 +36,18 @@ def parts_of(channel: Channel, slope: float, intersample: bool) -> tuple[Array, 
         # and the rest of a root of its Gramian, T⁴ [1/3 1/2; 1/2 1]
         wide = np.zeros((len(free), 2))
         wide[:2] = T**2 * np.array([[1 / 2, 1 / 12**0.5], [1.0, 0.0]])
-    return free, B, C, H, E, wide, np.array([[slope / 2]])
+    return Parts(free, B, C, H, E, wide, np.array([[slope / 2]]), np.array([[lead]]))
 
 
-def system(parts: tuple[Array, ...], ratio: float, weight: float = 0.0) -> Loop:
+def system(parts: Parts, ratio: float, weight: float = 0.0) -> Loop:
     """A, B, C, D of the loop at a ratio with half the slope in it, and the mismatch and the rest of the slope outside.
 
-    From (a, w) to (v, weight q, s k/2): w and the last are there only with a slope, the middle one only with a weight.
-    The mismatch maps (v, weight q) to a, where q stands for the stiffness of the robot itself, such as gravity's; a
-    unit ball from s k/2 to w is the other half of the slope.
+    From (a, w) to (v, weight q, weight lead T q̇, s k/2): w and the last are there only with a slope, those between only
+    with a weight, the second of them only with a lead. The mismatch maps (v, weight q, weight lead T q̇) to a, where q
+    and its change over the period, q̇ T, stand for the stiffness and the damping of the robot itself, such as gravity's;
+    a unit ball from s k/2 to w is the other half of the slope.
     """
-    free, into, out, robust, through, wide, share = parts
+    free, into, out, robust, through, wide, share, lead = parts
     half = share.item()
     show = np.eye(1, len(free))
     W = robust + ratio * into @ through
@@ -41,12 +55,16 @@ def system(parts: tuple[Array, ...], ratio: float, weight: float = 0.0) -> Loop:
     columns, rows = [wide], [out - half * through @ show]
     if weight:
         rows.append(weight * show)
+        if lead.item():
+            rows.append(weight * lead * (A[:1] - show))
     if half:
         columns, rows = [*columns, W], [*rows, half * show]
     B, C = np.hstack(columns), np.vstack(rows)
     D = np.zeros((len(C), B.shape[1]))
     if half:
         D[0, wide.shape[1]] = through.item()
+    if weight and lead.item():
+        D[2] = weight * lead * B[0]
     return A, B, C, D
 
 
@@ -66,8 +84,8 @@ class Responses:
     there are more frequencies, beside the poles of the loop there.
     """
 
-    def __init__(self, parts: tuple[Array, ...], centre: float | None = None):
-        free, into, out, robust, through, wide, share = parts
+    def __init__(self, parts: Parts, centre: float | None = None):
+        free, into, out, robust, through, wide, share, lead = parts
         self.angles = _angles(free)
         if centre is not None:
             self.angles = np.unique(np.concatenate([self.angles, _beside(system(parts, centre)[0])]))
@@ -77,6 +95,7 @@ class Responses:
         G = both @ np.linalg.solve(z * np.eye(len(free)) - free, inputs + 0 * z)
         G[:, 0, -1] += through.item()
         self.half = share.item()
+        self.swing = np.sqrt(1 + np.abs(lead * (z[:, 0] - 1)) ** 2)
         self.held, self.mismatch, self.robust = G[:, :, 0], G[:, :, 1:-1], G[:, :, -1]
 
     def at(self, ratio: float) -> Array:
@@ -94,8 +113,9 @@ class Responses:
         """
         G = self.at(ratio)
         a, w = G[:, :, :-1], G[:, :, -1]
-        a, w = a * np.array([[1.0], [weight]]), w * np.array([1.0, weight])
         into, through = G[:, 1, :-1] * self.half, G[:, 1, -1] * self.half
+        size = np.hstack([np.ones_like(self.swing), weight * self.swing])
+        a, w = a * size[:, :, None], w * size
         vv, qq = np.sum(np.abs(a) ** 2, axis=2).T
         vq = np.sum(a[:, 0] * a[:, 1].conj(), axis=1)
         if not self.half:

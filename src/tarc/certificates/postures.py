@@ -1,8 +1,11 @@
-"""What a robot is in the postures of a workspace: how far its inertia is off, its stiffness, how fast they change."""
+"""What a robot is along its motions in a workspace: inertia that is off, stiffness, damping, how fast they change."""
 
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,55 +24,170 @@ NUDGE = 1e-5
 """Step of the differences of the inertia over a joint [rad or m]."""
 CORNERS = 9
 """Joints up to which all combinations of their greatest speeds are tried."""
+TURNS = 3
+"""Most joints whose speed or acceleration a search changes."""
+LONGEST = 1.0
+"""Greatest lead [s]."""
+TOGETHER = 64
+"""Of how many robots norms are computed at once."""
+NEGLIGIBLE = 1e-9
+"""Stiffness [1/s²] and damping [1/s] of a robot below which they count as none."""
 
-Posture = tuple[Plant, Array]
+
+class Instant(NamedTuple):
+    """A robot in a posture, at rest or moving: position, velocity and acceleration, each (n,)."""
+
+    plant: Plant
+    position: Array
+    velocity: Array
+    acceleration: Array
+
+    @classmethod
+    def at_rest(cls, plant: Plant, position: Array) -> "Instant":
+        """Without velocity and acceleration."""
+        still = np.zeros(plant.joints)
+        return cls(plant, np.asarray(position, dtype=float), still, still)
+
+    @property
+    def moves(self) -> bool:
+        """Whether it does."""
+        return bool(np.any(self.velocity) or np.any(self.acceleration))
 
 
-def sampled(plants: Sequence[Plant], workspace: Workspace, samples: int, seed: int) -> list[Posture]:
-    """Each robot in each of some postures of the workspace."""
-    return [(plant, posture) for posture in workspace.sample(samples, seed) for plant in plants]
+@dataclass(frozen=True, eq=False)
+class Mismatches:
+    """What k robots differ in from a double integrator, each (k, n, n): ẍ = E v − H x − C ẋ in coordinates x = M̂^½ q.
+
+    E = M̂^½ M⁻¹ M̂^½, H = M̂^½ M⁻¹ (∂(M q̈ + N)/∂q) M̂^−½ [1/s²] and C = M̂^½ M⁻¹ (∂N/∂q̇) M̂^−½ [1/s], of the last that part
+    which is not there at rest: viscous friction is left out.
+    """
+
+    inertia: Array
+    stiffness: Array
+    damping: Array
+
+    def sizes(self, lead: float) -> Array:
+        """‖[H, C/lead]‖ of each [1/s²], for the lead by which the velocity counts beside the position [s]."""
+        return _norms(_beside(self.stiffness, self.damping, lead))
+
+    def joint_norms(self, centre: float, weight: float, lead: float = 0.0) -> Array:
+        """‖[E − ρ0 I, H/η, C/(η lead)]‖ of each: what a ball about the centre must hold, with the weight η [1/s²]."""
+        apart = self.inertia - centre * np.eye(self.inertia.shape[1])
+        beside = _beside(self.stiffness, self.damping, lead) / weight
+        return _norms(np.concatenate([apart, beside], axis=2))
+
+    def needed(self, centre: float, weight: float, lead: float = 0.0) -> float:
+        """The greatest of `joint_norms`, of those alone whose Frobenius norm is not below it already."""
+        apart = self._squares[0] - 2 * centre * self._squares[1] + centre**2 * self.inertia.shape[1]
+        bounds = apart + (self._squares[2] + (self._squares[3] / lead**2 if lead else 0.0)) / weight**2
+        best, order = 0.0, np.argsort(bounds)[::-1]
+        for start in range(0, len(order), TOGETHER):
+            some = order[start : start + TOGETHER]
+            if bounds[some[0]] * (1 + 1e-9) < best**2:
+                break
+            part = Mismatches(self.inertia[some], self.stiffness[some], self.damping[some])
+            best = max(best, float(part.joint_norms(centre, weight, lead).max()))
+        return best
+
+    @cached_property
+    def _squares(self) -> tuple[Array, ...]:
+        """tr E², tr E, ‖H‖²_F and ‖C‖²_F."""
+        E, H, C = (np.sum(one**2, axis=(1, 2)) for one in (self.inertia, self.stiffness, self.damping))
+        return E, np.trace(self.inertia, axis1=1, axis2=2), H, C
+
+    def lead(self) -> float:
+        """The time for which the greatest damping counts as much as the greatest stiffness, or LONGEST if that is less
+        [s]; zero for no damping.
+        """
+        stiffest, most = (float(_norms(one).max()) for one in (self.stiffness, self.damping))
+        return min(most / max(stiffest, NEGLIGIBLE), LONGEST) if most > NEGLIGIBLE else 0.0
+
+    def __or__(self, other: "Mismatches") -> "Mismatches":
+        pairs = (self.inertia, other.inertia), (self.stiffness, other.stiffness), (self.damping, other.damping)
+        return Mismatches(*(np.concatenate(pair) for pair in pairs))
+
+
+def _beside(stiffness: Array, damping: Array, lead: float) -> Array:
+    """[H, C/lead], what multiplies position and lead times velocity; for no lead, H."""
+    return np.concatenate([stiffness, damping / lead], axis=2) if lead else stiffness
+
+
+def _norms(matrices: Array) -> Array:
+    """Spectral norms, by the eigenvalues of A Aᵀ, which is quicker than singular values."""
+    return np.sqrt(np.maximum(np.linalg.eigvalsh(matrices @ matrices.transpose(0, 2, 1))[:, -1], 0.0))
+
+
+def sampled(plants: Sequence[Plant], workspace: Workspace, samples: int, seed: int) -> list[Instant]:
+    """Each robot at rest in each of some postures; then moving there, each joint at its greatest speed and acceleration
+    one way or the other, where the workspace has such.
+    """
+    postures = workspace.sample(samples, seed)
+    result = [Instant.at_rest(plant, posture) for posture in postures for plant in plants]
+    if workspace.speed is None or workspace.acceleration is None or not np.any(workspace.speed):
+        return result
+    ways = np.random.default_rng(seed).choice([-1.0, 1.0], size=(len(postures), 2, workspace.joints))
+    return result + [
+        Instant(plant, posture, way[0] * workspace.speed, way[1] * workspace.acceleration)
+        for posture, way in zip(postures, ways, strict=True)
+        for plant in plants
+    ]
 
 
 def searched(
-    postures: list[Posture], E: Array, H: Array, workspace: Workspace, units: Array, nominal: Array,
-    centre: float, weight: float,
-) -> tuple[list[Posture], Array, Array]:  # fmt: skip
-    """Postures and their `mismatches`, and those that a local search for the greatest joint norm adds to them.
+    instants: list[Instant], found: Mismatches, workspace: Workspace, units: Array, nominal: Array,
+    centre: float, weight: float, lead: float,
+) -> tuple[list[Instant], Mismatches]:  # fmt: skip
+    """Instants and their `mismatches`, and those that a local search for the greatest joint norm adds to them.
 
     It starts from the worst of them, the stiffest, and the first two, taken for the ends of the ratios.
     """
-    stiff = int(np.argmax(np.linalg.norm(H, 2, axis=(1, 2))))
-    worst = np.argsort(joint_norms(E, H, centre, weight))[::-1][:SEARCHES]
-    starts = [postures[i] for i in dict.fromkeys([0, 1, stiff, *worst.tolist()])]
+    stiff = int(np.argmax(found.sizes(lead)))
+    worst = np.argsort(found.joint_norms(centre, weight, lead))[::-1][:SEARCHES]
+    starts = [instants[i] for i in dict.fromkeys([0, 1, stiff, *worst.tolist()])]
 
-    def value(some: Sequence[Posture]) -> Array:
-        return joint_norms(*mismatches(nominal, some), centre, weight)
+    def value(some: Sequence[Instant]) -> Array:
+        return mismatches(nominal, some).joint_norms(centre, weight, lead)
 
-    added = [_climb(start, workspace, units, value, centre) for start in starts]
-    one, two = mismatches(nominal, added)
-    return [*postures, *added], np.concatenate([E, one]), np.concatenate([H, two])
-
-
-Value = Callable[[Sequence[Posture]], Array]
-"""Maps k postures to a number each, (k,)."""
+    added = [_turned(_climb(start, workspace, units, value, centre), workspace, value) for start in starts]
+    return [*instants, *added], found | mismatches(nominal, added)
 
 
-def fastest(plants: Sequence[Plant], nominal: Array, workspace: Workspace, samples: int, seed: int) -> Posture:
+def with_stiffest(
+    instants: list[Instant], found: Mismatches, workspace: Workspace, units: Array, nominal: Array, lead: float
+) -> tuple[list[Instant], Mismatches]:
+    """Instants and their `mismatches`, and those that a local search for the greatest stiffness adds to them."""
+    sizes = found.sizes(lead)
+
+    def value(some: Sequence[Instant]) -> Array:
+        return mismatches(nominal, some).sizes(lead)
+
+    starts = [instants[i] for i in np.argsort(sizes)[::-1][:SEARCHES]]
+    scale = max(float(sizes.max()), NEGLIGIBLE)
+
+    def turned(one: Instant) -> Instant:
+        return _turned(one, workspace, value)
+
+    added = [turned(_climb(turned(start), workspace, units, value, scale)) for start in starts]
+    return [*instants, *added], found | mismatches(nominal, added)
+
+
+Value = Callable[[Sequence[Instant]], Array]
+"""Maps k instants to a number each, (k,)."""
+
+
+def fastest(plants: Sequence[Plant], nominal: Array, workspace: Workspace, samples: int, seed: int) -> Instant:
     """Where `rates` is greatest: of samples and what a local search from the best of them finds."""
     speed = workspace.speed
     if speed is None:
         raise TarcError("workspace: it has no speed, so that nothing bounds how fast the inertia changes; give one")
 
-    def value(some: Sequence[Posture]) -> Array:
-        return rates(nominal, np.array([inertia_slopes(*one) for one in some]), speed)
+    def value(some: Sequence[Instant]) -> Array:
+        return rates(nominal, np.array([inertia_slopes(one.plant, one.position) for one in some]), speed)
 
-    return greatest(value, sampled(plants, workspace, samples, seed), workspace, workspace.units(samples, seed))
-
-
-def greatest(value: Value, postures: Sequence[Posture], workspace: Workspace, units: Array) -> Posture:
-    """Of postures, and what a local search from the best of them finds, the one of the greatest value."""
-    found = value(postures)
-    best = [postures[i] for i in np.argsort(found)[::-1][:SEARCHES]]
+    resting = [Instant.at_rest(plant, posture) for posture in workspace.sample(samples, seed) for plant in plants]
+    found = value(resting)
+    best = [resting[i] for i in np.argsort(found)[::-1][:SEARCHES]]
+    units = workspace.units(samples, seed)
     best += [_climb(start, workspace, units, value, max(float(found.max()), 1e-12)) for start in best]
     return best[int(np.argmax(value(best)))]
 
@@ -78,7 +196,7 @@ def greatest_rate(plants: Sequence[Plant], nominal: Array, workspace: Workspace,
     """The greatest of `rates` over a workspace [1/s]; infinite without a speed."""
     if workspace.speed is None:
         return np.inf
-    slopes = inertia_slopes(*fastest(plants, nominal, workspace, samples, seed))
+    slopes = inertia_slopes(*fastest(plants, nominal, workspace, samples, seed)[:2])
     return float(rates(nominal, slopes[None], workspace.speed)[0])
 
 
@@ -108,11 +226,37 @@ def rates(nominal: Array, slopes: Array, speed: Array) -> Array:
     return np.abs(np.linalg.eigvalsh(np.einsum("sj,kjab->ksab", signs, D))).max(axis=(1, 2))
 
 
-def _climb(start: Posture, workspace: Workspace, units: Array, value: Value, scale: float) -> Posture:
-    """A posture of greater value near one; in a tube, near the closest of the samples, units of its variables."""
+def _turned(start: Instant, workspace: Workspace, value: Value) -> Instant:
+    """An instant of greater value in the same posture: the speed or the acceleration of a joint at a time at its
+    greatest, one way or the other, or zero.
+    """
+    if not start.moves or workspace.speed is None or workspace.acceleration is None:
+        return start
+    limits, joints = np.concatenate([workspace.speed, workspace.acceleration]), start.plant.joints
+    best, height = start, float(value([start])[0])
+    for _ in range(TURNS):
+        motion = np.concatenate([best.velocity, best.acceleration])
+        ways = np.array([
+            np.where(np.arange(2 * joints) == i, way * limits, motion)
+            for i in range(2 * joints)
+            for way in (-1, 0, 1)
+            if way * limits[i] != motion[i]
+        ])  # fmt: skip
+        others = [best._replace(velocity=way[:joints], acceleration=way[joints:]) for way in ways]
+        found = value(others)
+        if not found.max() > (1 + 1e-9) * height:
+            break
+        best, height = others[int(np.argmax(found))], float(found.max())
+    return best
+
+
+def _climb(start: Instant, workspace: Workspace, units: Array, value: Value, scale: float) -> Instant:
+    """An instant of greater value near one, of the same velocity and acceleration; in a tube, near the closest of the
+    samples, units of its variables.
+    """
     from scipy.optimize import minimize
 
-    plant, posture = start
+    posture = start.position
     width = workspace.high - workspace.low
     free = np.flatnonzero(width > 0)
     if not free.size:
@@ -124,14 +268,14 @@ def _climb(start: Posture, workspace: Workspace, units: Array, value: Value, sca
         unit = units[np.argmin(np.linalg.norm(apart, axis=1))]
     nudges = STEP * np.concatenate([np.zeros((1, len(free))), np.eye(len(free))])
 
-    def place(points: Array) -> Array:
+    def place(points: Array) -> list[Instant]:
         variables = np.tile(unit, (len(points), 1))
         variables[:, free] = points
-        return workspace.positions(workspace.low + variables * width)
+        return [start._replace(position=one) for one in workspace.positions(workspace.low + variables * width)]
 
     def downhill(point: Array) -> tuple[float, Array]:
         inward = np.where(point > 0.5, -1.0, 1.0)
-        near = -value([(plant, one) for one in place(point + nudges * inward)]) / scale
+        near = -value(place(point + nudges * inward)) / scale
         return float(near[0]), (near[1:] - near[0]) / (STEP * inward)
 
     with warnings.catch_warnings():
@@ -140,22 +284,27 @@ def _climb(start: Posture, workspace: Workspace, units: Array, value: Value, sca
             downhill, unit[free], jac=True, method="SLSQP", bounds=[(0.0, 1.0)] * len(free),
             options={"ftol": 1e-5, "maxiter": 30},
         )  # fmt: skip
-    return plant, place(np.clip(end.x, 0, 1)[None])[0]
+    return place(np.clip(end.x, 0, 1)[None])[0]
 
 
-def mismatches(nominal: Array, postures: Sequence[Posture]) -> tuple[Array, Array]:
-    """E = M̂^½ M⁻¹ M̂^½ and H = M̂^½ M⁻¹ (∂g/∂q) M̂^−½ [1/s²] of robots in postures, each (k, n, n).
-
-    Held at rest the robot obeys ẍ = E v − H x in coordinates x = M̂^½ q.
-    """
-    rest = [plant.at_rest(posture) for plant, posture in postures]
-    for (_, posture), (_, _, stiffness) in zip(postures, rest, strict=True):
-        if not np.isfinite(stiffness).all():
+def mismatches(nominal: Array, instants: Sequence[Instant]) -> Mismatches:
+    """`Mismatches` of robots."""
+    tangents = [tangent(one) for one in instants]
+    for one, (_, D, G) in zip(instants, tangents, strict=True):
+        if not (np.isfinite(G).all() and np.isfinite(D).all()):
             raise TarcError(
-                f"stiffness: that of gravity and springs is not finite at q = {posture.round(4).tolist()}; check the "
-                "potential energy, or give a workspace without this posture"
+                f"stiffness: that of gravity and springs is not finite at q = {one.position.round(4).tolist()}; check "
+                "the potential energy, or give a workspace without this posture"
             )
-    return in_nominal(nominal, np.array([M for M, _, _ in rest]), np.array([G for _, _, G in rest]))
+    return in_nominal(nominal, *(np.array(part) for part in zip(*tangents, strict=True)))
+
+
+def tangent(one: Instant) -> tuple[Array, Array, Array]:
+    """M, D and G of the robot linearised about an instant, D without what is there at rest too."""
+    M, D, G = one.plant.linearised(one.position, one.velocity, one.acceleration)
+    if not one.moves:
+        return M, 0 * D, G
+    return M, D - one.plant.damping(one.position), G
 
 
 def _roots(nominal: Array) -> tuple[Array, Array]:
@@ -164,13 +313,8 @@ def _roots(nominal: Array) -> tuple[Array, Array]:
     return vectors * values**0.5 @ vectors.T, vectors * values**-0.5 @ vectors.T
 
 
-def in_nominal(nominal: Array, M: Array, G: Array) -> tuple[Array, Array]:
-    """E and H of `mismatches` from inertias and stiffnesses (k, n, n)."""
+def in_nominal(nominal: Array, M: Array, D: Array, G: Array) -> Mismatches:
+    """`Mismatches` from inertias, dampings and stiffnesses (k, n, n)."""
     root, inverse = _roots(nominal)
-    return root @ np.linalg.solve(M, root + 0 * M), root @ np.linalg.solve(M, G @ inverse)
-
-
-def joint_norms(E: Array, H: Array, centre: float, weight: float) -> Array:
-    """‖[E − ρ0 I, H/η]‖ of each pair, shape (k,): what a ball about the centre must hold, with the weight η [1/s²]."""
-    apart = E - centre * np.eye(E.shape[1])
-    return np.linalg.norm(np.concatenate([apart, H / weight], axis=2), 2, axis=(1, 2))
+    scaled = np.linalg.solve(M, np.concatenate([root + 0 * M, G @ inverse, D @ inverse], axis=2))
+    return Mismatches(*np.split(root @ scaled, 3, axis=2))

@@ -10,19 +10,22 @@ import numpy as np
 from tarc.certificates.ball import Evidence, ball, best_centre, recorded, widest
 from tarc.certificates.ball import judge as judge_ball
 from tarc.certificates.base import JUDGES, Certificate, Witness, schur
-from tarc.certificates.linear import alike, decouple, whole
+from tarc.certificates.linear import Channel, alike, decouple, whole
 from tarc.certificates.loop import stable_intervals
-from tarc.certificates.mismatch import PARTS, Responses, parts_of
+from tarc.certificates.mismatch import Parts, Responses, parts_of
 from tarc.certificates.postures import (
-    Posture,
+    NEGLIGIBLE,
+    Instant,
+    Mismatches,
     fastest,
     in_nominal,
     inertia_slopes,
-    joint_norms,
     mismatches,
     rates,
     sampled,
     searched,
+    tangent,
+    with_stiffest,
 )
 from tarc.certificates.slow import best_multiplier
 from tarc.certificates.spread import Spread, inverse_ratios, spread
@@ -48,15 +51,18 @@ def robot(
 ) -> Certificate:
     """Certify a law on a robot: however its posture changes inside a workspace, and however fast, or within a speed.
 
-    A small error obeys, in coordinates x = M̂^½ q, ẍ = E(q) v − H(q) x with E = M̂^½ M⁻¹ M̂^½ and
-    H = M̂^½ M⁻¹ (∂g/∂q) M̂^−½ the stiffness of gravity and springs; so at rest, and about a motion but for the stiffness
-    ∂(M q̈ + C q̇)/∂q and the damping that its own forces make, which are left out. They grow with the square of the
-    speed, and can undo what is certified where M̂ or the bandwidth is low. Certified if the robust ball, of pairs
-    ‖[E − ρ0 I, H/η]‖ ≤ δ with the weight η that leaves it the most room, holds those of all postures of the workspace,
-    together with every slope of the robust term up to that at its cap. Where the workspace has a speed, the ball is
-    that for ‖dE⁻¹/dt‖ up to the greatest at this speed, which holds far more. Refuted if in one of the worst postures
-    the robot held at rest, linearised with its inertia, gravity and viscous friction, is unstable.
-    Inconclusive between the two, and for gains that differ between the joints, which the ball does not cover.
+    A small error about a motion obeys, in coordinates x = M̂^½ q, ẍ = E v − H x − C ẋ with E = M̂^½ M⁻¹ M̂^½ and
+
+        H = M̂^½ M⁻¹ (∂(M q̈ + N)/∂q) M̂^−½,    C = M̂^½ M⁻¹ (∂N/∂q̇) M̂^−½,
+
+    the stiffness and damping that gravity, springs and the motion itself make. Certified if the robust ball, of all
+    ‖[E − ρ0 I, H/η, C/(η θ)]‖ ≤ δ with the weight η and the lead θ that leave it the most room, holds those of all
+    postures of the workspace, together with every slope of the robust term up to that at its cap. Where the workspace
+    has a speed, they are those of all motions up to it and its acceleration, and the ball is that for ‖dE⁻¹/dt‖ up to
+    the greatest at this speed, which holds far more. Without a speed E may change at any rate, and of H and C there is
+    only what is there at rest. Refuted if in one of the worst postures the robot held at rest, linearised with its
+    inertia, gravity and viscous friction, is unstable. Inconclusive between the two, and for gains that differ between
+    the joints, which the ball does not cover.
 
     Parameters
     ----------
@@ -75,11 +81,12 @@ def robot(
     -------
     Certificate
         Its matrices hold ``posture_low``, ``posture_high`` and ``posture_stiff`` (n,), where the least and the greatest
-        ratio and the greatest stiffness were found, with the robot linearised there; its numbers the ratios
-        (``least ratio``, ``greatest ratio``), their ``spread``, the ``stiffness`` [1/s²], how many ``samples`` were
-        taken, the ball's centre and radius, and with a speed the ``rate`` ‖dE⁻¹/dt‖ [1/s] that it may reach, in
-        ``posture_fast``. The margin is the ball's radius over the one that is needed, less 1;
-        where refuted, 1 less the spectral radius.
+        ratio and the greatest stiffness at rest were found, with the robot linearised there, and ``posture_moving``
+        with ``velocity_moving`` and ``acceleration_moving`` where a motion asks for the widest ball; its numbers the
+        ratios (``least ratio``, ``greatest ratio``), their ``spread``, the ``stiffness`` ‖[H, C/θ]‖ [1/s²], how many
+        ``samples`` were taken, the ball's centre and radius, and with a speed the ``rate`` ‖dE⁻¹/dt‖ [1/s] that it may
+        reach, in ``posture_fast``. The margin is the ball's radius over the one that is needed, less 1; where refuted,
+        1 less the spectral radius.
 
     Raises
     ------
@@ -92,51 +99,58 @@ def robot(
     found = spread(plants, law.M, workspace, samples=samples, seed=seed)
     ends = (plants[found.plant_low], found.where_low), (plants[found.plant_high], found.where_high)
     units = workspace.units(min(samples, STIFF_SAMPLES), seed)
-    postures = [*ends, *sampled(plants, workspace, min(samples, STIFF_SAMPLES), seed)]
+    instants = [Instant.at_rest(*one) for one in ends]
+    instants += sampled(plants, workspace, min(samples, STIFF_SAMPLES), seed)
+    mismatch = mismatches(law.M, instants)
     bounded = bool(np.isfinite(law.robust_slope))
     slope = law.robust_slope if bounded else 0.0
     matrices = {"nominal": law.M}
     numbers = {"period": law.period, "alike": float(alike(law)), "bounded": float(bounded)}
+    step, lead, weight, centre = None, 0.0, 0.0, 1.0
     if numbers["alike"]:
-        parts = parts_of(decouple(law, computation_delay)[0], slope, intersample=True)
-        moving, step = {}, None
+        channel, moving = decouple(law, computation_delay)[0], {}
         if workspace.speed is not None:
             fast = fastest(plants, law.M, workspace, min(samples, STIFF_SAMPLES), seed)
-            moving = {"posture_fast": fast[1], "slopes_fast": inertia_slopes(*fast), "speed": workspace.speed}
-            step = law.period * float(rates(law.M, moving["slopes_fast"][None], workspace.speed)[0])
-        tries = {best_centre(parts, (found.low, found.high), step), (found.low + found.high) / 2}
-        postures, E, H = hardest(parts, tries, postures, law.M, workspace, units)
-        best, evidence, radius = best_ball(parts, tries, E, H, step)
-        joint, step = best.joint, best.step
+            slopes = inertia_slopes(fast.plant, fast.position)
+            moving = {"posture_fast": fast.position, "slopes_fast": slopes, "speed": workspace.speed}
+            step = law.period * float(rates(law.M, slopes[None], workspace.speed)[0])
+        plain = parts_of(channel, slope, intersample=True)
+        tries = {best_centre(plain, (found.low, found.high), step), (found.low + found.high) / 2}
+        instants, mismatch = hardest(channel, slope, tries, instants, mismatch, law.M, workspace, units)
+        best, evidence, radius = best_ball(channel, slope, tries, mismatch, step)
+        step, lead, weight, centre = best.step, best.lead, best.weight, best.centre
+        if weight:  # once more, for the very ball
+            instants, mismatch = searched(instants, mismatch, workspace, units, law.M, centre, weight, lead)
+        parts = parts_of(channel, slope, intersample=True, lead=lead / law.period)
         evidence_matrices, evidence_numbers = recorded(evidence)
-        matrices |= dict(zip(PARTS, parts, strict=True)) | evidence_matrices | ({} if step is None else moving)
+        matrices |= parts._asdict() | evidence_matrices | ({} if step is None else moving)
         numbers |= {"centre": best.centre, "radius": radius, "weight": best.weight} | evidence_numbers
         numbers |= {} if step is None else {"step": step, "rate": step / law.period}
     else:
-        (E, H), joint, step = mismatches(law.M, postures), 0, None
-        channel = whole(law, computation_delay)
-        matrices |= dict(zip(PARTS[:3], channel.around(0.0)[:3], strict=True))
-    sizes = np.linalg.norm(H, 2, axis=(1, 2))
-    stiff = int(np.argmax(sizes))
-    numbers["stiffness"] = float(sizes[stiff])
-    joint = joint if numbers["alike"] else stiff
-    worst = {"low": postures[0], "high": postures[1], "stiff": postures[stiff], "joint": postures[joint]}
-    for name, (one, posture) in worst.items():
-        M, damping, gravity = one.at_rest(posture)
-        matrices |= {f"posture_{name}": posture, f"inertia_{name}": M}
-        matrices |= {f"damping_{name}": damping, f"stiffness_{name}": gravity}
+        loop = whole(law, computation_delay).around(0.0)[:3]
+        matrices |= dict(zip(Parts._fields[:3], loop, strict=True))
+    numbers["stiffness"] = float(mismatch.sizes(lead).max())
+    resting, swift = ([one.moves == way for one in instants] for way in (False, True))
+    sizes, norms = mismatch.sizes(lead), mismatch.joint_norms(centre, weight, lead) if weight else mismatch.sizes(lead)
+    for name, which, values in (
+        ("stiff", resting, sizes), ("joint", resting, norms), ("swift", swift, sizes), ("moving", swift, norms)
+    ):  # fmt: skip
+        if any(which):
+            matrices |= _described(name, instants[int(np.argmax(np.where(which, values, -1.0)))])
+    for name, one in zip(("low", "high"), instants, strict=False):
+        matrices |= _described(name, one)
     verdict, margin, witness = judge(matrices, numbers)
     numbers |= {"least ratio": found.low, "greatest ratio": found.high, "spread": found.ratio, "slope": slope}
     numbers["samples"] = float(found.samples)
     return Certificate(
         kind="robot",
         claim=f"{type(law).__name__} keeps the robot stable however it moves in the workspace"
-        + ("." if step is None else ", at the joints' speeds given or less."),
+        + ("." if workspace.speed is None else ", at the joints' speeds and accelerations given or less."),
         problem=(
-            "‖[E(q) − ρ0 I, H(q)/η]‖ ≤ δ for all q of the workspace, ‖dE⁻¹/dt‖ within a rate, and a ball of radius δ "
-            "that the loop bears at this rate"
+            "‖[E − ρ0 I, H/η, C/(η θ)]‖ ≤ δ for all motions in the workspace, ‖dE⁻¹/dt‖ within a rate, and a ball of "
+            "radius δ that the loop bears at this rate"
             if step is not None
-            else "‖[E(q) − ρ0 I, H(q)/η]‖ ≤ δ < 1/‖[T_v; η T_q]‖∞ for all q of the workspace"
+            else "‖[E − ρ0 I, H/η, C/(η θ)]‖ ≤ δ < 1/‖[T_v; η T_q; η θ T_q̇]‖∞ for all motions in the workspace"
         )
         + (f", with every slope of the robust term up to {slope:.4g} 1/s²" if slope else ""),
         verdict=verdict,
@@ -144,36 +158,54 @@ def robot(
         margin_meaning="1 less the spectral radius in that posture"
         if verdict == "refuted"
         else "radius of the ball over the one needed, less 1",
-        assumptions=_assumptions(law, found, numbers, workspace.speed if step is not None else None, computation_delay),
+        assumptions=_assumptions(law, found, numbers, workspace, computation_delay),
         matrices=matrices,
         numbers=numbers,
         witness=witness,
     )
 
 
-def _assumptions(
-    law: PolePlacement, found: Spread, numbers: dict[str, float], speed: Array | None, computation_delay: int
-) -> tuple[str, ...]:
-    def posture(q: Array) -> str:
-        return "(" + ", ".join(f"{one:.3g}" for one in q) + ")"
+def _described(name: str, one: Instant) -> dict[str, Array]:
+    """An instant and the robot linearised there, as matrices of a certificate; with viscous friction at rest alone."""
+    M, D, G = tangent(one) if one.moves else one.plant.linearised(one.position)
+    found = {f"posture_{name}": one.position, f"inertia_{name}": M, f"damping_{name}": D, f"stiffness_{name}": G}
+    moving = {f"velocity_{name}": one.velocity, f"acceleration_{name}": one.acceleration}
+    return found | moving if one.moves else found
 
+
+def _assumptions(
+    law: PolePlacement, found: Spread, numbers: dict[str, float], workspace: Workspace, computation_delay: int
+) -> tuple[str, ...]:
+    def listed(values: Array) -> str:
+        return "(" + ", ".join(f"{one:.3g}" for one in values) + ")"
+
+    speed, acceleration = workspace.speed, workspace.acceleration
     lines = [
-        f"the eigenvalues of M(q)⁻¹M̂ lie between {found.low:.4g}, found at q = {posture(found.where_low)}, and "
-        f"{found.high:.4g}, at {posture(found.where_high)}; {found.samples} samples and local search found no others",
-        f"gravity and springs have a stiffness, in these coordinates, of at most {numbers['stiffness']:.3g} 1/s², "
-        f"which with its posture's inertia is taken from {min(found.samples, STIFF_SAMPLES)} samples, the two postures "
-        "above and local search",
-        "the robot stays in the workspace; Coriolis forces and friction disturb only, viscous friction apart where the "
-        "robot is at rest: what stiffness and damping fast motion makes is left out; dry friction may hold back what "
-        "is refuted",
+        f"the eigenvalues of M(q)⁻¹M̂ lie between {found.low:.4g}, found at q = {listed(found.where_low)}, and "
+        f"{found.high:.4g}, at {listed(found.where_high)}; {found.samples} samples and local search found no others",
+        f"gravity and springs{'' if speed is None else ', and the motion itself,'} have a stiffness, in these "
+        f"coordinates, of at most {numbers['stiffness']:.3g} 1/s², which with the inertia is taken from "
+        f"{min(found.samples, STIFF_SAMPLES)} samples, the two postures above and local search",
+        "the robot stays in the workspace; friction disturbs only, viscous friction apart where the robot is at rest; "
+        "dry friction may hold back what is refuted",
         "no torque limit is reached and no sample is lost",
-        f"the torque reaches the joints {computation_delay} periods late and is held for a period",
+        f"the torque reaches the joints {computation_delay} periods late and is held for a period; over a period what "
+        "stiffness and damping do is taken from the position and the mean velocity",
     ]
-    if speed is not None:
+    if speed is None or acceleration is None:
         lines.append(
-            f"no joint is faster than {posture(speed)} rad/s or m/s, so that M̂^−½ M M̂^−½ changes by at most "
-            f"{numbers['rate']:.3g} 1/s, the greatest that samples and local search found; the payload stays the same, "
-            "or changes so seldom that the loop has settled in between"
+            "Coriolis forces disturb only: what stiffness and damping fast motion makes is left out, which a bound on "
+            "the joints' speeds would count"
+        )
+    else:
+        rate = numbers.get("rate")
+        changes = "" if rate is None else (
+            f"; so M̂^−½ M M̂^−½ changes by at most {rate:.3g} 1/s, the greatest that samples and local search found"
+        )  # fmt: skip
+        lines.append(
+            f"no joint is faster than {listed(speed)} rad/s or m/s, or accelerates by more than {listed(acceleration)} "
+            f"rad/s² or m/s²{changes}; the payload stays the same, or changes so seldom that the loop has settled in "
+            "between"
         )
     if isinstance(law, TARC) and law.cap is None:
         lines.append("the gain has no cap, so that nothing bounds the robust term; give one to have it certified")
@@ -186,11 +218,10 @@ def _assumptions(
 
 def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, float, Witness | None]:
     """Verdict, margin and witness from the stored matrices: both worst postures at rest, then the ball."""
-    loop = tuple(matrices[name] for name in PARTS[:3])
+    loop = tuple(matrices[name] for name in Parts._fields[:3])
     least, greatest = np.inf, 0.0
     worst, witness = 1.0, None
-    names = ("low", "high", "stiff", "joint")
-    for name in names:
+    for name in RESTING:
         rest = tuple(matrices[f"{part}_{name}"] for part in ("inertia", "damping", "stiffness"))
         ratios = np.linalg.eigvals(np.linalg.solve(rest[0], matrices["nominal"])).real
         least, greatest = min(least, ratios.min()), max(greatest, ratios.max())
@@ -203,14 +234,15 @@ def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, flo
         return "refuted", float(1 - worst), witness
     if not numbers["alike"]:
         return "inconclusive", 0.0, None
-    centre, weight = numbers["centre"], numbers["weight"]
+    centre, weight, lead = numbers["centre"], numbers["weight"], matrices["lead"].item() * numbers["period"]
     needed = max(greatest - centre, centre - least)
-    M, G = (np.array([matrices[f"{part}_{name}"] for name in names]) for part in ("inertia", "stiffness"))
-    E, H = in_nominal(matrices["nominal"], M, G)
-    stiffest = float(np.linalg.norm(H, 2, axis=(1, 2)).max())
+    found = _kept(matrices)
+    stiffest = float(found.sizes(lead).max())
+    if not np.isfinite(lead) or (lead <= 0 and float(np.abs(found.damping).max()) > NEGLIGIBLE):
+        return "inconclusive", 0.0, None
     if weight > 0:
-        needed = max(needed, float(joint_norms(E, H, centre, weight).max()))
-    elif not stiffest <= NO_STIFFNESS:  # which the loop without its weight leaves out
+        needed = max(needed, float(found.joint_norms(centre, weight, lead).max()))
+    elif not stiffest <= NEGLIGIBLE:  # which the loop without its weight leaves out
         return "inconclusive", 0.0, None
     if "step" in numbers:
         rate = float(rates(matrices["nominal"], matrices["slopes_fast"][None], matrices["speed"])[0])
@@ -221,8 +253,21 @@ def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, flo
     return (verdict if numbers["bounded"] else "inconclusive"), margin, None
 
 
-NO_STIFFNESS = 1e-9
-"""Stiffness [1/s²] of a robot below which it counts as none."""
+def _kept(matrices: dict[str, Array]) -> Mismatches:
+    """The mismatches of the instants that a certificate holds, without the viscous friction of those at rest."""
+    names = [*RESTING, *(name for name in MOVING if f"inertia_{name}" in matrices)]
+    M, D, G = (np.array([matrices[f"{part}_{name}"] for name in names]) for part in ("inertia", "damping", "stiffness"))
+    D[: len(RESTING)] = 0
+    return in_nominal(matrices["nominal"], M, D, G)
+
+
+RESTING, MOVING = ("low", "high", "stiff", "joint"), ("swift", "moving")
+"""Names of the instants that a certificate holds: at rest of the least and the greatest ratio, the stiffest and that
+which needs the widest ball; moving, the last two."""
+BESIDE = 1.5, 1.0, 0.65, 0.4
+"""Weights that are tried for a bounded speed, over that which is best for any."""
+LEADS = 0.5, 1.0
+"""Leads that are tried, over that for which damping counts as much as stiffness."""
 TRIALS = 4
 """Most balls that are tried on all frequencies."""
 STIFF_SAMPLES = 500
@@ -235,68 +280,86 @@ class Trial(NamedTuple):
     room: float
     needed: float
     weight: float
-    joint: int
+    lead: float
     centre: float
     step: float | None
 
 
 def hardest(
-    parts: tuple[Array, ...], tries: Collection[float], postures: list[Posture], nominal: Array, workspace: Workspace,
-    units: Array,
-) -> tuple[list[Posture], Array, Array]:  # fmt: skip
-    """Postures with their `mismatches`, and those that a local search adds; the worst one moves with the weight."""
-    E, H = mismatches(nominal, postures)
+    channel: Channel, slope: float, tries: Collection[float], instants: list[Instant], found: Mismatches,
+    nominal: Array, workspace: Workspace, units: Array,
+) -> tuple[list[Instant], Mismatches]:  # fmt: skip
+    """Instants with their `mismatches`, and those that local searches add; the worst one moves with the weight."""
+    for factor in LEADS if float(found.sizes(0.0).max()) > NEGLIGIBLE or found.lead() else ():
+        lead = factor * found.lead()
+        instants, found = with_stiffest(instants, found, workspace, units, nominal, lead)
     for _ in range(2):
-        one = max((best_weights(parts, centre, E, H)[0] for centre in tries), key=lambda one: one.room)
+        lead = LEADS[-1] * found.lead()
+        parts = parts_of(channel, slope, intersample=True, lead=lead / channel.period)
+        one = max((best_weights(parts, centre, found, lead)[0] for centre in tries), key=lambda one: one.room)
         if not one.weight:
             break
-        postures, E, H = searched(postures, E, H, workspace, units, nominal, one.centre, one.weight)
-    return postures, E, H
+        instants, found = searched(instants, found, workspace, units, nominal, one.centre, one.weight, lead)
+    return instants, found
 
 
 def best_ball(
-    parts: tuple[Array, ...], tries: Collection[float], E: Array, H: Array, step: float | None
+    channel: Channel, slope: float, tries: Collection[float], found: Mismatches, step: float | None
 ) -> tuple[Trial, Evidence, float]:
     """The ball with the most room, what shows it, and its radius.
 
     Several are looked at: what holds on a grid of frequencies need not hold on all, and a ball for any speed may do
     better than one for a bounded speed.
     """
-    stiffness = float(np.linalg.norm(H, 2, axis=(1, 2)).max())
-    trials = [one for kind in {step, None} for centre in tries for one in best_weights(parts, centre, E, H, kind)]
+    leads = dict.fromkeys(factor * found.lead() for factor in LEADS)
+    kinds = {lead: parts_of(channel, slope, intersample=True, lead=lead / channel.period) for lead in leads}
+    trials = [
+        one
+        for centre in tries
+        for lead, parts in kinds.items()
+        for kind in {step, None}
+        for one in best_weights(parts, centre, found, lead, kind)
+    ]
     trials.sort(reverse=True, key=lambda one: one.room)
     best, evidence, radius = trials[0], None, -1.0
     for one in trials[:TRIALS]:
         if one.room > radius / best.needed:
-            shown, reach = widest(parts, one.centre, one.weight, step=one.step, stiffness=stiffness)
+            stiffness = float(found.sizes(one.lead).max())
+            shown, reach = widest(kinds[one.lead], one.centre, one.weight, step=one.step, stiffness=stiffness)
             if reach / one.needed > radius / best.needed:
                 best, evidence, radius = one, shown, reach
     return best, evidence, radius
 
 
-def best_weights(parts: tuple[Array, ...], centre: float, E: Array, H: Array, step: float | None = None) -> list[Trial]:
-    """The weights η of the position beside v with the most room, the best first, and the pair that needs it.
+def best_weights(parts: Parts, centre: float, found: Mismatches, lead: float, step: float | None = None) -> list[Trial]:
+    """The weights η of the position beside v with the most room, the best first.
 
     A large η makes little of the stiffness in what the ball must hold and much of it in what the loop bears. Zero where
     there is no stiffness. With a step E⁻¹ changes by no more than that in a period.
     """
-    sizes = np.linalg.norm(H, 2, axis=(1, 2))
-    apart = np.linalg.norm(E - centre * np.eye(E.shape[1]), 2, axis=(1, 2))
-    responses, found = Responses(parts), []
-    extent, stiffness = max(float(apart.max()), 0.1 * centre), float(sizes.max())
+    responses, trials = Responses(parts), []
+    apart = np.linalg.norm(found.inertia - centre * np.eye(found.inertia.shape[1]), 2, axis=(1, 2))
+    extent, stiffness = max(float(apart.max()), 0.1 * centre), float(found.sizes(lead).max())
 
-    def radius(weight: float) -> float:
-        if step is None:
-            return responses.best(centre, weight)[1]
-        return best_multiplier(parts, centre, step, weight=weight, stiffness=stiffness, responses=responses)[1]
+    def slow(weight: float) -> float:
+        return best_multiplier(parts, centre, step or 0.0, weight=weight, stiffness=stiffness, responses=responses)[1]
 
-    if stiffness <= NO_STIFFNESS:
-        return [Trial(radius(0.0) / extent, extent, 0.0, int(np.argmax(apart)), centre, step)]
-    for weight in stiffness / extent * np.geomspace(0.1, 100.0, 31 if step is None else 7):
-        norms = joint_norms(E, H, centre, weight)
-        needed = float(norms.max())
-        found.append(Trial(radius(float(weight)) / needed, needed, float(weight), int(np.argmax(norms)), centre, step))
-    return sorted(found, reverse=True, key=lambda one: one.room)[:2]
+    if stiffness <= NEGLIGIBLE:
+        radius = responses.best(centre)[1] if step is None else slow(0.0)
+        return [Trial(radius / extent, extent, 0.0, lead, centre, step)]
+
+    def trial(weight: float, radius: float, kind: float | None) -> Trial:
+        needed = found.needed(centre, weight, lead)
+        return Trial(radius / needed, needed, weight, lead, centre, kind)
+
+    weights = stiffness / extent * np.geomspace(0.1, 100.0, 31)
+    trials = [trial(float(one), responses.best(centre, float(one))[1], None) for one in weights]
+    trials.sort(reverse=True, key=lambda one: one.room)
+    if step is not None:  # the weight that serves at any speed, or a lighter one, serves at this one
+        best = trials[0].weight
+        trials = [trial(float(one), slow(float(one)), step) for one in best * np.array(BESIDE)]
+        trials.sort(reverse=True, key=lambda one: one.room)
+    return trials[:2]
 
 
 def _at_rest(loop: tuple[Array, ...], nominal: Array, rest: tuple[Array, ...], period: float) -> Array:
@@ -347,7 +410,7 @@ def unstable_posture(law: Law, plant: Plant, positions: Array, computation_delay
         if np.max(np.abs(np.linalg.eigvals(loop))) <= 1:  # the full test only where there is something to show
             continue
         posture = np.asarray(positions)[:, int(np.argwhere(ratios == ratio)[0, 0])]
-        answer, radius, mode = schur(_at_rest((free, into, out), law.M, plant.at_rest(posture), law.period))
+        answer, radius, mode = schur(_at_rest((free, into, out), law.M, plant.linearised(posture), law.period))
         if answer == "refuted" and (found is None or radius > found[0]):
             found = radius, _growing(ratio, radius, mode, law.period) | {"posture": posture.tolist()}
     return found[1] if found else None

@@ -12,6 +12,8 @@ from tarc.plants.base import Plant
 
 ROUNDS = 30
 """Most rounds in which `best_shape` adds postures."""
+ALIKE = 1e-5
+"""Distance of two inertia matrices, of their size, below which one stands for both."""
 SLACK = 1.2
 """Factor from the outermost eigenvalue beyond which `best_shape` drops a posture that it had added."""
 
@@ -67,8 +69,8 @@ def best_shape(
         if ratio <= (1 + tolerance) * bound:
             return best, ratio
         fresh_low, fresh_high = ([plants[one.plant].inertia(one.posture) for one in ends] for ends in (lows, highs))
-        below = np.concatenate([_active(below, X, -1), fresh_low])
-        above = np.concatenate([_active(above, X, 0), fresh_high])
+        below = _joined(_active(below, X, -1), fresh_low)
+        above = _joined(_active(above, X, 0), fresh_high)
         X, lower = _solve(below, above, mean, diagonal)
         bound = max(bound, lower)
     raise TarcError(
@@ -84,6 +86,16 @@ def _active(matrices: np.ndarray, X: np.ndarray, end: int) -> np.ndarray:
     values = inverse_ratios(matrices, X)[:, end]
     outermost = values.max() if end == -1 else values.min()
     return matrices[np.abs(np.log(values / outermost)) < np.log(SLACK)]
+
+
+def _joined(matrices: np.ndarray, fresh: list[np.ndarray]) -> np.ndarray:
+    """With those that are not nearly there already, as several searches end in the same posture."""
+    kept = list(matrices)
+    for one in fresh:
+        size = ALIKE * np.linalg.norm(one)
+        if all(np.linalg.norm(one - other) > size for other in kept):
+            kept.append(one)
+    return np.array(kept)
 
 
 def _solve(below: np.ndarray, above: np.ndarray, mean: np.ndarray, diagonal: bool) -> tuple[np.ndarray, float]:

@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tarc.certificates.mismatch import Responses, system
+from tarc.certificates.mismatch import Parts, Responses, system
 from tarc.certificates.norms import negative
 
 Array = np.ndarray
@@ -65,7 +65,7 @@ def cost(decays: Array, step: float, most: float) -> Array:
 
 
 def bears(
-    parts: tuple[Array, ...], centre: float, radius: float, step: float, multiplier: Multiplier,
+    parts: Parts, centre: float, radius: float, step: float, multiplier: Multiplier,
     weight: float = 0.0, stiffness: float = 0.0,
 ) -> bool:  # fmt: skip
     """Whether the multiplier shows that the loop bears the ball; on all frequencies, from the matrices alone.
@@ -83,15 +83,15 @@ def bears(
 
 
 def dissipation(
-    parts: tuple[Array, ...], centre: float, radius: float, step: float, multiplier: Multiplier,
+    parts: Parts, centre: float, radius: float, step: float, multiplier: Multiplier,
     weight: float = 0.0, stiffness: float = 0.0,
 ) -> tuple[Array, ...]:  # fmt: skip
     """A, B, Q, S, R of the form that `bears` asks to be negative, each input scaled to have −1 of its own square."""
     A, B, C, D = system(parts, centre, weight)
     p, c = multiplier.decays, multiplier.coefficients
     paid = np.abs(c) @ cost(p, step, centre + radius) if len(p) else 0.0
-    n, k, wide = len(A), len(p), parts[5].shape[1]
-    sloping, stiff = bool(parts[-1].item()), bool(weight and stiffness)
+    n, k, wide = len(A), len(p), parts.acceleration.shape[1]
+    sloping, stiff = bool(parts.share.item()), bool(weight and stiffness)
     inputs = B.shape[1] + stiff
     # states: the loop, v through the exponentials, b through them; everything below is a row over (state, input)
     size = n + 2 * k + inputs
@@ -113,13 +113,13 @@ def dissipation(
     form = radius**2 * square(v) + paid * square(b) - sum(square(one) for one in u[:wide])
     form = form + product(v, c @ unit[n + k : n + 2 * k]) - product(c @ unit[n : n + k], b)
     scale = np.ones(inputs)
-    if weight:
-        form = form + radius**2 * square(outputs[1])
+    here = outputs[1 : len(C) - sloping] if weight else outputs[:0]  # position and velocity
+    form = form + radius**2 * here.T @ here
     if sloping:
         form = form + multiplier.slope * (square(outputs[-1]) - square(u[wide]))
         scale[wide] = multiplier.slope**-0.5
     if stiff:
-        form = form + multiplier.stiffness * ((stiffness / weight) ** 2 * square(outputs[1]) - square(u[-1]))
+        form = form + multiplier.stiffness * ((stiffness / weight) ** 2 * here.T @ here - square(u[-1]))
         scale[-1] = multiplier.stiffness**-0.5
     m = n + 2 * k
     F, G = rows[:, :m], rows[:, m:] * scale
@@ -128,10 +128,12 @@ def dissipation(
 
 
 def best_multiplier(
-    parts: tuple[Array, ...], centre: float, step: float, *, weight: float = 0.0, stiffness: float = 0.0,
+    parts: Parts, centre: float, step: float, *, weight: float = 0.0, stiffness: float = 0.0,
     responses: Responses | None = None, enough: float = np.inf,
-) -> tuple[Multiplier, float]:  # fmt: skip
-    """The multiplier with which the loop bears the largest ball, and its radius, up to a grid of frequencies.
+) -> tuple[Multiplier, float, float]:  # fmt: skip
+    """The multiplier with which the loop bears the largest ball, its radius, and a bound on any such radius.
+
+    Up to a grid of frequencies.
 
     A linear program over coefficients and weights, with cuts added half-way between its answer and the best so far.
 
@@ -152,8 +154,8 @@ def best_multiplier(
 
     Returns
     -------
-    multiplier, radius
-        The radius is zero where none was found.
+    multiplier, radius, bound
+        The radius is zero where none was found; the bound is that of the last linear program.
     """
     from scipy.optimize import linprog
 
@@ -164,19 +166,20 @@ def best_multiplier(
     inside = forms.start()
     reached = forms.borne(inside)
     if not reached:
-        return forms.multiplier(inside), 0.0
+        return forms.multiplier(inside), 0.0, centre
     inside[-1] = reached**2
     straight = np.zeros((len(forms.v), forms.inputs), dtype=complex)
     straight[:, 0] = 1.0
     first = np.arange(0, len(forms.v), max(len(forms.v) // FIRST, 1))
     A, b = forms.cuts(first, straight[first])
     bounds = [(0, None)] * (forms.unknowns - 1) + [(0, 1)]
-    enough = (enough / centre) ** 2
+    enough, bound = (enough / centre) ** 2, 1.0
     for _ in range(ROUNDS):
         if inside[-1] >= enough:
             break
         found: Any = linprog(goal, A_ub=A, b_ub=b, bounds=bounds, method="highs")
-        if found.status != 0 or found.x[-1] < max(1.01 * inside[-1], enough if enough < 1 else 0.0):
+        bound = found.x[-1] if found.status == 0 else bound
+        if found.status != 0 or bound < max(1.01 * inside[-1], enough if enough < 1 else 0.0):
             break
         trial = (inside + found.x) / 2
         values, vectors = np.linalg.eigh(forms.at(trial))
@@ -189,7 +192,7 @@ def best_multiplier(
         reached = forms.borne(trial)
         if reached**2 > inside[-1]:
             inside, inside[-1] = trial, reached**2
-    return forms.multiplier(inside), centre * inside[-1] ** 0.5
+    return forms.multiplier(inside), centre * inside[-1] ** 0.5, centre * float(bound) ** 0.5
 
 
 class _Forms:
@@ -200,16 +203,16 @@ class _Forms:
     """
 
     def __init__(
-        self, parts: tuple[Array, ...], responses: Responses, centre: float, step: float, weight: float,
+        self, parts: Parts, responses: Responses, centre: float, step: float, weight: float,
         stiffness: float,
     ):  # fmt: skip
         G = responses.at(centre)
-        self.wide, self.half = parts[5].shape[1], responses.half
+        self.wide, self.half = parts.acceleration.shape[1], responses.half
         self.sloping, self.stiff = bool(self.half), bool(weight and stiffness)
         G = G if self.sloping else G[:, :, : self.wide]
         G = np.concatenate([G, 0 * G[:, :, :1]], axis=2) if self.stiff else G
         self.inputs = G.shape[2]
-        self.v, self.q = centre * G[:, 0], G[:, 1]
+        self.v, self.q, self.s = centre * G[:, 0], G[:, 1] * responses.swing, G[:, 1]
         self.b = self.v + np.eye(self.inputs)[0] + (np.eye(self.inputs)[-1] if self.stiff else 0)
         self.weight, self.stiffness = centre * weight, stiffness
         self.started = responses.best(centre, weight)
@@ -237,7 +240,7 @@ class _Forms:
     def at(self, x: Array) -> Array:
         """The form at each frequency, (f, i, i)."""
         (above, below), rest = x[: 2 * self.used].reshape(2, self.used), list(x[2 * self.used :])
-        v, q, b = (one.conj()[:, :, None] for one in (self.v, self.q, self.b))
+        v, q, s, b = (one.conj()[:, :, None] for one in (self.v, self.q, self.s, self.b))
         half = 1j * (self.sines @ (above - below))[:, None, None] / 2
         rows = rest[-1] * v * self.v[:, None] + self.paid @ (above + below) * b * self.b[:, None]
         rows = rows + half * b * self.v[:, None] - half * v * self.b[:, None]
@@ -245,20 +248,20 @@ class _Forms:
         fixed[: self.wide] = 1.0
         scale = rest[-1] * self.weight**2
         if self.sloping:
-            scale, fixed[self.wide] = scale + rest[0] * self.half**2, rest[0]
+            rows, fixed[self.wide] = rows + rest[0] * self.half**2 * s * self.s[:, None], rest[0]
         if self.stiff:
             scale, fixed[-1] = scale + rest[-2] * self.stiffness**2, rest[-2]
         return rows + scale * q * self.q[:, None] - np.diag(fixed)
 
     def cuts(self, where: Array, x: Array) -> tuple[Array, Array]:
         """Rows A and sides b of A z ≤ b: the form along some x, at frequencies, below a margin."""
-        v, q, b = (np.sum(one[where] * x, axis=1) for one in (self.v, self.q, self.b))
+        v, q, s, b = (np.sum(one[where] * x, axis=1) for one in (self.v, self.q, self.s, self.b))
         square, position = np.abs(v) ** 2, np.abs(q) ** 2
         cross = self.sines[where] * np.imag(v * b.conj())[:, None]
         paid = np.abs(b[:, None]) ** 2 * self.paid
         columns = [paid - cross, paid + cross]
         if self.sloping:
-            columns.append((self.half**2 * position - np.abs(x[:, self.wide]) ** 2)[:, None])
+            columns.append((self.half**2 * np.abs(s) ** 2 - np.abs(x[:, self.wide]) ** 2)[:, None])
         if self.stiff:
             columns.append((self.stiffness**2 * position - np.abs(x[:, -1]) ** 2)[:, None])
         columns.append((square + self.weight**2 * position)[:, None])

@@ -10,10 +10,15 @@ from tarc.errors import TarcError
 from tarc.plants.base import Plant
 from tarc.signals.references import Reference
 
+START = 0.25
+"""Time in which a robot reaches its greatest speed [s], where its acceleration is not given."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Workspace:
     """A set of postures, and how fast they change: a box of joint positions, or what is in a tube about a reference.
+
+    A speed comes with an acceleration; without one it is taken to be reached in a quarter of a second.
 
     Made by `box`, `path` or `of`.
 
@@ -27,12 +32,15 @@ class Workspace:
     speed
         The greatest speed of each joint [rad/s or m/s], shape (n,); None for any speed. The slower the robot, the more
         its loop bears.
+    acceleration
+        The greatest acceleration of each joint [rad/s² or m/s²], shape (n,); None without a speed.
     """
 
     low: np.ndarray
     high: np.ndarray
     reference: Reference | None = None
     speed: np.ndarray | None = None
+    acceleration: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         if np.shape(self.low) != np.shape(self.high) or np.ndim(self.low) != 1:
@@ -47,37 +55,46 @@ class Workspace:
             )
         if self.speed is not None:
             object.__setattr__(self, "speed", check.vector("speed", self.speed, self.joints, 0))
+            given = self.speed / START if self.acceleration is None else self.acceleration
+            object.__setattr__(self, "acceleration", check.vector("acceleration", given, self.joints, 0))
+        elif self.acceleration is not None:
+            raise TarcError(
+                "acceleration: it bounds nothing without a speed; give the greatest speed of the joints too"
+            )
 
     @classmethod
-    def box(cls, low: Numbers, high: Numbers, *, speed: Numbers | None = None) -> "Workspace":
+    def box(
+        cls, low: Numbers, high: Numbers, *, speed: Numbers | None = None, acceleration: Numbers | None = None
+    ) -> "Workspace":
         """All positions between low and high [rad or m], one number a joint; equal ones hold a joint still.
 
-        The greatest speed [rad/s or m/s] is one number or one a joint, or None for any.
+        The greatest speed [rad/s or m/s] is one number or one a joint, or None for any; the acceleration alike.
         """
-        first = np.atleast_1d(check.array("low", low))
-        return cls(low=first, high=np.atleast_1d(check.array("high", high)), speed=_speed(speed, len(first)))
+        first, last = (np.atleast_1d(check.array(name, one)) for name, one in (("low", low), ("high", high)))
+        return cls(low=first, high=last).within(speed, acceleration)
 
     @classmethod
     def path(
-        cls, reference: Reference, duration: float, *, tube: Numbers = 0.0, speed: Numbers | None = None
-    ) -> "Workspace":
+        cls, reference: Reference, duration: float, *, tube: Numbers = 0.0, speed: Numbers | None = None,
+        acceleration: Numbers | None = None,
+    ) -> "Workspace":  # fmt: skip
         """The positions of a reference in its first seconds, each joint off by at most ±tube [rad or m].
 
         The duration is in [s]; the tube and the greatest speed [rad/s or m/s] are one number or one a joint, the speed
-        None for any.
+        None for any; the acceleration alike.
         """
         if not isinstance(reference, Reference):
             raise TarcError(f"reference: got {type(reference).__name__}; needs one of tarc.signals, such as Sinusoid")
         end = check.number("duration", duration, 0)
         width = check.vector("tube", tube, reference.joints, 0)
         low, high = np.array([0.0, *-width]), np.array([end, *width])
-        return cls(low=low, high=high, reference=reference, speed=_speed(speed, reference.joints))
+        return cls(low=low, high=high, reference=reference).within(speed, acceleration)
 
     @classmethod
-    def of(cls, plant: Plant, *, speed: Numbers | None = None) -> "Workspace":
+    def of(cls, plant: Plant, *, speed: Numbers | None = None, acceleration: Numbers | None = None) -> "Workspace":
         """All that the joints of a robot reach: their ranges in its file, and ±π for a hinge without one.
 
-        The greatest speed [rad/s or m/s] is one number or one a joint, or None for any.
+        The greatest speed [rad/s or m/s] is one number or one a joint, or None for any; the acceleration alike.
 
         Raises
         ------
@@ -97,17 +114,27 @@ class Workspace:
                     f"workspace: joint {name} slides [m] and has no range; give the ranges of all joints with "
                     "Workspace.box(low, high)"
                 )
-        return cls(low=low, high=high, speed=_speed(speed, plant.joints))
+        return cls(low=low, high=high).within(speed, acceleration)
 
-    def within(self, speed: Numbers | None) -> "Workspace":
+    def within(self, speed: Numbers | None, acceleration: Numbers | None = None) -> "Workspace":
         """The same postures, no joint faster than its speed [rad/s or m/s], one number or one a joint.
 
-        Any speed for None and where one is infinite.
+        Any speed for None and where one is infinite. The acceleration [rad/s² or m/s²] likewise; None for that which
+        reaches the speed in a quarter of a second.
         """
-        if speed is None:
-            return replace(self, speed=None)
-        given = np.asarray(speed, dtype=float)
-        return replace(self, speed=None if np.isposinf(given).any() else _speed(given, self.joints))
+        if speed is None or np.isposinf(np.asarray(speed, dtype=float)).any():
+            speed = None
+        else:
+            speed = check.vector("speed", speed, self.joints, 0)
+        if acceleration is not None:
+            acceleration = check.vector("acceleration", acceleration, self.joints, 0)
+        return replace(self, speed=speed, acceleration=acceleration)
+
+    def paced(self, factor: float) -> "Workspace":
+        """The same postures, speeds and accelerations times a factor."""
+        if self.speed is None or self.acceleration is None:
+            return self
+        return self.within(factor * self.speed, factor * self.acceleration)
 
     @property
     def joints(self) -> int:
@@ -130,7 +157,3 @@ class Workspace:
         if self.reference is None:
             return variables
         return self.reference.sample(variables[:, 0])[0].T + variables[:, 1:]
-
-
-def _speed(given: Numbers | None, joints: int) -> np.ndarray | None:
-    return None if given is None else check.vector("speed", given, joints, 0)

@@ -9,7 +9,8 @@ from tarc.certificates.ball import ball
 from tarc.certificates.base import Certificate
 from tarc.check import Matrix
 from tarc.design.adaptation import adaptation
-from tarc.design.front import Candidate, Demand, assess, candidates, front
+from tarc.design.demand import Demand
+from tarc.design.front import Candidate, assess, candidates, front
 from tarc.errors import TarcError
 from tarc.laws.tarc import TARC
 from tarc.laws.tdc import TDC

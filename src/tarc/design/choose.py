@@ -10,14 +10,14 @@ import numpy as np
 from tarc import check
 from tarc.certificates.base import Certificate
 from tarc.certificates.certify import certify
-from tarc.certificates.postures import greatest_rate, mismatches, sampled, searched
 from tarc.certificates.robot import robot
 from tarc.certificates.shape import best_shape
 from tarc.certificates.spread import spread
 from tarc.certificates.workspace import Workspace
 from tarc.check import Numbers
 from tarc.design.adaptation import Adaptation, adaptation, expected_step
-from tarc.design.front import WINDOWS, Candidate, Demand, assess, candidates, front
+from tarc.design.demand import Demand
+from tarc.design.front import WINDOWS, Candidate, assess, candidates, front
 from tarc.design.premises import premises, rated, weight
 from tarc.errors import TarcError
 from tarc.laws.tarc import TARC
@@ -33,8 +33,9 @@ if TYPE_CHECKING:
 
 NOISE = 0.01
 """RMS of the torque that measurement noise makes, as a share of the torque limit, where nothing else is asked for."""
-NEAR = 1.5
-"""Where even the quietest certified loop is above that share: how much more noise than its is taken for less error."""
+NEAR = 2.0
+"""Where even the quietest certified loop is above that share: how much more noise than its is taken, if that makes the
+product of noise and error less."""
 SLOPE = 1.0
 """Slope of TARC's robust term at its cap over the stiffness K1: it costs up to a quarter of the spread borne."""
 ROOM = 0.1
@@ -152,6 +153,7 @@ def design(
     payload: tuple[float, float] = (0.0, 0.0),
     workspace: Workspace | None = None,
     speed: Numbers | None = None,
+    acceleration: Numbers | None = None,
     bandwidth: float | None = None,
     damping: float = 1.0,
     noise: float | None = None,
@@ -185,6 +187,9 @@ def design(
         Greatest speed of the joints [rad/s or m/s], one number or one a joint; infinite for any. None for that of the
         workspace, or without one for the velocity limits in the robot's file, where all joints have one. The slower
         the robot, the better the gains that are certified.
+    acceleration
+        Greatest acceleration of the joints [rad/s² or m/s²], likewise; None for that of the workspace, or that which
+        reaches the speed in a quarter of a second.
     bandwidth
         ωn [rad/s]; None to have it chosen.
     damping
@@ -225,8 +230,8 @@ def design(
     share = SLOPE if law == "TARC" else 0.0
     plants = _with_payloads(plant, low, high)
     workspace = Workspace.of(plant).within(rated(plant)) if workspace is None else workspace
-    if speed is not None:
-        workspace = workspace.within(speed)
+    if speed is not None or acceleration is not None:
+        workspace = workspace.within(workspace.speed if speed is None else speed, acceleration)
     limits = _limits(plant, torque_limit)
     sigma = _deviation(sensor, plant.joints)
     _check_budget(plant.joint_names, bandwidth, noise, limits, sigma)
@@ -238,19 +243,12 @@ def design(
         computation_delay=check.whole("computation_delay", computation_delay),
         windows=WINDOWS if bandwidth is None else range(2, 31),
     )  # fmt: skip
+    trials = [one for one in trials if one.synchronised or one.degree == 2]  # literal ones of 3 are beaten by others
     with Progress("designing", len(trials) + 60, progress) as bar:
-        shape, _ = best_shape(plants, workspace, samples=samples, diagonal=diagonal, tolerance=0.05, seed=seed)
+        shape, _ = best_shape(plants, workspace, samples=samples, diagonal=diagonal, tolerance=0.02, seed=seed)
         found = spread(plants, shape, workspace, samples=samples, seed=seed)
-        shape, ratio = shape / found.low, found.ratio
-        ends = (plants[found.plant_low], found.where_low), (plants[found.plant_high], found.where_high)
-        postures = [*ends, *sampled(plants, workspace, samples, seed)]
-        E, H = mismatches(shape, postures)
-        if H.any():
-            middle, units = (1 + ratio) / 2, workspace.units(samples, seed)
-            for factor in (1.0, 10.0):  # of the weights that `Demand.of` tries, a light one and a heavy one
-                eta = factor * float(np.linalg.norm(H, 2, axis=(1, 2)).max()) / middle
-                postures, E, H = searched(postures, E, H, workspace, units, shape, middle, eta)
-        demand = Demand.of(ratio, E, H, greatest_rate(plants, shape, workspace, samples, seed))
+        shape, ratio = shape / found.low, found.ratio  # so that the eigenvalues of M(q)⁻¹X are 1 and above
+        demand = Demand.of_robot(plants, workspace, shape, found, seed=seed)
         bar.advance(20)
         looked = assess(trials, demand, slope_share=share, room=ROOM, done=bar.advance)
         need = _Need(plants, workspace, shape, demand, sigma, limits, bandwidth, noise, looked)
@@ -339,7 +337,7 @@ def _check_budget(
 
 def _near(best: Candidate, free: bool) -> list[Candidate]:
     """The neighbours of a candidate, closer than the grid."""
-    speeds = [best.bandwidth * one for one in (0.8, 0.9, 1.0, 1.12, 1.25)] if free else [best.bandwidth]
+    speeds = [float(f"{one * best.bandwidth:.3g}") for one in (0.85, 1.0, 1.18)] if free else [best.bandwidth]
     windows = {w for w in (best.window - 1, best.window, best.window + 1) if w >= best.degree}
     return candidates(
         best.period, bandwidths=speeds, windows=sorted(windows), degrees=[best.degree], delays=[best.delay],
@@ -387,6 +385,8 @@ class _Need:
         least = able[0]
         allowed = self.budget if self.noise is not None else max(self.budget, NEAR * self.level(least))
         quiet = [one for one in able if self.level(one) <= allowed]
+        if quiet and self.level(least) > self.budget:
+            return min(quiet, key=lambda one: one.noise * one.error)
         if quiet:
             return quiet[-1]
         raise TarcError(
@@ -405,8 +405,8 @@ class _Need:
         reach = 1.0 if widest is None else widest.reach
         asked = "" if self.bandwidth is None else f" at {self.bandwidth:g} rad/s"
         enough = reach >= (1 + ROOM) * self.demand.spread
-        gravity = "; those that bear this are not stiff enough for gravity" if enough else ""
-        advice = remedies(self.plants, self.workspace, self.demand, self.looked, self.bandwidth, ROOM)
+        gravity = "; those that bear this are not stiff enough for gravity and motion" if enough else ""
+        advice = remedies(self.plants, self.workspace, self.shape, self.demand, self.looked, self.bandwidth, ROOM)
         return (
             f"design: nothing can be certified{asked}: the eigenvalues of M(q)⁻¹M̂ spread by {self.demand.spread:.3g}, "
             f"and the loops bear at most {reach:.3g} (of which {100 * ROOM:.0f} % is kept as room){gravity}. {advice}"
@@ -440,7 +440,7 @@ def _choices(
     above = level > need.budget
     least = "the least noise of all that do" if need.bandwidth is not None else "the least error within the budget"
     if above and need.bandwidth is None:
-        least = f"the least error of those within {NEAR:g} times the noise of the quietest"
+        least = f"the least product of noise and error of those within {NEAR:g} times the noise of the quietest"
     result = [
         Choice(
             "inertia",

@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -11,10 +12,10 @@ import numpy as np
 from tarc import check
 from tarc.certificates.linear import Channel, decouple
 from tarc.certificates.loop import from_disturbance, from_noise
-from tarc.certificates.mismatch import Responses, parts_of, system
+from tarc.certificates.mismatch import Parts, Responses, parts_of, system
 from tarc.certificates.norms import h2_norm
-from tarc.certificates.postures import joint_norms
 from tarc.certificates.slow import best_multiplier
+from tarc.design.demand import Demand, share_of, spread_of
 from tarc.errors import TarcError
 from tarc.estimators.algebraic import Algebraic
 from tarc.laws.tdc import TDC
@@ -29,17 +30,21 @@ CLOSELY = 16
 """And on a second."""
 CENTRES = np.geomspace(0.006, 1.5, 48)
 """Centres of the ball tried: inertia ratios."""
-SLOW_TRIED = 0.7, 0.9, 0.4
+SLOW_FIRST, SLOW_LOWER, SLOW_BESIDE = 0.7, 0.4, (0.9, 0.55)
 """For a robot of bounded speed: where centres are tried, on the logarithmic scale between those that constant ratios
-allow."""
+allow. First one, then where it bears the robot a lower one, of less noise, and else those beside it."""
+SLOW_CLOSELY = 0.7, 0.55, 0.4, 0.85
+"""And on a second pass."""
+LIGHTER = 2
+"""Most weights of the position at which a centre is looked at."""
+NEARLY = -0.15
+"""Room at which the place between is tried too."""
 SLOW_ENOUGH = 2
 """And after how many bandwidths that bear it, from the highest down, the lower ones are not looked at."""
-HOPELESS = -0.3
+HOPELESS = -0.35
 """Room at which no other centre is tried."""
 FEW = 5
 """Centres at which a loop is looked at for any speed, where what counts is a bounded one."""
-LIGHT = 1.15
-"""How much more than the least spread a weight may demand to be the one that is tried."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,49 +123,6 @@ class Candidate:
         return decouple(TDC(inertia=1.0, estimator=self.estimator, **self.options()), self.computation_delay)[0]
 
 
-@dataclass(frozen=True)
-class Demand:
-    """What a robot asks of a loop.
-
-    Attributes
-    ----------
-    spread
-        Greatest over least eigenvalue of M(q)⁻¹X.
-    shares
-        With weights η: radius over centre of the ball that holds [E − ρ0 I, H/η] for all postures, for M̂ = X and
-        ρ0 = (1 + spread)/2; E and H as in `tarc.certificates.robot`. Just one share, without weight, for no gravity.
-    weights
-        The η [1/s²].
-    rate
-        Greatest ‖dE⁻¹/dt‖ for M̂ = X [1/s]; infinite for a robot of any speed.
-    stiffness
-        Greatest ‖H‖ [1/s²].
-    """
-
-    spread: float
-    shares: np.ndarray
-    weights: np.ndarray
-    rate: float = np.inf
-    stiffness: float = 0.0
-
-    @classmethod
-    def plain(cls, spread: float, rate: float = np.inf) -> "Demand":
-        """Of a robot without gravity."""
-        spread = check.number("spread", spread, 1)
-        return cls(spread, np.array([_share(spread)]), np.zeros(1), rate)
-
-    @classmethod
-    def of(cls, spread: float, E: np.ndarray, H: np.ndarray, rate: float = np.inf) -> "Demand":
-        """Of a robot with these mismatches (k, n, n) and greatest rate, for M̂ = X."""
-        sizes = np.linalg.norm(H, 2, axis=(1, 2))
-        centre = (1 + spread) / 2
-        if not sizes.max() > 1e-9:
-            return cls.plain(spread, rate)
-        weights = sizes.max() / centre * np.geomspace(0.3, 30.0, 6)
-        norms = np.array([joint_norms(E, H, centre, float(weight)).max() for weight in weights])
-        return cls(spread, np.maximum(norms / centre, _share(spread)), weights, rate, float(sizes.max()))
-
-
 def candidates(
     period: float,
     *,
@@ -211,7 +173,7 @@ def assess(
     the robot demands for one of the weights, which is η/c there, next to a robust term of any slope up to slope_share ·
     bandwidth². The ball is that of `tarc.certificates.robot`, here on a grid of frequencies; the choice is certified
     afterwards. For a robot of bounded speed, whose balls take longer, the lower bandwidths of a loop are not looked at
-    where some higher ones bear the robot.
+    where some higher ones bear the robot, nor are those that a shorter window does not bear.
 
     Parameters
     ----------
@@ -228,23 +190,29 @@ def assess(
     done
         Called after each candidate, to show progress.
     """
-    slow = np.isfinite(demand.rate)
+    quick = np.isfinite(demand.rate) and not closely
     order = list(range(len(trials)))
-    if slow and not closely:
-        order.sort(key=lambda i: -trials[i].bandwidth)
+    if quick:
+        order.sort(key=lambda i: (trials[i].window, -trials[i].bandwidth))
     found: dict[int, list[Candidate]] = {}
-    bearing: dict[tuple, list[float]] = {}
+    bearing: dict[tuple, dict[int, list[Candidate]]] = {}
     for i in order:
         one = trials[i]
-        higher = bearing.setdefault((one.window, one.degree, one.delay, one.synchronised), [])
-        if slow and not closely and len(higher) >= SLOW_ENOUGH:
-            found[i] = [replace(one, slope=slope_share * one.bandwidth**2, spread=demand.spread, reach=higher[-1])]
+        windows = bearing.setdefault((one.degree, one.delay, one.synchronised), {})
+        able = windows.setdefault(one.window, [])
+        shorter = [most[0] for window, most in windows.items() if window < one.window and most]
+        alike = able[-1] if len(able) >= SLOW_ENOUGH else None
+        if shorter and one.bandwidth > shorter[-1].bandwidth:  # what a shorter window does not bear
+            alike = replace(shorter[-1], reach=demand.spread)
+        if quick and alike is not None:
+            slope = slope_share * one.bandwidth**2
+            found[i] = [replace(one, slope=slope, spread=demand.spread, reach=alike.reach)]
         else:
             with warnings.catch_warnings(), np.errstate(all="ignore"):
                 warnings.simplefilter("ignore")  # what rounding spoils is thrown out below, not trusted
                 found[i] = _assess(one, demand, slope_share, room, closely)
             if found[i] and found[i][0].feasible:
-                higher.append(found[i][0].reach)
+                able.append(found[i][0])
         done()
     return [one for i in range(len(trials)) for one in found[i]]
 
@@ -255,18 +223,18 @@ def _assess(one: Candidate, demand: Demand, slope_share: float, room: float, clo
     except TarcError:  # gains that are not Hurwitz, a window that is too short
         return []
     spread = demand.spread
-    needed = np.array([_share(_spread(share) * (1 + room)) if share < 1 else np.inf for share in demand.shares])
+    needed = np.array([share_of(spread_of(share) * (1 + room)) if share < 1 else np.inf for share in demand.shares])
     slope = slope_share * one.bandwidth**2
-    parts = parts_of(channel, slope, intersample=True)
+    parts = parts_of(channel, slope, intersample=True, lead=demand.lead / one.period)
     responses = Responses(parts)
     free = 1 - CENTRES[:, None] * responses.held[:, 0]
     plain = np.min(np.abs(free) / np.linalg.norm(responses.mismatch[:, 0], axis=1), axis=1) / CENTRES
     loop, without = _Loop(parts, responses, demand, needed, one.period), parts_of(channel, 0.0, intersample=True)
     slow = np.isfinite(demand.rate)
     plain = np.array([_first_stable(without, CENTRES, plain)]) if slow else _where_stable(without, CENTRES, plain)
-    one = replace(one, slope=slope, spread=spread, reach=_spread(float(np.max(plain))))
+    one = replace(one, slope=slope, spread=spread, reach=spread_of(float(np.max(plain))))
     if slow:
-        rooms = loop.slow_rooms(closely)
+        rooms = loop.slow_rooms(room, closely)
         widest = max(rooms.values(), default=-1.0)
         one = replace(one, reach=max(one.reach, (1 + widest) * spread))
         rooms = {centre: spare for centre, spare in rooms.items() if spare >= room}
@@ -292,7 +260,7 @@ def _assess(one: Candidate, demand: Demand, slope_share: float, room: float, clo
 class _Loop:
     """A loop against a demand: at which centres of the ball it bears the robot, and with how much room."""
 
-    parts: tuple[np.ndarray, ...]
+    parts: Parts
     responses: Responses
     demand: Demand
     needed: np.ndarray
@@ -312,7 +280,7 @@ class _Loop:
             enough, spare = False, -1.0
             for number, (share, least) in enumerate(zip(self.demand.shares, self.needed, strict=True)):
                 borne = self.responses.best(float(centre), self.weight(number, centre))[1] / centre
-                now = _spread(borne) / _spread(float(share)) - 1
+                now = spread_of(borne) / spread_of(float(share)) - 1
                 past = now < spare
                 enough, spare = enough or borne >= least, max(spare, now)
                 if enough and (past or not closely):  # the first weight that does, or all up to the best
@@ -321,42 +289,67 @@ class _Loop:
                 found[float(centre)] = spare
         return found
 
-    def slow_rooms(self, closely: bool) -> dict[float, float]:
+    def slow_rooms(self, room: float, closely: bool) -> dict[float, float]:
         """By centre, within the speed, of those that were tried; enough room, or less, and not how much exactly."""
         low, high = self.constant()
         least = float(self.needed.min())
         low, high = low / (1 - least) if least < 1 else np.inf, high / (1 + least)
         if not low < high:
             return {}
-        places = (0.3, 0.5, 0.7, 0.85) if closely else SLOW_TRIED
         found: dict[float, float] = {}
-        for place in places:
-            centre = float(low * (high / low) ** place)
-            found[centre] = self.slow_room(centre)
-            if found[centre] < HOPELESS:
-                break
-        return found
+
+        def look(place: float) -> float:
+            found[place] = self.slow_room(float(low * (high / low) ** place))
+            return found[place]
+
+        if closely:
+            for place in SLOW_CLOSELY:
+                look(place)
+        elif look(SLOW_FIRST) >= room:
+            look(SLOW_LOWER)
+        elif found[SLOW_FIRST] > HOPELESS:
+            best = max(SLOW_BESIDE, key=look)
+            if NEARLY < found[best] < room:
+                look((SLOW_FIRST + best) / 2)
+        return {float(low * (high / low) ** place): spare for place, spare in found.items()}
 
     def slow_room(self, centre: float) -> float:
-        """The room at a centre, for the lightest weight that takes little of it, or the next."""
-        spare, scale = -1.0, 2 * centre / (1 + self.demand.spread)
-        if np.abs(np.linalg.eigvals(system(self.parts, centre)[0])).max() >= 1:
-            return spare
-        light = int(np.argmax(self.needed <= _share(LIGHT * _spread(float(self.needed.min())))))
-        for number in range(light, min(light + 2, len(self.needed))):
-            share, least = float(self.demand.shares[number]), float(self.needed[number])
-            if least >= 1:
+        """The room at a centre, with the weight that serves best at any speed, or a lighter one while that is better.
+
+        Where it is not enough, a bound on it.
+        """
+        able = [int(number) for number in np.flatnonzero(self.needed < 1)]
+        if not able or np.abs(np.linalg.eigvals(system(self.parts, centre)[0])).max() >= 1:
+            return -1.0
+        shares = [float(one) for one in self.demand.shares[able]]
+
+        @cache
+        def borne(i: int) -> float:
+            return self.responses.best(centre, self.weight(able[i], centre))[1] / centre
+
+        def room(i: int) -> float:
+            return spread_of(borne(i)) / spread_of(shares[i]) - 1
+
+        first, before = len(able) // 2, -1
+        while first != before:  # it rises to one best weight and falls from there
+            before = first
+            first = max((i for i in (first, first - 1, first + 1) if 0 <= i < len(able)), key=room)
+        spare = -1.0
+        for i in range(first, max(first - LIGHTER, -1), -1):
+            number, least = able[i], float(self.needed[able[i]])
+            if borne(i) >= least:  # at any speed
+                return room(i)
+            _, radius, bound = best_multiplier(
+                self.parts, centre, self.demand.rate * self.period * (1 + self.demand.spread) / (2 * centre),
+                weight=self.weight(number, centre), stiffness=self.demand.stiffness, responses=self.responses,
+                enough=1.0001 * least * centre,
+            )  # fmt: skip
+            if radius / centre >= least:
+                return spread_of(min(radius / centre, 1 - 1e-9)) / spread_of(shares[i]) - 1
+            now = spread_of(min(bound / centre, (1 - 1e-6) * least)) / spread_of(shares[i]) - 1
+            if now < spare:
                 break
-            weight = self.weight(number, centre)
-            borne = self.responses.best(centre, weight)[1] / centre
-            if borne < least:  # at any speed
-                borne = best_multiplier(
-                    self.parts, centre, self.demand.rate * self.period / scale, weight=weight,
-                    stiffness=self.demand.stiffness, responses=self.responses, enough=1.0001 * least * centre,
-                )[1] / centre  # fmt: skip
-            spare = max(spare, _spread(min(borne, 1 - 1e-9)) / _spread(share) - 1)
-            if borne >= least or spare < HOPELESS:
-                break
+            spare = now
         return spare
 
     def constant(self) -> tuple[float, float]:
@@ -375,17 +368,7 @@ class _Loop:
         return best
 
 
-def _share(spread: float) -> float:
-    """Radius over centre of the interval whose ends have this ratio."""
-    return (spread - 1) / (spread + 1)
-
-
-def _spread(share: float) -> float:
-    """The reverse of `_share`."""
-    return (1 + share) / (1 - share) if share < 1 else np.inf
-
-
-def _where_stable(parts: tuple[np.ndarray, ...], centres: np.ndarray, shares: np.ndarray) -> np.ndarray:
+def _where_stable(parts: Parts, centres: np.ndarray, shares: np.ndarray) -> np.ndarray:
     """Radius of the ball over its centre, zero where it is small or the loop not stable."""
     result = np.where(shares > 0.2, shares, 0.0)
     worth = np.flatnonzero(result)
@@ -395,7 +378,7 @@ def _where_stable(parts: tuple[np.ndarray, ...], centres: np.ndarray, shares: np
     return result
 
 
-def _first_stable(parts: tuple[np.ndarray, ...], centres: np.ndarray, shares: np.ndarray) -> float:
+def _first_stable(parts: Parts, centres: np.ndarray, shares: np.ndarray) -> float:
     """The largest of `_where_stable`, of the few that are looked at."""
     for i in np.argsort(shares)[::-1][:FEW]:
         if shares[i] > 0.2 and np.abs(np.linalg.eigvals(system(parts, float(centres[i]))[0])).max() < 1:

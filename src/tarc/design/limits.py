@@ -3,12 +3,14 @@
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from tarc import check, loop
 from tarc.certificates.base import Certificate
 from tarc.certificates.robot import robot
+from tarc.certificates.workspace import Workspace
 from tarc.design.choose import Design
 from tarc.design.scenario import reference_section
 from tarc.errors import DesignWarning, TarcError
@@ -141,7 +143,8 @@ def limits(
     ``payload``: the heaviest load, with the least one as designed. ``rate``: the slowest, with gains, M̂ and adaptation
     the same and the window as near as whole periods allow. ``computation_delay``: by how many periods the torque may
     come later than the law was told. ``speed``: the fastest motion, as the greatest speed of any joint, those of the
-    others in proportion; simulated with sines of a frequency that gives this speed. Each by steps until the certificate
+    others, and the accelerations, in proportion; simulated with sines as quick as that allows. Each by steps until the
+    certificate
     fails and bisection between, with at most ten certificates; what lies between the values tried was not looked at.
     ``bits``: the fewest over the encoder's span with which the torque noise, predicted as in `tarc.design.design`,
     stays within a share of the torque limit, for the certificate does not depend on the encoder.
@@ -179,7 +182,7 @@ def limits(
     check.number("noise", noise, 0, strict=True)
     check.number("duration", duration, 1.0)
     mass = float(np.squeeze(design.plants[-1].parameters["payload"])) if len(design.plants) > 1 else None
-    base = _Case(design, design.law, design.sensor, design.chosen.computation_delay, mass, design.workspace.speed)
+    base = _Case(design, design.law, design.sensor, design.chosen.computation_delay, mass, design.workspace)
     found, usual = {}, base.simulate(np.nan, duration).rms_error if simulate else np.nan
     with Progress("limits", len(asked) * (TRIES + 3), progress) as bar:
         for number, name in enumerate(asked, 1):
@@ -205,14 +208,14 @@ def limits(
 
 @dataclass(frozen=True)
 class _Case:
-    """A design with one thing changed: its law, encoder, periods of delay, heaviest payload [kg], or speeds [rad/s]."""
+    """A design with one thing changed: its law, encoder, periods of delay, heaviest payload [kg], or motion."""
 
     design: Design
     law: TDC | TARC
     sensor: Encoder
     delay: int
     mass: float | None
-    speed: np.ndarray | None
+    workspace: Workspace
     fast: bool = False
 
     def certificate(self) -> Certificate:
@@ -220,8 +223,7 @@ class _Case:
         if self.mass is not None:
             plants.append(plants[0].with_parameters({"payload": self.mass}))
         samples = int(self.design.certificates["robot"].numbers["samples"])
-        workspace = self.design.workspace.within(self.speed)
-        return robot(self.law, plants, workspace, computation_delay=self.delay, samples=samples)
+        return robot(self.law, plants, self.workspace, computation_delay=self.delay, samples=samples)
 
     def simulate(self, value: float, duration: float, usual: float = np.inf) -> Outcome:
         """The motion of `Design.scenario`, or the workspace's own reference; the payload comes at half-time.
@@ -231,9 +233,8 @@ class _Case:
         reference = self.design.workspace.reference
         if reference is None:
             sines = {key: one for key, one in reference_section(self.design).items() if key != "kind"}
-            if self.fast and self.speed is not None:
-                usual_speed = np.abs(np.array(sines["amplitude"]) * sines["frequency"])
-                sines["frequency"] = (np.min(self.speed / usual_speed) * np.array(sines["frequency"])).tolist()
+            if self.fast:
+                sines["frequency"] = (_quickest(sines, self.workspace) * np.array(sines["frequency"])).tolist()
             reference = Sinusoid(**sines)
         else:
             duration = min(duration, float(self.design.workspace.high[0]))
@@ -254,6 +255,19 @@ class _Case:
         return Outcome(value, bool(error <= TENFOLD * usual), str(made.status), error, noise, excess)
 
 
+def _quickest(sines: dict[str, Any], workspace: Workspace) -> float:
+    """By which factor sines may be quicker until a joint is at its greatest speed or acceleration."""
+    if workspace.speed is None or workspace.acceleration is None:
+        return 1.0
+    speed = np.abs(np.array(sines["amplitude"]) * sines["frequency"])
+    acceleration = speed * sines["frequency"]
+    moves = speed > 0
+    if not moves.any():
+        return 1.0
+    swift = np.sqrt(workspace.acceleration[moves] / acceleration[moves])
+    return float(min(np.min(workspace.speed[moves] / speed[moves]), np.min(swift)))
+
+
 def _rough(torque: np.ndarray) -> np.ndarray:
     """RMS of what a moving parabola leaves of the torques (k, n), shape (n,)."""
     from scipy.signal import savgol_filter
@@ -268,8 +282,8 @@ def _changed(base: _Case, name: str, value: float) -> _Case:
         return replace(base, mass=value)
     if name == "bits":
         return replace(base, sensor=replace(base.sensor, bits=int(value), resolution=None))
-    if name == "speed" and base.speed is not None:
-        return replace(base, speed=value / base.speed.max() * base.speed, fast=True)
+    if name == "speed" and base.workspace.speed is not None:
+        return replace(base, workspace=base.workspace.paced(value / base.workspace.speed.max()), fast=True)
     if name == "computation_delay":
         return replace(base, delay=base.delay + int(value))
     chosen, period = base.design.chosen, 1 / value
@@ -340,9 +354,10 @@ def _payload(base: _Case, bar: Progress) -> Limit:
 
 def _speed(base: _Case, bar: Progress) -> Limit:
     """From the speed designed for upwards."""
-    if base.speed is None or not base.speed.any():
+    speed = base.workspace.speed
+    if speed is None or not speed.any():
         return Limit(name="speed", note="it is certified for any speed, or for a robot at rest")
-    start = float(base.speed.max())
+    start = float(speed.max())
     return _search(base, bar, "speed", start, start / 4)
 
 

@@ -215,9 +215,15 @@ def _speed(plant: Plant, workspace: Workspace) -> tuple[str, str, str]:
         text = "no joint's speed is bounded, so that M(q) may change at any rate; a bound makes better gains possible"
         return "speed", "any", text
     unit = "rad/s" if "m" not in plant.joint_units else "rad/s or m/s"
-    value = f"{speed[0]:.4g} {unit}" if np.ptp(speed) == 0 else f"{_listed(speed)} {unit}"
+    value = f"{_alike(speed)} {unit}"
     source = "the limits in the robot's file" if own is not None and np.allclose(own, speed) else "as given"
-    return "speed", value, f"{source}: no joint may move faster; the slower, the more inertia the loop bears"
+    swift = ""
+    if workspace.acceleration is not None and speed.any():
+        usual = workspace.within(speed).acceleration
+        taken = usual is not None and np.allclose(usual, workspace.acceleration)
+        swift = f", or accelerate by more than {_alike(workspace.acceleration)} {unit.replace('/s', '/s²')}"
+        swift += ", which reaches this speed in a quarter of a second" if taken else ""
+    return "speed", value, f"{source}: no joint may move faster{swift}; the slower, the more inertia the loop bears"
 
 
 def _torque_limit(plant: Plant, limits: np.ndarray, own: bool) -> tuple[str, str, str]:
@@ -248,6 +254,11 @@ def _weight(plant: Plant, held: Weight) -> tuple[str, str, str]:
 def _torque_unit(plant: Plant, joint: int | str) -> str:
     number = plant.joint_names.index(joint) if isinstance(joint, str) else joint
     return "N" if plant.joint_units[number] == "m" else "N m"
+
+
+def _alike(numbers: np.ndarray) -> str:
+    """One number where they are the same."""
+    return f"{numbers[0]:.4g}" if np.ptp(numbers) == 0 else _listed(numbers)
 
 
 def _listed(numbers: Any) -> str:

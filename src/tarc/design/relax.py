@@ -6,11 +6,11 @@ from functools import partial
 
 import numpy as np
 
-from tarc.certificates.postures import greatest_rate, mismatches, sampled
 from tarc.certificates.shape import best_shape
 from tarc.certificates.spread import spread
 from tarc.certificates.workspace import Workspace
-from tarc.design.front import Candidate, Demand, assess, candidates
+from tarc.design.demand import Demand
+from tarc.design.front import Candidate, assess, candidates
 from tarc.errors import TarcError
 from tarc.plants.base import Plant
 
@@ -27,6 +27,7 @@ QUICK = 200
 def remedies(
     plants: Sequence[Plant],
     workspace: Workspace,
+    shape: np.ndarray,
     demand: Demand,
     looked: Sequence[Candidate],
     bandwidth: float | None,
@@ -44,7 +45,7 @@ def remedies(
         rate = slowest_rate(looked[0], demand, bandwidth, room)
         if rate:
             lines.append(f"a rate of at least {-_down(-rate, 4):g} Hz")
-    if part := slower(looked, demand, room):
+    if part := slower(plants, workspace, shape, looked, room):
         lines.append(f"{_down(100 * part, 2):g} % of the speed")
     lines += [text for find in (_payload, _armature, _reach) if (text := find(plants, workspace, fits))]
     if not lines:
@@ -90,16 +91,22 @@ def slowest_rate(like: Candidate, demand: Demand, bandwidth: float, room: float)
     return float(np.exp(-_bisect(fits, low, high))) if fits(low) else None
 
 
-def slower(looked: Sequence[Candidate], demand: Demand, room: float) -> float | None:
-    """The greatest share of the speed at which one of the loops bears a robot; None if none does, or for any speed."""
-    if not np.isfinite(demand.rate) or not looked:
+def slower(
+    plants: Sequence[Plant], workspace: Workspace, shape: np.ndarray, looked: Sequence[Candidate], room: float
+) -> float | None:
+    """The greatest share of the speed, and of the acceleration, at which one of the loops bears a robot; None if none
+    does, or for any speed.
+    """
+    if workspace.speed is None or not looked:
         return None
     share = looked[0].slope / looked[0].bandwidth ** 2
-    trials = sorted({replace(one, scale=0.0, room=0.0) for one in looked}, key=lambda one: -one.reach)[:MOST]
+    found = spread(plants, shape, workspace, samples=QUICK)
+    wide = [one for one in looked if one.reach >= (1 + room) * found.ratio]
+    trials = [replace(one, scale=0.0, room=0.0) for one in wide[:: -(-len(wide) // MOST) or 1]]
 
     def fits(log: float) -> bool:
-        less = replace(demand, rate=demand.rate * float(np.exp(log)))
-        return any(one.feasible for one in assess(trials, less, room=room, slope_share=share))
+        demand = Demand.of_robot(plants, workspace.paced(float(np.exp(log))), shape, found, search=False)
+        return any(one.feasible for one in assess(trials, demand, room=room, slope_share=share))
 
     low = np.log(0.01)
     return float(np.exp(_bisect(fits, low, 0.0))) if fits(low) else None
@@ -143,9 +150,8 @@ def _bearable(looked: Sequence[Candidate], room: float, plants: Sequence[Plant],
     if not trials:
         return False
     found = spread(plants, shape, workspace, samples=QUICK)
-    shape, ends = shape / found.low, ((found.plant_low, found.where_low), (found.plant_high, found.where_high))
-    postures = [*((plants[number], posture) for number, posture in ends), *sampled(plants, workspace, QUICK, 0)]
-    demand = Demand.of(found.ratio, *mismatches(shape, postures), greatest_rate(plants, shape, workspace, QUICK, 0))
+    shape = shape / found.low
+    demand = Demand.of_robot(plants, workspace, shape, spread(plants, shape, workspace, samples=QUICK), search=False)
     share = trials[0].slope / trials[0].bandwidth ** 2
     # where the spread is small most of them will do
     some = trials[:: -(-len(trials) // MOST)]

@@ -125,9 +125,9 @@ def reference_section(design: "Design") -> dict[str, Any]:
     """Sines about the home posture, that begin at rest and leave torque to move with; or the workspace's reference.
 
     At most a quarter of the workspace's width, and smaller where the weight alone would take most of the torque; slower
-    where a joint would be near its greatest speed.
+    where a joint would be near its greatest speed or acceleration.
     """
-    n, speed = design.law.joints, design.workspace.speed
+    n, speed, acceleration = design.law.joints, design.workspace.speed, design.workspace.acceleration
     if design.workspace.reference is not None:
         given = design.workspace.reference
         return {"kind": type(given).__name__, **_plain(_given(given))}
@@ -137,8 +137,9 @@ def reference_section(design: "Design") -> dict[str, Any]:
         amplitude = share * np.minimum(AMPLITUDE, (high - low) / 4)
         middle = np.clip(np.clip(design.plants[0].home, low, high), low + amplitude, high - amplitude)
         frequency = SLOW * (1 + 0.2 * np.arange(n))
-        if speed is not None:
-            frequency = np.minimum(frequency, PACE * speed / np.maximum(amplitude, 1e-9))
+        if speed is not None and acceleration is not None:
+            wide = np.maximum(amplitude, 1e-9)
+            frequency = np.minimum(frequency, PACE * np.minimum(speed / wide, (acceleration / wide) ** 0.5))
         section = {
             "kind": "Sinusoid",
             "amplitude": amplitude.round(4).tolist(),
@@ -257,7 +258,12 @@ def again(design: "Design") -> str:
     from tarc.design.premises import within
 
     workspace = design.workspace
-    pace = "" if workspace.speed is None else " --speed " + ",".join(f"{one:.6g}" for one in _short(workspace.speed))
+    pace = ""
+    if workspace.speed is not None and workspace.acceleration is not None:
+        pace = f" --speed {_short(workspace.speed)}"
+        usual = workspace.within(workspace.speed).acceleration
+        if usual is not None and not np.allclose(usual, workspace.acceleration):
+            pace += f" --acceleration {_short(workspace.acceleration)}"
     if workspace.reference is not None:
         return f"--tube {float(workspace.high[1:].max()):g}{pace}"
     try:
@@ -268,9 +274,9 @@ def again(design: "Design") -> str:
     return f"--full-range{pace}" if full else f"--tube 0.01{pace}"
 
 
-def _short(values: np.ndarray) -> np.ndarray:
-    """One number for all where they are the same."""
-    return values[:1] if np.ptp(values) == 0 else values
+def _short(values: np.ndarray) -> str:
+    """With commas between, or one number for all where they are the same."""
+    return ",".join(f"{one:.6g}" for one in (values[:1] if np.ptp(values) == 0 else values))
 
 
 def _comments(texts: Sequence[str], indent: int) -> list[str]:

@@ -48,14 +48,38 @@ class Plant(ABC):
     def bias(self, position: Any, velocity: Any) -> np.ndarray:
         """N(q, q̇) without dry friction [N m or N], shape (n,)."""
 
-    def at_rest(self, position: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """M, D and G of M δq̈ + D δq̇ + G δq = δτ, the robot linearised at rest without dry friction, each (n, n)."""
-        q = check.vector("position", position, self.joints)
-        still, step = np.zeros(self.joints), 1e-5
-        nudges = step * np.eye(self.joints)
-        stiffness = [(self.bias(q + d, still) - self.bias(q - d, still)) / (2 * step) for d in nudges]
-        damping = [(self.bias(q, d) - self.bias(q, -d)) / (2 * step) for d in nudges]
-        return self.inertia(q), np.column_stack(damping), np.column_stack(stiffness)
+    def linearised(
+        self, position: Any, velocity: Any = None, acceleration: Any = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """M, D and G of M δq̈ + D δq̇ + G δq = δτ, the robot without dry friction linearised about a motion.
+
+            M = M(q),    D = ∂N/∂q̇,    G = ∂(M(q) q̈ + N)/∂q,    each (n, n)
+
+        At rest where no velocity (n,) and no acceleration (n,) is given.
+        """
+        q, v, a = self._motion(position, velocity, acceleration)
+        step, units = 1e-5, np.eye(self.joints)
+
+        def torque(posture: np.ndarray) -> np.ndarray:
+            return self.inertia(posture) @ a + self.bias(posture, v)
+
+        stiffness = [(torque(q + step * d) - torque(q - step * d)) / (2 * step) for d in units]
+        return self.inertia(q), self.damping(q, v), np.column_stack(stiffness)
+
+    def damping(self, position: Any, velocity: Any = None) -> np.ndarray:
+        """D = ∂N/∂q̇ without dry friction [N m s/rad or N s/m], shape (n, n); at rest where no velocity is given."""
+        q, v, _ = self._motion(position, velocity, None)
+        columns = [(self.bias(q, v + d) - self.bias(q, v - d)) / 2 for d in np.eye(self.joints)]  # quadratic in q̇
+        return np.column_stack(columns)
+
+    def _motion(self, position: Any, velocity: Any, acceleration: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Each (n,), zero for what is not given."""
+        still = np.zeros(self.joints)
+        return (
+            check.vector("position", position, self.joints),
+            still if velocity is None else check.vector("velocity", velocity, self.joints),
+            still if acceleration is None else check.vector("acceleration", acceleration, self.joints),
+        )
 
     @property
     def home(self) -> np.ndarray:

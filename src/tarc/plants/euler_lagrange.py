@@ -78,7 +78,7 @@ class EulerLagrange(Parametric, Plant):
     @cached_property
     def _model(self) -> dict[str, ca.Function]:
         n = self.joints
-        q, dq, tau = ca.SX.sym("q", n), ca.SX.sym("dq", n), ca.SX.sym("tau", n)
+        q, dq, ddq, tau = (ca.SX.sym(name, n) for name in ("q", "dq", "ddq", "tau"))
         symbols = [ca.SX.sym(name, max(value.size, 1)) for name, value in self.parameters.items()]
         p = SimpleNamespace(**dict(zip(self.parameters, symbols, strict=True)))
         T, V = self.kinetic_energy(q, dq, p), self.potential_energy(q, p)
@@ -94,7 +94,7 @@ class EulerLagrange(Parametric, Plant):
         N = coriolis @ dq + gravity + friction
         D, L, order = ca.ldl(M)
         acceleration = ca.ldl_solve(tau - N, D, L, order)
-        damping = ca.substitute(ca.jacobian(friction, dq), dq, ca.SX.zeros(n))
+        tangent = ca.horzcat(M, ca.jacobian(N, dq), ca.jacobian(M @ ddq + N, q))
 
         def function(name: str, inputs: list[Any], output: Any) -> ca.Function:
             return ca.Function(name, [*inputs, *symbols], [ca.densify(output)], {"cse": True})
@@ -107,7 +107,7 @@ class EulerLagrange(Parametric, Plant):
             "friction": function("friction", [q, dq], friction),
             "energy": function("energy", [q, dq], T + V),
             "acceleration": function("acceleration", [q, dq, tau], acceleration),
-            "rest": function("rest", [q], ca.horzcat(M, damping, ca.jacobian(gravity, q))),
+            "tangent": function("tangent", [q, dq, ddq], tangent),
         }
 
     def with_parameters(self, values: dict[str, Any]) -> Self:
@@ -123,7 +123,8 @@ class EulerLagrange(Parametric, Plant):
         ----------
         what
             ``inertia`` M(q), ``coriolis`` C + G (q, q̇), ``bias`` N(q, q̇), ``gravity`` ∂V/∂q (q), ``friction``
-            F(q, q̇), ``energy`` T + V (q, q̇), ``acceleration`` q̈(q, q̇, τ), ``rest`` [M, ∂F/∂q̇, ∂²V/∂q²] at rest (q).
+            F(q, q̇), ``energy`` T + V (q, q̇), ``acceleration`` q̈(q, q̇, τ), ``tangent`` [M, ∂N/∂q̇, ∂(M q̈ + N)/∂q]
+            (q, q̇, q̈).
         arguments
             As in brackets, each of shape (n,).
         parameters
@@ -139,7 +140,7 @@ class EulerLagrange(Parametric, Plant):
         numbers = np.array(result)
         return (
             numbers
-            if what in ("inertia", "coriolis", "rest")
+            if what in ("inertia", "coriolis", "tangent")
             else numbers[:, 0]
             if what != "energy"
             else numbers.item()
@@ -153,9 +154,12 @@ class EulerLagrange(Parametric, Plant):
         """N(q, q̇) without dry friction [N m or N], shape (n,)."""
         return self.evaluate("bias", self._position(position), self._position(velocity), parameters=self._smooth)
 
-    def at_rest(self, position: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """M, D and G of M δq̈ + D δq̇ + G δq = δτ, the robot linearised at rest without dry friction, each (n, n)."""
-        M, D, G = np.hsplit(self.evaluate("rest", self._position(position), parameters=self._smooth), 3)
+    def linearised(
+        self, position: Any, velocity: Any = None, acceleration: Any = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """M, D and G of M δq̈ + D δq̇ + G δq = δτ, the robot without dry friction linearised about a motion."""
+        motion = self._motion(position, velocity, acceleration)
+        M, D, G = np.hsplit(self.evaluate("tangent", *motion, parameters=self._smooth), 3)
         return M, D, G
 
     @property

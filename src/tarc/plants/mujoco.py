@@ -237,6 +237,42 @@ class MujocoPlant(Plant):
         mujoco.mj_fwdVelocity(self.model, data)
         return data.qfrc_bias - data.qfrc_passive
 
+    def linearised(
+        self, position: Any, velocity: Any = None, acceleration: Any = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """M, D and G of M δq̈ + D δq̇ + G δq = δτ, the robot without dry friction linearised about a motion."""
+        q, v, a = self._motion(position, velocity, acceleration)
+        M, D, step = self.inertia(q), self.damping(q, v), 1e-5
+        self._scratch.qacc[:] = a
+        stiffness = []
+        for d in step * np.eye(self.joints):
+            self._place(q + d)
+            ahead = self._inverse(v)
+            self._place(q - d)
+            stiffness.append((ahead - self._inverse(v)) / (2 * step))
+        return M, D, np.column_stack(stiffness)
+
+    def damping(self, position: Any, velocity: Any = None) -> np.ndarray:
+        """D = ∂N/∂q̇ without dry friction [N m s/rad or N s/m], shape (n, n); at rest where no velocity is given."""
+        q, v, still = self._motion(position, velocity, None)
+        self._scratch.qacc[:] = still
+        self._place(q)
+        return np.column_stack([(self._inverse(v + d) - self._inverse(v - d)) / 2 for d in np.eye(self.joints)])
+
+    def _place(self, position: np.ndarray) -> None:
+        self._scratch.qpos[:] = position
+        mujoco.mj_kinematics(self.model, self._scratch)
+        mujoco.mj_comPos(self.model, self._scratch)
+
+    def _inverse(self, velocity: np.ndarray) -> np.ndarray:
+        """M(q) q̈ + N(q, q̇) at the place and acceleration set, rotor inertia and dry friction apart."""
+        model, data, torque = self.model, self._scratch, np.zeros(self.joints)
+        data.qvel[:] = velocity
+        mujoco.mj_comVel(model, data)
+        mujoco.mj_passive(model, data)
+        mujoco.mj_rne(model, data, 1, torque)
+        return torque - data.qfrc_passive
+
     def gravity_torque(self, position: Any) -> np.ndarray:
         """Torque that holds the robot at rest [N m or N], shape (n,)."""
         data = self._placed(position)

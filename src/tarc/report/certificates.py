@@ -98,7 +98,7 @@ def _slope(certificate: "Certificate") -> Figure:
 
 def _ball(certificate: "Certificate") -> Figure:
     """The gain that limits the radius, over frequency, and the ratios that the ball holds and the robot needs."""
-    from tarc.certificates.mismatch import PARTS, system, weighed
+    from tarc.certificates.mismatch import Parts, system, weighed
     from tarc.certificates.norms import gains, greatest
 
     numbers = certificate.numbers
@@ -106,7 +106,7 @@ def _ball(certificate: "Certificate") -> Figure:
     left, right = figure.subplots(1, 2)
     if "centre" in numbers:
         angles = np.geomspace(1e-4, np.pi, 600)
-        parts = tuple(certificate.matrices[name] for name in PARTS)
+        parts = Parts(*(certificate.matrices[name] for name in Parts._fields))
         if numbers["radius"] > 0 and "step" in numbers:
             A, B, Q, S, R = _form(certificate)
             left.semilogx(angles / numbers["period"], 1 + greatest(A, B, Q, S, R, angles), color=COLOURS[0])
@@ -139,10 +139,10 @@ def _ball(certificate: "Certificate") -> Figure:
 def _form(certificate: "Certificate") -> tuple[np.ndarray, ...]:
     """The form that a ball of bounded speed asks to be negative."""
     from tarc.certificates.ball import multiplier_of
-    from tarc.certificates.mismatch import PARTS
+    from tarc.certificates.mismatch import Parts
     from tarc.certificates.slow import dissipation
 
-    numbers, parts = certificate.numbers, tuple(certificate.matrices[name] for name in PARTS)
+    numbers, parts = certificate.numbers, Parts(*(certificate.matrices[name] for name in Parts._fields))
     multiplier = multiplier_of(certificate.matrices, numbers)
     given = numbers["centre"], numbers["radius"], numbers["step"], multiplier
     return dissipation(parts, *given, numbers.get("weight", 0.0), numbers.get("stiffness", 0.0))
