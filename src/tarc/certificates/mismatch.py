@@ -81,12 +81,12 @@ class Responses:
     """Frequency responses of the loop left open, from which those at any ratio follow without its matrices.
 
     Of v and q, each to an acceleration held as the torque is, to the mismatched acceleration and to w. With a centre
-    there are more frequencies, beside the poles of the loop there.
+    there are more frequencies, beside the poles of the loop there. The count is that of those spread evenly.
     """
 
-    def __init__(self, parts: Parts, centre: float | None = None):
+    def __init__(self, parts: Parts, centre: float | None = None, count: int = 300):
         free, into, out, robust, through, wide, share, lead = parts
-        self.angles = _angles(free)
+        self.angles = _angles(free, count)
         if centre is not None:
             self.angles = np.unique(np.concatenate([self.angles, _beside(system(parts, centre)[0])]))
         z = np.exp(1j * self.angles)[:, None, None]
@@ -144,7 +144,7 @@ class Responses:
         return float(np.exp(found.x)), max(-float(found.fun), 0.0)
 
 
-def _angles(free: Array) -> Array:
+def _angles(free: Array, count: int) -> Array:
     """Angles [rad a period] close enough for every peak: most of them low, and more beside poles near the circle.
 
     A literal law whose torque comes back after m periods has such poles at the m-th roots of one, and a narrow peak
@@ -152,10 +152,10 @@ def _angles(free: Array) -> Array:
     """
     poles = np.linalg.eigvals(free)
     turns = np.abs(np.angle(poles[np.abs(poles) > 0.9]))
-    apart = np.geomspace(1e-8, 0.05, 80)
+    apart = np.geomspace(1e-8, 0.05, count // 4)
     beside = np.concatenate([-apart, apart])
     near = (turns[turns > 0.05][:, None] + beside).ravel()
-    return np.unique(np.concatenate([np.geomspace(1e-4, np.pi, 300), near[near < np.pi]]))
+    return np.unique(np.concatenate([np.geomspace(1e-4, np.pi, count), near[near < np.pi]]))
 
 
 def _beside(closed: Array) -> Array:

@@ -16,7 +16,7 @@ from tarc.plants.base import Plant
 
 Array = np.ndarray
 
-SEARCHES = 4
+SEARCHES = 3
 """How many postures are starts of a local search."""
 STEP = 1e-5
 """Step of its differences, in widths of the box; what is searched for is a difference itself."""
@@ -28,6 +28,8 @@ TURNS = 3
 """Most joints whose speed or acceleration a search changes."""
 LONGEST = 1.0
 """Greatest lead [s]."""
+ADDED = 0.02, 0.06, 0.12, 0.2, 0.35
+"""Shares of what is left of a ball's centre that stiffness and damping may take."""
 TOGETHER = 64
 """Of how many robots norms are computed at once."""
 NEGLIGIBLE = 1e-9
@@ -88,6 +90,22 @@ class Mismatches:
             part = Mismatches(self.inertia[some], self.stiffness[some], self.damping[some])
             best = max(best, float(part.joint_norms(centre, weight, lead).max()))
         return best
+
+    def weights(self, centre: float, lead: float) -> list[float]:
+        """The weights η [1/s²] that are worth a try, the heaviest first; none without stiffness and damping.
+
+        The heavier, the less is added to what E alone needs, and the less the loop bears. They are those with which
+        what is left of the centre, ρ0 − δ, shrinks by the shares of `ADDED`.
+        """
+        stiffest = float(self.sizes(lead).max())
+        if not stiffest > NEGLIGIBLE:
+            return []
+        alone = self.needed(centre, np.inf)
+        spare = centre - alone if alone < centre else centre
+        tried = np.geomspace(100.0, 0.01, 40)
+        needed = np.array([self.needed(centre, stiffest / centre * float(one), lead) for one in tried])
+        logs = np.interp([alone + share * spare for share in ADDED], needed, np.log(tried))
+        return [stiffest / centre * float(np.exp(one)) for one in dict.fromkeys(logs)]
 
     @cached_property
     def _squares(self) -> tuple[Array, ...]:

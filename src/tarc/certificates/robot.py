@@ -116,7 +116,7 @@ def robot(
             step = law.period * float(rates(law.M, slopes[None], workspace.speed)[0])
         plain = parts_of(channel, slope, intersample=True)
         tries = {best_centre(plain, (found.low, found.high), step), (found.low + found.high) / 2}
-        instants, mismatch = hardest(channel, slope, tries, instants, mismatch, law.M, workspace, units)
+        instants, mismatch = hardest(min(tries), instants, mismatch, law.M, workspace, units)
         best, evidence, radius = best_ball(channel, slope, tries, mismatch, step)
         step, lead, weight, centre = best.step, best.lead, best.weight, best.centre
         if weight:  # once more, for the very ball
@@ -264,8 +264,6 @@ def _kept(matrices: dict[str, Array]) -> Mismatches:
 RESTING, MOVING = ("low", "high", "stiff", "joint"), ("swift", "moving")
 """Names of the instants that a certificate holds: at rest of the least and the greatest ratio, the stiffest and that
 which needs the widest ball; moving, the last two."""
-BESIDE = 1.5, 1.0, 0.65, 0.4
-"""Weights that are tried for a bounded speed, over that which is best for any."""
 LEADS = 0.5, 1.0
 """Leads that are tried, over that for which damping counts as much as stiffness."""
 TRIALS = 4
@@ -286,20 +284,15 @@ class Trial(NamedTuple):
 
 
 def hardest(
-    channel: Channel, slope: float, tries: Collection[float], instants: list[Instant], found: Mismatches,
-    nominal: Array, workspace: Workspace, units: Array,
+    centre: float, instants: list[Instant], found: Mismatches, nominal: Array, workspace: Workspace, units: Array
 ) -> tuple[list[Instant], Mismatches]:  # fmt: skip
     """Instants with their `mismatches`, and those that local searches add; the worst one moves with the weight."""
     for factor in LEADS if float(found.sizes(0.0).max()) > NEGLIGIBLE or found.lead() else ():
         lead = factor * found.lead()
         instants, found = with_stiffest(instants, found, workspace, units, nominal, lead)
-    for _ in range(2):
-        lead = LEADS[-1] * found.lead()
-        parts = parts_of(channel, slope, intersample=True, lead=lead / channel.period)
-        one = max((best_weights(parts, centre, found, lead)[0] for centre in tries), key=lambda one: one.room)
-        if not one.weight:
-            break
-        instants, found = searched(instants, found, workspace, units, nominal, one.centre, one.weight, lead)
+    lead = found.lead()
+    for weight in found.weights(centre, lead)[::2]:
+        instants, found = searched(instants, found, workspace, units, nominal, centre, weight, lead)
     return instants, found
 
 
@@ -332,34 +325,22 @@ def best_ball(
 
 
 def best_weights(parts: Parts, centre: float, found: Mismatches, lead: float, step: float | None = None) -> list[Trial]:
-    """The weights η of the position beside v with the most room, the best first.
+    """The weights η of the position beside v with the most room, the best first; zero where there is no stiffness.
 
-    A large η makes little of the stiffness in what the ball must hold and much of it in what the loop bears. Zero where
-    there is no stiffness. With a step E⁻¹ changes by no more than that in a period.
+    With a step E⁻¹ changes by no more than that in a period.
     """
-    responses, trials = Responses(parts), []
-    apart = np.linalg.norm(found.inertia - centre * np.eye(found.inertia.shape[1]), 2, axis=(1, 2))
-    extent, stiffness = max(float(apart.max()), 0.1 * centre), float(found.sizes(lead).max())
+    responses, stiffness = Responses(parts), float(found.sizes(lead).max())
 
-    def slow(weight: float) -> float:
-        return best_multiplier(parts, centre, step or 0.0, weight=weight, stiffness=stiffness, responses=responses)[1]
+    def radius(weight: float) -> float:
+        if step is None:
+            return responses.best(centre, weight)[1]
+        return best_multiplier(parts, centre, step, weight=weight, stiffness=stiffness, responses=responses)[1]
 
-    if stiffness <= NEGLIGIBLE:
-        radius = responses.best(centre)[1] if step is None else slow(0.0)
-        return [Trial(radius / extent, extent, 0.0, lead, centre, step)]
-
-    def trial(weight: float, radius: float, kind: float | None) -> Trial:
-        needed = found.needed(centre, weight, lead)
-        return Trial(radius / needed, needed, weight, lead, centre, kind)
-
-    weights = stiffness / extent * np.geomspace(0.1, 100.0, 31)
-    trials = [trial(float(one), responses.best(centre, float(one))[1], None) for one in weights]
-    trials.sort(reverse=True, key=lambda one: one.room)
-    if step is not None:  # the weight that serves at any speed, or a lighter one, serves at this one
-        best = trials[0].weight
-        trials = [trial(float(one), slow(float(one)), step) for one in best * np.array(BESIDE)]
-        trials.sort(reverse=True, key=lambda one: one.room)
-    return trials[:2]
+    trials = []
+    for weight in found.weights(centre, lead) or [0.0]:
+        needed = found.needed(centre, weight, lead) if weight else max(found.needed(centre, np.inf), 0.1 * centre)
+        trials.append(Trial(radius(weight) / needed, needed, weight, lead, centre, step))
+    return sorted(trials, reverse=True, key=lambda one: one.room)[:2]
 
 
 def _at_rest(loop: tuple[Array, ...], nominal: Array, rest: tuple[Array, ...], period: float) -> Array:

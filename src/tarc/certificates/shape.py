@@ -5,13 +5,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from tarc import check
-from tarc.certificates.spread import REFINE, Grid, ends_of, inverse_ratios, peaks_of, plants_of, top
+from tarc.certificates.spread import Grid, ends_of, inverse_ratios, peaks_of, plants_of, top
 from tarc.certificates.workspace import Workspace
 from tarc.errors import TarcError
 from tarc.plants.base import Plant
 
 ROUNDS = 30
 """Most rounds in which `best_shape` adds postures."""
+STARTS = 6
+"""Of the local search in each round, for each end."""
 ALIKE = 1e-5
 """Distance of two inertia matrices, of their size, below which one stands for both."""
 SLACK = 1.2
@@ -62,7 +64,7 @@ def best_shape(
     best, ratio = X, np.inf
     below = above = pool[:0]
     for _ in range(ROUNDS):
-        lows, highs = peaks_of(ends_of(X), plants, grid, REFINE)
+        lows, highs = peaks_of(ends_of(X), plants, grid, STARTS)
         low, high = 1 / top(lows).value, -1 / top(highs).value
         if high / low < ratio:
             best, ratio = X / low, high / low

@@ -13,8 +13,10 @@ DECAYS = 10
 """How many exponentials the multiplier is made of."""
 FIRST = 50
 """About how many frequencies the linear program begins with."""
-ROUNDS = 16
+ROUNDS = 40
 """Most rounds in which `best_multiplier` adds what its linear program overlooked."""
+CLOSE = 1.02
+"""At which a search ends, where nothing else is said."""
 STILL = 1e-4
 """Least change in a period, as a share of the centre, for which a multiplier is searched for."""
 NEGLIGIBLE = 1e-4
@@ -129,7 +131,7 @@ def dissipation(
 
 def best_multiplier(
     parts: Parts, centre: float, step: float, *, weight: float = 0.0, stiffness: float = 0.0,
-    responses: Responses | None = None, enough: float = np.inf,
+    responses: Responses | None = None, enough: float = np.inf, close: float = CLOSE,
 ) -> tuple[Multiplier, float, float]:  # fmt: skip
     """The multiplier with which the loop bears the largest ball, its radius, and a bound on any such radius.
 
@@ -151,6 +153,8 @@ def best_multiplier(
         Those of the parts, where they are known already.
     enough
         A radius at which to stop, once it is reached or out of reach.
+    close
+        Where the search ends: the spread that may still be gained over the one that is reached.
 
     Returns
     -------
@@ -177,9 +181,9 @@ def best_multiplier(
     for _ in range(ROUNDS):
         if inside[-1] >= enough:
             break
-        found: Any = linprog(goal, A_ub=A, b_ub=b, bounds=bounds, method="highs")
+        found: Any = linprog(goal, A_ub=A, b_ub=b, bounds=bounds, method="highs-ds", options={"presolve": False})
         bound = found.x[-1] if found.status == 0 else bound
-        if found.status != 0 or bound < max(1.01 * inside[-1], enough if enough < 1 else 0.0):
+        if found.status != 0 or bound < enough < 1 or _spread(bound) < close * _spread(inside[-1]):
             break
         trial = (inside + found.x) / 2
         values, vectors = np.linalg.eigh(forms.at(trial))
@@ -193,6 +197,11 @@ def best_multiplier(
         if reached**2 > inside[-1]:
             inside, inside[-1] = trial, reached**2
     return forms.multiplier(inside), centre * inside[-1] ** 0.5, centre * float(bound) ** 0.5
+
+
+def _spread(square: float) -> float:
+    """Ratio of the ends of a ball, of the square of its radius over the centre."""
+    return (1 + square**0.5) / max(1 - square**0.5, 1e-9)
 
 
 class _Forms:

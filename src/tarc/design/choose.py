@@ -35,7 +35,7 @@ NOISE = 0.01
 """RMS of the torque that measurement noise makes, as a share of the torque limit, where nothing else is asked for."""
 NEAR = 2.0
 """Where even the quietest certified loop is above that share: how much more noise than its is taken, if that makes the
-product of noise and error less."""
+error less by more than the square of it."""
 SLOPE = 1.0
 """Slope of TARC's robust term at its cap over the stiffness K1: it costs up to a quarter of the spread borne."""
 ROOM = 0.1
@@ -245,7 +245,7 @@ def design(
     )  # fmt: skip
     trials = [one for one in trials if one.synchronised or one.degree == 2]  # literal ones of 3 are beaten by others
     with Progress("designing", len(trials) + 60, progress) as bar:
-        shape, _ = best_shape(plants, workspace, samples=samples, diagonal=diagonal, tolerance=0.02, seed=seed)
+        shape, _ = best_shape(plants, workspace, samples=samples, diagonal=diagonal, tolerance=0.03, seed=seed)
         found = spread(plants, shape, workspace, samples=samples, seed=seed)
         shape, ratio = shape / found.low, found.ratio  # so that the eigenvalues of M(q)⁻¹X are 1 and above
         demand = Demand.of_robot(plants, workspace, shape, found, seed=seed)
@@ -386,7 +386,7 @@ class _Need:
         allowed = self.budget if self.noise is not None else max(self.budget, NEAR * self.level(least))
         quiet = [one for one in able if self.level(one) <= allowed]
         if quiet and self.level(least) > self.budget:
-            return min(quiet, key=lambda one: one.noise * one.error)
+            return min(quiet, key=lambda one: one.noise**2 * one.error)
         if quiet:
             return quiet[-1]
         raise TarcError(
@@ -440,7 +440,7 @@ def _choices(
     above = level > need.budget
     least = "the least noise of all that do" if need.bandwidth is not None else "the least error within the budget"
     if above and need.bandwidth is None:
-        least = f"the least product of noise and error of those within {NEAR:g} times the noise of the quietest"
+        least = f"the least error times noise squared of those within {NEAR:g} times the noise of the quietest"
     result = [
         Choice(
             "inertia",
@@ -460,7 +460,7 @@ def _choices(
             "bandwidth",
             f"{best.bandwidth:.4g} rad/s, damping {best.damping:g}",
             "as asked for" if need.bandwidth is not None
-            else "no loop that bears the spread and gravity makes as little torque noise as "
+            else "no loop that bears the spread, gravity and motion makes as little torque noise as "
             f"{100 * need.budget:.3g} % of the limit" if above
             else f"the highest that pays within torque noise of {100 * need.budget:.3g} % of the limit",
         ),

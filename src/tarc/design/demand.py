@@ -20,8 +20,6 @@ from tarc.certificates.spread import Spread
 from tarc.certificates.workspace import Workspace
 from tarc.plants.base import Plant
 
-WEIGHTS = 8
-"""How many weights of the position are looked at."""
 LEAD = 1.0
 """Of the damping beside the stiffness, over that for which both count as much."""
 
@@ -57,7 +55,7 @@ class Demand:
 
     @classmethod
     def plain(cls, spread: float, rate: float = np.inf) -> "Demand":
-        """Of a robot without gravity."""
+        """Of a robot without stiffness and damping of its own."""
         spread = check.number("spread", spread, 1)
         return cls(spread, np.array([share_of(spread)]), np.zeros(1), rate)
 
@@ -68,7 +66,7 @@ class Demand:
         stiffness, centre = float(found.sizes(lead).max()), (1 + spread) / 2
         if not stiffness > NEGLIGIBLE:
             return cls.plain(spread, rate)
-        weights = stiffness / centre * np.geomspace(0.3, 30.0, WEIGHTS)
+        weights = np.array(found.weights(centre, lead)[::-1])
         norms = np.array([found.needed(centre, float(weight), lead) for weight in weights])
         return cls(spread, np.maximum(norms / centre, share_of(spread)), weights, rate, stiffness, lead)
 
@@ -98,8 +96,7 @@ class Demand:
         if search and stiffness > NEGLIGIBLE:
             units = workspace.units(found.samples, seed)
             instants, mismatch = with_stiffest(instants, mismatch, workspace, units, shape, lead)
-            for factor in (2.0, 10.0):  # of the weights of `of`, a light one and a heavy one
-                eta = factor * stiffness / middle
+            for eta in mismatch.weights(middle, lead)[::2]:
                 instants, mismatch = searched(instants, mismatch, workspace, units, shape, middle, eta, lead)
         rate = greatest_rate(plants, shape, workspace, found.samples, seed)
         return cls.of(found.ratio, mismatch, rate)

@@ -35,6 +35,10 @@ SLOW_FIRST, SLOW_LOWER, SLOW_BESIDE = 0.7, 0.4, (0.9, 0.55)
 allow. First one, then where it bears the robot a lower one, of less noise, and else those beside it."""
 SLOW_CLOSELY = 0.7, 0.55, 0.4, 0.85
 """And on a second pass."""
+FREQUENCIES = 160
+"""At which a loop is looked at: few, since the choice is certified afterwards."""
+CLOSE = 1.06
+"""How near to the widest ball the search for one ends."""
 LIGHTER = 2
 """Most weights of the position at which a centre is looked at."""
 NEARLY = -0.15
@@ -226,7 +230,7 @@ def _assess(one: Candidate, demand: Demand, slope_share: float, room: float, clo
     needed = np.array([share_of(spread_of(share) * (1 + room)) if share < 1 else np.inf for share in demand.shares])
     slope = slope_share * one.bandwidth**2
     parts = parts_of(channel, slope, intersample=True, lead=demand.lead / one.period)
-    responses = Responses(parts)
+    responses = Responses(parts, count=FREQUENCIES)
     free = 1 - CENTRES[:, None] * responses.held[:, 0]
     plain = np.min(np.abs(free) / np.linalg.norm(responses.mismatch[:, 0], axis=1), axis=1) / CENTRES
     loop, without = _Loop(parts, responses, demand, needed, one.period), parts_of(channel, 0.0, intersample=True)
@@ -342,7 +346,7 @@ class _Loop:
             _, radius, bound = best_multiplier(
                 self.parts, centre, self.demand.rate * self.period * (1 + self.demand.spread) / (2 * centre),
                 weight=self.weight(number, centre), stiffness=self.demand.stiffness, responses=self.responses,
-                enough=1.0001 * least * centre,
+                enough=1.0001 * least * centre, close=CLOSE,
             )  # fmt: skip
             if radius / centre >= least:
                 return spread_of(min(radius / centre, 1 - 1e-9)) / spread_of(shares[i]) - 1

@@ -119,7 +119,7 @@ def _map(design: "Design", sides: dict[bool, tuple[np.ndarray, np.ndarray, np.nd
     panels[0].set_ylabel("bandwidth [rad/s]")
     figure.suptitle(
         f"{_title(design)}\n{'white line: ' if line else ''}the robot's spread, {design.spread:.3g}; dots: loops that "
-        "bear it with gravity and with room; star: chosen",
+        "bear it with gravity, motion and room; star: chosen",
         fontsize="medium",
     )
     return figure
@@ -148,7 +148,7 @@ def _lines(design: "Design") -> Figure:
     axes.set_ylabel(f"spread that the loop bears\nat {design.chosen.bandwidth:.4g} rad/s")
     axes.legend(frameon=False, fontsize="small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
     axes.grid(alpha=0.3)
-    figure.suptitle(f"{_title(design)}\ndots: loops that bear the robot with gravity and with room", fontsize="medium")
+    figure.suptitle(f"{_title(design)}\ndots: loops that bear the robot with gravity, motion and room", fontsize="medium")
     return figure
 
 
