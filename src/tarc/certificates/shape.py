@@ -12,7 +12,7 @@ from tarc.plants.base import Plant
 
 ROUNDS = 30
 """Most rounds in which `best_shape` adds postures."""
-STARTS = 6
+STARTS = 10
 """Of the local search in each round, for each end."""
 ALIKE = 1e-5
 """Distance of two inertia matrices, of their size, below which one stands for both."""

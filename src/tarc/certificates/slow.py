@@ -15,7 +15,7 @@ FIRST = 50
 """About how many frequencies the linear program begins with."""
 ROUNDS = 40
 """Most rounds in which `best_multiplier` adds what its linear program overlooked."""
-CLOSE = 1.02
+CLOSE = 1.005
 """At which a search ends, where nothing else is said."""
 STILL = 1e-4
 """Least change in a period, as a share of the centre, for which a multiplier is searched for."""

@@ -34,8 +34,10 @@ if TYPE_CHECKING:
 NOISE = 0.01
 """RMS of the torque that measurement noise makes, as a share of the torque limit, where nothing else is asked for."""
 NEAR = 2.0
-"""Where even the quietest certified loop is above that share: how much more noise than its is taken, if that makes the
-error less by more than the square of it."""
+"""How much more noise is taken than that share, or than the quietest certified loop makes where it is above it, if that
+makes the error less by more than the square of it."""
+STEPS = 5
+"""Most times that the neighbours of the best loop are looked at closely."""
 SLOPE = 1.0
 """Slope of TARC's robust term at its cap over the stiffness K1: it costs up to a quarter of the spread borne."""
 ROOM = 0.1
@@ -253,8 +255,10 @@ def design(
         looked = assess(trials, demand, slope_share=share, room=ROOM, done=bar.advance)
         need = _Need(plants, workspace, shape, demand, sigma, limits, bandwidth, noise, looked)
         best = need.pick()
-        for _ in range(2):
-            near = _near(best, bandwidth is None)
+        seen: set[Candidate] = set()
+        for _ in range(STEPS):
+            near = [one for one in _near(best, bandwidth is None) if one not in seen]
+            seen.update(near)
             looked = [*looked, *assess(near, demand, slope_share=share, room=ROOM, closely=True)]
             before, best = best, replace(need, looked=looked).pick()
             if best == before:
@@ -364,6 +368,13 @@ class _Need:
         """Torque noise allowed, as a share of the limit."""
         return NOISE if self.noise is None else self.noise
 
+    @property
+    def free(self) -> float:
+        """Torque noise that is taken without a second thought: the budget, or the least there is if none is given."""
+        if self.noise is not None:
+            return self.noise
+        return max(self.budget, self.level(front(self.looked)[0]))
+
     def level(self, one: Candidate) -> float:
         """Torque noise over the limit, of the joint where it is greatest."""
         return float(np.max(one.noise * np.linalg.norm(self.shape * self.sigma, axis=1) / self.limits))
@@ -382,13 +393,11 @@ class _Need:
                     f"the bandwidth, allow {self.level(best):.3g}, or take {self._bits(best):.0f} more bits"
                 )
             return best
-        least = able[0]
-        allowed = self.budget if self.noise is not None else max(self.budget, NEAR * self.level(least))
+        least, free = able[0], self.free
+        allowed = free if self.noise is not None else NEAR * free
         quiet = [one for one in able if self.level(one) <= allowed]
-        if quiet and self.level(least) > self.budget:
-            return min(quiet, key=lambda one: one.noise**2 * one.error)
         if quiet:
-            return quiet[-1]
+            return min(quiet, key=lambda one: max(self.level(one), free) ** 2 * one.error)
         raise TarcError(
             f"noise: {100 * self.budget:.3g} % of the torque limit is allowed, and the least that a certified loop "
             f"makes is {100 * self.level(least):.3g} %; allow noise={self.level(least):.2g}, or take an encoder with "
@@ -437,10 +446,11 @@ def _choices(
     share = f"{100 * level:.2g} % of its limit" if np.isfinite(limits).any() else "no limit is known"
     loudest = int(np.argmax(made.torque_noise / limits if np.isfinite(limits).all() else made.torque_noise))
     name = made.plants[0].joint_names[loudest]
-    above = level > need.budget
+    above, scarce = level > need.budget, need.free > need.budget
     least = "the least noise of all that do" if need.bandwidth is not None else "the least error within the budget"
     if above and need.bandwidth is None:
-        least = f"the least error times noise squared of those within {NEAR:g} times the noise of the quietest"
+        least = f"the least error times noise squared within {NEAR:g} times the "
+        least += "noise of the quietest" if scarce else "budget"
     result = [
         Choice(
             "inertia",
@@ -461,7 +471,9 @@ def _choices(
             f"{best.bandwidth:.4g} rad/s, damping {best.damping:g}",
             "as asked for" if need.bandwidth is not None
             else "no loop that bears the spread, gravity and motion makes as little torque noise as "
-            f"{100 * need.budget:.3g} % of the limit" if above
+            f"{100 * need.budget:.3g} % of the limit" if scarce
+            else f"more torque noise than {100 * need.budget:.3g} % of the limit pays here: the error falls by more "
+            "than the square of it" if above
             else f"the highest that pays within torque noise of {100 * need.budget:.3g} % of the limit",
         ),
         Choice(

@@ -35,7 +35,7 @@ SLOW_FIRST, SLOW_LOWER, SLOW_BESIDE = 0.7, 0.4, (0.9, 0.55)
 allow. First one, then where it bears the robot a lower one, of less noise, and else those beside it."""
 SLOW_CLOSELY = 0.7, 0.55, 0.4, 0.85
 """And on a second pass."""
-FREQUENCIES = 160
+FREQUENCIES = 200
 """At which a loop is looked at: few, since the choice is certified afterwards."""
 CLOSE = 1.06
 """How near to the widest ball the search for one ends."""

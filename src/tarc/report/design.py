@@ -148,7 +148,9 @@ def _lines(design: "Design") -> Figure:
     axes.set_ylabel(f"spread that the loop bears\nat {design.chosen.bandwidth:.4g} rad/s")
     axes.legend(frameon=False, fontsize="small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
     axes.grid(alpha=0.3)
-    figure.suptitle(f"{_title(design)}\ndots: loops that bear the robot with gravity, motion and room", fontsize="medium")
+    figure.suptitle(
+        f"{_title(design)}\ndots: loops that bear the robot with gravity, motion and room", fontsize="medium"
+    )
     return figure
 
 
