@@ -101,8 +101,7 @@ def slower(
         return None
     share = looked[0].slope / looked[0].bandwidth ** 2
     found = spread(plants, shape, workspace, samples=QUICK)
-    wide = [one for one in looked if one.reach >= (1 + room) * found.ratio]
-    trials = [replace(one, scale=0.0, room=0.0) for one in wide[:: -(-len(wide) // MOST) or 1]]
+    trials = [replace(one, scale=0.0, room=0.0) for one in looked[:: -(-len(looked) // MOST)]]
 
     def fits(log: float) -> bool:
         demand = Demand.of_robot(plants, workspace.paced(float(np.exp(log))), shape, found, search=False)

@@ -270,7 +270,14 @@ def print_design(design: "Design", files: list[Path]) -> None:
     ]
     console.print(f"predicted torque noise, RMS (of the limit): {', '.join(noise)}", highlight=False)
     loudest = max((share for _, _, share in _noise(design) if share is not None), default=0.0)
-    if design.budget is not None and loudest > 1.0001 * design.budget:
+    least = loudest * design.front[0].noise / design.chosen.noise
+    if design.budget is not None and loudest > 1.0001 * design.budget >= 1.0001 * least:
+        console.print(
+            f"[yellow]torque noise is above {100 * design.budget:.3g} %, for it buys more than its square in error; "
+            f"--noise {design.budget:g} keeps to it[/]",
+            highlight=False,
+        )
+    elif design.budget is not None and loudest > 1.0001 * design.budget:
         console.print(
             f"[yellow]torque noise is above the {100 * design.budget:.3g} % aimed at, for no certified loop makes so "
             f"little: an encoder with {math.ceil(math.log2(loudest / design.budget))} more bits would, and more rotor "

@@ -1,0 +1,55 @@
+"""What is chosen of the loops on the front, and that the search for it is not blind beside."""
+
+import numpy as np
+import pytest
+
+from tarc import plants
+from tarc.design import design
+from tarc.design.choose import NEAR, NOISE
+
+ARM = plants.TwoLinkArm()
+LIMITS = np.array([100.0, 50.0])
+
+
+def made(**options):
+    return design(ARM, payload=(0.0, 1.0), torque_limit=LIMITS, speed=1.0, samples=100, progress=False, **options)
+
+
+def levels(found):
+    """Torque noise over the limit of each loop on the front, where it is greatest, and of the one chosen."""
+    sigma = found.sensor.increment / 12**0.5
+    share = np.max(np.linalg.norm(found.shape * sigma, axis=1) / LIMITS)
+    return np.array([one.noise for one in found.front]) * share, found.chosen.noise * share
+
+
+@pytest.fixture(scope="module")
+def usual():
+    return made()
+
+
+def test_noise_beyond_the_budget_is_traded_against_error(usual):
+    noise, level = levels(usual)
+    free = max(NOISE, noise.min())
+    assert level <= NEAR * free
+    assert level == pytest.approx(np.max(usual.torque_noise / LIMITS))
+    worth = np.maximum(noise, free) ** 2 * [one.error for one in usual.front]
+    assert max(level, free) ** 2 * usual.chosen.error == pytest.approx(worth[noise <= NEAR * free].min())
+
+
+def test_a_budget_that_is_given_is_kept_and_used(usual):
+    _, level = levels(usual)
+    for share in (0.5, 3.0):
+        given = made(noise=share * level)
+        noise, now = levels(given)
+        assert now <= share * level
+        assert given.chosen.error == min(
+            one.error for one, size in zip(given.front, noise, strict=True) if size <= share * level
+        )
+        assert given.certificates["robot"].certified
+        assert (given.chosen.error < usual.chosen.error) == (share > 1)
+
+
+def test_a_slower_robot_has_no_worse_a_loop(usual):
+    slow = design(ARM, payload=(0.0, 1.0), torque_limit=LIMITS, speed=0.2, samples=100, progress=False)
+    assert slow.chosen.error <= 1.1 * usual.chosen.error
+    assert slow.certificates["robot"].numbers["rate"] < usual.certificates["robot"].numbers["rate"]
