@@ -53,3 +53,13 @@ def test_a_slower_robot_has_no_worse_a_loop(usual):
     slow = design(ARM, payload=(0.0, 1.0), torque_limit=LIMITS, speed=0.2, samples=100, progress=False)
     assert slow.chosen.error <= 1.1 * usual.chosen.error
     assert slow.certificates["robot"].numbers["rate"] < usual.certificates["robot"].numbers["rate"]
+
+
+def test_the_region_of_a_bounded_speed_is_drawn(usual, tmp_path):
+    figure = usual.plot("reach")
+    drawn = [axes.get_title() for axes in figure.axes]
+    assert drawn[:2] == ["literal", "synchronised"]
+    points = sum(len(one.get_offsets()) for axes in figure.axes[:2] for one in axes.collections)
+    assert points == sum(one.feasible for one in usual.candidates)
+    assert "% of its limit" in figure.axes[2].get_ylabel()
+    figure.savefig(tmp_path / "reach.png")

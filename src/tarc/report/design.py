@@ -65,23 +65,72 @@ def plot_front(design: "Design") -> Figure:
 
 def plot_reach(design: "Design") -> Figure:
     """The spread that loops bear over window and bandwidth, and where it is the robot's; at one bandwidth over the
-    window alone.
+    window alone. For a robot of bounded speed, for which it is not known how much more a loop bears, those that do.
     """
+    if design.workspace.speed is not None:
+        return _region(design)
     sides = {both: _grid(design, both) for both in (False, True)}
     return _map(design, sides) if all(len(grid[1]) > 1 for grid in sides.values()) else _lines(design)
+
+
+def _region(design: "Design") -> Figure:
+    figure = Figure(figsize=(9.5, 4.4), layout="constrained")
+    panels = figure.subplots(1, 2, sharex=True, sharey=True)
+    able = [one for one in design.candidates if one.feasible]
+    limited = design.law.torque_limit is not None
+    loudest = float(np.max(100 * design.torque_noise / design.law.limit if limited else design.torque_noise))
+    noise = {one: loudest * one.noise / design.chosen.noise for one in able}
+    least, most = np.log10(min(noise.values())), np.log10(max(noise.values()))
+    drawn: Any = None
+    for axes, synchronised in zip(panels, (False, True), strict=True):
+        for degree, marker in ((2, "o"), (3, "s")):
+            # the quietest scale of M̂ of each loop on top
+            some = [one for one in able if (one.synchronised, one.degree) == (synchronised, degree)]
+            some.sort(key=lambda one: -noise[one])
+            drawn = axes.scatter(
+                [one.window for one in some], [one.bandwidth for one in some], c=[np.log10(noise[one]) for one in some],
+                vmin=least, vmax=most, cmap="viridis_r", marker=marker, s=30, label=f"degree {degree}",
+            )  # fmt: skip
+        if design.chosen.synchronised == synchronised:
+            axes.plot(design.chosen.window, design.chosen.bandwidth, **STAR)
+        axes.set_title("synchronised" if synchronised else "literal", fontsize="medium")
+        axes.set_xlabel("window [periods]")
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axes.grid(alpha=0.3)
+    _log(panels[0], "y")
+    panels[0].set_ylabel("bandwidth [rad/s]")
+    panels[1].legend(frameon=False, fontsize="small")
+    bar = figure.colorbar(
+        drawn,
+        ax=panels,
+        label=f"torque noise of the loudest joint, RMS [{'% of its limit' if limited else 'N m or N'}]",
+    )
+    ticks = np.linspace(least, most, 6)
+    bar.set_ticks(list(ticks), labels=[f"{10**one:.2g}" for one in ticks])
+    figure.suptitle(
+        f"{_title(design)}\nloops found that bear the robot's spread, {design.spread:.3g}, with gravity, motion and "
+        "room; star: chosen",
+        fontsize="medium",
+    )
+    return figure
 
 
 def _grid(design: "Design", synchronised: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Windows (w,), bandwidths (b,) and the widest spread that a loop bears there (b, w), of those looked at first."""
     found: dict[tuple[int, float], float] = {}
     for one in design.candidates:
-        if one.synchronised == synchronised and one.degree == design.chosen.degree:
+        if one.synchronised == synchronised and one.degree == _degree(design, synchronised):
             found[one.window, one.bandwidth] = max(one.reach, found.get((one.window, one.bandwidth), 1.0))
     # the neighbours of the choice, looked at later, have few windows a bandwidth and few bandwidths a window
     speeds = _frequent([speed for _, speed in found])
     windows = _frequent([window for window, speed in found if speed in speeds])
     values = np.array([[found.get((int(w), float(s)), 1.0) for w in windows] for s in speeds])
     return windows, speeds, values
+
+
+def _degree(design: "Design", synchronised: bool) -> int:
+    """That of the choice; literal loops have degree 2."""
+    return design.chosen.degree if synchronised else min(design.chosen.degree, 2)
 
 
 def _frequent(values: list[Any]) -> np.ndarray:
@@ -102,13 +151,13 @@ def _map(design: "Design", sides: dict[bool, tuple[np.ndarray, np.ndarray, np.nd
             axes.contour(windows, speeds, z, levels=[level], colors="white", linewidths=2)
             line = True
         able = [one for one in design.candidates if one.feasible and one.synchronised == synchronised]
-        able = [one for one in able if one.degree == design.chosen.degree]
+        able = [one for one in able if one.degree == _degree(design, synchronised)]
         axes.plot([one.window for one in able], [one.bandwidth for one in able], "o", color="black", ms=2.5)
         if design.chosen.synchronised == synchronised:
             axes.plot(design.chosen.window, design.chosen.bandwidth, clip_on=False, **STAR)
         axes.set_facecolor("0.9")
         word = "synchronised" if synchronised else "literal"
-        axes.set_title(f"{word}, degree {design.chosen.degree}", fontsize="medium")
+        axes.set_title(f"{word}, degree {_degree(design, synchronised)}", fontsize="medium")
         axes.set_xlabel("window [periods]")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.set_xlim(min([windows.min(), *(one.window for one in able)]) - 0.3, windows.max())
@@ -136,6 +185,8 @@ def _lines(design: "Design") -> Figure:
                 if (one.synchronised, one.degree) == (synchronised, degree):
                     best[one.window] = max(one, best.get(one.window, one), key=lambda any: (any.feasible, any.reach))
             windows = sorted(best)
+            if not windows:
+                continue
             reach = [float(np.clip(best[window].reach, 1.0, 10 * WIDEST)) for window in windows]
             axes.plot(windows, reach, style, color=colour, lw=1.2, label=f"{word}, degree {degree}")
             able += [one for one in best.values() if one.feasible]
