@@ -1,5 +1,6 @@
 """The best shape of M̂: closed forms, real robots, and its lower bound against every other shape."""
 
+import sys
 import sysconfig
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from scipy.linalg import eigh
 from tarc.certificates.shape import best_shape, lower_bound
 from tarc.certificates.spread import spread
 from tarc.certificates.workspace import Workspace
-from tarc.plants import MassSpringDamper, MujocoPlant, TwoLinkArm, WheeledMobileRobot
+from tarc.plants import MassSpringDamper, MujocoPlant, NLinkArm, TwoLinkArm, WheeledMobileRobot
 
 ROBOTS = Path(sysconfig.get_path("purelib"), "cmeel.prefix", "share", "example-robot-data", "robots")
 ARM = TwoLinkArm()
@@ -73,6 +74,22 @@ def test_shape_of_a_light_arm_whose_solver_stops_short(seed):
     X, t = best_shape([arm, arm.with_parameters({"payload": 0.3})], Workspace.of(arm), samples=200, seed=seed)
     assert t == pytest.approx(3.62, rel=0.01)
     assert np.linalg.eigvalsh(X).min() > 0
+
+
+@pytest.mark.parametrize("starts", [1, 3, 8])
+@pytest.mark.parametrize(
+    ("both", "low", "high", "known"),
+    [
+        ([NLinkArm(), NLinkArm(payload=1.0)], [-np.pi, -1.5, 0.3], [np.pi, 1.5, 1.5], 21.48),
+        ([ARM, TwoLinkArm(payload=2.0)], [-np.pi, 0.5], [np.pi, 2.6], 11.4),
+    ],
+)
+def test_bounds_meet_however_little_is_searched(both, low, high, known, starts, monkeypatch):
+    """No posture comes and goes for ever."""
+    monkeypatch.setattr(sys.modules["tarc.certificates.shape"], "STARTS", starts)
+    for seed in range(3):
+        _, t = best_shape(both, Workspace.box(low, high), samples=200, seed=seed)
+        assert t == pytest.approx(known, rel=0.015)
 
 
 def definite(rng, count, n):

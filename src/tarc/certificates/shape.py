@@ -12,7 +12,9 @@ from tarc.plants.base import Plant
 
 ROUNDS = 30
 """Most rounds in which `best_shape` adds postures."""
-STARTS = 10
+PATIENCE = 6
+"""Rounds after which no posture is dropped any more."""
+STARTS = 8
 """Of the local search in each round, for each end."""
 ALIKE = 1e-5
 """Distance of two inertia matrices, of their size, below which one stands for both."""
@@ -63,7 +65,7 @@ def best_shape(
     X, bound = np.diag(np.diag(mean)) if diagonal else mean, 1.0
     best, ratio = X, np.inf
     below = above = pool[:0]
-    for _ in range(ROUNDS):
+    for count in range(ROUNDS):
         lows, highs = peaks_of(ends_of(X), plants, grid, STARTS)
         low, high = 1 / top(lows).value, -1 / top(highs).value
         if high / low < ratio:
@@ -71,8 +73,9 @@ def best_shape(
         if ratio <= (1 + tolerance) * bound:
             return best, ratio
         fresh_low, fresh_high = ([plants[one.plant].inertia(one.posture) for one in ends] for ends in (lows, highs))
-        below = _joined(_active(below, X, -1), fresh_low)
-        above = _joined(_active(above, X, 0), fresh_high)
+        if count < PATIENCE:  # and from then on none is dropped, so that none comes and goes for ever
+            below, above = _active(below, X, -1), _active(above, X, 0)
+        below, above = _joined(below, fresh_low), _joined(above, fresh_high)
         X, lower = _solve(below, above, mean, diagonal)
         bound = max(bound, lower)
     raise TarcError(
