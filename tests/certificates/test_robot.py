@@ -169,7 +169,7 @@ def test_ur5e():
     refuted = of(law, arm, everywhere)
     assert refuted.verdict == "refuted"
     assert refuted.witness is not None
-    away = hold(arm, law, refuted.witness["posture"], 1e-9, 20 / refuted.witness["growth rate [1/s]"])
+    away = hold(arm, law, refuted.witness["posture"], 1e-9, 25 / refuted.witness["growth rate [1/s]"])
     assert away.max() > 1e-4
 
 
