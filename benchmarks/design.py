@@ -31,15 +31,17 @@ from rich.console import Console
 from rich.table import Table
 
 import tarc
-from tarc.certificates import Certificate, Workspace, spread, stable_intervals
-from tarc.certificates.robot import robot, unstable_posture
+from tarc.analysis import Workspace, spread, stable_intervals
+from tarc.analysis.rest_stability import unstable_posture
+from tarc.certificates import Certificate
+from tarc.certificates.robot import robot
 from tarc.design import Design, adaptation, assess, design, expected_step
-from tarc.design.choose import ROOM
-from tarc.design.demand import Demand
-from tarc.design.front import Candidate
-from tarc.design.scenario import SLOW
+from tarc.design.candidate_loops import Candidate
+from tarc.design.robustness import Demand
+from tarc.design.selection import ROOM
+from tarc.design.writer import SLOW
 from tarc.plants.base import Plant
-from tarc.run import Run
+from tarc.simulation.run import Run
 
 DATA = "cmeel.prefix/share/example-robot-data/robots"
 DURATION = 10.0

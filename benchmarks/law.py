@@ -5,8 +5,9 @@ import numpy as np
 import tarc
 from benchmarks.measure import Row, best
 from benchmarks.measure import law as tarc_law
+from tarc.core.tracing import Buffered, trace
+from tarc.core.trees import pack
 from tarc.laws import LawInput
-from tarc.system import Buffered, pack, trace
 
 
 def step() -> list[Row]:

@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 import tarc
-from tarc import engines
+from tarc.simulation.monitor import Watch
+from tarc.simulation.sampled_inputs import Plan
 
 
 class Row(NamedTuple):
@@ -41,14 +42,14 @@ def best(calls: list[Callable[[], object]], repeat: int, rounds: int = 15) -> li
     return least
 
 
-class Stopwatch(engines.Watch):
+class Stopwatch(Watch):
     """Times what an engine simulates: ``times``, a period [s] in each stretch of four looks, without its set-up.
 
     ``between`` is called after every stretch, off the clock, with where the next one begins: for taking turns, in
     stretches long enough that what the other left in the caches does not matter.
     """
 
-    def __init__(self, plan: engines.Plan, between: Callable[[int], object] = lambda at: None):
+    def __init__(self, plan: Plan, between: Callable[[int], object] = lambda at: None):
         super().__init__(plan, 100.0, False)
         self.times: list[float] = []
         self.between = between

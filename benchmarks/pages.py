@@ -25,7 +25,7 @@ from PIL import Image
 
 from benchmarks.comparison import MEASURES, SCENARIOS
 from tarc import laws
-from tarc.report.figures import COLOURS
+from tarc.plotting.runs import COLOURS
 from tarc.study import tuned_laws
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"

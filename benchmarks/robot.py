@@ -7,8 +7,10 @@ import numpy as np
 
 import tarc
 from benchmarks.measure import Row, Stopwatch, law
-from tarc import engines
-from tarc.loop import Drive
+from tarc.control.digital_controller import Drive
+from tarc.simulation.mujoco_backend import run_stepping
+from tarc.simulation.sampled_inputs import plan as sample_plan
+from tarc.simulation.sampled_inputs import start
 
 
 def closed_loop() -> list[Row]:
@@ -25,9 +27,9 @@ def _closed_loop(native: bool) -> Row:
     n = arm.joints
     drive = Drive(tarc.signals.Encoder(bits=17), law(np.full(n, 0.1), 10, 50.0, arm.torque_limit))
     reference = tarc.signals.Sinusoid(amplitude=0.2, frequency=np.linspace(1.0, 2.0, n), offset=arm.home)
-    plan = engines.plan(arm, drive.law, reference, 40.0, drive.sensor, [], 1, 0)
-    begin = engines.start(arm, plan, None, 0.0, "rest")
-    record = engines.run_stepping(arm, drive, begin, plan, Stopwatch(plan), native).arrays
+    plan = sample_plan(arm, drive.law, reference, 40.0, drive.sensor, [], 1, 0)
+    begin = start(arm, plan, None, 0.0, "rest")
+    record = run_stepping(arm, drive, begin, plan, Stopwatch(plan), native).arrays
     torque = np.ascontiguousarray(record["torque"])
 
     model = arm.copy_model()
@@ -50,7 +52,7 @@ def _closed_loop(native: bool) -> Row:
         at = end
 
     watch = Stopwatch(plan, replay)
-    engines.run_stepping(arm, drive, begin, plan, watch, native)
+    run_stepping(arm, drive, begin, plan, watch, native)
     ratio = float(np.median(np.divide(bare[1:], watch.times)))
     what = "UR5e in MuJoCo under TARC, window 10, 17-bit encoder, 1 kHz: a control period, "
     what += "compiled" if native else "virtual machine"

@@ -19,11 +19,12 @@ from rich.console import Console
 from rich.table import Table
 
 from tarc import estimators, laws
-from tarc.certificates import ball, loop, slope, stable_intervals
-from tarc.certificates.ball import best_scales, widest
-from tarc.certificates.linear import decouple
-from tarc.certificates.mismatch import parts_of
-from tarc.progress import Progress
+from tarc.analysis import stable_intervals
+from tarc.analysis.linearise import decouple
+from tarc.analysis.uncertain_loop import parts_of
+from tarc.certificates import ball, loop, slope
+from tarc.certificates.varying_ratio import best_scales, widest
+from tarc.core.progress import Progress
 
 Array = np.ndarray
 

@@ -18,8 +18,10 @@ from rich.console import Console
 from rich.table import Table
 
 from tarc import TarcError, estimators, laws
-from tarc.certificates import ball, nominal_window, stable_interval, theorem1_delay
-from tarc.progress import Progress
+from tarc.analysis import stable_interval
+from tarc.certificates import ball
+from tarc.core.progress import Progress
+from tarc.paper import nominal_window, theorem1_delay
 
 PERIOD = 1e-3
 WINDOWS = (2, 5, 10, 20, 50)
@@ -182,7 +184,7 @@ def figure(found: Measured, path: Path) -> None:
     """Shares over the window and over the delay."""
     from matplotlib.figure import Figure
 
-    from tarc.report.figures import COLOURS
+    from tarc.plotting.runs import COLOURS
 
     drawing = Figure(figsize=(10, 4.2), layout="constrained")
     left, right = drawing.subplots(1, 2, sharey=True)

@@ -3,7 +3,9 @@
 from dataclasses import replace
 
 import tarc
-from tarc.certificates import Workspace, best_shape, certify, robot
+from tarc import certify
+from tarc.analysis import Workspace, best_shape
+from tarc.certificates import robot
 
 plants = [tarc.plants.MujocoPlant.from_file("ur5e", armature=0.1, payload=mass) for mass in (0.0, 5.0)]
 reference = tarc.Scenario.load("ur5e").build_reference()

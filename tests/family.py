@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from tarc import estimators, laws, plants
-from tarc.schema import parameters
+from tarc.scenario.schema import parameters
 
 PERIOD = 1e-3
 

@@ -13,8 +13,8 @@ from PIL import Image
 from tarc import Scenario
 from tarc.design import design
 from tarc.plants import MujocoPlant
-from tarc.report.certificates import design_figure
-from tarc.report.figures import run_figure
+from tarc.plotting.certificates import design_figure
+from tarc.plotting.runs import run_figure
 from tarc.signals import Encoder
 
 HERE = Path(__file__).resolve().parent

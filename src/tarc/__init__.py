@@ -4,6 +4,53 @@
 `Controller` runs a law on a robot of your own.
 """
 
-import lazy_loader as _lazy
+from typing import TYPE_CHECKING
 
-__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)
+from tarc.core.lazy import lazy_attributes
+
+if TYPE_CHECKING:
+    from tarc import analysis, certificates, design, estimators, laws, paper, plants, signals, study
+    from tarc.certification import certify
+    from tarc.control.controller import Controller
+    from tarc.core.errors import DesignWarning, TarcError
+    from tarc.core.version import __version__
+    from tarc.scenario.model import Scenario
+    from tarc.simulation.run import Run, Status
+    from tarc.simulation.simulator import simulate
+
+__all__ = [
+    "Controller",
+    "DesignWarning",
+    "Run",
+    "Scenario",
+    "Status",
+    "TarcError",
+    "__version__",
+    "analysis",
+    "certificates",
+    "certify",
+    "design",
+    "estimators",
+    "laws",
+    "paper",
+    "plants",
+    "signals",
+    "simulate",
+    "study",
+]
+
+__getattr__, __dir__, _ = lazy_attributes(
+    __name__,
+    {
+        "Controller": "tarc.control.controller",
+        "DesignWarning": "tarc.core.errors",
+        "Run": "tarc.simulation.run",
+        "Scenario": "tarc.scenario.model",
+        "Status": "tarc.simulation.run",
+        "TarcError": "tarc.core.errors",
+        "__version__": "tarc.core.version",
+        "certify": "tarc.certification",
+        "simulate": "tarc.simulation.simulator",
+    },
+    ("analysis", "certificates", "design", "estimators", "laws", "paper", "plants", "signals", "study"),
+)

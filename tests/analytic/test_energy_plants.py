@@ -12,10 +12,10 @@ from scipy.linalg import expm
 from scipy.special import ellipk
 
 from tarc import TarcError
-from tarc.loop import runge_kutta
 from tarc.plants import MassSpringDamper, NLinkArm, Pendulum, TwoLinkArm, WheeledMobileRobot
 from tarc.plants.base import Plant
 from tarc.plants.euler_lagrange import EulerLagrange
+from tarc.simulation.closed_loop import runge_kutta
 
 SMOOTH: dict[str, Any] = {"coulomb_width": 0.5}  # wide enough for the energy balance to show the integrator's order
 FOUR: dict[str, Any] = {

@@ -11,8 +11,10 @@ from scipy.optimize import brentq
 
 from family import KNOWN_RANGES, agrees, make_tdc
 from tarc import plants, signals
-from tarc.loop import ClosedLoop, Drive, LoopInput
-from tarc.system import pack, trace
+from tarc.control.digital_controller import Drive
+from tarc.core.tracing import trace
+from tarc.core.trees import pack
+from tarc.simulation.closed_loop import ClosedLoop, LoopInput
 
 
 def spectral_radius(ratio, window, synchronised, delay=0, known=False):

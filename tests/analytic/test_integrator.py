@@ -8,9 +8,9 @@ from scipy.linalg import expm
 
 import tarc
 from tarc.laws.base import LawInput
-from tarc.loop import runge_kutta
 from tarc.plants import MassSpringDamper, NLinkArm, Pendulum, TwoLinkArm, WheeledMobileRobot
 from tarc.plants.euler_lagrange import EulerLagrange
+from tarc.simulation.closed_loop import runge_kutta
 
 SMOOTH_PLANTS = [TwoLinkArm(viscous=0.5), NLinkArm(viscous=0.1), WheeledMobileRobot(coulomb=0.0), Pendulum(viscous=0.1)]
 

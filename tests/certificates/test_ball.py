@@ -27,11 +27,12 @@ from benchmarks.soundness import (
 
 from family import make_law, make_tdc
 from tarc import TarcError, estimators, laws
-from tarc.certificates import Certificate, ball, hinf_norm, stable_interval, stable_intervals
-from tarc.certificates.ball import best_scales
-from tarc.certificates.base import schur
-from tarc.certificates.linear import decouple, whole
-from tarc.certificates.mismatch import Parts, Responses, parts_of, system, weighed
+from tarc.analysis import hinf_norm, stable_interval, stable_intervals
+from tarc.analysis.linearise import decouple, whole
+from tarc.analysis.uncertain_loop import Parts, Responses, parts_of, system, weighed
+from tarc.certificates import Certificate, ball
+from tarc.certificates.varying_ratio import best_scales
+from tarc.numerics.matrix_tests import schur
 
 LITERAL, SYNCHRONISED = Design(window=10), Design(window=10, synchronised=True)
 

@@ -10,7 +10,9 @@ import yaml
 
 import tarc
 from family import make_law, make_tdc
-from tarc.certificates import Certificate, Workspace, certify
+from tarc import certify
+from tarc.analysis import Workspace
+from tarc.certificates import Certificate
 
 TARC = str(Path(sys.executable).parent / "tarc")
 ARM = tarc.plants.TwoLinkArm()

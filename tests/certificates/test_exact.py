@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tarc.certificates import exact
-from tarc.certificates.exact import balls, inverse, negative_at, positive, prove
 from tarc.estimators import Algebraic
+from tarc.numerics import ball_arithmetic as exact
+from tarc.numerics.ball_arithmetic import balls, inverse, negative_at, positive, prove
+from tarc.paper import kernel
 
 
 def spectrum(values, seed):
@@ -65,22 +66,22 @@ def test_inverse_encloses():
 def test_kernel_is_the_estimators(degree):
     estimator = Algebraic(window=1.0, degree=degree, period=0.1)
     psi = np.linspace(-0.999, 0, 7)
-    values = np.polynomial.polynomial.polyval(psi, [float(c) for c in exact.kernel(degree)])
+    values = np.polynomial.polynomial.polyval(psi, [float(c) for c in kernel.kernel(degree)])
     np.testing.assert_allclose(values, estimator.kernel(psi), rtol=1e-12)
 
 
 @pytest.mark.parametrize(("degree", "energy"), [(1, 12), (2, 192), (3, 1200)])
 def test_kernel_energy(degree, energy):
-    assert exact.kernel_energy(degree) == energy
+    assert kernel.kernel_energy(degree) == energy
 
 
 @pytest.mark.parametrize(("degree", "area"), [(1, 0.5), (2, 32 / 81), (3, 0.38787261633716)])
 def test_lag_area_is_the_known_and_the_integrated(degree, area):
-    found = exact.lag_area(degree)
+    found = kernel.lag_area(degree)
     assert float(found) == pytest.approx(area, rel=1e-12)
     theta = (np.arange(200_000) + 0.5) / 200_000 - 1
-    g = np.polynomial.polynomial.polyval(theta, [float(c) for c in exact.lag(degree)])
+    g = np.polynomial.polynomial.polyval(theta, [float(c) for c in kernel.lag(degree)])
     assert np.mean(np.abs(g)) == pytest.approx(float(found), rel=1e-8)
     # g rises from 0 to ∫w = 1
-    assert exact._at(exact.lag(degree), exact.ball(-1)) == 0
-    assert exact._at(exact.lag(degree), exact.ball(0)) == 1
+    assert kernel._at(kernel.lag(degree), exact.ball(-1)) == 0
+    assert kernel._at(kernel.lag(degree), exact.ball(0)) == 1

@@ -7,8 +7,8 @@ import pytest
 
 import tarc
 from tarc import TarcError
-from tarc.certificates.gain_bounds import Constants, Rise, evaluate, gain_bounds
-from tarc.run import Run
+from tarc.paper.bounds_on_gain import Constants, Rise, evaluate, gain_bounds
+from tarc.simulation.run import Run
 
 ARM = tarc.plants.TwoLinkArm()
 REFERENCE = tarc.signals.Sinusoid(amplitude=[0.6, 0.6], frequency=[2.0, 2.5])

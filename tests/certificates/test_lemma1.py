@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 
 from family import make_law, make_tdc
 from tarc import TarcError, laws
+from tarc.analysis.workspace import Workspace
 from tarc.certificates import loop
 from tarc.certificates.base import FORMS, JUDGES, Certificate
-from tarc.certificates.exact import balls, positive
-from tarc.certificates.lemma1 import _lemma1_form, condition_c2, lemma1
-from tarc.certificates.workspace import Workspace
+from tarc.numerics.ball_arithmetic import balls, positive
+from tarc.paper.lemma1 import _lemma1_form, condition_c2, lemma1
 from tarc.plants import MassSpringDamper, MujocoPlant, NLinkArm, TwoLinkArm
 
 ARM = TwoLinkArm()

@@ -10,9 +10,11 @@ from hypothesis import strategies as st
 
 from family import KNOWN_RANGES, agrees, make_law, make_tdc
 from tarc import TarcError, estimators, laws, plants, signals
-from tarc.certificates import Certificate, h2_norm, hinf_norm, loop, stable_interval, stable_intervals
-from tarc.certificates.linear import decouple
-from tarc.loop import ClosedLoop, Drive, LoopInput
+from tarc.analysis import h2_norm, hinf_norm, stable_interval, stable_intervals
+from tarc.analysis.linearise import decouple
+from tarc.certificates import Certificate, loop
+from tarc.control.digital_controller import Drive
+from tarc.simulation.closed_loop import ClosedLoop, LoopInput
 
 
 def tdc(window=10, synchronised=False, bandwidth: Any = 10.0, joints=1, **options):
@@ -87,7 +89,8 @@ def test_certified_decays_and_refuted_grows(window, bandwidth, ratio, synchronis
     state = closed.init(np.array([1e-3]))
     zero = np.zeros(1)
     value = LoopInput(zero, zero, zero, zero, np.zeros((1, 1)), {})
-    from tarc.system import Buffered, pack, trace
+    from tarc.core.tracing import Buffered, trace
+    from tarc.core.trees import pack
 
     function, _ = trace(closed.step, state, value)
     run = Buffered(function)
@@ -116,7 +119,7 @@ def test_many_joints_cost_and_give_what_one_does():
 @pytest.mark.parametrize("gain", [0.0, 4.0])
 def test_decoupled_equals_the_full_matrices(gain):
     """Three joints with a full M̂: the eigenvalues of the coupled loop are those of one, each three times."""
-    from tarc.certificates.linear import _linearise
+    from tarc.analysis.linearise import _linearise
 
     mixed = 0.1 * (np.eye(3) + 0.3 * np.ones((3, 3)))
     law = make_law(laws.TARC, 3, inertia=mixed)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from family import make_tdc
 from tarc import TarcError, estimators, laws
 from tarc.certificates import Certificate, loop
-from tarc.certificates.nominal import _Program, nominal, nominal_delay, nominal_window
+from tarc.paper.nominal_loop import _Program, nominal, nominal_delay, nominal_window
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(20)
 

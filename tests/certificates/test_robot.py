@@ -11,13 +11,15 @@ import pytest
 import tarc
 from family import make_law, make_tdc
 from tarc import TarcError, laws, plants, signals
-from tarc.certificates import Certificate, Workspace, ball, robot, stable_interval
-from tarc.certificates.linear import decouple
-from tarc.certificates.mismatch import Parts
-from tarc.certificates.postures import Instant, mismatches, sampled
-from tarc.certificates.robot import _at_rest, advice
-from tarc.certificates.shape import best_shape
-from tarc.certificates.spread import inverse_ratios
+from tarc.analysis import Workspace, stable_interval
+from tarc.analysis.inertia_ratio import inverse_ratios
+from tarc.analysis.inertia_shape import best_shape
+from tarc.analysis.linearise import decouple
+from tarc.analysis.operating_points import Instant, mismatches, sampled
+from tarc.analysis.rest_stability import _at_rest
+from tarc.analysis.uncertain_loop import Parts
+from tarc.certificates import Certificate, ball, robot
+from tarc.certification import advice
 
 ARM, LOADED = plants.TwoLinkArm(), plants.TwoLinkArm(payload=2.0)
 BOX = Workspace.box([-1.0, 0.8], [1.0, 2.2])

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from tarc.certificates.shape import best_shape, lower_bound
-from tarc.certificates.spread import spread
-from tarc.certificates.workspace import Workspace
+from tarc.analysis.inertia_ratio import spread
+from tarc.analysis.inertia_shape import best_shape, lower_bound
+from tarc.analysis.workspace import Workspace
 from tarc.plants import MassSpringDamper, MujocoPlant, NLinkArm, TwoLinkArm, WheeledMobileRobot
 
 ROBOTS = Path(sysconfig.get_path("purelib"), "cmeel.prefix", "share", "example-robot-data", "robots")

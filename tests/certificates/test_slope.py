@@ -20,7 +20,7 @@ from benchmarks.soundness import (
 from family import make_law, make_tdc
 from tarc import TarcError, estimators, laws
 from tarc.certificates import Certificate, ball, loop, slope
-from tarc.certificates.slope import circle_limit
+from tarc.certificates.sector import circle_limit
 
 LITERAL, SYNCHRONISED = Design(window=10), Design(window=10, synchronised=True)
 

@@ -19,13 +19,14 @@ from benchmarks.soundness import (
 
 from family import make_tdc
 from tarc import TarcError, plants, signals, simulate
-from tarc.certificates import Certificate, Workspace, ball, robot, stable_interval
-from tarc.certificates.ball import widest
-from tarc.certificates.linear import decouple
-from tarc.certificates.mismatch import parts_of
-from tarc.certificates.norms import negative
-from tarc.certificates.postures import Instant, inertia_slopes, mismatches, rates
-from tarc.certificates.slow import Multiplier, bears, cost
+from tarc.analysis import Workspace, stable_interval
+from tarc.analysis.linearise import decouple
+from tarc.analysis.operating_points import Instant, inertia_slopes, mismatches, rates
+from tarc.analysis.uncertain_loop import parts_of
+from tarc.certificates import Certificate, ball, robot
+from tarc.certificates.iqc import Multiplier, bears, cost
+from tarc.certificates.varying_ratio import widest
+from tarc.numerics.norms import negative
 
 LITERAL, SYNCHRONISED = Design(window=10), Design(window=10, synchronised=True)
 BOTH = [(LITERAL, 0.079), (SYNCHRONISED, 1.074)]

@@ -19,8 +19,8 @@ from benchmarks.soundness import (
     trend,
 )
 
-from tarc.certificates import stable_interval
-from tarc.certificates.linear import decouple
+from tarc.analysis import stable_interval
+from tarc.analysis.linearise import decouple
 
 
 @pytest.fixture(scope="module")

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from family import make_tdc
 from tarc import TarcError, laws
 from tarc.certificates import Certificate
-from tarc.certificates.exact import FLOATS
-from tarc.certificates.sdp import gains, gather
-from tarc.certificates.theorem1 import SHAPES, _Program, psi, theorem1, theorem1_delay, ultimate_bound
+from tarc.numerics.ball_arithmetic import FLOATS
+from tarc.paper.law_parts import gains, gather
+from tarc.paper.theorem1 import SHAPES, _Program, psi, theorem1, theorem1_delay, ultimate_bound
 
 
 def tdc(bandwidth: Any = 1.0, joints=1, **options):

@@ -13,9 +13,9 @@ from scipy.integrate import quad
 from family import make_tdc
 from tarc import TarcError, estimators
 from tarc.certificates import Certificate
-from tarc.certificates.exact import FLOATS
-from tarc.certificates.sdp import store
-from tarc.certificates.theorem2 import NAMES, judge, printed, theorem2, theta
+from tarc.numerics.ball_arithmetic import FLOATS
+from tarc.paper.law_parts import store
+from tarc.paper.theorem2 import NAMES, judge, printed, theorem2, theta
 
 NUMBERS = {"delay": 0.01, "window": 0.1, "degree": 2.0, "beta": 1.0, "xi": 3.0}
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from tarc import TarcError, signals
-from tarc.certificates.shape import best_shape
-from tarc.certificates.spread import extremes, inverse_ratios, spread
-from tarc.certificates.workspace import Workspace
+from tarc.analysis.inertia_ratio import extremes, inverse_ratios, spread
+from tarc.analysis.inertia_shape import best_shape
+from tarc.analysis.workspace import Workspace
 from tarc.plants import MassSpringDamper, MujocoPlant, NLinkArm, TwoLinkArm
 from tarc.plants.base import Plant
 

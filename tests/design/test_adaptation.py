@@ -7,10 +7,11 @@ import pytest
 
 import tarc
 from tarc import TarcError, laws, plants, signals
-from tarc.certificates import Workspace, ball
-from tarc.design.adaptation import QUANTA, RATIO, Adaptation, adaptation, expected_step
-from tarc.design.demand import Demand
-from tarc.design.front import assess, candidates, peak
+from tarc.analysis import Workspace
+from tarc.certificates import ball
+from tarc.design.adaptation_gains import QUANTA, RATIO, Adaptation, adaptation, expected_step
+from tarc.design.candidate_loops import assess, candidates, peak
+from tarc.design.robustness import Demand
 
 PERIOD = 1e-3
 

@@ -9,9 +9,9 @@ import pytest
 from typer.testing import CliRunner
 
 from tarc import TarcError, plants
-from tarc.cli import app
+from tarc.cli.app import app
 from tarc.design import design
-from tarc.design.premises import premises, weight, within
+from tarc.design.robot_facts import premises, weight, within
 from tarc.plants import MujocoPlant
 from tarc.signals import Encoder
 from urdf import arm, joint, link, robot
@@ -30,7 +30,7 @@ def cheap(monkeypatch):
     def never(*_, **__):
         raise AssertionError("the search began")
 
-    monkeypatch.setattr("tarc.design.choose.assess", never)
+    monkeypatch.setattr("tarc.design.selection.assess", never)
 
 
 def refused(text, *options, name="arm.urdf"):

@@ -5,7 +5,7 @@ import pytest
 
 from tarc import plants
 from tarc.design import design
-from tarc.design.choose import NEAR, NOISE
+from tarc.design.selection import NEAR, NOISE
 
 ARM = plants.TwoLinkArm()
 LIMITS = np.array([100.0, 50.0])

@@ -15,10 +15,10 @@ from typer.testing import CliRunner
 import tarc.design
 from tarc import TarcError, plants
 from tarc.certificates import Certificate
-from tarc.cli import app
+from tarc.cli.app import app
 from tarc.design import Design, Limit, design
-from tarc.design.scenario import BESIDE, written
-from tarc.scenario import Scenario
+from tarc.design.writer import BESIDE, written
+from tarc.scenario.model import Scenario
 from urdf import arm, joint, link
 
 ENDLESS = '<limit effort="80" velocity="3"/>'
@@ -35,8 +35,8 @@ ASKED = ["--payload", "0", "1", "--armature", "0.1", "--samples", "60", "--encod
 def coarse():
     """Few loops to choose from, so that a design takes a second."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(importlib.import_module("tarc.design.choose"), "WINDOWS", (4, 8))
-        front = importlib.import_module("tarc.design.front")
+        patch.setattr(importlib.import_module("tarc.design.selection"), "WINDOWS", (4, 8))
+        front = importlib.import_module("tarc.design.candidate_loops")
         patch.setattr(front, "BANDWIDTHS", (4.0, 8.0, 14.0))
         patch.setattr(front, "CENTRES", np.geomspace(0.02, 1.2, 12))
         yield

@@ -8,12 +8,13 @@ from scipy.signal import lfilter
 import tarc
 from family import make_tdc
 from tarc import TarcError, laws, plants, signals
-from tarc.certificates import Workspace, ball, robot
-from tarc.certificates.postures import Mismatches
-from tarc.certificates.shape import best_shape
-from tarc.certificates.spread import spread
-from tarc.design.demand import Demand
-from tarc.design.front import assess, candidates, front, peak, settling
+from tarc.analysis import Workspace
+from tarc.analysis.inertia_ratio import spread
+from tarc.analysis.inertia_shape import best_shape
+from tarc.analysis.operating_points import Mismatches
+from tarc.certificates import ball, robot
+from tarc.design.candidate_loops import assess, candidates, front, peak, settling
+from tarc.design.robustness import Demand
 
 PERIOD = 1e-3
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tarc import TarcError, plants, signals, simulate
-from tarc.design.identify import Identified, excitation, identify, inertia_from_data, inertia_from_file
+from tarc.design.identification import Identified, excitation, identify, inertia_from_data, inertia_from_file
 from tarc.estimators import Algebraic
 from tarc.laws import TDC
 

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from tarc import TarcError
-from tarc.certificates import Workspace, robot
+from tarc.analysis import Workspace
+from tarc.certificates import robot
 from tarc.design import design
-from tarc.design.limits import FINE, limits
+from tarc.design.stress import FINE, limits
 from tarc.estimators import Algebraic
 from tarc.plants import TwoLinkArm
 
@@ -21,8 +22,8 @@ LIMIT = np.array([90.0, 40.0])
 def made():
     """A design from few loops, so that it is quick."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(import_module("tarc.design.choose"), "WINDOWS", (12,))
-        patch.setattr(import_module("tarc.design.front"), "BANDWIDTHS", (8.0,))
+        patch.setattr(import_module("tarc.design.selection"), "WINDOWS", (12,))
+        patch.setattr(import_module("tarc.design.candidate_loops"), "BANDWIDTHS", (8.0,))
         space = Workspace.box([-np.pi, -2.0], [np.pi, 2.0], speed=[1.0, 2.0])
         return design(TwoLinkArm(), payload=(0, 0.5), workspace=space, torque_limit=LIMIT, samples=SAMPLES)
 
@@ -110,7 +111,7 @@ def test_simulations_complete(made, found):
 
 def test_a_wrong_certificate_is_found_out(made, monkeypatch):
     """One that certifies everything leads to limits at which the simulation goes wrong."""
-    monkeypatch.setattr(import_module("tarc.design.limits"), "robot", lambda *_, **__: made.certificates["robot"])
+    monkeypatch.setattr(import_module("tarc.design.stress"), "robot", lambda *_, **__: made.certificates["robot"])
     one = limits(made, questions="rate", duration=2.0)["rate"]
     assert one.beyond is None
     assert one.confirmed is False

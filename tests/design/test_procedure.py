@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tarc import TarcError
-from tarc.design.procedure import exact_delay, paper_procedure
+from tarc.paper.procedure import exact_delay, paper_procedure
 
 
 def steps(procedure):

@@ -6,8 +6,8 @@ from scipy.linalg import expm
 
 from family import PERIOD, make_law
 from tarc import TarcError, certificates, laws, plants, signals, simulate
+from tarc.core.trees import pack, unpack
 from tarc.laws.base import Tracking
-from tarc.system import pack, unpack
 
 
 def observer(law):

@@ -6,9 +6,10 @@ import pytest
 
 from family import PERIOD, make_law
 from tarc import Scenario, TarcError, estimators, laws, plants, signals, simulate
+from tarc.core.tracing import trace
+from tarc.core.trees import pack
 from tarc.laws import LawInput
 from tarc.laws.model_based import inertia_and_bias
-from tarc.system import pack, trace
 
 
 def departure(period):

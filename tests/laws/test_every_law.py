@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 
 from family import ESTIMATORS, concrete_laws, make_law
 from tarc import Controller, TarcError, plants, signals, simulate
+from tarc.core.tracing import trace
+from tarc.core.trees import leaves, pack, unpack
 from tarc.estimators import Algebraic, RobustDifferentiator, TrueDerivatives
 from tarc.laws import TDE, LawInput, PolePlacement
-from tarc.schema import parameters
-from tarc.system import leaves, pack, trace, unpack
+from tarc.scenario.schema import parameters
 
 LAWS = concrete_laws()
 

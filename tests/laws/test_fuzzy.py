@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from family import make_law
-from tarc import TarcError, certificates, laws, plants, signals, simulate
+from tarc import TarcError, analysis, certificates, laws, plants, signals, simulate
 
 
 def test_learns_a_known_function():
@@ -80,7 +80,7 @@ def test_holds_the_torque_applied_before_and_stops_with_the_fault():
 def test_certificate_freezes_the_consequents():
     fuzzy, plain = make_law(laws.AdaptiveFuzzy), make_law(laws.PID)
     assert certificates.loop(fuzzy, 1.0).verdict == "certified"
-    ranges = [certificates.stable_interval(law)[1] for law in (fuzzy, plain)]
+    ranges = [analysis.stable_interval(law)[1] for law in (fuzzy, plain)]
     np.testing.assert_allclose(*ranges, rtol=1e-6)
 
 

@@ -6,7 +6,7 @@ import pytest
 from family import make_law
 from motions import SMALL, assert_is_tdc, at, track
 from tarc import TarcError, certificates, estimators, laws
-from tarc.certificates.linear import decouple
+from tarc.analysis.linearise import decouple
 
 
 def test_without_its_gain_it_is_tdc():

@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import quad
 
 from family import PERIOD, make_law
-from tarc import TarcError, certificates, estimators, laws, plants, signals, simulate
+from tarc import TarcError, analysis, certificates, estimators, laws, plants, signals, simulate
 from tarc.laws import LawInput
 
 
@@ -72,7 +72,7 @@ def test_is_synchronised_tdc():
 def test_certificate():
     law, twin = make_law(laws.IntelligentPID, window=0.008), make_law(laws.TDC, synchronised=True)
     assert certificates.loop(law, 1.0).verdict == "certified"
-    intervals = [certificates.stable_interval(one) for one in (law, twin)]
+    intervals = [analysis.stable_interval(one) for one in (law, twin)]
     np.testing.assert_allclose(*intervals, rtol=1e-6)
     assert certificates.loop(make_law(laws.IntelligentPID, integral=3.0), 1.0).verdict == "certified"
 

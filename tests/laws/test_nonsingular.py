@@ -7,7 +7,8 @@ import pytest
 from family import make_law
 from motions import SMALL, assert_is_tdc, at, ideal, track
 from tarc import TarcError, certificates, laws
-from tarc.system import pack, trace
+from tarc.core.tracing import trace
+from tarc.core.trees import pack
 
 
 def test_linear_and_without_gain_it_is_tdc():

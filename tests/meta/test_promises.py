@@ -84,13 +84,13 @@ def test_symbols_exist():
         elif callable(thing):
             known |= set(inspect.signature(thing).parameters)
     from tarc.laws.base import Tracking
-    from tarc.run import VARIABLES
+    from tarc.simulation.run import VARIABLES
 
     known |= set(VARIABLES) | set(Tracking._fields)
     law = tarc.laws.TDC(
         inertia=0.5, bandwidth=10.0, period=1e-3, estimator=tarc.estimators.Algebraic(window=0.01), synchronised=True
     )
-    space = tarc.certificates.Workspace.box([-0.3], [0.3], speed=1.0)
+    space = tarc.analysis.Workspace.box([-0.3], [0.3], speed=1.0)
     for one in (tarc.certificates.ball(law, rate=5.0), tarc.certificates.robot(law, tarc.plants.Pendulum(), space)):
         known |= set(one.numbers) | set(one.matrices)
     assert words <= known, words - known

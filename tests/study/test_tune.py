@@ -11,7 +11,7 @@ import yaml
 import tarc
 from tarc import TarcError
 from tarc.study import Space, tune, variation_limit
-from tarc.study.tune import LOST, objective
+from tarc.study.tuning import LOST, objective
 
 TARC = str(Path(sys.executable).parent / "tarc")
 SHORT = ["duration=1.0", "measure_from=0.3"]

@@ -12,9 +12,10 @@ from hypothesis.extra.numpy import arrays
 from scipy.signal import freqz, lfilter, savgol_coeffs
 
 from tarc import TarcError
+from tarc.core.tracing import trace
+from tarc.core.trees import pack, unpack
 from tarc.estimators import Algebraic, BackwardDifference, Estimate, Estimator, FilteredDifference
 from tarc.estimators.base import TorqueAverage, WindowedEstimator, synchronous_weights
-from tarc.system import pack, trace, unpack
 
 T = 1e-3
 sampled = settings(deadline=None, max_examples=50)

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from family import ESTIMATORS, PERIOD
 from tarc import estimators
-from tarc.system import Buffered, pack, trace, unpack
+from tarc.core.tracing import Buffered, trace
+from tarc.core.trees import pack, unpack
 
 BOUND = {name: estimator.at(PERIOD) for name, estimator in ESTIMATORS.items()}
 every_estimator = pytest.mark.parametrize("name", BOUND)

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from family import make_law
-from tarc import Controller, TarcError, laws, native, plants, signals, simulate
-from tarc.system import trace
+from tarc import Controller, TarcError, laws, plants, signals, simulate
+from tarc.core import codegen as native
+from tarc.core.tracing import trace
 
 REFERENCE = signals.Sinusoid(amplitude=[0.3, 0.4], frequency=[2.0, 3.0])
 SENSOR = signals.Encoder(bits=16, dropout=0.01)

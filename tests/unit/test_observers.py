@@ -6,7 +6,8 @@ from scipy.signal import lfilter, savgol_coeffs
 
 from family import PERIOD as T
 from tarc import TarcError, estimators, laws, plants, signals, simulate
-from tarc.certificates import loop, stable_interval
+from tarc.analysis import stable_interval
+from tarc.certificates import loop
 
 
 def follow(estimator, motion):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from family import make_law
-from tarc import Controller, Scenario, TarcError, certificates, estimators, laws, signals, simulate
+from tarc import Controller, Scenario, TarcError, analysis, certificates, estimators, laws, signals, simulate
 from tarc.plants import MujocoPlant, Pendulum, TwoLinkArm
 
 T = 1e-3
@@ -150,7 +150,7 @@ def test_untold_it_has_no_numbers_and_the_torque_is_the_safe_one():
     [
         lambda: Controller(tdc([0.1, 0.1])),
         lambda: certificates.loop(tdc(0.1), 0.5),
-        lambda: certificates.stable_interval(tdc(0.1)),
+        lambda: analysis.stable_interval(tdc(0.1)),
         lambda: certificates.ball(tdc(0.1)),
         lambda: simulate(Pendulum(), tdc(1.0, synchronised=True), SWING, 0.1),
         lambda: ORACLE.at(T).transfer(1),

@@ -7,8 +7,8 @@ import pytest
 import yaml
 
 from tarc import Scenario, TarcError
-from tarc.scenario import apply_setting, shipped_scenarios
-from tarc.schema import SECTIONS, catalogue, parameters
+from tarc.scenario.loader import apply_setting, shipped_scenarios
+from tarc.scenario.schema import SECTIONS, catalogue, parameters
 
 PLAIN = {
     "robot": {"kind": "TwoLinkArm"},

@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from tarc import TarcError
+from tarc.core.tracing import trace
+from tarc.core.trees import pack
 from tarc.signals import (
     BandNoise,
     Chirp,
@@ -29,7 +31,6 @@ from tarc.signals import (
     Step,
 )
 from tarc.signals.sensors import EncoderInput
-from tarc.system import pack, trace
 
 sampled = settings(deadline=None, max_examples=50)
 POINTS = [[0.0, 1.0], [0.5, -0.2], [-0.3, 0.4], [1.0, 0.0]]

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from tarc.system import Buffered, leaves, names, pack, rebuild, trace, unpack
+from tarc.core.tracing import Buffered, trace
+from tarc.core.trees import leaves, names, pack, rebuild, unpack
 
 sampled = settings(deadline=None, max_examples=50)
 

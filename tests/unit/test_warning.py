@@ -58,7 +58,7 @@ def test_a_payload_to_come_counts_from_when_it_comes():
 
 
 def test_variants_are_the_robot_as_it_is_from_each_instant():
-    from tarc.engines import variants
+    from tarc.simulation.sampled_inputs import variants
 
     events = [
         tarc.signals.Payload(mass=2.0, at=1.0),

@@ -1,19 +1,13 @@
 """The verdict for a robot: the spread of its inertia over a workspace against what the loop bears."""
 
 from collections.abc import Collection, Sequence
-from contextlib import suppress
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from tarc.certificates.ball import Evidence, ball, best_centre, recorded, widest
-from tarc.certificates.ball import judge as judge_ball
-from tarc.certificates.base import JUDGES, Certificate, Witness, schur
-from tarc.certificates.linear import Channel, alike, decouple, whole
-from tarc.certificates.loop import stable_intervals
-from tarc.certificates.mismatch import Parts, Responses, parts_of
-from tarc.certificates.postures import (
+from tarc.analysis.inertia_ratio import Spread, spread
+from tarc.analysis.linearise import Channel, alike, decouple, whole
+from tarc.analysis.operating_points import (
     NEGLIGIBLE,
     Instant,
     Mismatches,
@@ -27,17 +21,21 @@ from tarc.certificates.postures import (
     tangent,
     with_stiffest,
 )
-from tarc.certificates.slow import best_multiplier
-from tarc.certificates.spread import Spread, inverse_ratios, spread
-from tarc.certificates.workspace import Workspace
-from tarc.errors import TarcError
+from tarc.analysis.rest_stability import _at_rest, _growing
+from tarc.analysis.stability import Witness
+from tarc.analysis.uncertain_loop import Parts, Responses, parts_of
+from tarc.analysis.workspace import Workspace
+from tarc.certificates.base import JUDGES, Certificate
+from tarc.certificates.iqc import best_multiplier
+from tarc.certificates.varying_ratio import Evidence, best_centre, recorded, widest
+from tarc.certificates.varying_ratio import judge as judge_ball
+from tarc.core.errors import TarcError
+from tarc.core.types import Array
 from tarc.laws.base import Law
-from tarc.laws.poles import PolePlacement
+from tarc.laws.pole_placement import PolePlacement
 from tarc.laws.tarc import TARC
-from tarc.laws.tde import TDE
+from tarc.numerics.matrix_tests import schur
 from tarc.plants.base import Plant
-
-Array = np.ndarray
 
 
 def robot(
@@ -341,110 +339,6 @@ def best_weights(parts: Parts, centre: float, found: Mismatches, lead: float, st
         needed = found.needed(centre, weight, lead) if weight else max(found.needed(centre, np.inf), 0.1 * centre)
         trials.append(Trial(radius(weight) / needed, needed, weight, lead, centre, step))
     return sorted(trials, reverse=True, key=lambda one: one.room)[:2]
-
-
-def _at_rest(loop: tuple[Array, ...], nominal: Array, rest: tuple[Array, ...], period: float) -> Array:
-    """State matrix of the law around M δq̈ + D δq̇ + G δq = δτ, the torque held over each period.
-
-    The loop is that of all joints, or one that they share: free, into, out with the double integrator still in it.
-    """
-    from scipy.linalg import expm
-
-    free, _, out = loop
-    M, D, G = rest
-    n, width = len(M), len(out)
-    joints = np.eye(n if width == 1 else 1)
-    F, H = np.kron(free[2 * width :, 2 * width :], joints), np.kron(free[2 * width :, :width], joints)
-    C, E = np.kron(out[:, 2 * width :], joints), np.kron(out[:, :width], joints)
-    motion = np.zeros((3 * n, 3 * n))
-    motion[:n, n : 2 * n] = np.eye(n)
-    motion[n : 2 * n] = np.linalg.solve(M, np.hstack([-G, -D, nominal]))
-    held = expm(motion * period)[: 2 * n]
-    scale = np.repeat([1.0, period], n)  # the velocity in q̇ T
-    A, B = held[:, : 2 * n] * scale[:, None] / scale, held[:, 2 * n :] * scale[:, None]
-    A[:, :n] += B @ E
-    return np.block([[A, B @ C], [H, np.zeros((len(F), n)), F]])
-
-
-def _growing(ratio: float, radius: float, mode: complex, period: float) -> Witness:
-    rate, turn = np.log(radius) / period, abs(np.angle(mode)) / period
-    return {"ratio": float(ratio), "growth rate [1/s]": float(rate), "frequency [rad/s]": float(turn)}
-
-
-def unstable_posture(law: Law, plant: Plant, positions: Array, computation_delay: int = 0) -> Witness | None:
-    """The mode that grows fastest where a robot is held at rest in one of some positions (n, k); None if none does.
-
-    Quick: one linearisation of the law, the inertia in each position, and the robot linearised where the ratio of
-    inertias alone makes the loop unstable. Only for laws whose gains are the same on every joint; None for others.
-    """
-    if not alike(law) or not isinstance(law, PolePlacement):
-        return None
-    try:
-        free, into, out = decouple(law, computation_delay)[0].around(0.0)[:3]
-    except TarcError:  # no linearisation, and so nothing to warn of
-        return None
-    inertias = np.array([plant.inertia(q) for q in np.asarray(positions).T])
-    ratios = 1 / inverse_ratios(inertias, law.M)
-    found = None
-    for ratio in (ratios.min(), ratios.max()):
-        loop = free + ratio * into @ out
-        if np.max(np.abs(np.linalg.eigvals(loop))) <= 1:  # the full test only where there is something to show
-            continue
-        posture = np.asarray(positions)[:, int(np.argwhere(ratios == ratio)[0, 0])]
-        answer, radius, mode = schur(_at_rest((free, into, out), law.M, plant.linearised(posture), law.period))
-        if answer == "refuted" and (found is None or radius > found[0]):
-            found = radius, _growing(ratio, radius, mode, law.period) | {"posture": posture.tolist()}
-    return found[1] if found else None
-
-
-def advice(law: PolePlacement, verdict: Certificate, computation_delay: int = 0) -> str:
-    """What to change in a design that was not certified, with numbers; empty for one that was."""
-    if verdict.witness:
-        return remedy(law, verdict.witness, computation_delay)
-    if verdict.certified:
-        return ""
-    if not alike(law):
-        return "Give all joints the same bandwidth and damping, which the ball needs"
-    if isinstance(law, TARC) and law.cap is None:
-        return "Give the gain a cap, without which nothing bounds the robust term"
-    if not np.isfinite(law.robust_slope):
-        return "The robust term of this law is not covered by these certificates: simulate it"
-    needed, slope, rate = verdict.numbers["spread"], verdict.numbers["slope"], verdict.numbers.get("rate")
-    slower = "a bound on the joints' speeds" if rate is None else "slower joints"
-    trials = {"as it is": law}
-    if isinstance(law, TDE) and not law.synchronised:
-        trials["synchronised"] = replace(law, synchronised=True, delay=None)
-    lines = []
-    for name, trial in trials.items():
-        with suppress(TarcError):
-            found = ball(trial, slope=slope, rate=rate, computation_delay=computation_delay).numbers
-            scale = (found["low"] * found["high"]) ** 0.5
-            scale /= (verdict.numbers["least ratio"] * verdict.numbers["greatest ratio"]) ** 0.5
-            lines.append(f"{found['ratio']:.3g} ({name}, with {scale:.3g} of this M̂)")
-    return (
-        f"The robot's spread is {needed:.3g}; the widest ball of this loop holds {' or '.join(lines) or 'none'}. A "
-        f"shorter window, a lower bandwidth, a smaller cap, more rotor inertia or {slower} narrow the gap; "
-        "inconclusive does not mean unstable"
-    )
-
-
-def remedy(law: Law, witness: Witness, computation_delay: int = 0) -> str:
-    """What `unstable_posture` found, and what to do about it, in a sentence each."""
-    ratio, rate = witness["ratio"], witness["growth rate [1/s]"]
-    posture = ", ".join(f"{one:.3g}" for one in witness["posture"])
-    text = (
-        f"{type(law).__name__}: held at rest at q = ({posture}) the loop is unstable: an eigenvalue of M(q)⁻¹M̂ is "
-        f"{ratio:.4g}, and a mode grows by e in {1 / rate:.2g} s"
-    )
-    ranges = stable_intervals(law, computation_delay=computation_delay)
-    if not ranges:
-        return f"{text}. No ratio is stable: lower the bandwidth, shorten the window, or take out computation delay"
-    low, high = max(ranges, key=lambda ends: ends[1] / max(ends[0], 1e-300))
-    text += f"; the loop is stable from {low:.4g} to {high:.4g}. "
-    if ratio < low:
-        return text + "Use a larger inertia or a lower bandwidth"
-    literal = isinstance(law, TDE) and not law.synchronised
-    return text + f"Use a smaller inertia, a shorter window or {'synchronised=True' if literal else 'less bandwidth'}"
 
 
 JUDGES["robot"] = judge

@@ -1,13 +1,12 @@
 """From a robot and an encoder to certified gains."""
 
-from tarc.design.adaptation import Adaptation, adaptation, expected_step
-from tarc.design.blind import BlindDesign, design_from_inertia
-from tarc.design.choose import Choice, Design, design
-from tarc.design.demand import Demand
-from tarc.design.front import Candidate, assess, candidates, front
-from tarc.design.identify import Identified, excitation, identify, inertia_from_data, inertia_from_file
-from tarc.design.limits import Limit, Outcome, limits
-from tarc.design.procedure import Procedure, Step, paper_procedure
+from tarc.design.adaptation_gains import Adaptation, adaptation, expected_step
+from tarc.design.candidate_loops import Candidate, assess, candidates, front
+from tarc.design.identification import Identified, excitation, identify, inertia_from_data, inertia_from_file
+from tarc.design.model_free import BlindDesign, design_from_inertia
+from tarc.design.robustness import Demand
+from tarc.design.selection import Choice, Design, design
+from tarc.design.stress import Limit, Outcome, limits
 
 __all__ = [
     "Adaptation",
@@ -19,8 +18,6 @@ __all__ = [
     "Identified",
     "Limit",
     "Outcome",
-    "Procedure",
-    "Step",
     "adaptation",
     "assess",
     "candidates",
@@ -33,5 +30,4 @@ __all__ = [
     "inertia_from_data",
     "inertia_from_file",
     "limits",
-    "paper_procedure",
 ]

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from tarc import check
-from tarc.errors import TarcError
+from tarc.core import validation as check
+from tarc.core.errors import TarcError
 from tarc.estimators.base import WindowedEstimator
 
 

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
-from tarc import check, ops
-from tarc.errors import TarcError
-from tarc.parametric import Parametric
-from tarc.system import System
+from tarc.core import array_ops as ops
+from tarc.core import validation as check
+from tarc.core.component import Parametric
+from tarc.core.errors import TarcError
+from tarc.core.system import System
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -132,7 +133,7 @@ class Estimator(Parametric, System):
 
     def plot(self) -> "Figure":
         """Gain and delay of velocity and acceleration over frequency, against the ideal derivative."""
-        from tarc.report.figures import estimator_figure
+        from tarc.plotting.runs import estimator_figure
 
         return estimator_figure(self)
 

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tarc import check
+from tarc.core import validation as check
 from tarc.estimators.base import Estimate, Estimator, TorqueAverage, WindowedEstimator, synchronous_weights
 
 

@@ -5,9 +5,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tarc import check, ops
-from tarc.check import array
-from tarc.errors import TarcError
+from tarc.core import array_ops as ops
+from tarc.core import validation as check
+from tarc.core.errors import TarcError
+from tarc.core.validation import array
 from tarc.estimators.base import Estimate, Estimator, TorqueAverage
 
 LAMBDA = (1.1, 1.5 * 2.0**0.5, 2.0)

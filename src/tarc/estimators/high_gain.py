@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tarc import check
+from tarc.core import validation as check
 from tarc.estimators.observer import Observer
 
 

@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tarc import ops
-from tarc.check import array
+from tarc.core import array_ops as ops
+from tarc.core.system import System
+from tarc.core.validation import array
 from tarc.estimators.base import Estimate, Estimator
-from tarc.system import System
 
 
 class ObserverState(NamedTuple):

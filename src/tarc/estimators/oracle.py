@@ -5,8 +5,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tarc import check, ops
-from tarc.errors import TarcError
+from tarc.core import array_ops as ops
+from tarc.core import validation as check
+from tarc.core.errors import TarcError
 from tarc.estimators.base import Estimate, Estimator, TorqueAverage
 
 

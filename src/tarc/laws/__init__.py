@@ -13,7 +13,7 @@ from tarc.laws.model_based import ModelBased
 from tarc.laws.monotone import MonotoneASMC
 from tarc.laws.nonsingular import NonsingularTerminal
 from tarc.laws.pid import PID
-from tarc.laws.poles import PolePlacement
+from tarc.laws.pole_placement import PolePlacement
 from tarc.laws.projection import ProjectionARC
 from tarc.laws.sliding import SlidingMode
 from tarc.laws.super_twisting import SuperTwisting

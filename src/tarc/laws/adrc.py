@@ -5,9 +5,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tarc import check, ops
+from tarc.core import array_ops as ops
+from tarc.core import validation as check
 from tarc.laws.base import LawState, Tracking
-from tarc.laws.poles import PolePlacement
+from tarc.laws.pole_placement import PolePlacement
 
 
 class ObserverState(NamedTuple):

@@ -9,12 +9,13 @@ from typing import Any, ClassVar, NamedTuple
 import casadi as ca
 import numpy as np
 
-from tarc import check, ops
-from tarc.check import Numbers
-from tarc.errors import TarcError
+from tarc.core import array_ops as ops
+from tarc.core import validation as check
+from tarc.core.component import Parametric
+from tarc.core.errors import TarcError
+from tarc.core.system import System
+from tarc.core.validation import Numbers
 from tarc.estimators.base import Estimate, Estimator
-from tarc.parametric import Parametric
-from tarc.system import System
 
 
 class LawInput(NamedTuple):
@@ -128,7 +129,7 @@ class Law(Parametric, System):
 
     @cached_property
     def limit(self) -> np.ndarray:
-        """Torque limit a joint, shape (n,); `tarc.ops.HUGE` where there is none."""
+        """Torque limit a joint, shape (n,); `tarc.core.array_ops.HUGE` where there is none."""
         given = ops.HUGE if self.torque_limit is None else self.torque_limit
         finite = [ops.HUGE if np.isposinf(one) else one for one in np.ravel(check.numbers("torque_limit", given))]
         return check.vector("torque_limit", finite if np.ndim(given) else finite[0], self.joints, 0, strict=True)

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from tarc import check
-from tarc.check import Numbers
+from tarc.core import validation as check
+from tarc.core.validation import Numbers
 from tarc.laws.base import Tracking
 from tarc.laws.model_based import ModelBased, inertia_and_bias
 

@@ -6,12 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from tarc import check, ops
-from tarc.errors import TarcError
+from tarc.core import array_ops as ops
+from tarc.core import validation as check
+from tarc.core.errors import TarcError
 from tarc.laws.base import Tracking
 from tarc.laws.lyapunov import solution
 from tarc.laws.model_based import inertia_and_bias
-from tarc.laws.poles import PolePlacement
+from tarc.laws.pole_placement import PolePlacement
 from tarc.plants.base import Plant
 
 

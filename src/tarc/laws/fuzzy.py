@@ -7,10 +7,11 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from tarc import check, ops
+from tarc.core import array_ops as ops
+from tarc.core import validation as check
 from tarc.laws.base import Tracking
 from tarc.laws.lyapunov import solution
-from tarc.laws.poles import PolePlacement
+from tarc.laws.pole_placement import PolePlacement
 
 
 class FuzzyState(NamedTuple):

@@ -5,7 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tarc import check, ops
+from tarc.core import array_ops as ops
+from tarc.core import validation as check
 from tarc.laws.base import Tracking
 from tarc.laws.tde import TDE
 

@@ -4,9 +4,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tarc import ops
+from tarc.core import array_ops as ops
 from tarc.laws.base import Tracking
-from tarc.laws.poles import PolePlacement
+from tarc.laws.pole_placement import PolePlacement
 
 
 class IntegralState(NamedTuple):

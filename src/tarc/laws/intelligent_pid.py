@@ -6,11 +6,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tarc import check
+from tarc.core import validation as check
 from tarc.estimators.algebraic import Algebraic
 from tarc.laws.base import LawState, Tracking
 from tarc.laws.integral import IntegralState, integrate, remember, start
-from tarc.laws.poles import PolePlacement
+from tarc.laws.pole_placement import PolePlacement
 
 
 class UltraLocalState(NamedTuple):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tarc.laws.poles import PolePlacement
+from tarc.laws.pole_placement import PolePlacement
 
 
 def solution(law: PolePlacement) -> np.ndarray:

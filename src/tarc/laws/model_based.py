@@ -9,9 +9,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from tarc import check, ops
-from tarc.check import Numbers
-from tarc.errors import TarcError
+from tarc.core import array_ops as ops
+from tarc.core import validation as check
+from tarc.core.errors import TarcError
+from tarc.core.validation import Numbers
 from tarc.laws.base import Law, Tracking
 from tarc.plants.base import Plant
 from tarc.plants.euler_lagrange import EulerLagrange

@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 from typing import Any
 
-from tarc import check, ops
-from tarc.errors import TarcError
+from tarc.core import array_ops as ops
+from tarc.core import validation as check
+from tarc.core.errors import TarcError
 from tarc.laws.switching import Switching
 
 

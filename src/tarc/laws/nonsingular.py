@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 from typing import Any
 
-from tarc import check, ops
+from tarc.core import array_ops as ops
+from tarc.core import validation as check
 from tarc.laws.base import Tracking
 from tarc.laws.tde import TDE
 

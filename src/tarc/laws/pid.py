@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from tarc import check
+from tarc.core import validation as check
 from tarc.laws.base import Tracking
 from tarc.laws.integral import IntegralState, integrate, remember, start
-from tarc.laws.poles import PolePlacement
+from tarc.laws.pole_placement import PolePlacement
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

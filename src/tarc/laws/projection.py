@@ -8,8 +8,9 @@ from typing import Any, ClassVar, NamedTuple
 import casadi as ca
 import numpy as np
 
-from tarc import check, ops
-from tarc.errors import TarcError
+from tarc.core import array_ops as ops
+from tarc.core import validation as check
+from tarc.core.errors import TarcError
 from tarc.laws.base import Tracking
 from tarc.laws.model_based import ModelBased
 from tarc.plants.euler_lagrange import EulerLagrange

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from tarc import check
+from tarc.core import validation as check
 from tarc.laws.switching import Switching
 
 

@@ -6,9 +6,10 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from tarc import check, ops
-from tarc.check import Matrix
-from tarc.errors import TarcError
+from tarc.core import array_ops as ops
+from tarc.core import validation as check
+from tarc.core.errors import TarcError
+from tarc.core.validation import Matrix
 from tarc.laws.base import Tracking
 from tarc.laws.tde import TDE
 

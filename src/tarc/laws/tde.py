@@ -6,11 +6,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tarc import check, ops
-from tarc.errors import TarcError
+from tarc.core import array_ops as ops
+from tarc.core import validation as check
+from tarc.core.errors import TarcError
 from tarc.estimators.oracle import TrueDerivatives
 from tarc.laws.base import Tracking
-from tarc.laws.poles import PolePlacement
+from tarc.laws.pole_placement import PolePlacement
 
 
 class TDEState(NamedTuple):

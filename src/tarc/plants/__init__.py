@@ -1,5 +1,44 @@
 """Robots to control: from energies by differentiation, or from MJCF and URDF files."""
 
-import lazy_loader as _lazy
+from typing import TYPE_CHECKING
 
-__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)
+from tarc.core.lazy import lazy_attributes
+
+if TYPE_CHECKING:
+    from tarc.plants.base import Plant
+    from tarc.plants.euler_lagrange import EulerLagrange
+    from tarc.plants.mass_spring_damper import MassSpringDamper
+    from tarc.plants.mujoco import MujocoPlant
+    from tarc.plants.pendulum import Pendulum
+    from tarc.plants.planar import NLinkArm, TwoLinkArm
+    from tarc.plants.robot_file import find_robot, shipped_robots
+    from tarc.plants.wheeled import WheeledMobileRobot
+
+__all__ = [
+    "EulerLagrange",
+    "MassSpringDamper",
+    "MujocoPlant",
+    "NLinkArm",
+    "Pendulum",
+    "Plant",
+    "TwoLinkArm",
+    "WheeledMobileRobot",
+    "find_robot",
+    "shipped_robots",
+]
+
+__getattr__, __dir__, _ = lazy_attributes(
+    __name__,
+    {
+        "EulerLagrange": "tarc.plants.euler_lagrange",
+        "MassSpringDamper": "tarc.plants.mass_spring_damper",
+        "MujocoPlant": "tarc.plants.mujoco",
+        "NLinkArm": "tarc.plants.planar",
+        "Pendulum": "tarc.plants.pendulum",
+        "Plant": "tarc.plants.base",
+        "TwoLinkArm": "tarc.plants.planar",
+        "WheeledMobileRobot": "tarc.plants.wheeled",
+        "find_robot": "tarc.plants.robot_file",
+        "shipped_robots": "tarc.plants.robot_file",
+    },
+)

@@ -5,8 +5,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from tarc import check
-from tarc.errors import TarcError
+from tarc.core import validation as check
+from tarc.core.errors import TarcError
 
 
 class Plant(ABC):

@@ -9,9 +9,10 @@ from typing import Any, Self
 import casadi as ca
 import numpy as np
 
-from tarc import check, ops
-from tarc.errors import TarcError
-from tarc.parametric import Parametric
+from tarc.core import array_ops as ops
+from tarc.core import validation as check
+from tarc.core.component import Parametric
+from tarc.core.errors import TarcError
 from tarc.plants.base import Plant
 
 

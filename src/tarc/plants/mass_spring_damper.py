@@ -6,8 +6,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from tarc import check
-from tarc.check import Numbers
+from tarc.core import validation as check
+from tarc.core.validation import Numbers
 from tarc.plants.euler_lagrange import EulerLagrange
 
 

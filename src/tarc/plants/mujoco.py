@@ -7,9 +7,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from tarc import check
-from tarc.check import Numbers
-from tarc.errors import TarcError
+from tarc.core import validation as check
+from tarc.core.errors import TarcError
+from tarc.core.validation import Numbers
 from tarc.plants.base import Plant
 from tarc.plants.robot_file import (
     check_links,

@@ -5,7 +5,7 @@ from typing import Any
 
 import casadi as ca
 
-from tarc import check
+from tarc.core import validation as check
 from tarc.plants.euler_lagrange import EulerLagrange, joint_friction
 
 

@@ -6,9 +6,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from tarc import check
-from tarc.check import Numbers
-from tarc.errors import TarcError
+from tarc.core import validation as check
+from tarc.core.errors import TarcError
+from tarc.core.validation import Numbers
 from tarc.plants.euler_lagrange import EulerLagrange, joint_friction
 
 

@@ -10,8 +10,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from tarc import check
-from tarc.errors import TarcError
+from tarc.core import validation as check
+from tarc.core.errors import TarcError
 
 
 def shipped_robots() -> list[str]:

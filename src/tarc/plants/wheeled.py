@@ -5,8 +5,8 @@ from typing import Any
 
 import casadi as ca
 
-from tarc import check
-from tarc.check import Numbers
+from tarc.core import validation as check
+from tarc.core.validation import Numbers
 from tarc.plants.euler_lagrange import EulerLagrange, joint_friction
 
 

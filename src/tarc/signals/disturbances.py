@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from tarc import check
-from tarc.check import Numbers
-from tarc.errors import TarcError
-from tarc.parametric import Parametric
+from tarc.core import validation as check
+from tarc.core.component import Parametric
+from tarc.core.errors import TarcError
+from tarc.core.validation import Numbers
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

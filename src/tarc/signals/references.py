@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from tarc import check
-from tarc.check import Numbers, Table
-from tarc.errors import TarcError
-from tarc.parametric import Parametric
+from tarc.core import validation as check
+from tarc.core.component import Parametric
+from tarc.core.errors import TarcError
+from tarc.core.validation import Numbers, Table
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

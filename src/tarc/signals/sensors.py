@@ -5,11 +5,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tarc import check, ops
-from tarc.check import Numbers
-from tarc.errors import TarcError
-from tarc.parametric import Parametric
-from tarc.system import System
+from tarc.core import array_ops as ops
+from tarc.core import validation as check
+from tarc.core.component import Parametric
+from tarc.core.errors import TarcError
+from tarc.core.system import System
+from tarc.core.validation import Numbers
 
 
 class EncoderInput(NamedTuple):

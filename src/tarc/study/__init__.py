@@ -1,6 +1,7 @@
 """Studies of many runs: laws side by side on equal terms, and the search for their gains."""
 
-from tarc.study.compare import Comparison, compare, tuned_laws
-from tarc.study.tune import Space, spaces, tune, tune_all, variation_limit
+from tarc.study.comparison import Comparison, compare, tuned_laws
+from tarc.study.search_spaces import Space
+from tarc.study.tuning import spaces, tune, tune_all, variation_limit
 
 __all__ = ["Comparison", "Space", "compare", "spaces", "tune", "tune_all", "tuned_laws", "variation_limit"]

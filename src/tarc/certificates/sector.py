@@ -1,0 +1,186 @@
+"""The switching slope: how steep a time-varying robust term the loop bears, and the cap on the gain that follows."""
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from tarc.analysis.linearise import Channel, decouple
+from tarc.analysis.stability import Witness, crossings
+from tarc.certificates.base import JUDGES, Certificate
+from tarc.core import validation as check
+from tarc.core.errors import TarcError
+from tarc.core.types import Array
+from tarc.laws.base import Law
+from tarc.laws.pole_placement import PolePlacement
+from tarc.laws.tarc import TARC
+from tarc.numerics.matrix_tests import schur
+from tarc.numerics.norms import hinf_norm
+
+
+def slope(law: Law, ratio: float = 1.0, *, cap: float | None = None, computation_delay: int = 0) -> Certificate:
+    """Certify the robust term Δu = −κ(t) s of a law, for one constant inertia ratio and any time-varying slope κ.
+
+    Inside the boundary layer κ = α ĉ/ε, outside it κ = α ĉ/‖s‖, with ĉ adapting: a sector 0 ≤ κ(t) ≤ k, and not a
+    constant gain. By the circle criterion the loop is stable for all of them if, with k/2 in the loop, the gain from
+    the auxiliary input to s satisfies ‖S‖∞ < 2/k. With κ frozen, each value in [0, k] must leave a stable loop: that
+    is necessary.
+
+    Parameters
+    ----------
+    law
+        A law on time-delay estimation. Without a P2 of its own, s is the error.
+    ratio
+        ρ, the eigenvalue of M⁻¹M̂.
+    cap
+        Largest gain ĉ [rad/s²] to certify; None for the law's own cap.
+    computation_delay
+        Periods between a measurement and its torque.
+
+    Returns
+    -------
+    Certificate
+        Of the slope at the cap. Its numbers: ``circle limit`` and ``frozen limit`` of ‖P2‖ κ [1/s²], infinite if
+        there is none; for TARC ``cap``, ``slope at the cap`` and ``largest cap`` = ε κ/α [rad/s²], that the circle
+        criterion admits. The margin is the circle limit over the slope at the cap, less 1. Without a cap, the verdict
+        is inconclusive for TARC, whose gain then has no bound; a law without a robust term is certified for what the
+        circle criterion admits.
+
+    Raises
+    ------
+    TarcError
+        For a law without an inertia, and numbers out of range.
+
+    References
+    ----------
+    Paper, Section II-B, equation (delta u); the circle criterion: H. K. Khalil, Nonlinear Systems, 3rd ed., 7.1.1.
+    """
+    if not isinstance(law, PolePlacement):
+        raise TarcError(f"law: got {type(law).__name__}; the slope certificate needs a law with an inertia M̂")
+    ratio = check.number("ratio", ratio, 0, strict=True)
+    adaptive = isinstance(law, TARC)
+    cap = law.cap if isinstance(law, TARC) and cap is None else cap
+    cap = None if cap is None else check.number("cap", cap, 0, strict=True)
+    per_gain = law.margin / law.boundary if isinstance(law, TARC) else 1.0
+    weight = law.P2 if isinstance(law, TARC) else np.eye(law.joints)
+    size = float(np.linalg.norm(weight, 2))
+    loops = [_from_input(channel, ratio, weight) for channel in decouple(law, computation_delay)]
+    matrices = {f"{letter}{i}": part for i, loop in enumerate(loops) for letter, part in zip("ABC", loop, strict=True)}
+    circle = min(circle_limit(*loop) for loop in loops)
+    frozen = min(frozen_limit(*loop) for loop in loops)
+    asked = circle if cap is None else cap * per_gain
+    numbers = {"ratio": ratio, "kappa": asked, "period": law.period, "bounded": float(cap is not None or not adaptive)}
+    numbers["loops"] = float(len(loops))
+    verdict, _, witness = judge(matrices, numbers)
+    numbers |= {"circle limit": circle * size, "frozen limit": frozen * size}
+    if adaptive or cap is not None:
+        numbers["largest cap"] = circle / per_gain
+    if cap is not None:
+        numbers |= {"cap": cap, "slope at the cap": asked * size}
+    if witness and adaptive:
+        witness["gain [rad/s²]"] = float(witness["slope"]) / per_gain
+    what = f"every gain ĉ(t) up to {cap:g} rad/s²" if cap is not None else "every gain ĉ(t), which has no cap,"
+    what = what if adaptive or cap is not None else f"every time-varying slope up to {circle * size:.4g} 1/s²"
+    return Certificate(
+        kind="slope",
+        claim=f"The loop of {type(law).__name__} around q̈ = {ratio:g} M̂⁻¹τ is stable for {what}.",
+        problem="‖S‖∞ < 2/k with k/2 in the loop, for k = α ĉ ‖P2‖/ε" if adaptive else "‖S‖∞ < 2/k, k/2 in the loop",
+        verdict=verdict,
+        margin=float(circle / asked - 1) if asked and numbers["bounded"] else 0.0,
+        margin_meaning="circle limit over the slope at the cap, less 1",
+        assumptions=(
+            "the robot's M(q)⁻¹M̂ is a constant multiple ρ of the identity; Coriolis, gravity and friction disturb only",
+            "no torque limit is reached and no sample is lost",
+            "H∞ norms are computed in floating point, to six digits from above",
+            f"the torque reaches the joints {computation_delay} periods late and is held for a period",
+        ),
+        matrices=matrices,
+        numbers={name: value for name, value in numbers.items() if np.isfinite(value)},
+        witness=witness,
+    )
+
+
+def _from_input(channel: Channel, ratio: float, weight: Array) -> tuple[Array, Array, Array]:
+    """A, B, C from w, added to the auxiliary input, to s = P2 e1."""
+    A, _, _, W, _ = channel.around(ratio)
+    own = weight[np.ix_(channel.joints[: channel.width], channel.joints[: channel.width])]
+    apart = np.delete(weight[list(channel.joints)], channel.joints, axis=1)
+    if np.any(np.abs(apart) > 1e-9 * np.abs(own).max()):
+        raise TarcError("weight: P2 couples joints whose gains do not; use the default weight Q")
+    return A, W, own @ np.eye(channel.width, len(A))
+
+
+def circle_limit(A: Array, B: Array, C: Array) -> float:
+    """Largest k such that every w = −κ(t) y, 0 ≤ κ(t) ≤ k, leaves x⁺ = A x + B w, y = C x stable, from below.
+
+    1/k = −min_ω λ_min(He S(e^{jω})), found on a grid that is drawn closer, then lowered until the norm with k/2 in the
+    loop, which has a guarantee, is at most 2/k. Zero for an A that is not stable; infinite where S is positive real.
+    """
+    if schur(A)[0] != "certified":
+        return 0.0
+    angles = np.concatenate([[0.0], np.geomspace(1e-6, np.pi, 200)])
+    least = np.inf
+    for _ in range(5):
+        z = np.exp(1j * angles)[:, None, None]
+        S = C @ np.linalg.solve(z * np.eye(len(A)) - A, B + 0 * z)
+        real = np.linalg.eigvalsh((S + np.conj(np.swapaxes(S, 1, 2))) / 2)[:, 0]
+        low = int(np.argmin(real))
+        least = min(least, float(real[low]))
+        angles = np.linspace(angles[max(low - 1, 0)], angles[min(low + 1, len(angles) - 1)], 21)
+    if least >= 0:
+        return np.inf
+    k = -1 / least
+    for _ in range(60):
+        k *= 1 - 2e-6
+        if _within_circle(A, B, C, k):
+            return k
+        k *= 0.999
+    return 0.0
+
+
+def _within_circle(A: Array, B: Array, C: Array, k: float) -> bool:
+    middle = A - k / 2 * B @ C
+    if k <= 0:
+        return False
+    if schur(middle)[0] != "certified":
+        return False
+    return hinf_norm(middle, B, C, np.zeros((len(C), B.shape[1])), 1e-7) <= 2 / k
+
+
+def frozen_limit(A: Array, B: Array, C: Array) -> float:
+    """Largest k such that every constant κ in [0, k] leaves A − κ B C stable; zero where A itself is not."""
+    if np.max(np.abs(np.linalg.eigvals(A))) >= 1:
+        return 0.0
+    if B.shape[1] == 1:
+        edges = [0.0, *crossings(A, -B, C, 1e-9, 1e12), np.inf]
+        for low, high in pairwise(edges):
+            middle = (low + min(high, 2 * low + 1)) / 2
+            if np.max(np.abs(np.linalg.eigvals(A - middle * B @ C))) >= 1:
+                return low
+        return np.inf
+    k = np.inf
+    for trial in np.geomspace(1e-3, 1e9, 1201):  # coupled joints: no pencil; stepped through by two per cent
+        if np.max(np.abs(np.linalg.eigvals(A - trial * B @ C))) >= 1:
+            k = float(trial)
+            break
+    return k
+
+
+def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, float, Witness | None]:
+    """Verdict, margin and witness from the stored matrices alone."""
+    kappa, period = numbers["kappa"], numbers["period"]
+    loops = [tuple(matrices[f"{letter}{i}"] for letter in "ABC") for i in range(int(numbers["loops"]))]
+    for A, B, C in loops:
+        edges = [edge for edge in crossings(A, -B, C, 1e-9, 1e12) if edge < kappa] if B.shape[1] == 1 else []
+        trials = {0.0, kappa, *((one + two) / 2 for one, two in pairwise([0.0, *edges, kappa]))}
+        for trial in sorted(trials):
+            answer, radius, mode = schur(A - trial * B @ C)
+            if answer == "refuted":
+                rate = np.log(radius) / period
+                found: Witness = {"slope": trial, "growth rate [1/s]": rate}
+                return "refuted", 0.0, found | {"frequency [rad/s]": float(abs(np.angle(mode)) / period)}
+    sound = numbers["bounded"] and all(_within_circle(A, B, C, kappa) for A, B, C in loops)
+    return ("certified" if sound else "inconclusive"), 0.0, None
+
+
+JUDGES["slope"] = judge

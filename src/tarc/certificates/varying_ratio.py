@@ -1,0 +1,287 @@
+"""The robust ball: how far the inertia may be off, in any direction and changing at any time."""
+
+from typing import Any
+
+import numpy as np
+
+from tarc.analysis.linearise import alike, decouple
+from tarc.analysis.stability import Witness
+from tarc.analysis.uncertain_loop import Parts, Responses, parts_of, system, weighed
+from tarc.certificates.base import JUDGES, Certificate
+from tarc.certificates.iqc import STILL, Multiplier, bears, best_multiplier
+from tarc.core import validation as check
+from tarc.core.errors import TarcError
+from tarc.core.types import Array
+from tarc.laws.base import Law
+from tarc.numerics.matrix_tests import schur
+from tarc.numerics.norms import hinf_norm
+
+DIGITS = 1e-6
+
+
+def ball(
+    law: Law,
+    centre: float | None = None,
+    *,
+    contains: tuple[float, float] | None = None,
+    slope: float = 0.0,
+    rate: float | None = None,
+    intersample: bool = True,
+    computation_delay: int = 0,
+) -> Certificate:
+    """Certify the loop for every time-varying inertia ratio in a ball, in any number of joints at the cost of one.
+
+    In coordinates M̂^½ q the joints' loops are identical and the mismatch is the symmetric E(q) = M̂^½ M(q)⁻¹ M̂^½. By
+    the small-gain theorem the loop is stable for every E(t) with
+
+        ‖E − ρ0 I‖ ≤ δ < 1/‖T‖∞,
+
+    T the loop at ρ0 from an acceleration to v = M̂⁻¹τ. So the robot fits if the eigenvalues of M(q)⁻¹M̂ lie in
+    [ρ0 − δ, ρ0 + δ]. With a slope, the robust term −κ(t) s, 0 ≤ κ(t) ‖P2‖ ≤ slope, varies at the same time: half of
+    it goes into the loop, the other half into a second block of the mismatch, and a constant scaling between the two
+    blocks is searched for.
+
+    That holds however fast E changes, and no larger ball would then. The inertia of a robot changes as fast as the
+    robot moves: with a rate, for ‖dE⁻¹/dt‖ up to it, E⁻¹ = M̂^−½ M M̂^−½, the ball is larger. What is added is that E
+    is symmetric and slow: with b = E v and any y_m, 2 Σ_k Σ_m y_m (v_{k+m}ᵀ b_k − v_kᵀ b_{k+m}) is at least
+    −2 Σ_m |y_m| m T rate Σ_k ‖b_k‖². Such y_m, a sum of exponentials, are searched for by linear programming. From the
+    loop at ρ0, which is stable, E comes about along E_τ⁻¹ = (1 − τ)/ρ0 + τ E⁻¹, 0 ≤ τ ≤ 1, on which all of this holds.
+
+    Parameters
+    ----------
+    law
+        A law on time-delay estimation with scalar K1, K2 and P2.
+    centre
+        ρ0; None for the one that makes (ρ0 + δ)/(ρ0 − δ) largest.
+    contains
+        Instead of a centre: the range of ratios that the ball is to hold with the most room.
+    slope
+        Largest slope of the robust term [1/s²]; α ĉ ‖P2‖/ε for TARC.
+    rate
+        Greatest ‖dE⁻¹/dt‖ = ‖M̂^−½ (dM/dt) M̂^−½‖ [1/s]; None for any.
+    intersample
+        Let E change within a period too (the lifted norm); False holds it constant over each period.
+    computation_delay
+        Periods between a measurement and its torque.
+
+    Returns
+    -------
+    Certificate
+        Its numbers: ``centre``, ``radius``, ``low`` and ``high`` ratio, ``ratio`` high/low. Certified for every ball of
+        a radius above zero; with ``contains`` only if the ball holds the range, and inconclusive if not. The margin is
+        the radius over the one that is needed, less 1; without ``contains`` it is the radius over the centre.
+
+    Raises
+    ------
+    TarcError
+        For gains that are not scalar, numbers out of range, a loop that is stable for no ratio.
+
+    References
+    ----------
+    The small-gain theorem: G. Zames, IEEE Trans. Autom. Control 11(2), 1966. Lifting: B. Bamieh and J. B. Pearson,
+    IEEE Trans. Autom. Control 37(4), 1992. Integral quadratic constraints, by which the two inequalities may be added:
+    A. Megretski and A. Rantzer, IEEE Trans. Autom. Control 42(6), 1997.
+    """
+    slope = check.number("slope", slope, 0)
+    if contains is not None:
+        low = check.number("contains", contains[0], 0, strict=True)
+        contains = low, check.number("contains", contains[1], low)
+    channels = decouple(law, computation_delay)
+    if not alike(law):
+        raise TarcError(
+            "ball: the joints' gains differ or couple, and the ball needs the same on every joint; give one bandwidth "
+            "and one damping for all"
+        )
+    parts = parts_of(channels[0], slope, intersample)
+    step = None if rate is None else law.period * check.number("rate", rate, 0)
+    free = centre is None and contains is None and step is not None
+    centre = check.number("centre", best_centre(parts, contains, step) if centre is None else centre, 0, strict=True)
+    evidence, radius = widest(parts, centre, step=step)
+    for other in BESIDE if free else ():  # the best on the grid of frequencies need not be the best on all
+        trial = widest(parts, other * centre, step=step)
+        if trial[1] > other * radius:
+            centre, (evidence, radius) = other * centre, trial
+            break
+    needed = 0.0 if contains is None else max(contains[1] - centre, centre - contains[0])
+    evidence_matrices, evidence_numbers = recorded(evidence)
+    matrices: dict[str, Array] = parts._asdict() | evidence_matrices
+    numbers = {"centre": centre, "radius": radius, "needed": needed} | evidence_numbers
+    numbers |= {} if step is None else {"step": step, "rate": step / law.period}
+    verdict, margin, witness = judge(matrices, numbers)
+    numbers |= {"low": centre - radius, "high": centre + radius, "slope": slope, "period": law.period}
+    if centre > radius:
+        numbers["ratio"] = (centre + radius) / (centre - radius)
+    ends = contains or (centre - radius, centre + radius)
+    name = type(law).__name__
+    return Certificate(
+        kind="ball",
+        claim=f"The loop of {name} around q̈ = E(t) M̂⁻¹τ is stable for every symmetric E(t) with eigenvalues from "
+        f"{ends[0]:.5g} to {ends[1]:.5g}" + ("." if rate is None else f", E⁻¹ changing by at most {rate:.5g} 1/s."),
+        problem=_problem(bool(slope), rate is not None),
+        verdict=verdict,
+        margin=margin,
+        margin_meaning="radius over the centre" if contains is None else "radius over the one needed, less 1",
+        assumptions=(
+            ("E changes at any time" if intersample else "E is constant within each period")
+            + ("" if rate is None else f", E⁻¹ at no more than {rate:.4g} 1/s"),
+            f"the robust term is a slope between 0 and {slope:g} 1/s², which changes at any time"
+            if slope
+            else "there is no robust term",
+            "the same gains, window, period and delay on every joint; no torque limit is reached, no sample lost",
+            "Coriolis forces, gravity and friction disturb only",
+            "H∞ norms are computed in floating point, to six digits from above",
+            f"the torque reaches the joints {computation_delay} periods late and is held for a period",
+        ),
+        matrices=matrices,
+        numbers=numbers,
+        witness=witness,
+    )
+
+
+def _problem(sloping: bool, slow: bool) -> str:
+    if slow:
+        form = "δ²|T|² + 2 Σ|y_m| m T rate |1 + ρ0 T|² − 4 Σ y_m sin(mω) Im T < 1"
+        return f"{form}, with the slope's inequality" if sloping else form
+    return "‖[δ T_vv, d δ T_vs; T_sv k/2d, T_ss k/2]‖∞ < 1, k/2 in the loop" if sloping else "‖T‖∞ δ < 1"
+
+
+LESS = 0.0, 2e-5, 2e-4, 1e-3, 2e-3, 4e-3, 7e-3, 0.01, 0.03, 0.08, 0.2, 0.4
+"""Shares by which a radius is made smaller until it holds at all frequencies, and not on a grid of them alone."""
+
+BESIDE = 0.94, 0.88, 0.82
+"""Times the best centre, where others are tried."""
+
+FASTER = 1.0, 4.0, 16.0
+"""Times its rate for which a multiplier is searched for, until one holds between the frequencies of the grid too."""
+
+Evidence = Multiplier | float | None
+"""What shows a radius: a multiplier, or the scale of the slope's block, or nothing where there is no slope."""
+
+
+def recorded(evidence: Evidence) -> tuple[dict[str, Array], dict[str, float]]:
+    """Its matrices and numbers, as a certificate holds them."""
+    if isinstance(evidence, Multiplier):
+        return {"decays": evidence.decays, "coefficients": evidence.coefficients}, {
+            "slope weight": evidence.slope,
+            "stiffness weight": evidence.stiffness,
+        }
+    return {}, {} if evidence is None else {"scale": evidence}
+
+
+def multiplier_of(matrices: dict[str, Array], numbers: dict[str, Any]) -> Multiplier:
+    """The multiplier that a certificate holds."""
+    weights = float(numbers["slope weight"]), float(numbers["stiffness weight"])
+    return Multiplier(matrices["decays"], matrices["coefficients"], *weights)
+
+
+def widest(
+    parts: Parts, centre: float, weight: float = 0.0, *, step: float | None = None, stiffness: float = 0.0
+) -> tuple[Evidence, float]:
+    """The largest radius that is certified, zero for none, and what shows it.
+
+    With a step E⁻¹ changes by no more than that in a period; the stiffness is the greatest ‖H‖ of a robot, or more.
+    """
+    if step is None:
+        return best_scales(parts, centre, weight)
+    if schur(system(parts, centre, weight)[0])[0] != "certified":
+        return Multiplier(np.zeros(0), np.zeros(0)), 0.0
+    responses = Responses(parts, centre)
+    best = Multiplier(np.zeros(0), np.zeros(0)), 0.0
+    for faster in FASTER:
+        multiplier, radius, _ = best_multiplier(
+            parts, centre, faster * max(step, STILL / centre), weight=weight, stiffness=stiffness, responses=responses
+        )
+        for less in LESS:
+            trial = radius * (1 - less)
+            if trial > best[1] and bears(parts, centre, trial, step, multiplier, weight, stiffness):
+                best = multiplier, trial
+                break
+        if best[1] > 0.998 * radius:
+            break
+    return best
+
+
+def best_scales(parts: Parts, centre: float, weight: float = 0.0) -> tuple[float | None, float]:
+    """Scale of the slope's block, None without a slope, and the largest radius that is certified; zero for none."""
+    loop = system(parts, centre, weight)
+    sloping = bool(parts.share.item())
+    if schur(loop[0])[0] != "certified":
+        return (1.0 if sloping else None), 0.0
+    if not sloping:
+        return None, (1 - DIGITS) / hinf_norm(*loop)
+    scale, radius = Responses(parts).best(centre, weight)
+    for less in LESS[1:]:
+        trial = radius * (1 - less)
+        if trial > 0 and hinf_norm(*weighed(loop, trial, scale)) < 1:
+            return scale, trial
+    return scale, 0.0
+
+
+def best_centre(parts: Parts, contains: tuple[float, float] | None, step: float | None = None) -> float:
+    """The centre whose ball has the largest ratio of its ends, or holds a range with the most room."""
+    from scipy.optimize import minimize_scalar
+
+    responses = Responses(parts)
+
+    def worth(log: float, slow: bool = False) -> float:
+        centre = float(np.exp(log))
+        spectral_radius = float(np.max(np.abs(np.linalg.eigvals(system(parts, centre)[0]))))
+        if spectral_radius >= 1:
+            return -spectral_radius
+        if slow and step is not None:
+            radius = best_multiplier(parts, centre, step, responses=responses)[1]
+        else:
+            radius = responses.best(centre)[1]
+        if contains is None:
+            return radius / centre
+        return radius / max(contains[1] - centre, centre - contains[0], 1e-12)
+
+    def refined(logs: Array, slow: bool, tolerance: float) -> float:
+        values = [worth(log, slow) for log in logs]
+        top = int(np.argmax(values))
+        ends = logs[max(top - 1, 0)], logs[min(top + 1, len(logs) - 1)]
+        if ends[0] == ends[1] or values[top] <= 1e-3:  # nothing, or what rounding leaves of a mode on the circle
+            return logs[top]
+        found: Any = minimize_scalar(
+            lambda log: -worth(log, slow), bounds=ends, method="bounded", options={"xatol": tolerance}
+        )
+        return found.x if -found.fun > values[top] else logs[top]
+
+    if contains is None:
+        logs = np.log(np.geomspace(1e-4, 10.0, 33))
+    else:
+        logs = np.log(np.linspace(*contains, 9)) if contains[1] > contains[0] else np.log(np.array(contains[:1]))
+    best = refined(logs, False, 1e-4)
+    if contains is None and worth(best) <= 1e-3:
+        raise TarcError(
+            "ball: no inertia ratio makes this loop stable; use a shorter window, a lower bandwidth, a smaller slope "
+            "or less computation delay"
+        )
+    if step is not None and contains is None:  # it is a little higher than at any speed
+        best = refined(best + np.log([0.8, 1.0, 1.25, 1.5, 1.8]), True, 1e-2)
+    elif step is not None and contains is not None:
+        best = refined(np.sort([best, np.log((contains[0] + contains[1]) / 2)]), True, 1e-2)
+    return float(np.exp(best))
+
+
+def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, float, Witness | None]:
+    """Verdict and margin from the stored matrices alone: the norm below one or the form negative, the radius enough."""
+    centre, radius, needed = numbers["centre"], numbers["radius"], numbers["needed"]
+    weight, scale, step = numbers.get("weight", 0.0), numbers.get("scale"), numbers.get("step")
+    given = [centre, radius, needed, weight, 1.0 if scale is None else scale, 0.0 if step is None else step]
+    given += [numbers.get(name, 1.0) for name in ("slope weight", "stiffness weight", "stiffness")]
+    if not np.all(np.isfinite(given)) or not centre > 0 or scale == 0:
+        return "inconclusive", 0.0, None
+    parts = Parts(*(matrices[name] for name in Parts._fields))
+    loop = system(parts, centre, weight)
+    margin = radius / max(needed, centre / 1e3) - 1 if needed else radius / centre
+    sound = radius > 0 and radius >= needed and schur(loop[0])[0] == "certified"
+    if step is None:
+        sound = sound and hinf_norm(*weighed(loop, radius, scale)) < 1
+    else:
+        multiplier = multiplier_of(matrices, numbers)
+        sound = sound and bears(parts, centre, radius, step, multiplier, weight, numbers.get("stiffness", 0.0))
+    return ("certified" if sound else "inconclusive"), float(margin), None
+
+
+JUDGES["ball"] = judge

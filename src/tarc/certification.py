@@ -1,0 +1,134 @@
+"""All certificates of a law on a robot at once."""
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from tarc.analysis.linearise import alike, decouple
+from tarc.analysis.rest_stability import remedy
+from tarc.analysis.workspace import Workspace
+from tarc.certificates.base import Certificate
+from tarc.certificates.constant_ratio import loop
+from tarc.certificates.robot import robot
+from tarc.certificates.sector import slope
+from tarc.certificates.varying_ratio import ball
+from tarc.core.errors import TarcError
+from tarc.estimators.algebraic import Algebraic
+from tarc.laws.base import Law
+from tarc.laws.pole_placement import PolePlacement
+from tarc.laws.tarc import TARC
+from tarc.laws.tde import TDE
+from tarc.paper.lemma1 import condition_c2, lemma1
+from tarc.paper.nominal_loop import nominal
+from tarc.paper.theorem1 import theorem1
+from tarc.paper.theorem2 import theorem2
+from tarc.plants.base import Plant
+
+
+def certify(
+    law: Law,
+    plant: Plant | Sequence[Plant],
+    workspace: Workspace,
+    *,
+    computation_delay: int = 0,
+    samples: int = 2000,
+    seed: int = 0,
+    known: Certificate | None = None,
+    done: Callable[[str], object] = lambda kind: None,
+) -> dict[str, Certificate]:
+    """All certificates that apply to a law on a robot, the verdict for the robot first.
+
+    Parameters
+    ----------
+    law
+        A law on time-delay estimation.
+    plant
+        The robot, or several, such as one without and one with its payload.
+    workspace
+        The postures that it takes.
+    computation_delay
+        Periods between a measurement and its torque.
+    samples, seed
+        Of the workspace.
+    known
+        What `robot` gave for all this, where it was asked before.
+    done
+        Called with the kind of each certificate once it is made, to show progress.
+
+    Returns
+    -------
+    dict
+        By kind. ``robot``; ``loop`` for every constant ratio that occurs; ``slope``, for TARC, at the one of the
+        occurring ratios that bears least; ``ball``, the widest; then what the paper states: ``lemma1``, ``c2``,
+        ``theorem1``, ``theorem2``, and ``nominal``, its second theorem repaired. Those that do not apply are left out.
+
+    Raises
+    ------
+    TarcError
+        For a law without an inertia, and as `robot` does.
+    """
+    if not isinstance(law, PolePlacement):
+        raise TarcError(
+            f"law: got {type(law).__name__}; certificates need a law with an inertia M̂, such as TDC or TARC"
+        )
+    found: dict[str, Certificate] = {}
+
+    def add(certificate: Certificate) -> Certificate:
+        found[certificate.kind] = certificate
+        done(certificate.kind)
+        return certificate
+
+    options = {"computation_delay": computation_delay, "samples": samples, "seed": seed}
+    verdict = add(known or robot(law, plant, workspace, **options))
+    low, high = verdict.numbers["least ratio"], verdict.numbers["greatest ratio"]
+    if all(channel.width == 1 for channel in decouple(law, computation_delay)):
+        add(loop(law, (low, high), computation_delay=computation_delay))
+    if isinstance(law, TARC):
+        ratios = low, (low * high) ** 0.5, high
+        occurring = [slope(law, ratio, computation_delay=computation_delay) for ratio in ratios]
+        add(min(occurring, key=lambda one: one.numbers.get("circle limit", float("inf"))))
+    if alike(law):
+        with suppress(TarcError):  # stable for no ratio, which the verdict for the robot has shown already
+            add(ball(law, computation_delay=computation_delay))
+    add(lemma1(law, plant, workspace, samples=samples, seed=seed))
+    if isinstance(law, TARC):
+        add(condition_c2(law))
+    if isinstance(law, TDE):
+        add(theorem1(law))
+        if isinstance(law.estimator, Algebraic):
+            add(theorem2(law))
+            add(nominal(law))
+    return found
+
+
+def advice(law: PolePlacement, verdict: Certificate, computation_delay: int = 0) -> str:
+    """What to change in a design that was not certified, with numbers; empty for one that was."""
+    if verdict.witness:
+        return remedy(law, verdict.witness, computation_delay)
+    if verdict.certified:
+        return ""
+    if not alike(law):
+        return "Give all joints the same bandwidth and damping, which the ball needs"
+    if isinstance(law, TARC) and law.cap is None:
+        return "Give the gain a cap, without which nothing bounds the robust term"
+    if not np.isfinite(law.robust_slope):
+        return "The robust term of this law is not covered by these certificates: simulate it"
+    needed, slope, rate = verdict.numbers["spread"], verdict.numbers["slope"], verdict.numbers.get("rate")
+    slower = "a bound on the joints' speeds" if rate is None else "slower joints"
+    trials = {"as it is": law}
+    if isinstance(law, TDE) and not law.synchronised:
+        trials["synchronised"] = replace(law, synchronised=True, delay=None)
+    lines = []
+    for name, trial in trials.items():
+        with suppress(TarcError):
+            found = ball(trial, slope=slope, rate=rate, computation_delay=computation_delay).numbers
+            scale = (found["low"] * found["high"]) ** 0.5
+            scale /= (verdict.numbers["least ratio"] * verdict.numbers["greatest ratio"]) ** 0.5
+            lines.append(f"{found['ratio']:.3g} ({name}, with {scale:.3g} of this M̂)")
+    return (
+        f"The robot's spread is {needed:.3g}; the widest ball of this loop holds {' or '.join(lines) or 'none'}. A "
+        f"shorter window, a lower bandwidth, a smaller cap, more rotor inertia or {slower} narrow the gap; "
+        "inconclusive does not mean unstable"
+    )

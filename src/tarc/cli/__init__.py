@@ -1,0 +1,5 @@
+"""The command line."""
+
+from tarc.cli.app import main
+
+__all__ = ["main"]

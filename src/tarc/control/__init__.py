@@ -1,0 +1,1 @@
+"""The controller's side of the joint: in a simulation, and in real time."""

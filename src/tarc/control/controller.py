@@ -1,0 +1,129 @@
+"""The real-time face of a law: for the user's own robot loop."""
+
+import logging
+from typing import Any
+
+import numpy as np
+
+from tarc.core.codegen import compiled
+from tarc.core.errors import TarcError
+from tarc.core.tracing import Buffered, trace
+from tarc.core.trees import pack
+from tarc.estimators.oracle import refuse_oracle
+from tarc.laws.base import Law
+
+log = logging.getLogger("tarc")
+
+
+class Controller:
+    """Runs a law once a period on a real robot, or on any simulator.
+
+    No memory is allocated after construction: `step` copies its arguments into fixed arrays, calls the traced law,
+    and returns the same torque array every time (copy it if it must outlive the next step).
+
+    Parameters
+    ----------
+    law
+        Any law of `tarc.laws`.
+    native
+        Compile the step to machine code, with the C compiler that is found.
+
+    Attributes
+    ----------
+    missing
+        Samples missing in a row.
+    fault
+        Whether more than ``law.max_missing`` were; the safe torque is applied until the next `reset`.
+
+    Examples
+    --------
+    >>> import numpy as np, tarc
+    >>> law = tarc.laws.TDC(inertia=[0.1, 0.1], bandwidth=10.0, period=1e-3,
+    ...                     estimator=tarc.estimators.Algebraic(window=0.010))
+    >>> controller = tarc.Controller(law)
+    >>> controller.reset(np.zeros(2))
+    >>> controller.step(np.zeros(2), np.full(2, 0.01), np.zeros(2), np.zeros(2))
+    array([0.1, 0.1])
+    """
+
+    def __init__(self, law: Law, native: bool = False):
+        if not isinstance(law, Law):
+            raise TarcError(f"law: got {law!r}; needs one of tarc.laws, constructed")
+        refuse_oracle(law.estimator)
+        self.law = law
+        state, value = law.example()
+        function, example = trace(law.step, state, value)
+        self._call = Buffered(compiled(function) if native else function)
+        n = law.joints
+        self._sizes = n, n, n, n
+        vector = self._call.value
+        self._position, self._reference = vector[:n], vector[n : 2 * n]
+        self._velocity_reference, self._acceleration_reference = vector[2 * n : 3 * n], vector[3 * n :]
+        output = self._call.output
+        self._torque = output[:n]
+        self._torque.flags.writeable = False
+        places = {name: place for place, name in _places(example.signals, n)}
+        self._missing, self._fault = output[places["missing"]], output[places["fault"]]
+        self.signals = {name: output[place] for name, place in places.items()}
+        self._warned = False
+        self._ready = False
+
+    def reset(self, position: Any, torque: Any = 0.0) -> None:
+        """Start at rest at a measured position (n,) with a torque (n,) already applied.
+
+        Raises `TarcError` for a position that is not finite: wait for a valid sample first.
+        """
+        self._call.reset(pack(self.law.init(position, torque)))
+        self._call.output[:] = 0
+        self._warned, self._ready = False, True
+
+    def step(self, position: Any, reference: Any, velocity_reference: Any, acceleration_reference: Any) -> np.ndarray:
+        """Torque [N m or N] for this period from the measured position and the reference, all of shape (n,).
+
+        A position with NaN or infinity is a missing sample.
+        """
+        if not self._ready:
+            raise TarcError(
+                "Controller.step: called before reset; call reset(position) with the first measured position"
+            )
+        try:
+            sizes = len(position), len(reference), len(velocity_reference), len(acceleration_reference)
+            if sizes != self._sizes:
+                raise ValueError
+            self._position[:] = position
+            self._reference[:] = reference
+            self._velocity_reference[:] = velocity_reference
+            self._acceleration_reference[:] = acceleration_reference
+        except (TypeError, ValueError, OverflowError):
+            shapes = [np.shape(x) for x in (position, reference, velocity_reference, acceleration_reference)]
+            raise TarcError(
+                f"Controller.step: got shapes {shapes} for position and references; needs ({self.law.joints},) each"
+            ) from None
+        self._call.step()
+        if self._fault[0] and not self._warned:
+            self._warned = True
+            log.error(
+                "%d samples missing in a row: the safe torque (%s) is applied until reset",
+                int(self._missing[0]),
+                getattr(self.law.safe_torque, "__name__", self.law.safe_torque),
+            )
+        return self._torque
+
+    @property
+    def missing(self) -> int:
+        """Samples missing in a row."""
+        return int(self._missing[0])
+
+    @property
+    def fault(self) -> bool:
+        """Whether the law gave up and applies its safe torque."""
+        return bool(self._fault[0])
+
+
+def _places(signals: dict[str, Any], start: int) -> list[tuple[slice, str]]:
+    """Where each signal lies in the output vector."""
+    result = []
+    for name, leaf in signals.items():
+        result.append((slice(start, start + np.size(leaf)), name))
+        start += np.size(leaf)
+    return result

@@ -1,0 +1,68 @@
+"""All that runs on the controller's side of the joint: sensor, law and computation delay."""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tarc.core import array_ops as ops
+from tarc.core.system import System
+from tarc.estimators.oracle import TrueDerivatives
+from tarc.laws.base import Law, LawInput
+from tarc.signals.sensors import Encoder, EncoderInput
+
+
+class DriveInput(NamedTuple):
+    """True position, reference with two derivatives, sensor noise, each of shape (n,)."""
+
+    position: Any
+    reference: Any
+    velocity_reference: Any
+    acceleration_reference: Any
+    noise: Any
+
+
+class DriveState(NamedTuple):
+    """States of sensor and law, and torques under way to the joints, shape (n, delay + 1)."""
+
+    sensor: Any
+    law: Any
+    queue: Any
+
+
+class DriveOutput(NamedTuple):
+    """Measured position and torque on the joints, each (n,), and the law's signals."""
+
+    measured: Any
+    torque: Any
+    signals: Any
+
+
+@dataclass(frozen=True, eq=False)
+class Drive(System):
+    """All that runs on the controller's side of the joint: true position in, torque out."""
+
+    sensor: Encoder
+    law: Law
+    computation_delay: int = 0
+
+    def init(self, position: Any, torque: Any = 0.0, noise: Any = 0.0) -> DriveState:
+        """At rest at a position (n,), first read with this noise, with a torque (n,) applied."""
+        sensor = self.sensor.init(position + noise)
+        law = self.law.init(sensor[:, 0], torque)
+        return DriveState(sensor, law, np.repeat(law.torque[:, :1], self.computation_delay + 1, axis=1))
+
+    def step(self, state: DriveState, value: DriveInput) -> tuple[DriveState, DriveOutput]:
+        """Measure, compute, apply."""
+        sensor, measured = self.sensor.step(state.sensor, EncoderInput(value.position, value.noise))
+        reference = value.reference, value.velocity_reference, value.acceleration_reference
+        law, output = self.law.step(state.law, LawInput(measured, *reference))
+        queue = ops.push(state.queue, output.torque)
+        return DriveState(sensor, law, queue), DriveOutput(measured, queue[:, -1], output.signals)
+
+    def tell(self, state: DriveState, velocity: Any, acceleration: Any) -> DriveState:
+        """The state with the true derivatives (n,) in it, if the law's estimator is the oracle; else as it is."""
+        if not isinstance(self.law.estimator, TrueDerivatives):
+            return state
+        told = state.law.estimator._replace(velocity=velocity, acceleration=acceleration)
+        return state._replace(law=state.law._replace(estimator=told))

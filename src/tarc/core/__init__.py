@@ -1,0 +1,1 @@
+"""Foundations: errors, validation, array operations, systems and their tracing."""

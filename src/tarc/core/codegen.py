@@ -1,0 +1,79 @@
+"""Traced functions as machine code, where a C compiler is found."""
+
+import hashlib
+import importlib.util
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import casadi as ca
+
+from tarc.core.errors import TarcError
+
+FLAGS = ["-O2", "-fPIC", "-shared"]
+"""No fast mathematics: the laws rely on what comparisons with NaN give."""
+
+
+def compiler() -> list[str]:
+    """The C compiler's command: ``$CC``, else cc, gcc or clang, else the one in the ``ziglang`` wheel."""
+    named = os.environ.get("CC")
+    if named:
+        return shlex.split(named)
+    for name in ("cc", "gcc", "clang"):
+        found = shutil.which(name)
+        if found:
+            return [found]
+    if importlib.util.find_spec("ziglang"):
+        return [sys.executable, "-m", "ziglang", "cc"]
+    raise TarcError(
+        "native: no C compiler found; looked for $CC, cc, gcc, clang and the ziglang package. Install one, for example "
+        "pip install 'tarc-control[native]', or leave native out: the virtual machine needs none"
+    )
+
+
+def cache() -> Path:
+    """Where compiled functions are kept: ``$XDG_CACHE_HOME/tarc``, by default ``~/.cache/tarc``."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "tarc"
+
+
+def compiled(function: ca.Function) -> ca.Function:
+    """The same function in machine code.
+
+    The C that CasADi generates is compiled once and kept under the hash of its text and of the compiler's command, so
+    that the next call with the same equations and numbers only loads it.
+
+    Raises
+    ------
+    TarcError
+        When there is no compiler, it fails, or the cache cannot be written.
+    """
+    generator = ca.CodeGenerator(f"{function.name()}.c")
+    generator.add(function)
+    code, command = generator.dump(), [*compiler(), *FLAGS]
+    name = hashlib.sha256("\n".join([code, *command, ca.CasadiMeta.version()]).encode()).hexdigest()[:32]
+    library = cache() / f"{name}.so"
+    if not library.is_file():
+        try:
+            library.parent.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryDirectory(dir=library.parent) as folder:
+                source, made = Path(folder, f"{function.name()}.c"), Path(folder, "made.so")
+                source.write_text(code)
+                command += [str(source), "-lm", "-o", str(made)]
+                try:
+                    done = subprocess.run(command, capture_output=True, text=True, check=False)
+                except FileNotFoundError:
+                    raise TarcError(f"native: there is no compiler {command[0]!r}; correct or unset $CC") from None
+                if done.returncode:
+                    words = done.stderr.strip()[-500:] or "it printed nothing"
+                    raise TarcError(f"native: {shlex.join(command[:-4])} failed: {words}")
+                made.replace(library)
+        except OSError as error:
+            raise TarcError(
+                f"native: cannot compile into {library.parent}: {error.strerror or error}; set XDG_CACHE_HOME to a "
+                "folder that can be written, or leave native out"
+            ) from None
+    return ca.external(function.name(), str(library))

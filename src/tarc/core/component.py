@@ -1,0 +1,46 @@
+"""Frozen parameter classes that refuse unknown and missing keywords with a helpful `TarcError`."""
+
+from abc import ABCMeta
+from dataclasses import MISSING, fields
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tarc.core import validation as check
+from tarc.core.errors import TarcError
+
+
+class _Checked(ABCMeta):
+    if not TYPE_CHECKING:  # so that a type checker sees the dataclass's own signature
+
+        def __call__(cls, *args: Any, **keywords: Any) -> Any:
+            if not cls.__abstractmethods__:
+                _check_keywords(cls, args, keywords)
+            return super().__call__(*args, **{name: _own(value) for name, value in keywords.items()})
+
+
+class Parametric(metaclass=_Checked):
+    """Base of every keyword-only dataclass that a user constructs: laws, estimators, plants, signals."""
+
+
+def _own(value: Any) -> Any:
+    """A copy of an array that nobody can change; anything else as it is."""
+    if isinstance(value, np.ndarray):
+        value = value.copy()
+        value.setflags(write=False)
+    return value
+
+
+def _check_keywords(kind: Any, args: tuple[Any, ...], keywords: dict[str, Any]) -> None:
+    known = {field.name: field for field in fields(kind) if field.init}
+    label = kind.__name__
+    if args:
+        raise TarcError(f"{label}: takes its parameters by name; it has {', '.join(known)}")
+    for name in keywords:
+        if name not in known:
+            raise TarcError(
+                f"{label}: unknown parameter {name!r}; it has {', '.join(known)}.{check.nearest(name, known)}"
+            )
+    for name, field in known.items():
+        if name not in keywords and field.default is MISSING and field.default_factory is MISSING:
+            raise TarcError(f"{label}: parameter {name!r} is missing; see help(tarc) or `tarc show {label}`")

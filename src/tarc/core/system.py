@@ -1,0 +1,26 @@
+"""The one abstraction: a discrete-time system, and its tracing into a ``casadi.Function``.
+
+Everything that runs once a period (sensor, estimator, law, the closed loop itself) is a `System`: frozen
+parameters, an explicit state, a pure step
+
+    x(k+1), y(k) = step(x(k), u(k)).
+
+State, input and output are arrays or nested NamedTuples of arrays. The step is plain Python on operators that
+NumPy arrays and CasADi symbols share (see `tarc.core.array_ops`), so that one text is stepped, fused into a simulation,
+differentiated and exported.
+"""
+
+from abc import ABC, abstractmethod
+from typing import Any
+
+
+class System(ABC):
+    """A discrete-time system with explicit state."""
+
+    @abstractmethod
+    def init(self, first: Any, /) -> Any:
+        """State before the first step, made from a first input: a NamedTuple of float arrays."""
+
+    @abstractmethod
+    def step(self, state: Any, value: Any) -> tuple[Any, Any]:
+        """Next state and output; pure, on NumPy arrays and CasADi symbols alike."""

@@ -1,0 +1,152 @@
+"""Trace a step into a ``casadi.Function``, and call it over fixed memory."""
+
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from tarc.core.trees import leaves, names, rebuild
+
+RING = 32
+"""Periods between two copies of what was recorded; few, so that all memory of a ring stays in the fast cache."""
+
+
+def _symbols(tree: Any, kind: type) -> tuple[Any, Any]:
+    """One symbol vector for the whole tree, and the tree of its pieces."""
+    shapes = [(*np.shape(leaf), 1, 1)[:2] if np.ndim(leaf) else (1, 1) for leaf in leaves(tree)]
+    sizes = [rows * columns for rows, columns in shapes]
+    vector = kind.sym("x", sum(sizes))  # type: ignore[attr-defined]
+    ends = np.cumsum([0, *sizes])
+    pieces = [
+        ca.reshape(vector[int(start) : int(end)], *shape) if shape[1] > 1 else vector[int(start) : int(end)]
+        for start, end, shape in zip(ends, ends[1:], shapes, strict=False)
+    ]
+    return vector, rebuild(tree, pieces)
+
+
+def expressions(
+    step: Callable[[Any, Any], tuple[Any, Any]], state: Any, value: Any, *, symbol: type = ca.SX, name: str = "step"
+) -> tuple[list[Any], list[Any]]:
+    """Symbols ``[state, value]`` of a step, packed, and the expressions ``[next state, output]`` that it makes of them.
+
+    Takes what `trace` takes.
+    """
+    state_symbol, state_tree = _symbols(state, symbol)
+    value_symbol, value_tree = _symbols(value, symbol)
+    next_state, output = step(state_tree, value_tree)
+    for old, new, label in zip(leaves(state_tree), leaves(next_state), names(state), strict=True):
+        new = new if isinstance(new, symbol) else symbol(new)
+        if old.shape != new.shape:
+            raise ValueError(f"{name}: state {label} has shape {old.shape} before the step and {new.shape} after")
+
+    def column(tree: Any) -> Any:
+        parts = [ca.vec(leaf if isinstance(leaf, symbol) else symbol(leaf)) for leaf in leaves(tree)]
+        return ca.vertcat(*parts) if parts else symbol(0, 1)
+
+    return [state_symbol, value_symbol], [column(next_state), column(output)]
+
+
+def trace(
+    step: Callable[[Any, Any], tuple[Any, Any]],
+    state: Any,
+    value: Any,
+    *,
+    symbol: type = ca.SX,
+    name: str = "step",
+) -> tuple[ca.Function, Any]:
+    """Trace a step into a CasADi function of packed vectors.
+
+    Parameters
+    ----------
+    step
+        Pure function (state, value) -> (state, output).
+    state, value
+        Trees of arrays with the shapes to trace for; one NumPy step from them tells the output's shapes.
+    symbol
+        ``casadi.SX`` (scalar graph: about 1 ns an operation) or ``casadi.MX`` (matrix graph: about 12 ns).
+
+    Returns
+    -------
+    function
+        ``[state, value] -> [next state, output]``, each one column, ordered as `pack` orders them.
+    output
+        A tree of zeros with the output's structure and shapes, for `unpack`.
+    """
+    inputs, results = expressions(step, state, value, symbol=symbol, name=name)
+    function = ca.Function(name, inputs, results, ["x", "u"], ["x_next", "y"], {"cse": True})
+    _, example = step(state, value)
+    return function, rebuild(example, [np.zeros(np.shape(leaf)) for leaf in leaves(example)])
+
+
+class Ring:
+    """A traced function over fixed memory, several periods in a row: one call each, no copies between them.
+
+    The function's first input and output are its state. Every other input and output has one row a period, or lies
+    where ``fixed`` has it, by name, in every period.
+
+    Attributes
+    ----------
+    calls
+        One a period, to be called in order, over and over.
+    rows
+        By the name of the input or output, shape (periods, size).
+    states
+        The two state vectors that take turns; the first call reads the first.
+    """
+
+    def __init__(
+        self, function: ca.Function, state: np.ndarray, periods: int, fixed: dict[str, np.ndarray] | None = None
+    ):
+        if periods % 2:
+            raise ValueError(f"periods: got {periods}; needs an even number, since two states take turns")
+        fixed = fixed or {}
+        sizes = {function.name_in(i): function.nnz_in(i) for i in range(1, function.n_in())}
+        sizes |= {function.name_out(i): function.nnz_out(i) for i in range(1, function.n_out())}
+        self.rows = {name: np.zeros((periods, size)) for name, size in sizes.items() if name not in fixed}
+        self.calls: list[Callable[[], None]] = []
+        self.states = states = [np.array(state), np.array(state)]
+        self._keep: list[Any] = [function, fixed]
+        for k in range(periods):
+            places = fixed | {name: rows[k] for name, rows in self.rows.items()}
+            buffer: Any
+            buffer, call = function.buffer()
+            buffer.set_arg(0, states[k % 2].data)
+            buffer.set_res(0, states[1 - k % 2].data)
+            for i in range(1, function.n_in()):
+                buffer.set_arg(i, places[function.name_in(i)].data)
+            for i in range(1, function.n_out()):
+                buffer.set_res(i, places[function.name_out(i)].data)
+            self.calls.append(call)
+            self._keep.append(buffer)
+
+
+class Buffered:
+    """A traced step over fixed memory: no allocation a call, a microsecond or so each.
+
+    Attributes
+    ----------
+    value, output
+        Input and output vectors, ordered as `pack` orders them. Write the one, `step()`, read the other.
+    """
+
+    def __init__(self, function: ca.Function):
+        self.value = np.zeros(function.nnz_in(1))
+        self.output = np.zeros(function.nnz_out(1))
+        fixed = {function.name_in(1): self.value, function.name_out(1): self.output}
+        self._ring = Ring(function, np.zeros(function.nnz_in(0)), 2, fixed)
+        self._calls, self._now = self._ring.calls, 0
+
+    @property
+    def state(self) -> np.ndarray:
+        """The present state vector."""
+        return self._ring.states[self._now]
+
+    def reset(self, state: np.ndarray) -> None:
+        """Set the state vector."""
+        self.state[:] = state
+
+    def step(self) -> None:
+        """One step from `value` to `output`."""
+        self._calls[self._now]()
+        self._now = 1 - self._now

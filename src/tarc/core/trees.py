@@ -1,0 +1,59 @@
+"""Trees of arrays: nested NamedTuples, tuples and dicts, packed into one vector and back."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+
+def leaves(tree: Any) -> list[Any]:
+    """Arrays of a nested NamedTuple, tuple or dict, in order."""
+    if isinstance(tree, dict):
+        return [leaf for key in tree for leaf in leaves(tree[key])]
+    if isinstance(tree, tuple):
+        return [leaf for branch in tree for leaf in leaves(branch)]
+    return [tree]
+
+
+def rebuild(tree: Any, values: Sequence[Any]) -> Any:
+    """A tree of the same structure with other leaves, the inverse of `leaves`."""
+    supply = iter(values)
+
+    def build(node: Any) -> Any:
+        if isinstance(node, dict):
+            return {key: build(child) for key, child in node.items()}
+        if isinstance(node, tuple):
+            children = [build(child) for child in node]
+            return type(node)(*children) if hasattr(node, "_fields") else tuple(children)
+        return next(supply)
+
+    return build(tree)
+
+
+def names(tree: Any, prefix: str = "") -> list[str]:
+    """Dotted name of each leaf, in the order of `leaves`."""
+    if isinstance(tree, dict):
+        items = list(tree.items())
+    elif isinstance(tree, tuple):
+        fields = getattr(tree, "_fields", range(len(tree)))
+        items = [(str(field), child) for field, child in zip(fields, tree, strict=True)]
+    else:
+        return [prefix]
+    return [name for key, child in items for name in names(child, f"{prefix}.{key}" if prefix else key)]
+
+
+def pack(tree: Any) -> np.ndarray:
+    """All numbers of a tree as one vector; matrices column by column, as CasADi stores them."""
+    parts = [np.ravel(np.asarray(leaf, dtype=float), order="F") for leaf in leaves(tree)]
+    return np.concatenate(parts) if parts else np.zeros(0)
+
+
+def unpack(tree: Any, vector: np.ndarray) -> Any:
+    """The tree of the same shapes whose numbers are the vector's, the inverse of `pack`."""
+    result, start = [], 0
+    for leaf in leaves(tree):
+        shape = np.shape(leaf)
+        size = int(np.prod(shape))
+        result.append(np.reshape(vector[start : start + size], shape, order="F"))
+        start += size
+    return rebuild(tree, result)

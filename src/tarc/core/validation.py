@@ -1,0 +1,138 @@
+"""Checks of user input: each returns the value as an array or number, or raises `TarcError` with the remedy."""
+
+import difflib
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from tarc.core.errors import TarcError
+from tarc.core.types import Array
+
+Numbers = float | Sequence[float] | np.ndarray
+"""One number, or one a joint."""
+
+Table = Sequence[Sequence[float]] | np.ndarray
+"""Rows of numbers."""
+
+Matrix = float | Sequence[float] | Sequence[Sequence[float]] | np.ndarray
+"""One number (times identity), one a row (a diagonal), or the rows."""
+
+
+def number(name: str, value: Any, low: float = -np.inf, *, strict: bool = False, high: float = np.inf) -> float:
+    """One finite number in [low, high], or above low if strict."""
+    try:
+        if isinstance(value, str | bytes):
+            raise ValueError
+        result = float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise TarcError(f"{name}: got {value!r}; needs one number") from None
+    above = result > low if strict else result >= low
+    if not np.isfinite(result) or not above or result > high:
+        bound = f" {'above' if strict else 'of at least'} {low:g}" if np.isfinite(low) else ""
+        bound += f" and at most {high:g}" if np.isfinite(high) else ""
+        raise TarcError(f"{name}: got {result:g}; needs a finite number{bound}")
+    return result
+
+
+def whole(name: str, value: Any, low: int = 0, high: int | None = None) -> int:
+    """A whole number in [low, high]."""
+    limits = f"from {low} to {high}" if high is not None else f"of at least {low}"
+    fits = isinstance(value, int | float | np.integer) and not isinstance(value, bool)
+    if not fits or value % 1 != 0 or not low <= value <= (np.inf if high is None else high):
+        raise TarcError(f"{name}: got {value!r}; needs a whole number {limits}")
+    return int(value)
+
+
+def numbers(name: str, value: Any) -> Array:
+    """Numbers as a float array, infinite or not."""
+    try:
+        result = np.array(value, dtype=float)
+        if not isinstance(value, str | bytes):
+            return result
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise TarcError(f"{name}: got {value!r}; needs numbers")
+
+
+def array(name: str, value: Any) -> Array:
+    """Finite numbers as a float array."""
+    result = numbers(name, value)
+    finite = np.isfinite(result)
+    if not finite.all():
+        bad = np.argwhere(~finite)
+        where = f" at {bad[0].tolist()}" if result.ndim else ""
+        raise TarcError(f"{name}: got {result[tuple(bad[0])]}{where}; needs finite numbers, not NaN or infinity")
+    return result
+
+
+def vector(name: str, value: Any, size: int, low: float = -np.inf, *, strict: bool = False) -> Array:
+    """A vector of the given size; one number stands for all its elements."""
+    result = array(name, value)
+    if result.ndim == 0:
+        result = np.full(size, float(result))
+    if result.shape != (size,):
+        raise TarcError(f"{name}: got shape {result.shape}; needs one number or {size} of them, one a joint")
+    if np.any(result <= low if strict else result < low):
+        raise TarcError(f"{name}: got {result.tolist()}; each must be {'above' if strict else 'at least'} {low:g}")
+    return result
+
+
+def square(name: str, value: Any, size: int) -> Array:
+    """A matrix from one number (times identity), one a row (diagonal) or the full matrix."""
+    result = array(name, value)
+    if result.ndim < 2:
+        result = np.diag(vector(name, result, size))
+    if result.shape != (size, size):
+        raise TarcError(
+            f"{name}: got shape {result.shape}; needs one number, {size} numbers or a {size} by {size} matrix"
+        )
+    return result
+
+
+def definite(name: str, value: Any, size: int) -> Array:
+    """A symmetric positive definite matrix, given as in `square`."""
+    result = square(name, value, size)
+    scale = np.max(np.abs(result))
+    if not np.allclose(result, result.T, rtol=0, atol=1e-9 * scale):
+        raise TarcError(
+            f"{name}: got {result.tolist()}, which is not symmetric; use its symmetric part (A + A.T) / 2 if it "
+            "was meant to be"
+        )
+    result = (result + result.T) / 2
+    least = float(np.linalg.eigvalsh(result)[0])
+    if not least > 1e-12 * scale:
+        raise TarcError(
+            f"{name}: its smallest eigenvalue is {least:.3g}; needs a positive definite matrix. Take the diagonal, "
+            "or raise its small entries"
+        )
+    return result
+
+
+def multiple(name: str, value: Any, period: float) -> int:
+    """How many periods the duration is: a whole number of at least one."""
+    duration = number(name, value, 0, strict=True)
+    count = round(duration / period)
+    if count < 1 or abs(duration / period - count) > 1e-6:
+        near = max(count, 1) * period
+        raise TarcError(
+            f"{name}: got {duration:g} s, which is no whole multiple of the period {period:g} s; "
+            f"the nearest is {near:g} s"
+        )
+    return count
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """' Did you mean ...?' for the closest known word, or the empty string."""
+    known = list(known)
+    lower = {k.lower(): k for k in known}
+    close = difflib.get_close_matches(word.lower(), lower, n=1, cutoff=0.6)
+    return f" Did you mean '{lower[close[0]]}'?" if close else ""
+
+
+def one_of(name: str, value: str, known: Iterable[str]) -> str:
+    """A word out of a known set."""
+    known = list(known)
+    if value not in known:
+        raise TarcError(f"{name}: got {value!r}; known are {', '.join(known)}.{nearest(str(value), known)}")
+    return value

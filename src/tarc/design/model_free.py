@@ -1,0 +1,121 @@
+"""Gains without a model of the robot: from an inertia that was measured and a guess of how much it varies."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tarc.certificates.base import Certificate
+from tarc.certificates.varying_ratio import ball
+from tarc.core import validation as check
+from tarc.core.errors import TarcError
+from tarc.core.validation import Matrix
+from tarc.design.adaptation_gains import adaptation
+from tarc.design.candidate_loops import Candidate, assess, candidates, front
+from tarc.design.robustness import Demand
+from tarc.laws.tarc import TARC
+from tarc.laws.tdc import TDC
+from tarc.signals.sensors import Encoder
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BlindDesign:
+    """A law for a robot without a model, and what it bears.
+
+    Attributes
+    ----------
+    law
+        The law.
+    certificate
+        The robust ball: for every M(q), however it varies, within the spread that was assumed. That the robot's is
+        within it, and that gravity's stiffness is small beside K1, is for the user to know.
+    spread
+        The spread assumed.
+    chosen
+        The loop.
+    torque_noise
+        Predicted RMS of the torque that measurement noise makes, shape (n,) [N m].
+    """
+
+    law: TDC | TARC
+    certificate: Certificate
+    spread: float
+    chosen: Candidate
+    torque_noise: np.ndarray
+
+
+def design_from_inertia(
+    inertia: Matrix,
+    spread: float,
+    bandwidth: float,
+    *,
+    period: float = 1e-3,
+    sensor: Encoder | None = None,
+    damping: float = 1.0,
+    expected: float | None = None,
+    computation_delay: int = 0,
+    room: float = 0.1,
+) -> BlindDesign:
+    """Choose window, synchronisation, scale of M̂ and adaptation for a measured inertia, and certify the loop.
+
+    The eigenvalues of M(q)⁻¹M, with M the inertia measured, are taken to lie between 1/√spread and √spread. Of the
+    loops that bear this, the one with the least torque noise is chosen.
+
+    Parameters
+    ----------
+    inertia
+        M [kg m² or kg], as `inertia_from_data` finds it, or the mean over several postures.
+    spread
+        Greatest over least eigenvalue of M(q)⁻¹M to be borne: about 10 for an arm of six joints with rotor inertia,
+        twice that with a payload; what several measurements show, squared, if in doubt.
+    bandwidth, damping
+        ωn [rad/s] and ζ.
+    period
+        Control period [s].
+    sensor
+        The encoder; None for 17 bits.
+    expected
+        Step of acceleration to be expected [rad/s²], of payload or friction, by which the adaptation of TARC is
+        chosen; None for TDC.
+    computation_delay
+        Periods between a measurement and its torque.
+    room
+        By which share the spread that the loop bears must exceed the one assumed.
+
+    Raises
+    ------
+    TarcError
+        When no loop of this bandwidth bears the spread: says which spread one does.
+    """
+    joints = max((1, *np.shape(check.numbers("inertia", inertia))))
+    M = check.definite("inertia", inertia, joints)
+    demand = Demand.plain(spread)
+    sensor = Encoder(bits=17) if sensor is None else sensor
+    bandwidth = check.number("bandwidth", bandwidth, 0, strict=True)
+    check.number("damping", damping, 0, strict=True)
+    trials = candidates(
+        period, bandwidths=[bandwidth], windows=range(2, 31), damping=damping,
+        computation_delay=check.whole("computation_delay", computation_delay),
+    )  # fmt: skip
+    looked = assess(trials, demand, slope_share=0.0 if expected is None else 1.0, room=room)
+    able = front(looked)
+    if not able:
+        reach = max((one.reach for one in looked), default=1.0)
+        raise TarcError(
+            f"spread: no loop of {bandwidth:g} rad/s at {1 / period:g} Hz bears a spread of {spread:g}; one of "
+            f"{reach / (1 + room):.3g} is borne. Lower the bandwidth, or raise the rate"
+        )
+    best, shape = able[0], M * spread**0.5
+    sigma = np.broadcast_to(np.sqrt(sensor.noise**2 + sensor.increment**2 / 12), (joints,))
+    common = {**best.options(), "inertia": best.scale * shape, "estimator": best.estimator}
+    if expected is None:
+        law: TDC | TARC = TDC(**common)
+    else:
+        law = TARC(**{**common, **adaptation(best, expected, noise=float(np.linalg.norm(sigma))).options()})
+    ends = best.scale, best.scale * spread
+    certificate = ball(law, contains=ends, slope=law.robust_slope, computation_delay=computation_delay)
+    if not certificate.certified:
+        raise TarcError(
+            f"spread: the loop chosen is {certificate.verdict}, margin {certificate.margin:.3g}; raise room"
+        )
+    noise = best.noise * np.linalg.norm(shape * sigma, axis=1)
+    return BlindDesign(law=law, certificate=certificate, spread=spread, chosen=best, torque_noise=noise)

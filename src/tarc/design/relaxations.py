@@ -1,0 +1,198 @@
+"""What to relax where nothing can be certified, and by how much."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from tarc.analysis.inertia_ratio import spread
+from tarc.analysis.inertia_shape import best_shape
+from tarc.analysis.workspace import Workspace
+from tarc.core.errors import TarcError
+from tarc.design.candidate_loops import Candidate, assess, candidates
+from tarc.design.robustness import Demand
+from tarc.plants.base import Plant
+
+STEPS = 6
+"""Bisections: to one part in 64 of the range."""
+STRIDE = 1.5
+"""Ratio of bandwidths tried one after the other."""
+MOST = 50
+"""Loops tried again where a requirement is relaxed."""
+QUICK = 200
+"""Postures sampled for a first answer."""
+
+
+def remedies(
+    plants: Sequence[Plant],
+    workspace: Workspace,
+    shape: np.ndarray,
+    demand: Demand,
+    looked: Sequence[Candidate],
+    bandwidth: float | None,
+    room: float,
+) -> str:
+    """Sentences: each requirement that would do if it alone were relaxed, with its number."""
+    fits = partial(_bearable, looked, room)
+    lines = []
+    if bandwidth is not None and looked:
+        possible = largest_bandwidth(looked[0], demand, bandwidth, room)
+        if possible:
+            lines.append(f"a bandwidth of at most {_down(possible):g} rad/s")
+        elif needed := least_bandwidth(looked[0], demand, bandwidth, room):
+            lines.append(f"a bandwidth of at least {-_down(-needed):g} rad/s")
+        rate = slowest_rate(looked[0], demand, bandwidth, room)
+        if rate:
+            lines.append(f"a rate of at least {-_down(-rate, 4):g} Hz")
+    if part := slower(plants, workspace, shape, looked, room):
+        lines.append(f"{_down(100 * part, 2):g} % of the speed")
+    lines += [text for find in (_payload, _armature, _reach) if (text := find(plants, workspace, fits))]
+    if not lines:
+        return "No single requirement that could be relaxed makes up for it: give rotor inertia and a smaller workspace"
+    return "Any one of these would do: " + "; ".join(lines)
+
+
+def largest_bandwidth(like: Candidate, demand: Demand, above: float, room: float) -> float | None:
+    """The largest bandwidth [rad/s] below one that is too large at which a loop bears a robot; None if none does.
+
+    One that is far lower does not do either, where gravity asks for stiffness: so the steps down are small.
+    """
+    return _first(like, demand, above, room, [STRIDE**-k for k in range(1, 15)])
+
+
+def least_bandwidth(like: Candidate, demand: Demand, below: float, room: float) -> float | None:
+    """The least bandwidth [rad/s] above one that is too small at which a loop bears a robot; None if none does."""
+    return _first(like, demand, below, room, [STRIDE**k for k in range(1, 8)])
+
+
+def _first(like: Candidate, demand: Demand, asked: float, room: float, factors: Sequence[float]) -> float | None:
+    """The bandwidth nearest to the one asked for, in the direction of the factors, at which a loop bears a robot."""
+
+    def fits(log: float) -> bool:
+        return _bears(like, demand, float(np.exp(log)), like.period, room)
+
+    bad = float(np.log(asked))
+    for factor in factors:
+        good = float(np.log(asked * factor))
+        if fits(good):
+            return float(np.exp(_bisect(fits, good, bad)))
+        bad = good
+    return None
+
+
+def slowest_rate(like: Candidate, demand: Demand, bandwidth: float, room: float) -> float | None:
+    """The slowest rate [Hz] above one that is too slow at which a loop of this bandwidth bears a robot."""
+
+    def fits(log: float) -> bool:
+        return _bears(like, demand, bandwidth, float(np.exp(log)), room)
+
+    low, high = np.log(like.period / 64), np.log(like.period)
+    return float(np.exp(-_bisect(fits, low, high))) if fits(low) else None
+
+
+def slower(
+    plants: Sequence[Plant], workspace: Workspace, shape: np.ndarray, looked: Sequence[Candidate], room: float
+) -> float | None:
+    """The greatest share of the speed, and of the acceleration, at which one of the loops bears a robot; None if none
+    does, or for any speed.
+    """
+    if workspace.speed is None or not looked:
+        return None
+    share = looked[0].slope / looked[0].bandwidth ** 2
+    found = spread(plants, shape, workspace, samples=QUICK)
+    trials = [replace(one, scale=0.0, room=0.0) for one in looked[:: -(-len(looked) // MOST)]]
+
+    def fits(log: float) -> bool:
+        demand = Demand.of_robot(plants, workspace.paced(float(np.exp(log))), shape, found, search=False)
+        return any(one.feasible for one in assess(trials, demand, room=room, slope_share=share))
+
+    low = np.log(0.01)
+    return float(np.exp(_bisect(fits, low, 0.0))) if fits(low) else None
+
+
+def _bears(like: Candidate, demand: Demand, bandwidth: float, period: float, room: float) -> bool:
+    trials = candidates(
+        period, bandwidths=[bandwidth], windows=(2, 3, 4, 5), damping=like.damping,
+        computation_delay=like.computation_delay,
+    )  # fmt: skip
+    share = like.slope / like.bandwidth**2
+    return any(one.feasible for trial in trials for one in assess([trial], demand, room=room, slope_share=share))
+
+
+def _bisect(fits: Callable[[float], bool], good: float, bad: float) -> float:
+    """The last value that fits, between one that does and one that does not."""
+    for _ in range(STEPS):
+        middle = (good + bad) / 2
+        good, bad = (middle, bad) if fits(middle) else (good, middle)
+    return good
+
+
+def _down(value: float, digits: int = 3) -> float:
+    """The next number below with so many digits, so that what is said is not more than what was found."""
+    if not value:
+        return 0.0
+    places = digits - 1 - int(np.floor(np.log10(abs(value))))
+    return float(np.floor(value * 10.0**places) / 10.0**places)
+
+
+Fits = Callable[[Sequence[Plant], Workspace], bool]
+"""Whether one of the loops that were looked at bears robots over a workspace."""
+
+
+def _bearable(looked: Sequence[Candidate], room: float, plants: Sequence[Plant], workspace: Workspace) -> bool:
+    try:
+        shape, ratio = best_shape(plants, workspace, samples=QUICK, tolerance=0.1)
+    except TarcError:
+        return False
+    trials = [one for one in looked if one.reach >= (1 + room) * ratio]
+    if not trials:
+        return False
+    found = spread(plants, shape, workspace, samples=QUICK)
+    shape = shape / found.low
+    demand = Demand.of_robot(plants, workspace, shape, spread(plants, shape, workspace, samples=QUICK), search=False)
+    share = trials[0].slope / trials[0].bandwidth ** 2
+    # where the spread is small most of them will do
+    some = trials[:: -(-len(trials) // MOST)]
+    return any(one.feasible for trial in some for one in assess([trial], demand, room=room, slope_share=share))
+
+
+def _payload(plants: Sequence[Plant], workspace: Workspace, bears: Fits) -> str | None:
+    masses = [float(np.squeeze(one.parameters.get("payload", 0.0))) for one in plants]
+    low, high = min(masses), max(masses)
+
+    def fits(mass: float) -> bool:
+        ends = [plants[0].with_parameters({"payload": one}) for one in (low, mass)]
+        return bears(ends, workspace)
+
+    if not high > low or not fits(low):
+        return None
+    return f"a payload of at most {_down(_bisect(fits, low, high)):g} kg"
+
+
+def _armature(plants: Sequence[Plant], workspace: Workspace, bears: Fits) -> str | None:
+    own = plants[0].parameters.get("armature")
+    if own is None:
+        return None
+
+    def fits(log: float) -> bool:
+        more = [one.with_parameters({"armature": own + np.exp(log)}) for one in plants]
+        return bears(more, workspace)
+
+    low, high = np.log(10.0), np.log(0.01)
+    if not fits(low):
+        return None
+    return f"{-_down(-np.exp(_bisect(fits, low, high))):g} kg m² more rotor inertia on each joint"
+
+
+def _reach(plants: Sequence[Plant], workspace: Workspace, bears: Fits) -> str | None:
+    if workspace.reference is not None:
+        return None
+    middle, half = (workspace.low + workspace.high) / 2, (workspace.high - workspace.low) / 2
+
+    def fits(share: float) -> bool:
+        return bears(plants, replace(workspace, low=middle - share * half, high=middle + share * half))
+
+    if not fits(0.05):
+        return None
+    return f"{_down(100 * _bisect(fits, 0.05, 1.0), 2):g} % of the workspace, about its middle"

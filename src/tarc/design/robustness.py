@@ -1,0 +1,112 @@
+"""What a robot asks of the loop that is to move it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tarc.analysis.inertia_ratio import Spread
+from tarc.analysis.operating_points import (
+    NEGLIGIBLE,
+    Instant,
+    Mismatches,
+    greatest_rate,
+    mismatches,
+    sampled,
+    searched,
+    with_stiffest,
+)
+from tarc.analysis.workspace import Workspace
+from tarc.core import validation as check
+from tarc.plants.base import Plant
+
+LEAD = 1.0
+"""Of the damping beside the stiffness, over that for which both count as much."""
+
+
+@dataclass(frozen=True)
+class Demand:
+    """What a robot asks of a loop.
+
+    Attributes
+    ----------
+    spread
+        Greatest over least eigenvalue of M(q)⁻¹X.
+    shares
+        With weights η: radius over centre of the ball that holds [E − ρ0 I, H/η] for all postures, for M̂ = X and
+        ρ0 = (1 + spread)/2, beside the damping; E and H as in `tarc.certificates.robot`. Just one share, without
+        weight, for a robot of neither.
+    weights
+        The η [1/s²].
+    rate
+        Greatest ‖dE⁻¹/dt‖ for M̂ = X [1/s]; infinite for a robot of any speed.
+    stiffness
+        Greatest ‖[H, C/lead]‖ [1/s²].
+    lead
+        By which the velocity counts beside the position [s].
+    """
+
+    spread: float
+    shares: np.ndarray
+    weights: np.ndarray
+    rate: float = np.inf
+    stiffness: float = 0.0
+    lead: float = 0.0
+
+    @classmethod
+    def plain(cls, spread: float, rate: float = np.inf) -> "Demand":
+        """Of a robot without stiffness and damping of its own."""
+        spread = check.number("spread", spread, 1)
+        return cls(spread, np.array([share_of(spread)]), np.zeros(1), rate)
+
+    @classmethod
+    def of(cls, spread: float, found: Mismatches, rate: float = np.inf) -> "Demand":
+        """Of a robot with these mismatches and this greatest rate, for M̂ = X."""
+        lead = LEAD * found.lead()
+        stiffness, centre = float(found.sizes(lead).max()), (1 + spread) / 2
+        if not stiffness > NEGLIGIBLE:
+            return cls.plain(spread, rate)
+        weights = np.array(found.weights(centre, lead)[::-1])
+        norms = np.array([found.needed(centre, float(weight), lead) for weight in weights])
+        return cls(spread, np.maximum(norms / centre, share_of(spread)), weights, rate, stiffness, lead)
+
+    @classmethod
+    def of_robot(
+        cls, plants: Sequence[Plant], workspace: Workspace, shape: np.ndarray, found: Spread, *, seed: int = 0,
+        search: bool = True,
+    ) -> "Demand":  # fmt: skip
+        """Of a robot, for M̂ = X.
+
+        Parameters
+        ----------
+        plants, workspace
+            The robot with its least and its greatest payload; where and how fast it moves.
+        shape
+            X [kg m² or kg], shape (n, n).
+        found
+            The spread of M(q)⁻¹X, as `tarc.analysis.spread` finds it, from as many samples as are taken here.
+        search
+            Look for worse instants than the samples, as the certificate does.
+        """
+        ends = (plants[found.plant_low], found.where_low), (plants[found.plant_high], found.where_high)
+        instants = [Instant.at_rest(*one) for one in ends] + sampled(plants, workspace, found.samples, seed)
+        mismatch = mismatches(shape, instants)
+        lead = LEAD * mismatch.lead()
+        stiffness, middle = float(mismatch.sizes(lead).max()), (1 + found.ratio) / 2
+        if search and stiffness > NEGLIGIBLE:
+            units = workspace.units(found.samples, seed)
+            instants, mismatch = with_stiffest(instants, mismatch, workspace, units, shape, lead)
+            for eta in mismatch.weights(middle, lead)[::2]:
+                instants, mismatch = searched(instants, mismatch, workspace, units, shape, middle, eta, lead)
+        rate = greatest_rate(plants, shape, workspace, found.samples, seed)
+        return cls.of(found.ratio, mismatch, rate)
+
+
+def share_of(spread: float) -> float:
+    """Radius over centre of the interval whose ends have this ratio."""
+    return (spread - 1) / (spread + 1)
+
+
+def spread_of(share: float) -> float:
+    """The reverse of `share_of`."""
+    return (1 + share) / (1 - share) if share < 1 else np.inf

@@ -1,0 +1,104 @@
+"""Pole placement scaled by an inertia: what most laws here begin with."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from tarc.core import validation as check
+from tarc.core.errors import TarcError
+from tarc.core.validation import Matrix, Numbers
+from tarc.laws.base import Law, Tracking
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PolePlacement(Law):
+    """A law that asks for an acceleration which places the poles of the error, and scales it by an inertia.
+
+        u = q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + …,     τ = M̂ u + …,     e1 = q − qᵈ
+
+    Parameters
+    ----------
+    inertia
+        M̂ [kg m² or kg], symmetric positive definite: a matrix, a vector for a diagonal, or one number for one joint.
+    bandwidth, damping
+        ωn [rad/s] and ζ, one number or one a joint: K1 = ωn², K2 = 2 ζ ωn.
+    stiffness, viscosity
+        K1 [1/s²] and K2 [1/s] themselves, instead: one number, one a joint, or a matrix; A must be Hurwitz, as it
+        is whenever both are symmetric positive definite.
+
+    Raises
+    ------
+    TarcError
+        For an M̂ that is not positive definite, and gains that leave A = [0 I; −K1 −K2] not Hurwitz.
+    """
+
+    inertia: Matrix
+    bandwidth: Numbers | None = None
+    damping: Numbers = 1.0
+    stiffness: Matrix | None = None
+    viscosity: Matrix | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _ = self.M
+        growth = float(np.max(np.linalg.eigvals(self.A).real))
+        if growth >= 0:
+            raise TarcError(
+                f"stiffness, viscosity: A = [0 I; -K1 -K2] is not Hurwitz, an eigenvalue has real part {growth:.3g}; "
+                "give a bandwidth instead, or symmetric positive definite K1 and K2"
+            )
+
+    @property
+    def joints(self) -> int:
+        """How many joints n it drives, told by the inertia."""
+        return max((1, *np.shape(check.numbers("inertia", self.inertia))))
+
+    @cached_property
+    def M(self) -> np.ndarray:
+        """M̂, shape (n, n)."""
+        return check.definite("inertia", self.inertia, self.joints)
+
+    @cached_property
+    def K1(self) -> np.ndarray:
+        """Stiffness [1/s²], shape (n, n)."""
+        if self.stiffness is not None:
+            if self.bandwidth is not None:
+                raise TarcError("bandwidth, stiffness: both are given; K1 = bandwidth², so give one of them")
+            return check.square("stiffness", self.stiffness, self.joints)
+        return np.diag(self._omega**2)
+
+    @cached_property
+    def K2(self) -> np.ndarray:
+        """Viscosity [1/s], shape (n, n)."""
+        if self.viscosity is not None:
+            if np.any(np.asarray(self.damping) != 1.0):
+                raise TarcError("damping, viscosity: both are given; K2 = 2 damping bandwidth, so give one of them")
+            return check.square("viscosity", self.viscosity, self.joints)
+        zeta = check.vector("damping", self.damping, self.joints, 0, strict=True)
+        return np.diag(2 * zeta * self._omega)
+
+    @cached_property
+    def _omega(self) -> np.ndarray:
+        if self.bandwidth is None:
+            raise TarcError("bandwidth: missing; give it [rad/s], or both stiffness and viscosity")
+        return check.vector("bandwidth", self.bandwidth, self.joints, 0, strict=True)
+
+    @property
+    def A(self) -> np.ndarray:
+        """Nominal error dynamics ė = A e, A = [0 I; −K1 −K2], shape (2n, 2n)."""
+        n = self.joints
+        return np.block([[np.zeros((n, n)), np.eye(n)], [-self.K1, -self.K2]])
+
+    @property
+    def robust_slope(self) -> float:
+        """Greatest slope of the robust term over the error [1/s²], if that is all that is not linear in the law.
+
+        Infinite for a law that does not say, so that no certificate takes its robust term for nothing.
+        """
+        return np.inf
+
+    def feedback(self, tracking: Tracking) -> Any:
+        """q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 [rad/s² or m/s²], shape (n,)."""
+        return tracking.acceleration_reference - self.K2 @ tracking.error_rate - self.K1 @ tracking.error

@@ -1,0 +1,1 @@
+"""Numerical tools: norms, semidefinite programs, ball arithmetic, tests of matrices."""

@@ -1,0 +1,165 @@
+"""Norms of discrete-time systems x⁺ = A x + B u, y = C x + D u."""
+
+import numpy as np
+
+from tarc.core import validation as check
+from tarc.core.errors import TarcError
+from tarc.core.types import Array
+
+
+def h2_norm(A: Array, B: Array, C: Array, D: Array) -> float:
+    """Root mean square of y for white u of unit variance: tr(C X Cᵀ + D Dᵀ)^½ with X = A X Aᵀ + B Bᵀ.
+
+    Infinite for a system that is not stable.
+
+    Raises
+    ------
+    TarcError
+        For matrices that are not finite or do not fit together.
+    """
+    from scipy.linalg import solve_discrete_lyapunov
+
+    A, B, C, D = _checked(A, B, C, D)
+    if np.max(np.abs(np.linalg.eigvals(A)), initial=0.0) >= 1:
+        return np.inf
+    A, B, C = balance(A, B, C)
+    X = solve_discrete_lyapunov(A, B @ B.T)
+    return float(np.sqrt(np.trace(C @ X @ C.T + D @ D.T)))
+
+
+def hinf_norm(A: Array, B: Array, C: Array, D: Array, tolerance: float = 1e-6) -> float:
+    """Largest gain over frequency of a stable system, to a relative tolerance, from above.
+
+    Bruinsma and Steinbuch's method: a level γ is an upper bound if the pencil of γ² I − G(1/z)ᵀ G(z) has no
+    eigenvalue on the unit circle; where it has, the frequencies between give a better lower bound. The value returned
+    is a level at which no eigenvalue near the circle stood for a larger gain; infinite if none was found, as with poles
+    within rounding of the circle, and for a system that is not stable.
+
+    Raises
+    ------
+    TarcError
+        For matrices that are not finite or do not fit together.
+
+    References
+    ----------
+    N. A. Bruinsma and M. Steinbuch, Systems & Control Letters 14(4), 1990.
+    """
+    A, B, C, D = _checked(A, B, C, D)
+    A, B, C = balance(A, B, C)
+    poles = np.linalg.eigvals(A)
+    if np.max(np.abs(poles), initial=0.0) >= 1:
+        return np.inf
+    low = _peak(A, B, C, D, poles)
+    for _ in range(60):
+        level = max((1 + 2 * tolerance) * low, 1e-300)
+        better = float(np.max(gains(A, B, C, D, _suspects(A, B, C, D, level)), initial=0.0))
+        if better <= level:
+            return level
+        low = better
+    return np.inf
+
+
+def _checked(*matrices: Array) -> tuple[Array, Array, Array, Array]:
+    A, B, C, D = (check.array(name, matrix) for name, matrix in zip("ABCD", matrices, strict=True))
+    fits = all(matrix.ndim == 2 for matrix in (A, B, C, D))
+    fits = fits and A.shape[0] == A.shape[1] == B.shape[0] == C.shape[1] and D.shape == (C.shape[0], B.shape[1])
+    if not fits:
+        raise TarcError(
+            f"A, B, C, D: got shapes {A.shape}, {B.shape}, {C.shape}, {D.shape}; needs (m, m), (m, inputs), "
+            "(outputs, m), (outputs, inputs)"
+        )
+    return A, B, C, D
+
+
+def balance(A: Array, B: Array, C: Array) -> tuple[Array, Array, Array]:
+    """The same system in states scaled so that rows and columns of A have norms alike."""
+    from scipy.linalg import matrix_balance
+
+    balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
+    return np.asarray(balanced), B / scale[:, None], C * scale
+
+
+def gains(A: Array, B: Array, C: Array, D: Array, angles: Array) -> Array:
+    """Largest singular value of G(e^{jω}) at each angle ω [rad]."""
+    z = np.exp(1j * np.asarray(angles))[:, None, None]
+    response = C @ np.linalg.solve(z * np.eye(len(A)) - A, B + 0 * z) + D
+    return np.abs(response[:, 0, 0]) if response.shape[1:] == (1, 1) else np.linalg.norm(response, 2, axis=(1, 2))
+
+
+def _peak(A: Array, B: Array, C: Array, D: Array, poles: Array) -> float:
+    """Largest gain found on a grid of frequencies and at the poles, drawn closer around its best point."""
+    angles = np.concatenate([[0.0], np.geomspace(1e-6, np.pi, 50), np.abs(np.angle(poles[np.abs(poles) > 0.5]))])
+    angles = np.unique(angles)
+    best = 0.0
+    for _ in range(4):
+        found = gains(A, B, C, D, angles)
+        top = int(np.argmax(found))
+        best = max(best, float(found[top]))
+        angles = np.linspace(angles[max(top - 1, 0)], angles[min(top + 1, len(angles) - 1)], 13)
+    return best
+
+
+def _suspects(A: Array, B: Array, C: Array, D: Array, level: float) -> Array:
+    """Angles in [0, π] at which the gain may exceed a level: where it crosses the level, and between.
+
+    To keep rounding small the level is scaled to one.
+    """
+    root = np.sqrt(level)
+    B, C, D = B / root, C / root, D / level
+    return _crossings(A, B, C.T @ C, C.T @ D, D.T @ D - np.eye(B.shape[1]))
+
+
+def _crossings(A: Array, B: Array, Q: Array, S: Array, R: Array) -> Array:
+    """Angles at which the form of `negative` is singular, and between.
+
+    They are eigenvalues of a pencil on the unit circle. Those that rounding has moved off it are kept, since one too
+    many costs a look and one too few a wrong bound.
+    """
+    from scipy.linalg import eigvals
+
+    m, n = B.shape
+    # (zI − A) x = B u;  (I − z Aᵀ) p = z (Q x + S u);  0 = Bᵀ p + Sᵀ x + R u
+    x, p, u = slice(m), slice(m, 2 * m), slice(2 * m, 2 * m + n)
+    left, right = np.zeros((2 * m + n,) * 2), np.zeros((2 * m + n,) * 2)
+    left[x, x], left[p, x], left[p, p], left[p, u] = np.eye(m), Q, A.T, S
+    right[x, x], right[x, u], right[p, p] = A, B, np.eye(m)
+    right[u, x], right[u, p], right[u, u] = S.T, B.T, R
+    z = np.asarray(eigvals(right, left))
+    angles = np.unique(np.abs(np.angle(z[np.isfinite(z) & (np.abs(np.abs(z) - 1) < 1e-2)])))
+    return np.concatenate([angles, (angles[1:] + angles[:-1]) / 2])
+
+
+def negative(A: Array, B: Array, Q: Array, S: Array, R: Array) -> bool:
+    """Whether [x; u]ᴴ [Q S; Sᵀ R] [x; u] < 0 for all x = (e^{jω} I − A)⁻¹ B u, u ≠ 0, and all ω.
+
+    By the lemma of Kalman, Yakubovich and Popov that is dissipativity. The form can change its sign where it is
+    singular only, so it is looked at there, between, at the poles, and on a grid; false for an A that is not stable.
+
+    Raises
+    ------
+    TarcError
+        For matrices that are not finite.
+
+    References
+    ----------
+    A. Rantzer, Systems & Control Letters 28(1), 1996.
+    """
+    A, B, Q, S, R = (check.array(name, one) for name, one in zip("ABQSR", (A, B, Q, S, R), strict=True))
+    poles = np.linalg.eigvals(A)
+    if np.max(np.abs(poles), initial=0.0) >= 1:
+        return False
+    from scipy.linalg import matrix_balance
+
+    A, (scale, _) = matrix_balance(A, permute=False, separate=True)
+    B, Q, S = B / scale[:, None], Q * scale * scale[:, None], S * scale[:, None]
+    grid = np.concatenate([[0.0], np.geomspace(1e-6, np.pi, 50), np.abs(np.angle(poles[np.abs(poles) > 0.5]))])
+    return bool(np.max(greatest(A, B, Q, S, R, np.concatenate([grid, _crossings(A, B, Q, S, R)]))) < 0)
+
+
+def greatest(A: Array, B: Array, Q: Array, S: Array, R: Array, angles: Array) -> Array:
+    """Greatest eigenvalue of the form of `negative` at each angle ω [rad]."""
+    z = np.exp(1j * np.asarray(angles))[:, None, None]
+    x = np.linalg.solve(z * np.eye(len(A)) - A, B + 0 * z)
+    adjoint = x.conj().transpose(0, 2, 1)
+    mixed = adjoint @ S
+    return np.linalg.eigvalsh(adjoint @ Q @ x + mixed + mixed.conj().transpose(0, 2, 1) + R)[:, -1]

@@ -1,0 +1,1 @@
+"""Scenarios: the YAML that describes a run."""

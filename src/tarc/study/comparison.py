@@ -1,0 +1,221 @@
+"""Laws side by side: the same robot, reference, sensor, disturbances and seed for all."""
+
+import csv
+import io
+import os
+import warnings
+from collections.abc import Iterable
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from importlib.resources import files
+from multiprocessing import get_context
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import yaml
+
+from tarc.core import validation as check
+from tarc.core.errors import DesignWarning, TarcError
+from tarc.core.progress import Progress
+from tarc.scenario.model import Scenario
+from tarc.simulation.run import Run
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+COLUMNS = {
+    "rms_error": ("RMS error", 1e3, "mrad"),
+    "peak_error": ("peak error", 1e3, "mrad"),
+    "torque_variation": ("torque variation", 1.0, "N m/s"),
+    "high_frequency_share": ("above 50 Hz", 100.0, "%"),
+    "peak_torque": ("peak torque", 1.0, "N m"),
+    "saturated": ("saturated", 100.0, "%"),
+    "overestimation": ("overestimation", 100.0, "%"),
+    "underestimation": ("underestimation", 100.0, "%"),
+}
+"""Label, scale and unit of each measure of a comparison."""
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Runs of several laws in one scenario, with their measures.
+
+    Attributes
+    ----------
+    scenario
+        What all of them ran in.
+    runs
+        By law; those that completed or diverged.
+    failures
+        By law, why there is no run: a law that does not suit the robot, or a process that was killed.
+    """
+
+    scenario: Scenario
+    runs: dict[str, Run]
+    failures: dict[str, str]
+
+    @property
+    def measures(self) -> dict[str, dict[str, float]]:
+        """By law, the measures of `COLUMNS` that it has; empty for a run that ended before they begin."""
+        result = {}
+        for name, run in self.runs.items():
+            long_enough = float(run.data["time"].values[-1]) > self.scenario.measure_from + self.scenario.period
+            found = run.metrics(start=self.scenario.measure_from) if run.status.completed and long_enough else {}
+            result[name] = {key: found[key] for key in COLUMNS if key in found}
+        return result
+
+    @property
+    def columns(self) -> dict[str, tuple[str, float, str]]:
+        """`COLUMNS`, in mm and N for a robot whose joints slide."""
+        if {str(run.data["position"].attrs["units"]) for run in self.runs.values()} != {"m"}:
+            return COLUMNS
+        units = {"mrad": "mm", "N m/s": "N/s", "N m": "N"}
+        return {key: (label, scale, units.get(unit, unit)) for key, (label, scale, unit) in COLUMNS.items()}
+
+    @property
+    def front(self) -> list[str]:
+        """Laws that no other beats in both RMS error and torque variation, by error."""
+        points = {name: (one["rms_error"], one["torque_variation"]) for name, one in self.measures.items() if one}
+        best = [
+            name
+            for name, (error, variation) in points.items()
+            if not any(e <= error and v <= variation and (e, v) != (error, variation) for e, v in points.values())
+        ]
+        return sorted(best, key=lambda name: points[name])
+
+    def to_csv(self) -> str:
+        """One line a law, SI units, header first."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(["law", "status", *COLUMNS])
+        for name, found in self.measures.items():
+            writer.writerow([name, self.runs[name].status, *(found.get(key, "") for key in COLUMNS)])
+        for name, reason in self.failures.items():
+            writer.writerow([name, f"failed: {reason}", *("" for _ in COLUMNS)])
+        return text.getvalue()
+
+    def to_latex(self) -> str:
+        """A table for a paper; needs the package booktabs."""
+        heads = " & ".join(["law", *(f"{label} [{unit}]" for label, _, unit in self.columns.values())])
+        rules = [r"\begin{tabular}{l" + "r" * len(COLUMNS) + "}", r"\toprule"]
+        lines = [*rules, heads.replace("%", r"\%") + r" \\", r"\midrule"]
+        for name, found in self.measures.items():
+            cells = [f"{scale * found[key]:.4g}" if key in found else "--" for key, (_, scale, _) in COLUMNS.items()]
+            lines.append(" & ".join([name, *cells]).replace("_", r"\_") + r" \\")
+        return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
+
+    def plot(self, kind: str = "plane") -> "Figure":
+        """``plane``: accuracy against smoothness, with the Pareto front; ``side``: error and torque side by side;
+        ``gain``: gain against ‖s‖ of the laws that adapt one.
+        """
+        from tarc.plotting.comparison import FIGURES
+
+        return FIGURES[check.one_of("kind", kind, FIGURES)](self)
+
+    def save(self, folder: str | Path, figures: bool = True) -> list[Path]:
+        """Write trajectories (netCDF), table (CSV, LaTeX) and figures into a folder; the files written."""
+        place = Path(folder)
+        try:
+            place.mkdir(parents=True, exist_ok=True)
+            written = [place / "comparison.csv", place / "comparison.tex"]
+            written[0].write_text(self.to_csv(), encoding="utf-8")
+            written[1].write_text(self.to_latex(), encoding="utf-8")
+        except OSError as error:
+            raise TarcError(
+                f"save: cannot write to {place}: {error.strerror or error}; free space or choose another folder"
+            ) from None
+        written += [run.save(place / f"{name}.nc") for name, run in self.runs.items()]
+        if figures and any(self.measures.values()):
+            from tarc.plotting.comparison import FIGURES
+
+            for kind in FIGURES:
+                picture = place / f"{kind}.png"
+                self.plot(kind).savefig(picture, dpi=110)
+                written.append(picture)
+        return written
+
+
+def tuned_laws() -> dict[str, dict[str, Any]]:
+    """Laws by name, as a scenario writes them, with the gains that `tune` found for all of them alike."""
+    text = files("tarc.study").joinpath("gains.yaml").read_text(encoding="utf-8")
+    return yaml.safe_load(text)["laws"]
+
+
+def compare(
+    scenario: Scenario,
+    laws: Iterable[str] | dict[str, dict[str, Any]] | None = None,
+    *,
+    jobs: int | None = None,
+    progress: bool | None = None,
+) -> Comparison:
+    """Run several laws in one scenario, each in turn or in processes of its own.
+
+    Parameters
+    ----------
+    scenario
+        Robot, reference, sensor, disturbances, seed.
+    laws
+        Names out of `tuned_laws`, or laws of your own as a scenario writes them, by name; None for the scenario's.
+    jobs
+        Processes; None for as many as there are cores, 1 for none besides this one.
+    progress
+        Show a progress bar when it takes more than two seconds; None for when standard error is a terminal.
+
+    Returns
+    -------
+    Comparison
+        With those laws that could run; what kept the others is in its ``failures``.
+
+    Raises
+    ------
+    TarcError
+        For a law that is not known, or if none is left.
+    """
+    parts = _chosen(scenario, laws)
+    count = check.whole("jobs", min(os.cpu_count() or 1, len(parts)) if jobs is None else jobs, 1)
+    tasks = {name: (scenario.model_dump(), name, part) for name, part in parts.items()}
+    found: dict[str, Run | str] = {}
+    with Progress(f"comparing {len(tasks)} laws", len(tasks), progress) as bar:
+        if count == 1:
+            for name, task in tasks.items():
+                found[name] = run_one(*task)
+                bar.advance()
+        else:
+            with ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool:
+                futures = {pool.submit(run_one, *task): name for name, task in tasks.items()}
+                for future in as_completed(futures):
+                    try:
+                        found[futures[future]] = future.result()
+                    except BrokenProcessPool:
+                        found[futures[future]] = "its process was killed, perhaps for want of memory; use fewer jobs"
+                    bar.advance()
+    runs = {name: run for name in parts if isinstance(run := found[name], Run)}
+    return Comparison(scenario, runs, {name: why for name in parts if isinstance(why := found[name], str)})
+
+
+def _chosen(scenario: Scenario, laws: Iterable[str] | dict[str, dict[str, Any]] | None) -> dict[str, dict[str, Any]]:
+    if laws is None:
+        return scenario.laws
+    if isinstance(laws, dict):
+        return laws
+    known = {**tuned_laws(), **scenario.laws}
+    names = list(dict.fromkeys(laws))
+    for name in names:
+        check.one_of("laws", name, known)
+    if not names:
+        raise TarcError(f"laws: got none; known are {', '.join(known)}")
+    return {name: known[name] for name in names}
+
+
+def run_one(content: dict[str, Any], name: str, part: dict[str, Any]) -> Run | str:
+    """One law in a scenario: its run, or why there is none."""
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore", DesignWarning)  # the table tells how it went
+        try:
+            scenario = Scenario.parse({**content, "law": {**part, "label": name}})
+            return next(iter(scenario.run(progress=False).values()))
+        except TarcError as error:
+            return str(error).splitlines()[0]

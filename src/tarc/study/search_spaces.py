@@ -1,0 +1,130 @@
+"""What is searched for in each law: the same ranges for the same thing."""
+
+import copy
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Space:
+    """A law and what may be searched for.
+
+    Attributes
+    ----------
+    fixed
+        The law as a scenario writes it, without what is free.
+    free
+        Least and greatest value of each free key, searched on a logarithmic scale; ``inertia.fraction`` and
+        ``estimator.window`` reach into the parts. A window is rounded to whole periods.
+    extends
+        Name of a simpler law that this one contains: half of the trials that are drawn at random keep its best gains,
+        so that the search of the larger space does not have to find them again.
+    """
+
+    fixed: dict[str, Any]
+    free: dict[str, tuple[float, float]] = field(default_factory=dict)
+    extends: str = ""
+
+    def law(self, values: dict[str, float], period: float) -> dict[str, Any]:
+        """The law with these values, as a scenario writes it."""
+        part = copy.deepcopy(self.fixed)
+        for key, value in values.items():
+            *path, last = key.split(".")
+            node = part
+            for step in path:
+                node = node.setdefault(step, {})
+            node[last] = max(round(value / period), 2) * period if last == "window" else float(f"{value:.4g}")
+        return part
+
+    def values(self, law: dict[str, Any]) -> dict[str, float]:
+        """Those of a law's own values that are free here: the reverse of `law`."""
+        found: dict[str, Any] = {}
+        for key in self.free:
+            node: Any = law
+            for step in key.split("."):
+                node = node.get(step) if isinstance(node, dict) else None
+            if node is not None:
+                found[key] = float(node)
+        return found
+
+
+INERTIA = {"inertia.fraction": (0.02, 1.5)}
+POLES = {"bandwidth": (4.0, 60.0)}
+WINDOW = {"estimator.window": (0.002, 0.030)}
+COMMON = {**INERTIA, **POLES, **WINDOW}
+LAYER = {"boundary": (0.01, 2.0)}
+GAIN = (0.1, 100.0)
+
+
+ARM = {"payload": [0.0, 3.0], "viscous": [0.0, 5.0], "coulomb": [0.0, 20.0]}
+"""Bounds that the law with projection is given; where a robot has no such parameters it does not run."""
+
+
+def _law(kind: str, **fixed: Any) -> dict[str, Any]:
+    return {"kind": kind, "estimator": {"kind": "Algebraic", "window": 0.010, "degree": 2}, **fixed}
+
+
+SPACES: dict[str, Space] = {
+    "tdc": Space(_law("TDC"), COMMON),
+    "tdc-sync": Space(_law("TDC", synchronised=True), COMMON),
+    "tdc-difference": Space(
+        {"kind": "TDC", "estimator": {"kind": "BackwardDifference"}}, {"inertia.fraction": (1e-4, 1.5), **POLES}
+    ),
+    "tdc-filtered": Space(
+        {"kind": "TDC", "estimator": {"kind": "FilteredDifference"}},
+        {"inertia.fraction": (1e-3, 1.5), **POLES, "estimator.cutoff": (20.0, 1000.0)},
+    ),
+    "tdc-kalman": Space(
+        {"kind": "TDC", "estimator": {"kind": "Kalman", "noise": 1e-5}},
+        {**INERTIA, **POLES, "estimator.jerk": (0.1, 1000.0)},
+    ),
+    "tdc-differentiator": Space(
+        {"kind": "TDC", "estimator": {"kind": "RobustDifferentiator"}},
+        {**INERTIA, **POLES, "estimator.lipschitz": (1.0, 1e4)},
+    ),
+    "tarc": Space(
+        _law("TARC", cap=10.0),
+        {**COMMON, "rise": (1e2, 1e5), "fall": (1e2, 1e5), "boundary": (1e-3, 0.1)},
+        extends="tdc",
+    ),
+    "ivf": Space(_law("IVF"), {**COMMON, "velocity_gain": (0.5, 60.0)}, extends="tdc"),
+    "tdcim": Space(_law("TDCIM"), {**COMMON, "time_constant": (0.01, 2.0)}, extends="tdc"),
+    "terminal": Space(
+        _law("TerminalSliding", cap=100.0),
+        {**COMMON, "nonlinear_damping": (0.1, 100.0), "exponent": (0.5, 1.0), "scale": (0.01, 1.0)},
+        extends="tdc",
+    ),
+    "nonsingular": Space(
+        _law("NonsingularTerminal"),
+        {**COMMON, "gain": GAIN, "exponent": (1.05, 1.9), "power": (0.3, 0.9), **LAYER},
+        extends="tdc",
+    ),
+    "smc-tde": Space(_law("SlidingMode"), {**COMMON, "gain": GAIN, **LAYER}, extends="tdc"),
+    "smc": Space(_law("SlidingMode", time_delay=False), {**COMMON, "gain": GAIN, **LAYER}),
+    "asmc-tde": Space(
+        _law("ASMC", cap=100.0), {**COMMON, "speed": (1.0, 1e4), "threshold": (1e-3, 1.0), **LAYER}, extends="tdc"
+    ),
+    "asmc": Space(
+        _law("ASMC", time_delay=False, cap=300.0), {**COMMON, "speed": (1.0, 1e4), "threshold": (1e-3, 1.0), **LAYER}
+    ),
+    "monotone-tde": Space(
+        _law("MonotoneASMC", cap=100.0),
+        {**COMMON, "growth": (1.0, 1e4), "dead_zone": (1e-3, 1.0), **LAYER},
+        extends="tdc",
+    ),
+    "monotone": Space(
+        _law("MonotoneASMC", time_delay=False, cap=300.0),
+        {**COMMON, "growth": (1.0, 1e4), "dead_zone": (1e-3, 1.0), **LAYER},
+    ),
+    "pid": Space(_law("PID"), {**COMMON, "integral": (0.1, 30.0)}),
+    "adrc": Space(_law("ADRC"), {**INERTIA, **POLES, "observer_bandwidth": (20.0, 1000.0)}),
+    "super-twisting": Space(_law("SuperTwisting"), {**COMMON, "disturbance_rate": (1.0, 1e4), "boundary": (1e-3, 1.0)}),
+    "ipid": Space(_law("IntelligentPID"), COMMON),
+    "corless-leitmann": Space(_law("CorlessLeitmann"), {**COMMON, "bound": GAIN, "boundary": (1e-3, 1.0)}),
+    "fuzzy": Space(_law("AdaptiveFuzzy", cap=300.0), {**COMMON, "rate": (1.0, 1e5), "span": (0.5, 6.3)}),
+    "projection": Space(
+        _law("ProjectionARC", model="robot", bounds=ARM),
+        {**POLES, **WINDOW, "adaptation": (1e-3, 1e3), "margin": (0.01, 1.0), "boundary": (0.05, 10.0)},
+    ),
+    "computed-torque": Space(_law("ComputedTorque", model="robot"), {**POLES, **WINDOW}),
+}

@@ -1,0 +1,195 @@
+"""The search for gains: one budget, one objective, one sampler for every law."""
+
+import os
+import warnings
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
+from typing import Any
+
+import numpy as np
+
+from tarc.core import validation as check
+from tarc.core.errors import DesignWarning, TarcError
+from tarc.core.progress import Progress
+from tarc.scenario.model import Scenario
+from tarc.study.search_spaces import Space
+
+LOST = 20.0
+"""Objective of a run that did not complete: beyond any that did."""
+STIFF = 5.0
+"""How steeply the objective rises with torque variation above the limit: the limit is all but hard."""
+
+
+def spaces() -> dict[str, Space]:
+    """The laws that are compared, by name, with the gains that are searched for."""
+    from tarc.study.search_spaces import SPACES
+
+    return SPACES
+
+
+def variation_limit(scenario: Scenario, factor: float = 10.0) -> float:
+    """So many times the torque variation [N m/s] of the scenario's own law with a perfect sensor.
+
+    That is what the task takes and no noise, so that the factor is a budget for noise and chatter, the same for all.
+    """
+    perfect = Scenario.parse({**scenario.model_dump(), "sensor": {}})
+    run = next(iter(perfect.run(progress=False).values()))
+    return factor * run.metrics(start=scenario.measure_from)["torque_variation"]
+
+
+def objective(scenario: Scenario, part: dict[str, Any], limit: float) -> float:
+    """log of the RMS error, and steeply more where the torque variation [N m/s] is above a limit."""
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore", DesignWarning)
+        try:
+            trial = Scenario.parse({**scenario.model_dump(), "law": part})
+            run = next(iter(trial.run(progress=False).values()))
+            if not run.status.completed:
+                return LOST - float(run.data["time"].values[-1]) / scenario.duration
+            found = run.metrics(start=scenario.measure_from)
+        except TarcError:
+            return LOST
+    excess = max(0.0, float(np.log(found["torque_variation"] / limit)))
+    return float(np.log(found["rms_error"])) + STIFF * excess
+
+
+def tune(
+    space: Space,
+    scenarios: Sequence[Scenario],
+    limits: Sequence[float],
+    *,
+    trials: int = 60,
+    seed: int = 0,
+    begin: dict[str, Any] | None = None,
+    progress: bool | None = None,
+) -> tuple[dict[str, Any], float]:
+    """Search a law's gains for the least mean log RMS error over training scenarios, under limits on torque variation.
+
+    Optuna's tree-structured Parzen estimator on logarithmic scales; a third of the trials are drawn at random first.
+
+    Parameters
+    ----------
+    space
+        The law and its free keys.
+    scenarios, limits
+        Training scenarios, each with its limit on torque variation [N m/s].
+    trials
+        How many sets of gains to try.
+    seed
+        Of the sampler.
+    begin
+        A law, as a scenario writes it, whose values half of the random trials keep where they are free here.
+    progress
+        Show a progress bar when it takes more than two seconds; None for when standard error is a terminal.
+
+    Returns
+    -------
+    law, score
+        The best law as a scenario writes it, and its objective.
+
+    Raises
+    ------
+    TarcError
+        Without Optuna, or with limits that do not match the scenarios.
+    """
+    if not scenarios or len(limits) != len(scenarios):
+        raise TarcError(f"limits: got {len(limits)} for {len(scenarios)} scenarios; needs one each")
+    check.whole("trials", trials, 1)
+    fits = [_fits(space, scenario) for scenario in scenarios]
+    if not any(fits):
+        raise TarcError(f"tune: {space.fixed['kind']} cannot run in any of the scenarios")
+    pairs = [pair for pair, fit in zip(zip(scenarios, limits, strict=True), fits, strict=True) if fit]
+    try:
+        import optuna
+    except ImportError:
+        raise TarcError("tune: needs Optuna; install it with pip install 'tarc-control[study]'") from None
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    period = scenarios[0].period
+
+    def score(trial: Any) -> float:
+        values = {key: trial.suggest_float(key, low, high, log=True) for key, (low, high) in space.free.items()}
+        part = space.law(values, period)
+        return float(np.mean([objective(one, part, limit) for one, limit in pairs]))
+
+    sampler = optuna.samplers.TPESampler(seed=seed, n_startup_trials=max(trials // 3, 1))
+    study = optuna.create_study(sampler=sampler)
+    for _ in range(trials // 6 if begin else 0):
+        study.enqueue_trial(space.values(begin or {}))
+    with Progress("tuning", trials, progress) as bar:
+        study.optimize(score, n_trials=trials if space.free else 1, callbacks=[lambda *_: bar.advance()])
+    return space.law(study.best_params, period), float(study.best_value)
+
+
+def _fits(space: Space, scenario: Scenario) -> bool:
+    """Whether the law can be made for the scenario's robot at all: some need a model that they can read."""
+    middle = {key: float(np.sqrt(low * high)) for key, (low, high) in space.free.items()}
+    try:
+        trial = Scenario.parse({**scenario.model_dump(), "law": space.law(middle, scenario.period)})
+        plant, reference = trial.build_plant(), trial.build_reference()
+        trial.build_laws(plant, reference)
+    except TarcError:
+        return False
+    return True
+
+
+def tune_all(
+    names: Sequence[str],
+    scenarios: Sequence[Scenario],
+    limits: Sequence[float],
+    *,
+    trials: int = 60,
+    seed: int = 0,
+    jobs: int | None = None,
+    progress: bool | None = None,
+) -> dict[str, tuple[dict[str, Any], float]]:
+    """`tune` for several of `spaces`, by name, in processes of their own; first those that others extend.
+
+    Parameters
+    ----------
+    names
+        Out of `spaces`.
+    scenarios, limits, trials, seed, progress
+        As in `tune`.
+    jobs
+        Processes; None for as many as there are cores.
+    """
+    known = spaces()
+    for name in names:
+        check.one_of("laws", name, known)
+    contents = [scenario.model_dump() for scenario in scenarios]
+    found: dict[str, tuple[dict[str, Any], float]] = {}
+    order = dict.fromkeys(base for name in names if (base := known[name].extends))
+    rounds = [[*order, *(n for n in names if not known[n].extends and n not in order)]]
+    rounds.append([name for name in names if known[name].extends])
+    total = sum(map(len, rounds))
+    count = check.whole("jobs", min(os.cpu_count() or 1, len(names)) if jobs is None else jobs, 1)
+    with (
+        ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool,
+        Progress(f"tuning {total} laws, {trials} trials each", total, progress) as bar,
+    ):
+        for some in rounds:
+            futures = {}
+            for name in some:
+                begin = found[known[name].extends][0] if known[name].extends else None
+                futures[pool.submit(_tune_one, name, contents, list(limits), trials, seed, begin)] = name
+            for future in as_completed(futures):
+                try:
+                    found[futures[future]] = future.result()
+                except BrokenProcessPool:
+                    raise TarcError("tune: a process was killed, perhaps for want of memory; use fewer jobs") from None
+                bar.advance()
+    return {name: found[name] for name in names}
+
+
+def _tune_one(
+    name: str,
+    contents: list[dict[str, Any]],
+    limits: list[float],
+    trials: int,
+    seed: int,
+    begin: dict[str, Any] | None,
+) -> tuple[dict[str, Any], float]:
+    scenarios = [Scenario.parse(content) for content in contents]
+    return tune(spaces()[name], scenarios, limits, trials=trials, seed=seed, begin=begin, progress=False)
