@@ -1,46 +1,55 @@
 # `make demo` and `make test` set up all they need in .venv; a second time they start at once.
+.DEFAULT_GOAL := help
+
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 UV := $(BIN)/uv --quiet
 LOCAL := -e . --no-deps --no-build-isolation
 
-.PHONY: demo test lint bench bench-design compare docs docs-check lock clean
+COMPILE := pip compile pyproject.toml --universal --generate-hashes --no-header --no-annotate
 
-demo: .venv/run
+.PHONY: help demo test test-all lint bench bench-design compare docs docs-check lock clean
+
+help: ## list the targets
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1 - \2/p' $(MAKEFILE_LIST) | awk -F ' - ' '{printf "%-22s%s\n", $$1, $$2}'
+
+demo: .venv/run ## a UR5e on encoders alone picks up 5 kg: TARC and TDC side by side
 	$(BIN)/tarc demo
 
-test: .venv/dev
+test: .venv/dev ## all tests but the slow ones
+	$(BIN)/pytest -n 2 --dist loadfile -m "not slow"
+
+test-all: .venv/dev ## all tests
 	$(BIN)/pytest -n 2 --dist loadfile
 
-lint: .venv/dev
+lint: .venv/dev ## style, types and the layers of the imports
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
 	$(BIN)/lint-imports
 
-bench: .venv/dev
+bench: .venv/dev ## speed, as ratios
 	$(BIN)/python -m benchmarks
 
-bench-design: .venv/dev
+bench-design: .venv/dev ## designs for six arms
 	$(BIN)/python -m benchmarks.design
 
-compare: .venv/dev
+compare: .venv/dev ## all laws in eight scenarios
 	$(BIN)/python -m benchmarks.comparison
 
-docs: .venv/dev
+docs: .venv/dev ## build the documentation into site/
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
-docs-check: docs
+docs-check: docs ## build the documentation and run its code
 	$(BIN)/pytest docs README.md tests/meta
 
-# Newest versions that the bounds in pyproject.toml allow, with hashes.
-lock: .venv/uv
-	$(UV) pip compile pyproject.toml --group build --universal --generate-hashes --no-header --no-annotate --upgrade -o requirements.lock
-	$(UV) pip compile pyproject.toml --group dev --universal --generate-hashes --no-header --no-annotate \
-		--constraint requirements.lock -o requirements-dev.lock
+# The demo's versions first, then those of the tests, which agree with them; UPGRADE=--upgrade takes the newest ones.
+lock: .venv/uv ## pin the versions that pyproject.toml allows, with hashes
+	$(UV) $(COMPILE) --extra cli --group build $(UPGRADE) -o requirements.lock
+	$(UV) $(COMPILE) --extra all --group dev $(UPGRADE) --constraint requirements.lock -o requirements-dev.lock
 
-clean:
-	rm -rf docs/.ruff_cache .venv site runs .pytest_cache .ruff_cache .hypothesis
+clean: ## remove .venv, caches and results
+	rm -rf .venv site runs dist .pytest_cache .ruff_cache .import_linter_cache .hypothesis docs/.ruff_cache
 
 .venv/uv:
 	$(PYTHON) -m venv .venv

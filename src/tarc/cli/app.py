@@ -95,7 +95,7 @@ def certify(
     swift, steep = _numbers("--speed", speed), _numbers("--acceleration", acceleration)
     found = described.certify(tube=tube, full_range=full_range, speed=swift, acceleration=steep, samples=samples)
     files = save_certificates(described, found, folder, figures)
-    from tarc.report import tables
+    from tarc.cli import tables
 
     if as_json:
         print(json.dumps(tables.certificate_summary(described, found, files), indent=2, allow_nan=False))
@@ -221,6 +221,7 @@ def design(
 
     Then: tarc run design.yaml; tarc certify design.yaml --full-range
     """
+    from tarc.cli import tables
     from tarc.core import validation as check
     from tarc.core.errors import TarcError
     from tarc.design import design as choose
@@ -228,7 +229,6 @@ def design(
     from tarc.design.robot_facts import rated, within
     from tarc.design.writer import save, target
     from tarc.plants import MujocoPlant
-    from tarc.report import tables
     from tarc.signals import Encoder
 
     plant = MujocoPlant.from_file(
@@ -304,7 +304,7 @@ def compare(
 
     Example: tarc compare ur5e --laws tarc,tdc,tdc-sync
     """
-    from tarc.report import tables
+    from tarc.cli import tables
     from tarc.scenario.model import Scenario
     from tarc.study import compare, tuned_laws
 
@@ -371,7 +371,7 @@ def show(
 
     Example: tarc show TARC
     """
-    from tarc.report import tables
+    from tarc.cli import tables
 
     if name is None:
         tables.print_catalogue(as_json)
@@ -395,7 +395,7 @@ def _stem(name: str) -> str:
 
 
 def _run(scenario: Any, out: Path | None, as_json: bool, figures: bool) -> None:
-    from tarc.report import tables
+    from tarc.cli import tables
 
     folder = _folder(out or Path("runs") / _stem(scenario.name))
     try:

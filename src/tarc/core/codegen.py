@@ -31,7 +31,7 @@ def compiler() -> list[str]:
         return [sys.executable, "-m", "ziglang", "cc"]
     raise TarcError(
         "native: no C compiler found; looked for $CC, cc, gcc, clang and the ziglang package. Install one, for example "
-        "pip install 'tarc-control[native]', or leave native out: the virtual machine needs none"
+        "pip install 'tarc-control[ship]', or leave native out: the virtual machine needs none"
     )
 
 
