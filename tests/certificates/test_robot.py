@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import tarc
-from family import make_law, make_tdc
+from law_catalogue import make_law, make_tdc
 from tarc import TarcError, laws, plants, signals
 from tarc.analysis import Workspace, stable_interval
 from tarc.analysis.inertia_ratio import inverse_ratios

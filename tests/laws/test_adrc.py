@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from family import PERIOD, make_law
+from law_catalogue import PERIOD, make_law
 from tarc import TarcError, certificates, laws, plants, signals, simulate
 from tarc.core.trees import pack, unpack
 from tarc.laws.base import Tracking

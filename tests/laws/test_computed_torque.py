@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from family import PERIOD, make_law
+from law_catalogue import PERIOD, make_law
 from tarc import Scenario, TarcError, estimators, laws, plants, signals, simulate
 from tarc.core.tracing import trace
 from tarc.core.trees import pack

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from family import ESTIMATORS, concrete_laws, make_law
+from law_catalogue import ESTIMATORS, concrete_laws, make_law
 from tarc import Controller, TarcError, plants, signals, simulate
 from tarc.core.tracing import trace
 from tarc.core.trees import leaves, pack, unpack

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from family import make_law
+from law_catalogue import make_law
 from tarc import TarcError, analysis, certificates, laws, plants, signals, simulate
 
 

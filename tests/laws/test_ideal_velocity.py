@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from family import make_law
-from motions import SMALL, assert_is_tdc, at, track
+from law_catalogue import make_law
+from law_runs import SMALL, assert_is_tdc, at, track
 from tarc import TarcError, certificates, estimators, laws
 from tarc.analysis.linearise import decouple
 

@@ -4,8 +4,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from family import make_law
-from motions import SMALL, assert_is_tdc, at, ideal, track
+from law_catalogue import make_law
+from law_runs import SMALL, assert_is_tdc, at, ideal, track
 from tarc import TarcError, certificates, laws
 from tarc.core.tracing import trace
 from tarc.core.trees import pack

@@ -4,7 +4,7 @@ import control
 import numpy as np
 import pytest
 
-from family import make_law
+from law_catalogue import make_law
 from tarc import TarcError, certificates, estimators, laws, plants, signals, simulate
 
 MASS = plants.MassSpringDamper(masses=(1.0,), springs=0.0, dampers=0.0)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from family import make_law
+from law_catalogue import make_law
 from tarc import TarcError, laws, plants, signals, simulate
 from tarc.laws import LawInput
 

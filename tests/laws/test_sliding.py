@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from family import make_law
-from motions import SMALL, ideal, track
+from law_catalogue import make_law
+from law_runs import SMALL, ideal, track
 from tarc import TarcError, laws
 
 

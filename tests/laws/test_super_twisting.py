@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_lyapunov
 
-from family import make_law
+from law_catalogue import make_law
 from tarc import TarcError, estimators, laws, plants, signals, simulate
 
 MASS = plants.MassSpringDamper(masses=(1.0,), springs=0.0, dampers=0.0)

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from family import concrete_laws, make_law
-from motions import SMALL, assert_is_tdc, at, track
+from law_catalogue import concrete_laws, make_law
+from law_runs import SMALL, assert_is_tdc, at, track
 from tarc import TarcError, certificates, estimators, laws
 
 NO_GAIN: dict[Any, dict[str, Any]] = {

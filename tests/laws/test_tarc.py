@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from family import make_law
+from law_catalogue import make_law
 from tarc import TarcError, estimators, laws, plants, signals, simulate
 from tarc.laws import LawInput
 

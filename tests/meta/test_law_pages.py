@@ -9,7 +9,7 @@ import pytest
 import yaml
 from benchmarks.pages import equation, rounded
 
-from family import concrete_laws
+from law_catalogue import concrete_laws
 from tarc.study import tuned_laws
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -58,7 +58,7 @@ def make_law(kind: type[laws.Law], joints: int = 2, estimator_name: str = "algeb
     given: dict[str, Any] = {**NEEDED, "inertia": mixed, "bandwidth": 12.0}
     needed = {name: parameter for name, parameter in parameters(kind).items() if parameter.needed}
     unknown = set(needed) - set(given)
-    assert not unknown, f"give {unknown} of {kind.__name__} a value in NEEDED in tests/family.py"
+    assert not unknown, f"give {unknown} of {kind.__name__} a value in NEEDED in tests/law_catalogue.py"
     needed = {name: given[name] for name in needed}
     if "model" in needed:
         needed["model"] = plants.MassSpringDamper(masses=(1.0,) * joints, springs=0.0, dampers=0.2)

@@ -6,7 +6,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from family import make_law
+from law_catalogue import make_law
 from tarc import Controller, TarcError, laws
 
 

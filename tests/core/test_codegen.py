@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from family import make_law
+from law_catalogue import make_law
 from tarc import Controller, TarcError, laws, plants, signals, simulate
 from tarc.core import codegen as native
 from tarc.core.tracing import trace

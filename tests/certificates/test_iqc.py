@@ -17,7 +17,7 @@ from benchmarks.soundness import (
     respond,
 )
 
-from family import make_tdc
+from law_catalogue import make_tdc
 from tarc import TarcError, plants, signals, simulate
 from tarc.analysis import Workspace, stable_interval
 from tarc.analysis.linearise import decouple

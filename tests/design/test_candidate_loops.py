@@ -6,7 +6,7 @@ from benchmarks.soundness import Case, Design, matrices, polynomials, recurrence
 from scipy.signal import lfilter
 
 import tarc
-from family import make_tdc
+from law_catalogue import make_tdc
 from tarc import TarcError, laws, plants, signals
 from tarc.analysis import Workspace
 from tarc.analysis.inertia_ratio import spread

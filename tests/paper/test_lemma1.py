@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from family import make_law, make_tdc
+from law_catalogue import make_law, make_tdc
 from tarc import TarcError, laws
 from tarc.analysis.workspace import Workspace
 from tarc.certificates import loop

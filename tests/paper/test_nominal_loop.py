@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from family import make_tdc
+from law_catalogue import make_tdc
 from tarc import TarcError, estimators, laws
 from tarc.certificates import Certificate, loop
 from tarc.paper.nominal_loop import _Program, nominal, nominal_delay, nominal_window

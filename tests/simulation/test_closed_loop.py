@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from family import KNOWN_RANGES, agrees, make_tdc
+from law_catalogue import KNOWN_RANGES, agrees, make_tdc
 from tarc import plants, signals
 from tarc.control.digital_controller import Drive
 from tarc.core.tracing import trace

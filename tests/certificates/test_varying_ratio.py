@@ -25,7 +25,7 @@ from benchmarks.soundness import (
     respond,
 )
 
-from family import make_law, make_tdc
+from law_catalogue import make_law, make_tdc
 from tarc import TarcError, estimators, laws
 from tarc.analysis import hinf_norm, stable_interval, stable_intervals
 from tarc.analysis.linearise import decouple, whole

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from family import make_tdc
+from law_catalogue import make_tdc
 from tarc import TarcError, laws
 from tarc.certificates import Certificate
 from tarc.numerics.ball_arithmetic import FLOATS

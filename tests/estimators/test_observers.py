@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter, savgol_coeffs
 
-from family import PERIOD as T
+from law_catalogue import PERIOD as T
 from tarc import TarcError, estimators, laws, plants, signals, simulate
 from tarc.analysis import stable_interval
 from tarc.certificates import loop

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from family import make_tdc
+from law_catalogue import make_tdc
 from tarc import TarcError, estimators
 from tarc.certificates import Certificate
 from tarc.numerics.ball_arithmetic import FLOATS

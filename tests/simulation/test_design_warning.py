@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tarc
-from family import make_tdc
+from law_catalogue import make_tdc
 
 ARM = tarc.plants.TwoLinkArm()
 SWING = tarc.signals.Sinusoid(amplitude=[0.3, 0.3], frequency=[2.0, 2.5])

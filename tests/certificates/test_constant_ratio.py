@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from family import KNOWN_RANGES, agrees, make_law, make_tdc
+from law_catalogue import KNOWN_RANGES, agrees, make_law, make_tdc
 from tarc import TarcError, estimators, laws, plants, signals
 from tarc.analysis import h2_norm, hinf_norm, stable_interval, stable_intervals
 from tarc.analysis.linearise import decouple

@@ -19,7 +19,7 @@ from tarc.cli.app import app
 from tarc.design import Design, Limit, design
 from tarc.design.writer import BESIDE, written
 from tarc.scenario.model import Scenario
-from urdf import arm, joint, link
+from urdf_text import arm, joint, link
 
 ENDLESS = '<limit effort="80" velocity="3"/>'
 FINGER = joint("finger", "fore", "tip", inside='<limit lower="0" upper="1" effort="9"/><mimic joint="elbow"/>')

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from family import ESTIMATORS, PERIOD
+from law_catalogue import ESTIMATORS, PERIOD
 from tarc import estimators
 from tarc.core.tracing import Buffered, trace
 from tarc.core.trees import pack, unpack

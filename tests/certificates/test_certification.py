@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 import tarc
-from family import make_law, make_tdc
+from law_catalogue import make_law, make_tdc
 from tarc import certify
 from tarc.analysis import Workspace
 from tarc.certificates import Certificate

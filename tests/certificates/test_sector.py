@@ -17,7 +17,7 @@ from benchmarks.soundness import (
     recurrence,
 )
 
-from family import make_law, make_tdc
+from law_catalogue import make_law, make_tdc
 from tarc import TarcError, estimators, laws
 from tarc.certificates import Certificate, ball, loop, slope
 from tarc.certificates.sector import circle_limit

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from family import make_law
+from law_catalogue import make_law
 from tarc import Run, laws, plants, signals, simulate
 from tarc.estimators.base import Estimate
 from tarc.laws.base import Tracking

@@ -14,7 +14,7 @@ from tarc.design import design
 from tarc.design.robot_facts import premises, weight, within
 from tarc.plants import MujocoPlant
 from tarc.signals import Encoder
-from urdf import arm, joint, link, robot
+from urdf_text import arm, joint, link, robot
 
 
 @pytest.fixture(autouse=True)
