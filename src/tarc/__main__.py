@@ -1,5 +1,5 @@
 """Run the command line as ``python -m tarc``."""
 
-from tarc.cli.app import main
+from tarc.cli import main
 
 main()

@@ -8,6 +8,7 @@ from tarc.analysis.inertia_ratio import Grid, ends_of, inverse_ratios, peaks_of,
 from tarc.analysis.workspace import Workspace
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
+from tarc.core.optional import require
 from tarc.plants.base import Plant
 
 ROUNDS = 30
@@ -110,6 +111,7 @@ def _solve(below: np.ndarray, above: np.ndarray, mean: np.ndarray, diagonal: boo
     """
     import warnings
 
+    require("certify", "best_shape", "cvxpy", "clarabel")
     import cvxpy as cp
 
     n = len(mean)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import casadi as ca
 
-from tarc.core.errors import TarcError
+from tarc.core.errors import MissingTool, TarcError
 
 FLAGS = ["-O2", "-fPIC", "-shared"]
 """No fast mathematics: the laws rely on what comparisons with NaN give."""
@@ -29,7 +29,7 @@ def compiler() -> list[str]:
             return [found]
     if importlib.util.find_spec("ziglang"):
         return [sys.executable, "-m", "ziglang", "cc"]
-    raise TarcError(
+    raise MissingTool(
         "native: no C compiler found; looked for $CC, cc, gcc, clang and the ziglang package. Install one, for example "
         "pip install 'tarc-control[ship]', or leave native out: the virtual machine needs none"
     )
@@ -66,7 +66,7 @@ def compiled(function: ca.Function) -> ca.Function:
                 try:
                     done = subprocess.run(command, capture_output=True, text=True, check=False)
                 except FileNotFoundError:
-                    raise TarcError(f"native: there is no compiler {command[0]!r}; correct or unset $CC") from None
+                    raise MissingTool(f"native: there is no compiler {command[0]!r}; correct or unset $CC") from None
                 if done.returncode:
                     words = done.stderr.strip()[-500:] or "it printed nothing"
                     raise TarcError(f"native: {shlex.join(command[:-4])} failed: {words}")

@@ -4,6 +4,8 @@ import sys
 import time
 from typing import Any
 
+from tarc.core.optional import is_installed
+
 PATIENCE = 2.0
 
 
@@ -15,12 +17,12 @@ class Progress:
     label, total
         What is done, and in how many steps.
     show
-        Whether to show a bar at all; None for when standard error is a terminal.
+        Whether to show a bar at all; None for when standard error is a terminal. Without rich there is none.
     """
 
     def __init__(self, label: str, total: int, show: bool | None = None):
         self.label, self.total, self.done = label, total, 0
-        self.show = sys.stderr.isatty() if show is None else show
+        self.show = is_installed("rich") and (sys.stderr.isatty() if show is None else show)
         self._start = time.monotonic()
         self._bar: Any = None
 

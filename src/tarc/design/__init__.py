@@ -1,5 +1,9 @@
 """From a robot and an encoder to certified gains."""
 
+from tarc.core.optional import require
+
+require("cli", "tarc.design")
+
 from tarc.design.adaptation_gains import Adaptation, adaptation, expected_step
 from tarc.design.candidate_loops import Candidate, assess, candidates, front
 from tarc.design.identification import Identified, excitation, identify, inertia_from_data, inertia_from_file

@@ -4,6 +4,8 @@ import warnings
 
 import numpy as np
 
+from tarc.core.optional import require
+
 
 def definite(form: np.ndarray) -> tuple[str, float, np.ndarray]:
     """Whether a symmetric matrix is positive definite, its least eigenvalue and that one's vector.
@@ -67,6 +69,7 @@ LARGEST_ENCLOSED = 60
 
 def _enclosed(A: np.ndarray) -> str:
     """Verdict from balls about all eigenvalues of the very A."""
+    require("certify", "a proof in ball arithmetic", "flint")
     import flint
 
     if len(A) > LARGEST_ENCLOSED:

@@ -1,5 +1,9 @@
 """The paper, checked: Lemma 1, condition (c2), Theorems 1 and 2, bounds on the gain, the procedure of selection."""
 
+from tarc.core.optional import require
+
+require("certify", "tarc.paper")
+
 from tarc.paper.bounds_on_gain import GainBounds, gain_bounds
 from tarc.paper.lemma1 import condition_c2, lemma1
 from tarc.paper.nominal_loop import nominal, nominal_delay, nominal_window

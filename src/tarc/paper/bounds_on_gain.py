@@ -2,7 +2,7 @@
 
 import json
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -12,7 +12,9 @@ from tarc.core.types import Array
 from tarc.core.validation import Matrix
 from tarc.laws.base import Law
 from tarc.laws.tarc import TARC
-from tarc.simulation.run import Run
+
+if TYPE_CHECKING:
+    from tarc.simulation.run import Run
 
 PRINTED = (
     "as printed the bounds have no value: they divide by λmin(Θ), and Θ is positive for no gains at all (see the "
@@ -124,7 +126,7 @@ class GainBounds:
 
 
 def gain_bounds(
-    run: Run,
+    run: "Run",
     law: Law,
     *,
     decay: float | None = None,
@@ -264,7 +266,7 @@ class _Signals(NamedTuple):
     rising: Array
 
 
-def _signals(run: Run, law: Law, start: float) -> tuple[TARC, _Signals]:
+def _signals(run: "Run", law: Law, start: float) -> tuple[TARC, _Signals]:
     """The law, and the signals of its run, up to where it gave up or diverged."""
     if not isinstance(law, TARC):
         raise TarcError(f"law: got {type(law).__name__}; the bounds are those of tarc.laws.TARC")

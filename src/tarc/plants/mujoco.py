@@ -1,5 +1,9 @@
 """Robots from MJCF or URDF files, on MuJoCo."""
 
+from tarc.core.optional import require
+
+require("robots", "tarc.plants.MujocoPlant")
+
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -1,5 +1,9 @@
 """Robot files: finding, reading and trimming MJCF and URDF to the joints that a law drives."""
 
+from tarc.core.optional import require
+
+require("robots", "tarc.plants.MujocoPlant")
+
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

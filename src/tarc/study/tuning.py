@@ -12,6 +12,7 @@ import numpy as np
 
 from tarc.core import validation as check
 from tarc.core.errors import DesignWarning, TarcError
+from tarc.core.optional import require
 from tarc.core.progress import Progress
 from tarc.scenario.model import Scenario
 from tarc.study.search_spaces import Space
@@ -101,10 +102,9 @@ def tune(
     if not any(fits):
         raise TarcError(f"tune: {space.fixed['kind']} cannot run in any of the scenarios")
     pairs = [pair for pair, fit in zip(zip(scenarios, limits, strict=True), fits, strict=True) if fit]
-    try:
-        import optuna
-    except ImportError:
-        raise TarcError("tune: needs Optuna; install it with pip install 'tarc-control[study]'") from None
+    require("study", "tune")
+    import optuna
+
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     period = scenarios[0].period
 

@@ -1,0 +1,49 @@
+"""Libraries that come with an extra of the package."""
+
+import sys
+from importlib.util import find_spec
+
+from tarc.core.errors import MissingTool
+
+_CERTIFY = ("clarabel", "cvxpy", "flint")
+_PLOT = ("matplotlib",)
+_ROBOTS = ("mujoco",)
+_SIM = (*_ROBOTS, "flint", "h5netcdf", "h5py", "xarray")
+_CLI = (*_SIM, "clarabel", "cvxpy", *_PLOT, "pydantic", "yaml", "rich", "typer")
+
+EXTRAS = {
+    "certify": _CERTIFY,
+    "cli": _CLI,
+    "plot": _PLOT,
+    "robots": _ROBOTS,
+    "sim": _SIM,
+    "study": (*_CLI, "optuna"),
+}
+"""Modules that each extra of ``pyproject.toml`` installs."""
+
+
+def is_installed(module: str) -> bool:
+    """Return whether a module can be imported, without importing it."""
+    return module in sys.modules or find_spec(module) is not None
+
+
+def require(extra: str, part: str, *modules: str) -> None:
+    """Check that the modules of an extra are installed.
+
+    Parameters
+    ----------
+    extra
+        A key of ``EXTRAS``.
+    part
+        Part of the package that needs them, for the message.
+    modules
+        Those of the extra that the part needs; by default all.
+
+    Raises
+    ------
+    MissingTool
+        When at least one module is missing.
+    """
+    missing = [module for module in modules or EXTRAS[extra] if not is_installed(module)]
+    if missing:
+        raise MissingTool(f"{part} needs {', '.join(missing)}; pip install 'tarc-control[{extra}]'")

@@ -1,0 +1,53 @@
+"""Extras of the package: what they install, and what is said where a library is missing."""
+
+import re
+import sys
+import tomllib
+from importlib.machinery import ModuleSpec
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import pytest
+
+from tarc.core import optional
+from tarc.core.errors import MissingTool, TarcError
+
+PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+EXTRAS = PROJECT["optional-dependencies"]
+
+
+def distributions(extra: str) -> set[str]:
+    """Return the distributions of an extra, those of the extras that it names included."""
+    names = set()
+    for requirement in EXTRAS[extra]:
+        name, inner = re.match(r"([\w.-]+)(?:\[([\w,-]+)\])?", requirement).groups()  # pyright: ignore[reportOptionalMemberAccess]
+        names |= set.union(*(distributions(part) for part in inner.split(","))) if inner else {name}
+    return names
+
+
+@pytest.mark.parametrize("extra", optional.EXTRAS)
+def test_an_extra_is_checked_by_the_modules_that_it_installs(extra: str) -> None:
+    owners = packages_distributions()
+    installed = {owners[module][0].lower().removesuffix("-core") for module in optional.EXTRAS[extra]}
+    assert installed == distributions(extra) - {"ruamel.yaml"}
+
+
+def test_all_has_every_other_extra() -> None:
+    assert distributions("all") == set.union(*(distributions(extra) for extra in EXTRAS if extra != "all"))
+
+
+def test_a_missing_module_is_named_with_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    def find(name: str) -> ModuleSpec | None:
+        return None if name in ("mujoco", "xarray") else ModuleSpec(name, None)
+
+    monkeypatch.setattr(optional, "find_spec", find)
+    for name in ("mujoco", "xarray"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    with pytest.raises(MissingTool, match=r"^a run needs mujoco, xarray; pip install 'tarc-control\[sim\]'$"):
+        optional.require("sim", "a run")
+    optional.require("sim", "a run", "h5py")
+
+
+def test_a_missing_tool_is_an_import_error_and_one_of_the_package() -> None:
+    assert issubclass(MissingTool, ImportError)
+    assert issubclass(MissingTool, TarcError)
