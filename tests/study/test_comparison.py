@@ -143,7 +143,7 @@ class Dying(ThreadPoolExecutor):
 
 
 def test_a_killed_process_loses_only_what_it_ran(monkeypatch):
-    module = sys.modules["tarc.study.compare"]
+    module = sys.modules["tarc.study.comparison"]
     monkeypatch.setattr(module, "ProcessPoolExecutor", Dying)
     found = compare(scenario(), ["tdc", "pid"], jobs=2)
     assert list(found.runs) == ["tdc"]
