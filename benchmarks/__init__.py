@@ -3,3 +3,8 @@
 Every number against another is a ratio of times taken in turns in the same run, so that a machine that is slow or
 shared slows both. Times of calls are the least of several repetitions, ratios the median over the turns.
 """
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))  # for the references that the tests share

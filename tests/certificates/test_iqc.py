@@ -2,22 +2,15 @@
 
 import numpy as np
 import pytest
-from benchmarks.soundness import (
-    PERIOD,
-    Case,
-    Design,
-    SlowFleet,
-    Tally,
-    check_slow,
-    draw,
-    matrices,
-    multiplier,
-    polynomials,
-    recurrence,
-    respond,
-)
 
 from law_catalogue import make_tdc
+from reference.law_recurrence import recurrence
+from reference.loop_polynomials import polynomials, respond
+from reference.random_designs import PERIOD, Design, draw
+from reference.slow_adversaries import SlowFleet
+from reference.soundness_checks import check_slow
+from reference.soundness_tally import Tally
+from reference.uncertain_case import Case, matrices, multiplier
 from tarc import TarcError, plants, signals, simulate
 from tarc.analysis import Workspace, stable_interval
 from tarc.analysis.linearise import decouple
@@ -136,7 +129,8 @@ def test_nothing_contradicts_a_slow_ball():
 
 
 def test_the_slow_fleet_keeps_to_the_rate_and_the_ball_and_finds_what_is_outside():
-    from benchmarks.soundness import SLOW_MISMATCHES, SUBSTEPS, Adversary, inverse
+    from reference.adversaries import SUBSTEPS, Adversary
+    from reference.slow_adversaries import SLOW_MISMATCHES, inverse
 
     found = slowly(LITERAL, 0.079, 30.0).numbers
     adversaries = [Adversary(kind) for kind in SLOW_MISMATCHES]

@@ -5,19 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from benchmarks.soundness import (
-    PERIOD,
-    Adversary,
-    Case,
-    Design,
-    Fleet,
-    most_negative,
-    polynomials,
-    radius,
-    recurrence,
-)
 
 from law_catalogue import make_law, make_tdc
+from reference.adversaries import Adversary, Fleet
+from reference.law_recurrence import recurrence
+from reference.loop_polynomials import most_negative, polynomials, radius
+from reference.random_designs import PERIOD, Design
+from reference.uncertain_case import Case
 from tarc import TarcError, estimators, laws
 from tarc.certificates import Certificate, ball, loop, slope
 from tarc.certificates.sector import circle_limit

@@ -2,23 +2,14 @@
 
 import numpy as np
 import pytest
-from benchmarks.soundness import (
-    Adversary,
-    Case,
-    Design,
-    Fleet,
-    Tally,
-    check_loop,
-    draw,
-    measure,
-    multiplier,
-    peak,
-    polynomials,
-    radius,
-    recurrence,
-    trend,
-)
 
+from reference.adversaries import Adversary, Fleet
+from reference.law_recurrence import recurrence
+from reference.loop_polynomials import peak, polynomials, radius, trend
+from reference.random_designs import Design, draw
+from reference.soundness_checks import check_loop, measure
+from reference.soundness_tally import Tally
+from reference.uncertain_case import Case, multiplier
 from tarc.analysis import stable_interval
 from tarc.analysis.linearise import decouple
 
@@ -58,12 +49,12 @@ def test_recurrences_by_hand_are_the_laws(seed):
 
 def test_a_false_certificate_would_be_found(monkeypatch):
     """The benchmark itself: told that everything is certified, it disagrees."""
-    from benchmarks import soundness
+    from reference import soundness_checks
 
     class Liar:
         verdict, certified, witness, numbers = "certified", True, None, {}
 
-    monkeypatch.setattr(soundness, "loop", lambda *_, **__: Liar)
+    monkeypatch.setattr(soundness_checks, "loop", lambda *_, **__: Liar)
     rng, tally = np.random.default_rng(0), Tally()
     for _ in range(40):
         check_loop(draw(rng), rng, tally)

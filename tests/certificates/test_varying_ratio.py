@@ -4,28 +4,15 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from benchmarks.soundness import (
-    ANGLES,
-    PERIOD,
-    SUBSTEPS,
-    Adversary,
-    Case,
-    Design,
-    Fleet,
-    Tally,
-    check_pairs,
-    draw,
-    joint_peak,
-    matrices,
-    multiplier,
-    peak,
-    polynomials,
-    radius,
-    recurrence,
-    respond,
-)
 
 from law_catalogue import make_law, make_tdc
+from reference.adversaries import SUBSTEPS, Adversary, Fleet
+from reference.law_recurrence import recurrence
+from reference.loop_polynomials import ANGLES, joint_peak, peak, polynomials, radius, respond
+from reference.random_designs import PERIOD, Design, draw
+from reference.soundness_checks import check_pairs
+from reference.soundness_tally import Tally
+from reference.uncertain_case import Case, matrices, multiplier
 from tarc import TarcError, estimators, laws
 from tarc.analysis import hinf_norm, stable_interval, stable_intervals
 from tarc.analysis.linearise import decouple, whole

@@ -2,11 +2,14 @@
 
 import numpy as np
 import pytest
-from benchmarks.soundness import Case, Design, matrices, polynomials, recurrence
 from scipy.signal import lfilter
 
 import tarc
 from law_catalogue import make_tdc
+from reference.law_recurrence import recurrence
+from reference.loop_polynomials import polynomials
+from reference.random_designs import Design
+from reference.uncertain_case import Case, matrices
 from tarc import TarcError, laws, plants, signals
 from tarc.analysis import Workspace
 from tarc.analysis.inertia_ratio import spread

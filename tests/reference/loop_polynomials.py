@@ -1,0 +1,110 @@
+"""Polynomials of a constant loop in z⁻¹: its roots, frequency responses with their peaks, and the growth of a kick."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from reference.law_recurrence import Recurrence, _sum
+from reference.random_designs import PERIOD
+
+Array = np.ndarray
+
+
+class Polynomials(NamedTuple):
+    """In powers of z⁻¹, constant first: of the closed loop, and of the numerators from a to v and q, and w to q."""
+
+    closed: Array
+    a_to_v: Array
+    a_to_q: Array
+    w_to_q: Array
+
+
+def polynomials(law: Recurrence, ratio: float, kappa: float = 0.0, stiffness: float = 0.0) -> Polynomials:
+    """Of the loop around q̈ = ρ v − h q, v held for a period, with a constant slope in it."""
+    multiply = np.polynomial.polynomial.polymul
+    own, side = np.concatenate([[1.0], -law.v]), _sum(-law.q, kappa * np.array([1.0, law.e]))
+    swing = np.emath.sqrt(stiffness) * PERIOD
+    # q = motion / (1 − 2 cos(√h T) z⁻¹ + z⁻²) of an acceleration
+    reach = np.real(np.sinc(swing / 2 / np.pi) ** 2)
+    motion = PERIOD**2 / 2 * reach * np.array([0.0, 1.0, 1.0])
+    late = np.concatenate([np.zeros(law.delay), motion])
+    free = multiply(own, [1.0, -2.0 * np.real(np.cos(swing)), 1.0])
+    closed = _sum(free, ratio * multiply(late, side))
+    return Polynomials(closed, -multiply(motion, side), multiply(motion, own), ratio * multiply(late, [1.0, law.e]))
+
+
+def radius(closed: Array) -> float:
+    """Largest root of a closed loop's polynomial."""
+    return float(np.max(np.abs(np.roots(closed))))
+
+
+def blur(closed: Array) -> float:
+    """How far rounding of the coefficients may move the largest root, with room."""
+    roots = np.roots(closed)
+    lead = roots[np.argmax(np.abs(roots))]
+    size = np.abs(lead) ** np.arange(len(closed) - 1, -1, -1)
+    steep = np.abs(np.polyval(np.polyder(closed), lead))
+    return float(1e4 * np.finfo(float).eps * (size @ np.abs(closed)) / max(steep, 1e-300)) + 1e-10
+
+
+def respond(top: Array, bottom: Array, angles: Array) -> Array:
+    """Frequency response at angles [rad a period]."""
+    back = np.exp(-1j * angles)
+    value = np.polynomial.polynomial.polyval
+    return value(back, top) / value(back, bottom)
+
+
+ANGLES = np.concatenate([np.geomspace(1e-5, 0.3, 1500), np.linspace(0.3, np.pi, 1500)])
+
+
+def peak(top: Array, bottom: Array) -> tuple[float, float]:
+    """Largest gain on a grid, drawn closer three times around its best point, and where [rad a period]."""
+    return _highest(lambda angles: np.abs(respond(top, bottom, angles)))
+
+
+def joint_peak(known: Polynomials, weight: float) -> tuple[float, float]:
+    """Largest gain from a to (v, weight q) of one loop, and where [rad a period]."""
+
+    def size(angles: Array) -> Array:
+        q = weight * respond(known.a_to_q, known.closed, angles)
+        return np.hypot(np.abs(respond(known.a_to_v, known.closed, angles)), np.abs(q))
+
+    return _highest(size)
+
+
+def most_negative(top: Array, bottom: Array) -> tuple[float, float]:
+    """How far the response reaches to the left of zero, and where [rad a period]."""
+    return _highest(lambda angles: -np.real(respond(top, bottom, angles)))
+
+
+def _highest(function: Callable[[Array], Array]) -> tuple[float, float]:
+    angles, best, where = ANGLES, -np.inf, 0.0
+    for _ in range(4):
+        values = function(angles)
+        top = int(np.argmax(values))
+        if values[top] > best:
+            best, where = float(values[top]), float(angles[top])
+        angles = np.linspace(angles[max(top - 1, 0)], angles[min(top + 1, len(angles) - 1)], 41)
+    return best, where
+
+
+def trend(closed: Array, guess: float, most: int = 400_000) -> float:
+    """Simulate a constant loop after a kick: the logarithm of its last quarter's peak over its second's.
+
+    Long enough to show which way a mode of the guessed radius goes; NaN if that takes more steps than allowed: then
+    the roots must decide.
+    """
+    from scipy.signal import lfilter
+
+    steps = int(40 / max(abs(np.log(guess)), 1e-12)) + 40 * len(closed)
+    if steps > most:
+        return np.nan
+    kick = np.zeros(steps)
+    kick[0] = 1.0
+    size = np.abs(np.asarray(lfilter([1.0], closed, kick)))
+    if not np.all(np.isfinite(size)):
+        return np.inf
+    quarter = steps // 4
+    late, early = size[3 * quarter :].max(), size[quarter : 2 * quarter].max()
+    return float(np.log(max(late, 1e-300) / max(early, 1e-300)))

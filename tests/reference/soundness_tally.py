@@ -1,0 +1,98 @@
+"""Verdicts counted, certified cases against adversaries, and the ratios at which designs are tried."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from reference.adversaries import Adversary, Fleet
+from reference.loop_polynomials import joint_peak, polynomials, radius
+from reference.random_designs import PERIOD, Design
+from reference.uncertain_case import Case, multiplier
+from tarc.analysis import stable_intervals
+
+Array = np.ndarray
+
+EDGE = 3.0
+"""Least logarithm of growth, or of decay, that shows which way a loop goes."""
+
+
+INSIDE = (0.25, 0.7, 0.05)
+"""Shares of the ratios for what needs a stable loop to begin with."""
+
+
+@dataclass
+class Tally:
+    """Verdicts counted; undecided are those that neither simulation nor roots can tell from the edge."""
+
+    designs: int = 0
+    certified: int = 0
+    refuted: int = 0
+    inconclusive: int = 0
+    undecided: int = 0
+    violations: list[str] = field(default_factory=list)
+    seconds: float = 0.0
+
+    def count(self, verdict: str) -> None:
+        self.designs += 1
+        setattr(self, verdict, getattr(self, verdict) + 1)
+
+
+def ratios(
+    design: Design, rng: np.random.Generator, count: int, shares: tuple[float, float, float] = (0.5, 0.3, 0.2)
+) -> Array:
+    """Ratios to try: these shares near where stability ends, between its ends, and anywhere."""
+    found = stable_intervals(design.law, computation_delay=design.computation)
+    edges = np.array([edge for ends in found for edge in ends if 1e-6 < edge < 1e3])
+    anywhere = np.exp(rng.uniform(np.log(2e-3), np.log(4.0), count))
+    if not edges.size:
+        return anywhere
+    inside = np.exp(rng.uniform(np.log(edges.min()), np.log(edges.max()), count))
+    near = rng.choice(edges, count) * np.exp(rng.choice([-1, 1], count) * 10 ** rng.uniform(-3.5, -0.5, count))
+    return np.choose(rng.choice(3, count, p=shares), [near, inside, anywhere])
+
+
+def frozen_or_turning(case: Case) -> str:
+    """What is unstable of loops that a ball covers: constant ones, and those whose mismatch turns at the worst rate."""
+    turns = np.linspace(-np.pi, np.pi, 17) if case.weight else np.arccos(np.linspace(-1, 1, 5))
+    for kappa in (0.0, case.slope / 2, case.slope):
+        for turn in turns:
+            ratio = case.centre + case.radius * np.cos(turn)
+            stiffness = np.clip(case.radius * case.weight * np.sin(turn), -case.stiffness, case.stiffness)
+            size = radius(polynomials(case.law, ratio, kappa, stiffness).closed)
+            if size > 1 + 1e-6:
+                return f"radius {size!r} at ratio {ratio!r}, stiffness {stiffness!r}, slope {kappa!r}"
+        known = polynomials(case.law, case.centre, kappa)
+        fastest = case.rate * PERIOD * (case.centre**2 - case.radius**2) / (2 * case.radius)  # of what E⁻¹ may turn
+        rate = min(joint_peak(known, case.weight)[1], fastest if case.rate < np.inf else np.pi)
+        alone = case if case.stiffness == np.inf else case._replace(weight=0.0)
+        size = multiplier(alone, kappa, np.array([rate / 2, rate])).max()
+        if size > 1 + 1e-6:
+            return f"multiplier {size!r} turning at {rate!r} rad a period, slope {kappa!r}"
+    return ""
+
+
+def simulate(
+    pairs: Sequence[tuple[Design, Case]],
+    adversaries: Sequence[Adversary],
+    rng: np.random.Generator,
+    tally: Tally,
+    steps: int,
+    within: bool,
+    fleet: type[Fleet] = Fleet,
+) -> None:
+    """Certified cases against adversaries: what grows must do so four and sixteen times as long, or was a transient."""
+    for start in range(0, len(pairs), 300):
+        some = pairs[start : start + 300]
+        growth = fleet([case for _, case in some], adversaries, int(rng.integers(2**31))).run(steps, within=within)
+        suspects = np.flatnonzero(growth.max(axis=0) > 0.5)
+        if not suspects.size:
+            continue
+        again = fleet([some[i][1] for i in suspects.tolist()], adversaries, 0).run(4 * steps, within=within)
+        for i, log in zip(suspects.tolist(), again.T, strict=True):
+            design, case = some[i]
+            which = adversaries[int(np.argmax(log))]
+            if log.max() > EDGE and fleet([case], [which], 0).run(16 * steps, within=within).max() > EDGE:
+                tally.violations.append(f"{case[1:]} certified, but {which} makes log growth {log.max():.3g}: {design}")
+            elif log.max() > 0.5:
+                tally.undecided += 1
