@@ -4,9 +4,9 @@ import csv
 
 import numpy as np
 import pytest
-from benchmarks import design as bench
 
 import tarc
+from benchmarks import design as bench
 
 
 @pytest.fixture(scope="module")
