@@ -73,10 +73,10 @@ def first_robot() -> None:
 if __name__ == "__main__":
     law_pages()
     first_robot()
-    run_page("design.md", ["adaptation.png"])
-    run_page("estimators.md", ["estimators.png"])
-    run_page("start.md", ["tracking.png"])
-    run_page("claims.md", ["gain_moves.png"])
+    run_page("how-to/design.md", ["adaptation.png"])
+    run_page("explanation/estimators.md", ["estimators.png"])
+    run_page("start/first-run.md", ["tracking.png"])
+    run_page("explanation/claims.md", ["gain_moves.png"])
     with tempfile.TemporaryDirectory() as folder:
         demo = Path(folder) / "demo.png"
         run_figure(Scenario.load("ur5e").run()).savefig(demo, dpi=110)

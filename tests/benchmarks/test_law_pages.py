@@ -71,7 +71,7 @@ def test_page_shows_the_gains_that_are_shipped(kind):
 
 
 @every_law
-@pytest.mark.parametrize("place", ["laws.md", "reference/laws.md", "../mkdocs.yml"])
+@pytest.mark.parametrize("place", ["explanation/laws.md", "reference/laws.md", "../mkdocs.yml"])
 def test_page_is_found(kind, place):
     assert f"laws/{kind.__name__}.md" in (DOCS / place).read_text(encoding="utf-8")
 

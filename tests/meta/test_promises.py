@@ -72,9 +72,8 @@ def test_symbols_exist():
     """Each code word of the table of symbols is a parameter, field or attribute of something public, or what a
     certificate carries.
     """
-    table = [
-        line.split("|") for line in (ROOT / "docs" / "symbols.md").read_text().splitlines() if line.startswith("| ")
-    ]
+    page = (ROOT / "docs" / "explanation" / "symbols.md").read_text()
+    table = [line.split("|") for line in page.splitlines() if line.startswith("| ")]
     words = {word.strip("` ") for row in table for word in row[2].split(",") if "`" in word}
     assert len(words) > 15
     known = set()
