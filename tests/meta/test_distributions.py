@@ -124,11 +124,13 @@ def test_the_wheel_has_its_data_and_nothing_else(built: Built) -> None:
 
 
 CONTROLLER = """
-import numpy as np, tarc
+import numpy as np
+import tarc
+
 arm = tarc.plants.TwoLinkArm()
 estimator = tarc.estimators.Algebraic(window=0.010, degree=2)
 adaptive = tarc.laws.TARC(
-    inertia=0.05 * np.array([[3.0, 1.0], [1.0, 1.0]]), bandwidth=10.0, period=1e-3, estimator=estimator, rise=2000.0, fall=1000.0
+    inertia=[[0.15, 0.05], [0.05, 0.05]], bandwidth=10.0, period=1e-3, estimator=estimator, rise=2000.0, fall=1000.0
 )
 modelled = tarc.laws.ComputedTorque(model=arm, bandwidth=10.0, period=1e-3, estimator=estimator)
 reference = tarc.signals.Sinusoid(amplitude=[0.6, 0.6], frequency=[2.0, 2.5])
