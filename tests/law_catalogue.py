@@ -22,7 +22,7 @@ ESTIMATORS: dict[str, estimators.Estimator] = {
     "truth": estimators.TrueDerivatives(),
 }
 
-NEEDED: dict[str, Any] = {
+REQUIRED_PARAMETERS: dict[str, Any] = {
     "inertia": None,
     "rise": 3000.0,
     "fall": 2000.0,
@@ -55,10 +55,10 @@ def concrete_laws() -> list[type[laws.Law]]:
 def make_law(kind: type[laws.Law], joints: int = 2, estimator_name: str = "algebraic", **options: Any) -> Any:
     """A law of this kind with plain gains."""
     mixed = 0.05 * (np.eye(joints) + 0.2 * np.ones((joints, joints)))
-    given: dict[str, Any] = {**NEEDED, "inertia": mixed, "bandwidth": 12.0}
+    given: dict[str, Any] = {**REQUIRED_PARAMETERS, "inertia": mixed, "bandwidth": 12.0}
     needed = {name: parameter for name, parameter in parameters(kind).items() if parameter.needed}
     unknown = set(needed) - set(given)
-    assert not unknown, f"give {unknown} of {kind.__name__} a value in NEEDED in tests/law_catalogue.py"
+    assert not unknown, f"give {unknown} of {kind.__name__} a value in REQUIRED_PARAMETERS in tests/law_catalogue.py"
     needed = {name: given[name] for name in needed}
     if "model" in needed:
         needed["model"] = plants.MassSpringDamper(masses=(1.0,) * joints, springs=0.0, dampers=0.2)
@@ -92,7 +92,7 @@ KNOWN_RANGES = [
 """Window in periods, synchronised or not, stable range of the inertia ratio of `make_tdc`, known independently."""
 
 
-def agrees(found: Any, known: float) -> bool:
+def agrees_to_digits(found: Any, known: float) -> bool:
     """Whether a number is the known one, to the digits that it is known by."""
     digit = 10.0 ** -len(str(known).split(".")[1])
     return abs(found - known) <= 0.5 * digit + 1e-6

@@ -92,7 +92,7 @@ def test_bounds_meet_however_little_is_searched(both, low, high, known, starts, 
         assert t == pytest.approx(known, rel=0.015)
 
 
-def definite(rng, count, n):
+def random_definite(rng, count, n):
     roots = rng.normal(size=(count, n, n))
     return roots @ roots.transpose(0, 2, 1) + 0.1 * np.eye(n)
 
@@ -102,8 +102,8 @@ def test_lower_bound_holds_for_any_duals(diagonal):
     """No X is better than the bound, be the duals right, rough or senseless."""
     rng = np.random.default_rng(3)
     for n in (1, 2, 3, 5):
-        below, above = definite(rng, 4, n), definite(rng, 4, n)
-        least, duals = truth(below, above, diagonal)
+        below, above = random_definite(rng, 4, n), random_definite(rng, 4, n)
+        least, duals = solved_by_cvxpy(below, above, diagonal)
         for less, more in (
             duals,
             tuple(one + 0.1 * rng.normal(size=one.shape) for one in duals),
@@ -115,7 +115,7 @@ def test_lower_bound_holds_for_any_duals(diagonal):
         assert lower_bound(below, above, *duals, diagonal) >= least * (1 - 1e-3)
 
 
-def truth(below, above, diagonal):
+def solved_by_cvxpy(below, above, diagonal):
     """What the best X of the program needs, an upper bound of the least t whatever the solver says, and its duals."""
     n = below.shape[1]
     t = cp.Variable()

@@ -21,19 +21,19 @@ SLIDE = """<mujoco><worldbody><body><joint type="slide" axis="1 0 0"/>
 <geom size="0.1" mass="1"/></body></worldbody></mujoco>"""
 
 
-def eigenvalues(plant, nominal, postures):
+def ratio_eigenvalues(plant, nominal, postures):
     """By another route: of M⁻¹M̂ itself, at the rows of postures."""
     M = np.array([plant.inertia(posture) for posture in postures])
     return np.sort(np.linalg.eigvals(np.linalg.solve(M, np.broadcast_to(nominal, M.shape))).real, axis=1)
 
 
-def sweep(bottom, top, count=2001):
+def elbow_sweep(bottom, top, count=2001):
     angles = np.linspace(bottom, top, count)
     return np.column_stack([0 * angles, angles])
 
 
-def posture_of(plant, nominal, where):
-    return eigenvalues(plant, nominal, where[None])[0]
+def ratios_at_posture(plant, nominal, where):
+    return ratio_eigenvalues(plant, nominal, where[None])[0]
 
 
 @pytest.mark.parametrize("nominal", [MIXED, np.diag([1.0, 0.3]), ARM.inertia([0.0, 1.0])])
@@ -41,13 +41,13 @@ def posture_of(plant, nominal, where):
 def test_two_link_arm_against_a_dense_sweep(nominal, ends):
     """M depends on the second joint alone."""
     found = spread(ARM, nominal, Workspace.box([-1, ends[0]], [1, ends[1]]))
-    known = eigenvalues(ARM, nominal, sweep(*ends))
+    known = ratio_eigenvalues(ARM, nominal, elbow_sweep(*ends))
     assert found.low <= known[:, 0].min() * (1 + 1e-12)
     assert found.high >= known[:, -1].max() * (1 - 1e-12)
     assert found.low == pytest.approx(known[:, 0].min(), rel=1e-5)
     assert found.high == pytest.approx(known[:, -1].max(), rel=1e-5)
-    assert posture_of(ARM, nominal, found.where_low)[0] == pytest.approx(found.low, rel=1e-12)
-    assert posture_of(ARM, nominal, found.where_high)[-1] == pytest.approx(found.high, rel=1e-12)
+    assert ratios_at_posture(ARM, nominal, found.where_low)[0] == pytest.approx(found.low, rel=1e-12)
+    assert ratios_at_posture(ARM, nominal, found.where_high)[-1] == pytest.approx(found.high, rel=1e-12)
     assert found.ratio == found.high / found.low
     assert found.low <= found.sampled_low <= found.sampled_high <= found.high
 
@@ -57,7 +57,7 @@ def test_along_a_path(tube):
     reference = signals.Sinusoid(amplitude=[0.5, 0.7], frequency=[2.0, 3.0], offset=[0.0, 1.0])
     found = spread(ARM, MIXED, Workspace.path(reference, 1.0, tube=tube))
     passed = reference.sample(np.linspace(0, 1.0, 2001))[0][1]
-    known = eigenvalues(ARM, MIXED, sweep(passed.min() - tube, passed.max() + tube))
+    known = ratio_eigenvalues(ARM, MIXED, elbow_sweep(passed.min() - tube, passed.max() + tube))
     assert found.low == pytest.approx(known[:, 0].min(), rel=1e-5)
     assert found.high == pytest.approx(known[:, -1].max(), rel=1e-5)
 
@@ -98,7 +98,7 @@ def test_ranges_of_the_joints():
 
 
 def test_a_fixed_joint_and_a_single_posture():
-    known = posture_of(ARM, MIXED, np.array([0.2, 0.9]))
+    known = ratios_at_posture(ARM, MIXED, np.array([0.2, 0.9]))
     found = spread(ARM, MIXED, Workspace.box([0.2, 0.9], [0.2, 0.9]))
     assert (found.low, found.high) == pytest.approx(tuple(known), rel=1e-12)
     half = spread(ARM, MIXED, Workspace.box([0.2, 0.9], [1.2, 0.9]))
@@ -142,13 +142,13 @@ def test_a_link_without_mass_is_named_with_its_posture():
         spread(Broken(np.nan), MIXED, box)
 
 
-def slide(tmp_path):
+def sliding_body(tmp_path):
     (tmp_path / "slide.xml").write_text(SLIDE)
     return MujocoPlant.from_file(tmp_path / "slide.xml")
 
 
 def test_slides_need_a_range(tmp_path):
-    for plant in (slide(tmp_path), MassSpringDamper()):
+    for plant in (sliding_body(tmp_path), MassSpringDamper()):
         with pytest.raises(TarcError, match=r"joint .* slides \[m\] and has no range; .* Workspace\.box"):
             Workspace.of(plant)
 

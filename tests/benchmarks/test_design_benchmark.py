@@ -10,7 +10,7 @@ from benchmarks import design as bench
 
 
 @pytest.fixture(scope="module")
-def found():
+def report():
     arm = tarc.plants.TwoLinkArm(viscous=[0.5, 0.5], coulomb=[1.0, 0.5])
     return bench.measure(
         "two-link", arm, 1.0, sweeps=bench.SWEEPS[:1], budget=2.0, motion=False, duration=4.0, samples=100,
@@ -18,44 +18,44 @@ def found():
     )  # fmt: skip
 
 
-def test_design_is_certified_and_carries_the_payload(found):
-    assert found.verdict == "certified"
-    assert found.picked_up == found.loaded == "completed"
+def test_design_is_certified_and_carries_the_payload(report):
+    assert report.verdict == "certified"
+    assert report.picked_up == report.loaded == "completed"
 
 
-def test_torque_noise_is_within_a_factor_of_two_of_the_prediction(found):
-    assert bench.within(found), found.ratios
+def test_torque_noise_is_within_a_factor_of_two_of_the_prediction(report):
+    assert bench.within(report), report.ratios
 
 
-def test_hand_pick_keeps_to_the_terms(found):
-    (pick,) = found.picks
+def test_hand_pick_keeps_to_the_terms(report):
+    (pick,) = report.picks
     assert pick.tried > 1
     assert pick.verdict in ("certified", "inconclusive", "refuted")
-    assert pick.variation <= found.variation
-    assert pick.bandwidth == found.bandwidth
+    assert pick.variation <= report.variation
+    assert pick.bandwidth == report.bandwidth
 
 
-def test_each_thing_left_out_of_the_certificate_allows_more_bandwidth(found):
-    limits = list(found.ceilings.values())
-    assert limits[0] >= found.bandwidth
+def test_each_thing_left_out_of_the_certificate_allows_more_bandwidth(report):
+    limits = list(report.ceilings.values())
+    assert limits[0] >= report.bandwidth
     assert limits == sorted(limits)
 
 
-def test_tables_and_files_hold_what_was_measured(found, tmp_path):
-    for sheet in bench.sheets([found]):
+def test_tables_and_files_hold_what_was_measured(report, tmp_path):
+    for sheet in bench.sheets([report]):
         assert all(len(row) == len(sheet.heads) for row in sheet.rows)
-    bench.write([found], {"other": "nothing bears it"}, tmp_path)
+    bench.write([report], {"other": "nothing bears it"}, tmp_path)
     text = (tmp_path / "design.md").read_text(encoding="utf-8")
     assert "two-link: m I" in text
     assert "other: no design. nothing bears it" in text
     with (tmp_path / "noise.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert [float(row["measured"]) for row in rows] == pytest.approx(found.measured)
+    assert [float(row["measured"]) for row in rows] == pytest.approx(report.measured)
     with (tmp_path / "designs.csv").open(encoding="utf-8") as file:
-        assert float(next(csv.DictReader(file))["error"]) == pytest.approx(found.error)
+        assert float(next(csv.DictReader(file))["error"]) == pytest.approx(report.error)
 
 
-def test_picks_are_literal_with_the_switching_gain_and_without(found):
+def test_picks_are_literal_with_the_switching_gain_and_without(report):
     estimator = tarc.estimators.Algebraic(window=0.01)
     common = {"inertia": 0.1, "bandwidth": 10.0, "period": 1e-3, "estimator": estimator, "torque_limit": 5.0}
     law = tarc.laws.TARC(**common, rise=100.0, fall=50.0, cap=1.0, synchronised=True)

@@ -17,30 +17,30 @@ SECTIONS = ["The equation", "Choosing its parameters", "When to use it", "In the
 every_law = pytest.mark.parametrize("kind", concrete_laws(), ids=lambda kind: kind.__name__)
 
 
-def page(kind):
+def page_text(kind):
     path = DOCS / "laws" / f"{kind.__name__}.md"
     assert path.is_file(), f"{kind.__name__} has no page; begin {path} as a copy of another law's"
     return path.read_text(encoding="utf-8")
 
 
-def sections(kind):
+def text_by_heading(kind):
     """Text by heading; what comes before the first is under an empty one."""
-    parts = re.split(r"^## (.*)$", page(kind), flags=re.MULTILINE)
+    parts = re.split(r"^## (.*)$", page_text(kind), flags=re.MULTILINE)
     return {"": parts[0], **dict(zip(parts[1::2], parts[2::2], strict=True))}
 
 
 @every_law
 def test_page_has_all_sections(kind):
-    found = sections(kind)
+    found = text_by_heading(kind)
     assert list(found) == ["", *SECTIONS]
     assert re.match(rf"# {kind.__name__}: .*\n\n\S", found[""])
     assert all(text.strip() for text in found.values())
-    assert page(kind).count(f"\n::: tarc.laws.{kind.__name__}\n") == 1
+    assert page_text(kind).count(f"\n::: tarc.laws.{kind.__name__}\n") == 1
 
 
 @every_law
 def test_page_tells_how_to_choose_each_parameter_of_the_law(kind):
-    advice = sections(kind)["Choosing its parameters"]
+    advice = text_by_heading(kind)["Choosing its parameters"]
     own = set(inspect.get_annotations(kind)) & {one.name for one in fields(kind)}
     missing = {name for name in own if f"`{name}`" not in advice}
     assert not missing
@@ -48,7 +48,7 @@ def test_page_tells_how_to_choose_each_parameter_of_the_law(kind):
 
 @every_law
 def test_page_has_the_equation_of_the_docstring(kind):
-    assert f"<!-- begin equation -->\n\n{equation(kind)}\n\n<!-- end equation -->" in page(kind), (
+    assert f"<!-- begin equation -->\n\n{equation(kind)}\n\n<!-- end equation -->" in page_text(kind), (
         "run python -m benchmarks.pages"
     )
 
@@ -56,7 +56,7 @@ def test_page_has_the_equation_of_the_docstring(kind):
 @every_law
 def test_page_has_its_figure(kind):
     figure = DOCS / "images" / "laws" / f"{kind.__name__}.png"
-    assert f"](../images/laws/{figure.name})" in sections(kind)["In the benchmark"]
+    assert f"](../images/laws/{figure.name})" in text_by_heading(kind)["In the benchmark"]
     assert figure.is_file()
     assert figure.stat().st_size < 60_000
 
@@ -64,7 +64,7 @@ def test_page_has_its_figure(kind):
 @every_law
 def test_page_shows_the_gains_that_are_shipped(kind):
     shipped = {name: rounded(law) for name, law in tuned_laws().items() if law["kind"] == kind.__name__}
-    block = re.search(r"```yaml\n(.*?)```", sections(kind)["In the benchmark"], re.DOTALL)
+    block = re.search(r"```yaml\n(.*?)```", text_by_heading(kind)["In the benchmark"], re.DOTALL)
     assert block, "run make compare, and python -m benchmarks.pages"
     shown = {law.pop("label"): law for law in yaml.safe_load(block[1])["law"]}
     assert {name: shown.get(name) for name in shipped} == shipped, "run make compare, and python -m benchmarks.pages"

@@ -19,12 +19,12 @@ ARM = tarc.plants.TwoLinkArm()
 BOX = Workspace.box([-0.5, 1.0], [0.5, 2.0])
 
 
-def adaptive(**options):
+def adaptive_law(**options):
     return make_law(tarc.laws.TARC, inertia=0.05 * ARM.inertia([0.0, 1.5]), boundary=0.1, **options)
 
 
 def test_every_certificate_that_applies_verifies_and_survives_json(tmp_path):
-    found = certify(adaptive(cap=1.0), ARM, BOX, samples=50)
+    found = certify(adaptive_law(cap=1.0), ARM, BOX, samples=50)
     assert list(found) == ["robot", "loop", "slope", "ball", "lemma1", "c2", "theorem1", "theorem2", "nominal"]
     for kind, one in found.items():
         assert one.kind == kind
@@ -56,7 +56,7 @@ def test_a_law_without_time_delay_estimation_gets_what_applies_to_it():
 
 
 def test_the_loop_is_tested_over_the_ratios_that_the_robot_has():
-    found = certify(adaptive(cap=1.0), ARM, BOX, samples=50)
+    found = certify(adaptive_law(cap=1.0), ARM, BOX, samples=50)
     assert found["loop"].numbers["low"] == found["robot"].numbers["least ratio"]
     assert found["loop"].numbers["high"] == found["robot"].numbers["greatest ratio"]
 
@@ -75,14 +75,14 @@ def scenario(tmp_path):
     return tmp_path
 
 
-def call(*arguments, cwd, status=0):
+def run_certify(*arguments, cwd, status=0):
     done = subprocess.run([TARC, "certify", *arguments], cwd=cwd, capture_output=True, text=True, check=False)
     assert done.returncode == status, done.stderr
     return done
 
 
 def test_command_prints_verdicts_and_writes_certificates(scenario):
-    done = call("swing.yaml", cwd=scenario)
+    done = run_certify("swing.yaml", cwd=scenario)
     for part in ("certified", "this robot", "Lemma 1", "Theorem 2", "least ratio", "ball arithmetic", "spread"):
         assert part in done.stdout
     stored = json.loads((scenario / "runs/swing/TDC-certificates.json").read_text())
@@ -92,7 +92,7 @@ def test_command_prints_verdicts_and_writes_certificates(scenario):
 
 
 def test_command_as_json_with_settings(scenario):
-    done = call("swing.yaml", "--json", "--no-figures", "--set", "law.0.inertia.fraction=0.5", cwd=scenario)
+    done = run_certify("swing.yaml", "--json", "--no-figures", "--set", "law.0.inertia.fraction=0.5", cwd=scenario)
     content = json.loads(done.stdout)
     verdict = content["certificates"]["TDC"]["robot"]
     assert verdict["verdict"] == "refuted"
@@ -121,7 +121,7 @@ def test_full_range_is_wider_than_the_path(scenario):
     ],
 )
 def test_bad_input(scenario, arguments, message):
-    done = call(*arguments, "--no-figures", cwd=scenario, status=2)
+    done = run_certify(*arguments, "--no-figures", cwd=scenario, status=2)
     assert message in done.stderr
     assert "Traceback" not in done.stderr
 

@@ -26,7 +26,7 @@ BOTH = [(LITERAL, 0.079), (SYNCHRONISED, 1.074)]
 ARM, LOADED = plants.TwoLinkArm(), plants.TwoLinkArm(payload=2.0)
 
 
-def slowly(design, centre, relative, **options):
+def ball_at_rate(design, centre, relative, **options):
     """The ball at a rate [1/s] times the centre."""
     return ball(design.law, centre, rate=relative / centre, **options)
 
@@ -37,7 +37,7 @@ def slowly(design, centre, relative, **options):
 @pytest.mark.parametrize(("design", "centre"), BOTH)
 @pytest.mark.parametrize("slope", [0.0, 100.0])
 def test_the_faster_the_smaller_down_to_the_ball_at_any_speed(design, centre, slope):
-    found = [slowly(design, centre, one, slope=slope) for one in (0.1, 3.0, 30.0, 300.0, 1e6)]
+    found = [ball_at_rate(design, centre, one, slope=slope) for one in (0.1, 3.0, 30.0, 300.0, 1e6)]
     radii = [one.numbers["radius"] for one in found]
     anyhow = ball(design.law, centre, slope=slope).numbers["radius"]
     assert all(one.certified for one in found)
@@ -51,7 +51,7 @@ def test_the_faster_the_smaller_down_to_the_ball_at_any_speed(design, centre, sl
 def test_nearly_at_rest_it_holds_nearly_what_constant_ratios_may_be(design, centre, relative):
     low, high = stable_interval(design.law)
     most = min(centre - low, high - centre)
-    assert 0.98 * most < slowly(design, centre, relative).numbers["radius"] < most
+    assert 0.98 * most < ball_at_rate(design, centre, relative).numbers["radius"] < most
 
 
 def test_a_range_that_fits_at_a_rate_only():
@@ -68,7 +68,7 @@ def test_a_range_that_fits_at_a_rate_only():
 # What it claims, by Floquet multipliers
 
 
-def fastest_turn(centre, radius, rate):
+def max_turning_rate(centre, radius, rate):
     """How fast axes may turn [rad a period] if E⁻¹, with eigenvalues 1/(ρ0 ± δ), is to keep within the rate."""
     apart = 1 / (centre - radius) - 1 / (centre + radius)
     return rate * PERIOD / apart
@@ -82,17 +82,17 @@ def growth_of_turning(design, centre, radius, limit):
 @pytest.mark.parametrize(("design", "centre"), BOTH)
 @pytest.mark.parametrize("relative", [0.3, 3.0, 30.0, 100.0])
 def test_axes_that_turn_within_the_rate_are_borne_and_no_much_larger_radius(design, centre, relative):
-    size = slowly(design, centre, relative, intersample=False).numbers["radius"]
+    size = ball_at_rate(design, centre, relative, intersample=False).numbers["radius"]
     rate = relative / centre
-    assert growth_of_turning(design, centre, size, fastest_turn(centre, size, rate)) < 1
+    assert growth_of_turning(design, centre, size, max_turning_rate(centre, size, rate)) < 1
     larger = min(1.2 * size, 0.999 * centre)
-    assert growth_of_turning(design, centre, larger, fastest_turn(centre, larger, rate)) > 1
+    assert growth_of_turning(design, centre, larger, max_turning_rate(centre, larger, rate)) > 1
 
 
 def test_the_rate_matters():
     """Axes that turn some times faster than the rate make the certified loop diverge."""
-    size = slowly(LITERAL, 0.079, 30.0, intersample=False).numbers["radius"]
-    limit = fastest_turn(0.079, size, 30.0 / 0.079)
+    size = ball_at_rate(LITERAL, 0.079, 30.0, intersample=False).numbers["radius"]
+    limit = max_turning_rate(0.079, size, 30.0 / 0.079)
     assert growth_of_turning(LITERAL, 0.079, size, limit) < 1 < growth_of_turning(LITERAL, 0.079, size, 6 * limit)
 
 
@@ -100,7 +100,7 @@ def test_the_rate_matters():
 @pytest.mark.parametrize("relative", [30.0, 300.0])
 def test_a_ratio_that_swings_within_the_rate_is_borne(design, centre, relative):
     """1/E is a sinusoid over all of the ball, or half of it, held over each period."""
-    size, step = slowly(design, centre, relative, intersample=False).numbers["radius"], relative / centre * PERIOD
+    size, step = ball_at_rate(design, centre, relative, intersample=False).numbers["radius"], relative / centre * PERIOD
     A, B, _, C = matrices(Case(recurrence(design), centre))
     ends, tried = np.array([1 / (centre + size), 1 / (centre - size)]), 0
     for share in (0.3, 1.0):
@@ -132,7 +132,7 @@ def test_the_slow_fleet_keeps_to_the_rate_and_the_ball_and_finds_what_is_outside
     from reference.adversaries import SUBSTEPS, Adversary
     from reference.slow_adversaries import SLOW_MISMATCHES, inverse
 
-    found = slowly(LITERAL, 0.079, 30.0).numbers
+    found = ball_at_rate(LITERAL, 0.079, 30.0).numbers
     adversaries = [Adversary(kind) for kind in SLOW_MISMATCHES]
     turning = adversaries[:1]
     seen = []
@@ -478,11 +478,11 @@ def test_damping_counts_beside_the_stiffness(lead):
     assert 0 < size < plain
     assert bears(parts, centre, size, step, evidence, weight, 300.0)
     assert not bears(parts, centre, 1.3 * size, step, evidence, weight, 300.0)
-    assert damped(parts, centre, 0.999 * size * weight, lead) < 1
-    assert damped(parts, centre, 300 * size * weight, lead) > 1
+    assert growth_with_damping(parts, centre, 0.999 * size * weight, lead) < 1
+    assert growth_with_damping(parts, centre, 300 * size * weight, lead) > 1
 
 
-def damped(parts, centre, size, lead):
+def growth_with_damping(parts, centre, size, lead):
     """Growth of the loop with damping of either sign that takes all of ‖[H, C/lead]‖, by the mean velocity."""
     free, into, out = parts[:3]
     closed, worst = free + centre * into @ out, 0.0

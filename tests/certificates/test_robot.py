@@ -26,16 +26,16 @@ BOX = Workspace.box([-1.0, 0.8], [1.0, 2.2])
 PATH = Workspace.box([-0.5, 1.0], [0.5, 2.0])
 
 
-def of(law, plant: Any = ARM, workspace: Any = PATH, **options):
+def certify_arm(law, plant: Any = ARM, workspace: Any = PATH, **options):
     return robot(law, plant, workspace, samples=100, **options)
 
 
-def share(part, **options):
+def tdc_with_inertia_share(part, **options):
     """TDC with a part of the arm's inertia in the middle of the path."""
     return make_tdc(inertia=part * ARM.inertia([0.0, 1.5]), **options)
 
 
-def hold(plant, law, posture, offset, duration, **options):
+def distance_from_rest(plant, law, posture, offset, duration, **options):
     """Distance from a posture [rad], every period, of a robot that rests beside it."""
     posture = np.asarray(posture, dtype=float)
     still = signals.Sinusoid(amplitude=np.zeros(len(posture)), frequency=1.0, offset=posture)
@@ -50,7 +50,7 @@ def shape():
     return best_shape([ARM, LOADED], BOX, samples=300)
 
 
-def fitted(shape, synchronised, **options):
+def law_of_widest_ball(shape, synchronised, **options):
     """The law whose widest ball is around the ratios of both arms."""
     X, spread = shape
     law = make_tdc(synchronised=synchronised)
@@ -59,7 +59,7 @@ def fitted(shape, synchronised, **options):
     return make_tdc(synchronised=synchronised, inertia=X * found["low"] * np.sqrt(found["ratio"] / spread), **options)
 
 
-def fast(seed, amplitude):
+def fast_motion(seed, amplitude):
     """Random motion of the arm inside the box, of up to some 15 rad/s."""
     rng = np.random.default_rng(seed)
     return signals.Multisine(
@@ -72,8 +72,8 @@ def fast(seed, amplitude):
 
 @pytest.mark.parametrize("synchronised", [False, True])
 def test_certified_for_two_plants_survives_fast_motion(shape, synchronised):
-    law = fitted(shape, synchronised)
-    verdict = of(law, [ARM, LOADED], BOX)
+    law = law_of_widest_ball(shape, synchronised)
+    verdict = certify_arm(law, [ARM, LOADED], BOX)
     assert verdict.certified
     assert verdict.verify()
     assert advice(law, verdict) == ""
@@ -81,7 +81,7 @@ def test_certified_for_two_plants_survives_fast_motion(shape, synchronised):
     assert numbers["centre"] - numbers["radius"] < numbers["least ratio"]
     assert numbers["greatest ratio"] < numbers["centre"] + numbers["radius"]
     for seed in range(3):
-        reference = fast(seed, 0.8)
+        reference = fast_motion(seed, 0.8)
         start = reference.sample(np.zeros(1))
         events = signals.Schedule(parameter="payload", times=[0.7, 1.4], values=[2.0, 0.0])
         for plant, disturbance in ((ARM, ()), (LOADED, ()), (ARM, events)):
@@ -97,8 +97,8 @@ def test_certified_for_two_plants_survives_fast_motion(shape, synchronised):
 
 
 def test_the_ratios_of_any_posture_and_payload_are_inside_the_ball(shape):
-    law = fitted(shape, True)
-    numbers = of(law, [ARM, LOADED], BOX).numbers
+    law = law_of_widest_ball(shape, True)
+    numbers = certify_arm(law, [ARM, LOADED], BOX).numbers
     rng = np.random.default_rng(0)
     for _ in range(200):
         plant = plants.TwoLinkArm(payload=float(rng.uniform(0, 2)))
@@ -112,8 +112,8 @@ def test_the_ratios_of_any_posture_and_payload_are_inside_the_ball(shape):
 )
 @pytest.mark.parametrize("delay", [0, 2])
 def test_a_refuted_posture_is_unstable_at_rest(part, options, delay):
-    law = share(part, **options)
-    verdict = of(law, computation_delay=delay)
+    law = tdc_with_inertia_share(part, **options)
+    verdict = certify_arm(law, computation_delay=delay)
     assert verdict.verdict == "refuted"
     assert verdict.verify()
     assert verdict.margin < 0
@@ -122,7 +122,7 @@ def test_a_refuted_posture_is_unstable_at_rest(part, options, delay):
     assert np.all(PATH.low <= witness["posture"])
     assert np.all(witness["posture"] <= PATH.high)
     rate = witness["growth rate [1/s]"]
-    away = hold(ARM, law, witness["posture"], 1e-9, 25 / rate, computation_delay=delay)
+    away = distance_from_rest(ARM, law, witness["posture"], 1e-9, 25 / rate, computation_delay=delay)
     assert away.max() > 1e-2
     # from where other modes have died to where the arm is no longer linear
     first, last = np.argmax(away > 1e-7), np.argmax(away > 1e-3)
@@ -131,18 +131,18 @@ def test_a_refuted_posture_is_unstable_at_rest(part, options, delay):
 
 
 def test_certified_is_stable_at_rest_in_both_worst_postures():
-    law = share(0.05)
-    verdict = of(law)
+    law = tdc_with_inertia_share(0.05)
+    verdict = certify_arm(law)
     assert verdict.certified
     for end in ("low", "high"):
-        away = hold(ARM, law, verdict.matrices[f"posture_{end}"], 1e-3, 3.0)
+        away = distance_from_rest(ARM, law, verdict.matrices[f"posture_{end}"], 1e-3, 3.0)
         assert away[-1] < 1e-5
 
 
 def test_between_the_ball_and_the_stable_range_is_inconclusive():
     """Each posture at rest is stable, and yet the ball does not hold them all."""
     law = make_tdc(inertia=np.diag([0.22, 0.04]))
-    verdict = of(law, [ARM, LOADED], BOX)
+    verdict = certify_arm(law, [ARM, LOADED], BOX)
     low, high = stable_interval(law)
     assert low < verdict.numbers["least ratio"] < verdict.numbers["greatest ratio"] < high
     assert verdict.verdict == "inconclusive"
@@ -164,14 +164,14 @@ def test_ur5e():
     for window, synchronised in ((10, False), (5, True)):
         found = ball(make_tdc(window, synchronised)).numbers
         law = make_tdc(window, synchronised, inertia=X * found["low"] * np.sqrt(found["ratio"] / spread))
-        verdicts[synchronised] = of(law, arm, everywhere)
+        verdicts[synchronised] = certify_arm(law, arm, everywhere)
     assert verdicts[False].verdict == "inconclusive"
     assert verdicts[True].certified
     law = make_tdc(inertia=0.5 * np.diag(np.diag(X)))
-    refuted = of(law, arm, everywhere)
+    refuted = certify_arm(law, arm, everywhere)
     assert refuted.verdict == "refuted"
     assert refuted.witness is not None
-    away = hold(arm, law, refuted.witness["posture"], 1e-9, 25 / refuted.witness["growth rate [1/s]"])
+    away = distance_from_rest(arm, law, refuted.witness["posture"], 1e-9, 25 / refuted.witness["growth rate [1/s]"])
     assert away.max() > 1e-4
 
 
@@ -181,7 +181,7 @@ def test_ur5e_certified_survives_fast_motion():
     X, spread = best_shape(arm, box, samples=200)
     found = ball(make_tdc(10, True)).numbers
     law = make_tdc(10, True, inertia=X * found["low"] * np.sqrt(found["ratio"] / spread))
-    assert of(law, arm, box).certified
+    assert certify_arm(law, arm, box).certified
     rng = np.random.default_rng(1)
     reference = signals.Multisine(
         amplitude=np.full((6, 2), 0.2), frequency=[4.0, 9.0], phase=rng.uniform(0, 6, (6, 2)), offset=arm.home
@@ -193,57 +193,63 @@ def test_ur5e_certified_survives_fast_motion():
 
 
 def test_gains_that_differ_between_the_joints():
-    slow = share(0.05, bandwidth=[10.0, 15.0])
-    verdict = of(slow)
+    slow = tdc_with_inertia_share(0.05, bandwidth=[10.0, 15.0])
+    verdict = certify_arm(slow)
     assert verdict.verdict == "inconclusive"
     assert verdict.verify()
     assert "only the loop at rest" in verdict.assumptions[-1]
     assert advice(slow, verdict) == "Give all joints the same bandwidth and damping, which the ball needs"
-    fast_law = share(0.9, bandwidth=[10.0, 15.0])
-    refuted = of(fast_law)
+    fast_law = tdc_with_inertia_share(0.9, bandwidth=[10.0, 15.0])
+    refuted = certify_arm(fast_law)
     assert refuted.verdict == "refuted"
     assert refuted.verify()
     assert refuted.witness is not None
-    away = hold(ARM, fast_law, refuted.witness["posture"], 1e-9, 20 / refuted.witness["growth rate [1/s]"])
+    away = distance_from_rest(
+        ARM, fast_law, refuted.witness["posture"], 1e-9, 20 / refuted.witness["growth rate [1/s]"]
+    )
     assert away.max() > 1e-4
 
 
-def adaptive(**options):
+def adaptive_law(**options):
     return make_law(laws.TARC, inertia=0.05 * ARM.inertia([0.0, 1.5]), boundary=0.1, **options)
 
 
 def test_a_gain_without_a_cap_is_inconclusive():
-    verdict = of(adaptive())
+    verdict = certify_arm(adaptive_law())
     assert verdict.verdict == "inconclusive"
     assert verdict.verify()
     assert "no cap" in verdict.assumptions[-1]
-    assert advice(adaptive(), verdict) == "Give the gain a cap, without which nothing bounds the robust term"
+    assert advice(adaptive_law(), verdict) == "Give the gain a cap, without which nothing bounds the robust term"
     # refuted all the same where the loop without the robust term is unstable
-    assert of(make_law(laws.TARC, inertia=ARM.inertia([0.0, 1.5]))).verdict == "refuted"
+    assert certify_arm(make_law(laws.TARC, inertia=ARM.inertia([0.0, 1.5]))).verdict == "refuted"
 
 
 def test_a_cap_decides():
-    small, large = adaptive(cap=1.0), adaptive(cap=1000.0)
-    assert of(small).certified
-    assert of(small).numbers["slope"] == pytest.approx(10.0)
-    assert "every slope of the robust term up to 10" in of(small).problem
-    assert of(large).verdict == "inconclusive"
-    assert "a smaller cap" in advice(large, of(large))
-    radii = [of(adaptive(cap=cap)).numbers["radius"] for cap in (1.0, 5.0, 20.0)]
+    small, large = adaptive_law(cap=1.0), adaptive_law(cap=1000.0)
+    assert certify_arm(small).certified
+    assert certify_arm(small).numbers["slope"] == pytest.approx(10.0)
+    assert "every slope of the robust term up to 10" in certify_arm(small).problem
+    assert certify_arm(large).verdict == "inconclusive"
+    assert "a smaller cap" in advice(large, certify_arm(large))
+    radii = [certify_arm(adaptive_law(cap=cap)).numbers["radius"] for cap in (1.0, 5.0, 20.0)]
     assert radii[0] > radii[1] > radii[2]
 
 
 @pytest.mark.parametrize(
     ("law", "delay", "message"),
     [
-        (share(0.9), 0, "stable from 0.00486 to 0.2616. Use a smaller inertia, a shorter window or synchronised=True"),
-        (share(1e-3), 0, "Use a larger inertia or a lower bandwidth"),
-        (share(4.0, synchronised=True), 0, "a shorter window or less bandwidth"),
-        (share(0.05, bandwidth=200.0), 60, "No ratio is stable: lower the bandwidth"),
+        (
+            tdc_with_inertia_share(0.9),
+            0,
+            "stable from 0.00486 to 0.2616. Use a smaller inertia, a shorter window or synchronised=True",
+        ),
+        (tdc_with_inertia_share(1e-3), 0, "Use a larger inertia or a lower bandwidth"),
+        (tdc_with_inertia_share(4.0, synchronised=True), 0, "a shorter window or less bandwidth"),
+        (tdc_with_inertia_share(0.05, bandwidth=200.0), 60, "No ratio is stable: lower the bandwidth"),
     ],
 )
 def test_advice_for_a_refuted_design(law, delay, message):
-    verdict = of(law, computation_delay=delay)
+    verdict = certify_arm(law, computation_delay=delay)
     assert verdict.verdict == "refuted"
     assert message in advice(law, verdict, delay)
     assert "held at rest at q = (" in advice(law, verdict, delay)
@@ -251,27 +257,32 @@ def test_advice_for_a_refuted_design(law, delay, message):
 
 def test_advice_where_no_ball_is_wide_enough():
     """A loop that bears no ball at all is told so, without an error."""
-    law = adaptive(cap=1e6)
-    verdict = of(law)
+    law = adaptive_law(cap=1e6)
+    verdict = certify_arm(law)
     assert verdict.verdict == "inconclusive"
     assert "holds none" in advice(law, verdict)
 
 
 def test_computation_delay_counts():
-    law = share(0.1)
-    margins = [of(law, computation_delay=delay).margin for delay in (0, 1, 2)]
+    law = tdc_with_inertia_share(0.1)
+    margins = [certify_arm(law, computation_delay=delay).margin for delay in (0, 1, 2)]
     assert margins[0] > margins[1] > margins[2]
 
 
 def test_json_round_trip_verifies_and_tampering_shows(tmp_path):
-    for law in (share(0.05), share(0.9), share(0.05, bandwidth=[10.0, 15.0]), adaptive(cap=1.0)):
-        certificate = of(law)
+    for law in (
+        tdc_with_inertia_share(0.05),
+        tdc_with_inertia_share(0.9),
+        tdc_with_inertia_share(0.05, bandwidth=[10.0, 15.0]),
+        adaptive_law(cap=1.0),
+    ):
+        certificate = certify_arm(law)
         read = Certificate.from_json(certificate.to_json())
         assert read.verdict == certificate.verdict
         assert read.witness == certificate.witness
         assert read.verify()
         read.plot().savefig(tmp_path / "robot.png")
-    certified = of(share(0.05)).to_json()
+    certified = certify_arm(tdc_with_inertia_share(0.05)).to_json()
     parts = ((name, 10.0) for name in Parts._fields[:3])
     for name, factor in (("nominal", 5.0), ("inertia_low", 20.0), ("inertia_high", 0.1), *parts):
         changed = Certificate.from_json(certified)
@@ -285,14 +296,14 @@ def test_json_round_trip_verifies_and_tampering_shows(tmp_path):
 
 
 def test_explains_itself():
-    text = of(share(0.05)).explain()
+    text = certify_arm(tdc_with_inertia_share(0.05)).explain()
     for part in (
         "Verdict: certified",
         "the eigenvalues of M(q)⁻¹M̂ lie between",
         "gravity and springs have a stiffness",
     ):
         assert part in text
-    assert "Shown by: ratio" in of(share(0.9)).explain()
+    assert "Shown by: ratio" in certify_arm(tdc_with_inertia_share(0.9)).explain()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -316,23 +327,26 @@ def test_a_singular_inertia():
     law = make_tdc(inertia=0.05 * np.eye(2))
     for low, high in ((0.0, 0.0), (0.0, 1.0)):
         with pytest.raises(TarcError, match=r"M\(q\) is singular .* rotor inertia"):
-            of(law, Telescope(), Workspace.box([0.0, low], [0.0, high]))
+            certify_arm(law, Telescope(), Workspace.box([0.0, low], [0.0, high]))
     # with the axis inside the box no sample is on it, but the ratio grows without bound towards it
     with suppress(TarcError):
-        assert of(law, Telescope(), Workspace.box([0.0, -0.7], [0.0, 1.0])).verdict == "refuted"
-    assert of(law, Telescope(), Workspace.box([0.0, 0.8], [0.0, 1.2])).certified
+        assert certify_arm(law, Telescope(), Workspace.box([0.0, -0.7], [0.0, 1.0])).verdict == "refuted"
+    assert certify_arm(law, Telescope(), Workspace.box([0.0, 0.8], [0.0, 1.2])).certified
 
 
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: of(make_tdc(inertia=0.1 * np.eye(3))), "inertia"),
-        (lambda: of(share(0.05), workspace=Workspace.box([0.0], [1.0])), "workspace: it has 1 joints and the robot 2"),
-        (lambda: of(share(0.05), [ARM, plants.Pendulum()]), r"robots of \[2, 1\] joints"),
-        (lambda: of(share(0.05), []), "plant: got none"),
-        (lambda: of(share(0.05), workspace=ARM), "workspace: got TwoLinkArm"),
-        (lambda: of(share(0.05), computation_delay=-1), "computation_delay: got -1"),
-        (lambda: of("TDC"), "law: got str"),
+        (lambda: certify_arm(make_tdc(inertia=0.1 * np.eye(3))), "inertia"),
+        (
+            lambda: certify_arm(tdc_with_inertia_share(0.05), workspace=Workspace.box([0.0], [1.0])),
+            "workspace: it has 1 joints and the robot 2",
+        ),
+        (lambda: certify_arm(tdc_with_inertia_share(0.05), [ARM, plants.Pendulum()]), r"robots of \[2, 1\] joints"),
+        (lambda: certify_arm(tdc_with_inertia_share(0.05), []), "plant: got none"),
+        (lambda: certify_arm(tdc_with_inertia_share(0.05), workspace=ARM), "workspace: got TwoLinkArm"),
+        (lambda: certify_arm(tdc_with_inertia_share(0.05), computation_delay=-1), "computation_delay: got -1"),
+        (lambda: certify_arm("TDC"), "law: got str"),
     ],
 )
 def test_bad_input(call, message):
@@ -346,33 +360,33 @@ def test_bad_input(call, message):
 def test_gravity_that_the_loop_cannot_hold_is_seen():
     """An inverted pendulum at a ratio near the lower edge: stable without gravity, falls with it."""
     plant, law = plants.Pendulum(), make_tdc(inertia=0.005)
-    verdict = of(law, plant, Workspace.box([3.0], [3.3]))
+    verdict = certify_arm(law, plant, Workspace.box([3.0], [3.3]))
     assert verdict.verdict == "refuted"
     assert verdict.numbers["stiffness"] == pytest.approx(9.81, rel=1e-3)
-    away = hold(plant, law, [np.pi], 1e-3, 40.0)
+    away = distance_from_rest(plant, law, [np.pi], 1e-3, 40.0)
     assert away[-10_000:].max() > 2 * away[:10_000].max()
-    assert of(law, plants.Pendulum(gravity=0.0), Workspace.box([3.0], [3.3])).certified
+    assert certify_arm(law, plants.Pendulum(gravity=0.0), Workspace.box([3.0], [3.3])).certified
     higher = make_tdc(inertia=0.009)
-    assert of(higher, plant, Workspace.box([3.0], [3.3])).certified
-    away = hold(plant, higher, [np.pi], 1e-3, 20.0)
+    assert certify_arm(higher, plant, Workspace.box([3.0], [3.3])).certified
+    away = distance_from_rest(plant, higher, [np.pi], 1e-3, 20.0)
     assert away[-5_000:].max() < 0.1 * away[:5_000].max()
 
 
 def test_viscous_friction_counts_where_the_robot_is_at_rest():
     """Too small an inertia grows without friction and decays with it: not refuted."""
-    where, law = Workspace.box([0.0, 1.5], [0.0, 1.5]), share(0.004)
-    assert of(law, plants.TwoLinkArm(), where).verdict == "refuted"
+    where, law = Workspace.box([0.0, 1.5], [0.0, 1.5]), tdc_with_inertia_share(0.004)
+    assert certify_arm(law, plants.TwoLinkArm(), where).verdict == "refuted"
     plant = plants.TwoLinkArm(viscous=[5.0, 5.0])
-    assert of(law, plant, where).verdict == "inconclusive"
-    away = hold(plant, law, [0.0, 1.5], 1e-2, 30.0)
+    assert certify_arm(law, plant, where).verdict == "inconclusive"
+    away = distance_from_rest(plant, law, [0.0, 1.5], 1e-2, 30.0)
     assert away[-10_000:].max() < away[:10_000].max()
 
 
 def test_no_law_is_certified_without_its_robust_term():
     """A switching term of 500 rad/s² in a thin layer makes the arm chatter from a start a millionth beside rest."""
     law = make_law(laws.SlidingMode, inertia=0.05 * ARM.inertia([0.0, 1.5]), gain=500.0, boundary=0.05)
-    assert hold(ARM, law, [0.0, 1.5], 1e-6, 1.0)[-200:].max() > 1e-3
-    verdict = of(law)
+    assert distance_from_rest(ARM, law, [0.0, 1.5], 1e-6, 1.0)[-200:].max() > 1e-3
+    verdict = certify_arm(law)
     assert verdict.verdict == "inconclusive"
     assert "left out: the robust term" in verdict.explain()
 
@@ -380,7 +394,7 @@ def test_no_law_is_certified_without_its_robust_term():
 # Mismatch and stiffness of one posture together
 
 
-def joint(law, verdict, instants):
+def joint_norms(law, verdict, instants):
     """What the ball must hold, of robots at rest or moving, with the verdict's own centre, weight and lead."""
     numbers = verdict.numbers
     lead = verdict.matrices["lead"].item() * law.period
@@ -400,11 +414,11 @@ def test_the_worst_posture_is_sought_and_not_only_sampled(both, low, high):
     X, spread = best_shape(both, box, samples=200)
     for part in (0.5, 0.9):
         law = make_tdc(3, True, bandwidth=3.0, inertia=part * 2.0 / (1 + spread) * X)
-        verdict = of(law, both, box)
+        verdict = certify_arm(law, both, box)
         needed = verdict.numbers["radius"] / (1 + verdict.margin)
-        found = joint(law, verdict, sampled(both, box, 1500, 77))
+        found = joint_norms(law, verdict, sampled(both, box, 1500, 77))
         assert found.max() <= 1.01 * needed
-        assert joint(law, verdict, [Instant.at_rest(both[0], verdict.matrices["posture_joint"])])[0] <= needed * (
+        assert joint_norms(law, verdict, [Instant.at_rest(both[0], verdict.matrices["posture_joint"])])[0] <= needed * (
             1 + 1e-9
         )
 
@@ -412,21 +426,21 @@ def test_the_worst_posture_is_sought_and_not_only_sampled(both, low, high):
 def test_every_payload_between_needs_no_more_than_the_ends():
     """M and ∂g/∂q grow evenly with it, and what a ball holds is convex in them."""
     law = make_tdc(5, True, bandwidth=3.0, inertia=0.1 * ARM.inertia([0.0, 1.5]))
-    verdict = of(law, [ARM, LOADED], BOX)
+    verdict = certify_arm(law, [ARM, LOADED], BOX)
     rng = np.random.default_rng(0)
     for _ in range(100):
         posture = rng.uniform(BOX.low, BOX.high)
-        ends = joint(law, verdict, [Instant.at_rest(ARM, posture), Instant.at_rest(LOADED, posture)]).max()
+        ends = joint_norms(law, verdict, [Instant.at_rest(ARM, posture), Instant.at_rest(LOADED, posture)]).max()
         between = [Instant.at_rest(plants.TwoLinkArm(payload=float(mass)), posture) for mass in rng.uniform(0, 2, 3)]
-        assert joint(law, verdict, between).max() <= ends * (1 + 1e-9)
+        assert joint_norms(law, verdict, between).max() <= ends * (1 + 1e-9)
 
 
-def edge(law_of, both, box, sound, unsound):
+def barely_certified_law(law_of, both, box, sound, unsound):
     """A certified law close to the last that is."""
     for _ in range(7):
         middle = np.sqrt(sound * unsound)
-        sound, unsound = (middle, unsound) if of(law_of(middle), both, box).certified else (sound, middle)
-    assert 0 <= of(law_of(sound), both, box).margin < 0.15
+        sound, unsound = (middle, unsound) if certify_arm(law_of(middle), both, box).certified else (sound, middle)
+    assert 0 <= certify_arm(law_of(sound), both, box).margin < 0.15
     return law_of(sound)
 
 
@@ -439,8 +453,8 @@ def test_certified_with_the_least_inertia_holds_against_gravity_anywhere(bandwid
     def law_of(scale):
         return make_tdc(3, True, bandwidth=bandwidth, inertia=scale * X)
 
-    law = edge(law_of, [ARM, LOADED], box, 0.2, 1e-3)
-    verdict = of(law, [ARM, LOADED], box)
+    law = barely_certified_law(law_of, [ARM, LOADED], box, 0.2, 1e-3)
+    verdict = certify_arm(law, [ARM, LOADED], box)
     assert verdict.numbers["weight"] > 0
     loop = decouple(law)[0].around(0.0)[:3]
     for plant, posture, *_ in sampled([ARM, LOADED], box, 300, 5):
@@ -448,7 +462,7 @@ def test_certified_with_the_least_inertia_holds_against_gravity_anywhere(bandwid
     worst = [verdict.matrices[f"posture_{one}"] for one in ("joint", "low")]
     for posture in ([np.pi / 2, 0.8], [-np.pi / 2, 0.8], *worst):
         for plant in (ARM, LOADED):
-            away = hold(plant, law, posture, np.array([1e-3, -1e-3]), 15 / bandwidth)
+            away = distance_from_rest(plant, law, posture, np.array([1e-3, -1e-3]), 15 / bandwidth)
             quarter = len(away) // 4
             assert away[3 * quarter :].max() < 0.2 * away[:quarter].max()
 
@@ -457,8 +471,10 @@ def test_stiffness_left_out_certifies_nothing():
     """Neither with the weight taken away nor with more stiffness, another weight, or numbers that are none."""
     box = Workspace.box([-np.pi, 0.8], [np.pi, 2.2])
     X, _ = best_shape([ARM, LOADED], box, samples=200)
-    law = edge(lambda scale: make_tdc(3, True, bandwidth=3.0, inertia=scale * X), [ARM, LOADED], box, 0.2, 1e-3)
-    certified = of(law, [ARM, LOADED], box)
+    law = barely_certified_law(
+        lambda scale: make_tdc(3, True, bandwidth=3.0, inertia=scale * X), [ARM, LOADED], box, 0.2, 1e-3
+    )
+    certified = certify_arm(law, [ARM, LOADED], box)
     text = certified.to_json()
     for name, factors in (
         ("weight", (0.0, -1.0, 1e-3, 0.1, 3.0, 10.0, np.inf, np.nan)),
@@ -504,7 +520,7 @@ def test_one_posture_and_any_stiffness(count, spring):
     """No spread at all, so that stiffness alone decides; certified only where the loop at rest is stable."""
     law, plant = make_tdc(5, True, inertia=0.5 * np.eye(count)), Sprung(count=count, spring=spring)
     for width in (0.0, 1.0):
-        verdict = of(law, plant, Workspace.box([0.0] * count, [width] * count))
+        verdict = certify_arm(law, plant, Workspace.box([0.0] * count, [width] * count))
         assert verdict.verify()
         assert (verdict.numbers["weight"] > 0) == (abs(spring) > 1e-9)
         loop = decouple(law)[0].around(0.0)[:3]
@@ -515,24 +531,24 @@ def test_one_posture_and_any_stiffness(count, spring):
 
 def test_no_gravity_no_weight():
     flat = plants.TwoLinkArm(gravity=0.0)
-    verdict = of(share(0.05), flat)
+    verdict = certify_arm(tdc_with_inertia_share(0.05), flat)
     assert verdict.certified
     assert verdict.numbers["weight"] == verdict.numbers["stiffness"] == 0.0
-    assert verdict.margin > of(share(0.05)).margin
+    assert verdict.margin > certify_arm(tdc_with_inertia_share(0.05)).margin
 
 
 def test_a_stiffness_that_is_not_a_number():
     law = make_tdc(5, True, inertia=0.5)
     with pytest.raises(TarcError, match="stiffness: that of gravity and springs is not finite at q = "):
-        of(law, Sprung(root=1.0), Workspace.box([-1.0], [1.0]))
+        certify_arm(law, Sprung(root=1.0), Workspace.box([-1.0], [1.0]))
 
 
 def test_a_tube_about_a_path_is_searched_too():
     tube = Workspace.path(signals.Sinusoid(amplitude=[0.3, 0.3], frequency=1.0, offset=[0.0, 1.5]), 2.0, tube=0.1)
-    law = share(0.05)
-    verdict = of(law, [ARM, LOADED], tube)
+    law = tdc_with_inertia_share(0.05)
+    verdict = certify_arm(law, [ARM, LOADED], tube)
     needed = verdict.numbers["radius"] / (1 + verdict.margin)
-    assert joint(law, verdict, sampled([ARM, LOADED], tube, 1000, 3)).max() <= 1.01 * needed
+    assert joint_norms(law, verdict, sampled([ARM, LOADED], tube, 1000, 3)).max() <= 1.01 * needed
 
 
 def test_what_fast_motion_adds_is_not_covered_and_said_so():
@@ -540,7 +556,7 @@ def test_what_fast_motion_adds_is_not_covered_and_said_so():
     arm, box = plants.TwoLinkArm(gravity=0.0), Workspace.box([-3.0, 0.8], [3.0, 2.2])
     X, _ = best_shape(arm, box, samples=200)
     law = make_tdc(3, True, bandwidth=2.0, inertia=0.006 * X)
-    verdict = of(law, arm, box)
+    verdict = certify_arm(law, arm, box)
     assert verdict.certified
     assert any("what stiffness and damping fast motion makes is left out" in line for line in verdict.assumptions)
     loop, q, nudges = decouple(law)[0].around(0.0)[:3], np.array([0.0, 2.2]), 1e-5 * np.eye(2)

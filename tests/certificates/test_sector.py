@@ -24,7 +24,7 @@ def tarc_law(design=LITERAL, **options) -> Any:
     return replace(replace(design, kappa=1.0).law, **options)
 
 
-def by_hand(ratio, kappa, window=10, bandwidth=10.0, T=PERIOD):
+def hand_radius(ratio, kappa, window=10, bandwidth=10.0, T=PERIOD):
     """Literal: (1 − z⁻¹) v = −[K1 + κ + K2 W1(z) + z⁻¹ W2(z)] q, q = ρ T² (z + 1) / (2 (z − 1)²) v; in powers of z."""
     age = -np.arange(window + 1) * T
     fit = np.linalg.pinv(np.vander(age, 3, increasing=True))
@@ -37,7 +37,7 @@ def by_hand(ratio, kappa, window=10, bandwidth=10.0, T=PERIOD):
     return np.max(np.abs(np.roots(np.polyadd(np.polymul(own, [1.0, -2.0, 1.0]), np.polymul(side, plant)))))
 
 
-def first_unstable(grows, high, points=600):
+def first_unstable_slope(grows, high, points=600):
     """The least slope at which a loop is unstable: a scan, then bisection."""
     trials = np.geomspace(1.0, high, points)
     first = next(i for i, trial in enumerate(trials) if grows(trial))
@@ -70,13 +70,13 @@ def test_both_limits_against_polynomials(design, ratio, computation):
     numbers = slope(design.law, ratio, computation_delay=computation).numbers
     expected = 1 / most_negative(known.w_to_q, known.closed)[0]
     assert expected * (1 - 1e-5) < numbers["circle limit"] <= expected
-    expected = first_unstable(lambda kappa: radius(polynomials(law, ratio, kappa).closed) > 1, 1e5)
+    expected = first_unstable_slope(lambda kappa: radius(polynomials(law, ratio, kappa).closed) > 1, 1e5)
     assert numbers["frozen limit"] == pytest.approx(expected, rel=1e-6)
 
 
 def test_frozen_limit_of_a_third_polynomial():
     """Written in z instead of z⁻¹, with K1 + κ in place of K1: what is printed as 2800 is 2797.7."""
-    expected = first_unstable(lambda kappa: by_hand(0.08, kappa) > 1, 1e4)
+    expected = first_unstable_slope(lambda kappa: hand_radius(0.08, kappa) > 1, 1e4)
     assert expected == pytest.approx(2797.71, abs=0.01)
     assert slope(LITERAL.law, 0.08).numbers["frozen limit"] == pytest.approx(expected, rel=1e-6)
 
@@ -252,7 +252,7 @@ def test_explains_itself_and_draws(tmp_path):
         (lambda: slope(LITERAL.law, 0.08, computation_delay=-1), "computation_delay: got -1"),
         (lambda: slope("TDC", 0.08), "law: got str"),  # type: ignore[arg-type]
         (
-            lambda: slope(make_law(laws.TARC, bandwidth=[10.0, 20.0], weight=_mixed()), 0.05),
+            lambda: slope(make_law(laws.TARC, bandwidth=[10.0, 20.0], weight=mixed_weight()), 0.05),
             "weight: P2 couples joints whose gains do not",
         ),
     ],
@@ -262,7 +262,7 @@ def test_bad_input(call, message):
         call()
 
 
-def _mixed():
+def mixed_weight():
     weight = np.diag([200.0, 800.0, 2.0, 2.0])
     weight[0, 1] = weight[1, 0] = 100.0
     return weight

@@ -334,7 +334,7 @@ def test_schur_judges_what_has_no_basis_of_eigenvectors():
     assert schur(np.diag([1.0 + 1e-15, 0.5]))[0] == "refuted"
 
 
-def turned(angle, size):
+def reflection(angle, size):
     """A reflection of norm ``size`` along an axis at an angle."""
     c, s = np.cos(angle), np.sin(angle)
     return size * np.array([[c, s], [s, -c]])
@@ -372,7 +372,7 @@ def test_stiffness_of_the_robot_within_the_ball_does_not_diverge(window, synchro
             v = out @ x + through * w
             lean = 0.5 + 0.5 * np.sin(k * turn / 7)  # from all mismatch to all stiffness: [E − ρ0, H/η] of norm radius
             share, rest = np.cos(lean * np.pi / 2), np.sin(lean * np.pi / 2)
-            a = turned(k * turn, share * radius) @ v[0] - turned(k * turn, rest * radius * weight) @ q
+            a = reflection(k * turn, share * radius) @ v[0] - reflection(k * turn, rest * radius * weight) @ q
             x = A @ x + into * a + W * w
             sizes.append(np.abs(x).max())
         worst = max(worst, sizes[-1] / sizes[1500])

@@ -14,7 +14,7 @@ from tarc import Run
 TARC = str(Path(sys.executable).parent / "tarc")
 
 
-def call(*arguments, cwd, status=0):
+def run_tarc(*arguments, cwd, status=0):
     done = subprocess.run([TARC, *arguments], cwd=cwd, capture_output=True, text=True, check=False)
     assert done.returncode == status, done.stderr
     return done
@@ -38,7 +38,7 @@ def scenario(tmp_path):
 
 
 def test_run_writes_what_it_says(scenario):
-    out = call("run", "swing.yaml", "--set", "law.bandwidth=12", cwd=scenario).stdout
+    out = run_tarc("run", "swing.yaml", "--set", "law.bandwidth=12", cwd=scenario).stdout
     assert "RMS error" in out
     folder = scenario / "runs" / "swing"
     assert {file.name for file in folder.iterdir()} == {
@@ -48,20 +48,20 @@ def test_run_writes_what_it_says(scenario):
     assert (folder / "column.pdf").read_bytes().startswith(b"%PDF")
     run = Run.load(folder / "TARC.nc")
     assert json.loads(run.data.attrs["law"])["bandwidth"] == 12
-    again = call("run", "runs/swing/scenario.yaml", "--json", "--no-figures", "--out", "again", cwd=scenario)
+    again = run_tarc("run", "runs/swing/scenario.yaml", "--json", "--no-figures", "--out", "again", cwd=scenario)
     metrics = json.loads(again.stdout)["runs"]["TARC"]["metrics"]
     assert metrics["rms_error"] == pytest.approx(run.metrics()["rms_error"], rel=1e-12)
 
 
 def test_divergence_is_a_result_not_a_failure(scenario):
-    out = call("run", "swing.yaml", "--set", "law.inertia=3.0", "--json", "--no-figures", cwd=scenario).stdout
+    out = run_tarc("run", "swing.yaml", "--set", "law.inertia=3.0", "--json", "--no-figures", cwd=scenario).stdout
     results = json.loads(out)["runs"]
     assert results["TDC"]["status"] == "diverged"
     assert 0 < results["TDC"]["diverged_at"] < 1
 
 
 def test_bad_input_is_one_line_and_status_2(scenario):
-    done = call("run", "swing.yaml", "--set", "law.bandwith=3", cwd=scenario, status=2)
+    done = run_tarc("run", "swing.yaml", "--set", "law.bandwith=3", cwd=scenario, status=2)
     assert done.stderr.startswith("error: law.0.bandwith: unknown key")
     assert "Traceback" not in done.stderr
     assert not (scenario / "runs").exists()
@@ -69,30 +69,30 @@ def test_bad_input_is_one_line_and_status_2(scenario):
 
 def test_unwritable_folder(scenario):
     (scenario / "taken").write_text("a file, not a folder")
-    done = call("run", "swing.yaml", "--out", "taken/here", cwd=scenario, status=2)
+    done = run_tarc("run", "swing.yaml", "--out", "taken/here", cwd=scenario, status=2)
     assert "error: --out: cannot write to taken/here" in done.stderr
 
 
 def test_show(tmp_path):
-    everything = call("show", cwd=tmp_path).stdout
+    everything = run_tarc("show", cwd=tmp_path).stdout
     for word in ("TARC", "TDC", "TwoLinkArm", "Algebraic", "Sinusoid", "Payload", "Encoder", "ur5e, "):
         assert word.strip(", ") in everything
-    one = call("show", "TARC", cwd=tmp_path).stdout
+    one = run_tarc("show", "TARC", cwd=tmp_path).stdout
     assert "rise" in one
     assert "required" in one
-    assert "law" in json.loads(call("show", "--json", cwd=tmp_path).stdout)
-    assert "Did you mean 'TARC'?" in call("show", "TRAC", cwd=tmp_path, status=2).stderr
+    assert "law" in json.loads(run_tarc("show", "--json", cwd=tmp_path).stdout)
+    assert "Did you mean 'TARC'?" in run_tarc("show", "TRAC", cwd=tmp_path, status=2).stderr
 
 
 def test_help_names_the_commands(tmp_path):
-    text = call("--help", cwd=tmp_path).stdout
+    text = run_tarc("--help", cwd=tmp_path).stdout
     for command in ("run", "demo", "show"):
         assert command in text
 
 
 def test_names_stay_inside_the_folder(scenario):
     settings = ["--set", "name=../../evil", "--set", "law.0.label=a/b", "--set", "law.1.label=a-b"]
-    call("run", "swing.yaml", *settings, "--no-figures", cwd=scenario)
+    run_tarc("run", "swing.yaml", *settings, "--no-figures", cwd=scenario)
     (folder,) = (scenario / "runs").iterdir()
     assert sorted(file.name for file in folder.glob("*.nc")) == ["a-b-2.nc", "a-b.nc"]
 

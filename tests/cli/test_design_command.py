@@ -32,7 +32,7 @@ ASKED = ["--payload", "0", "1", "--armature", "0.1", "--samples", "60", "--encod
 
 
 @pytest.fixture(scope="module", autouse=True)
-def coarse():
+def few_candidates():
     """Few loops to choose from, so that a design takes a second."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(importlib.import_module("tarc.design.selection"), "WINDOWS", (4, 8))
@@ -42,7 +42,7 @@ def coarse():
         yield
 
 
-def call(*arguments, folder, status=0):
+def invoke_tarc(*arguments, folder, status=0):
     """The command, run in a folder."""
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
@@ -55,22 +55,22 @@ def call(*arguments, folder, status=0):
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory):
+def designed_folder(tmp_path_factory):
     """The folder in which a robot was designed for, and what was printed."""
     folder = tmp_path_factory.mktemp("arm")
     (folder / "arm.urdf").write_text(ROBOT)
-    done = call("design", "arm.urdf", *ASKED, "-o", "out.yaml", folder=folder)
+    done = invoke_tarc("design", "arm.urdf", *ASKED, "-o", "out.yaml", folder=folder)
     return folder, done.stdout
 
 
 @pytest.fixture(scope="module")
-def result():
+def designed_in_python():
     """A design in Python, of a robot without a file."""
     robot = plants.TwoLinkArm(viscous=0.5)
     return design(robot, law="TDC", payload=(0.0, 0.5), torque_limit=[100.0, 50.0], diagonal=True, samples=60)
 
 
-def comments(text):
+def comments_by_key(text):
     """By path, such as law.inertia, the comment above the key."""
     found, above, section = {}, [], ""
     for line in text.splitlines():
@@ -85,16 +85,16 @@ def comments(text):
     return found
 
 
-def test_what_is_written_is_what_is_said(made):
-    folder, printed = made
+def test_what_is_written_is_what_is_said(designed_folder):
+    folder, printed = designed_folder
     names = ["out.yaml", "out-certificates.json", "out-front.png", "out-reach.png", "out-law.png"]
     assert printed.splitlines()[-1] == "written: " + ", ".join(names)
     assert {file.name for file in folder.iterdir()} == {"arm.urdf", *names}
     assert all((folder / name).read_bytes().startswith(b"\x89PNG") for name in names if name.endswith("png"))
 
 
-def test_the_table_fits_a_terminal_and_tells_each_choice(made):
-    _, printed = made
+def test_the_table_fits_a_terminal_and_tells_each_choice(designed_folder):
+    _, printed = designed_folder
     assert max(cell_len(line.rstrip()) for line in printed.splitlines()[:-1]) <= 80
     first = {line.split("│")[1].strip() for line in printed.splitlines() if line.startswith("│")}
     assert {"robot", "payload", "weight", "inertia", "window", "bandwidth", "rise, fall", "floor"} <= first
@@ -103,8 +103,8 @@ def test_the_table_fits_a_terminal_and_tells_each_choice(made):
     assert re.search(r"predicted torque noise, .*: shoulder [\d.]+ N m \([\d.]+ %\), elbow", printed.replace("\n", " "))
 
 
-def test_the_scenario_runs_from_anywhere(made, tmp_path, monkeypatch):
-    folder, _ = made
+def test_the_scenario_runs_from_anywhere(designed_folder, tmp_path, monkeypatch):
+    folder, _ = designed_folder
     moved = tmp_path / "moved"
     shutil.copytree(folder, moved)
     monkeypatch.chdir(tmp_path)
@@ -117,8 +117,8 @@ def test_the_scenario_runs_from_anywhere(made, tmp_path, monkeypatch):
     assert run.metrics(start=0.4)["rms_error"] < 0.02
 
 
-def test_speed_is_that_of_the_file_or_as_asked(made, tmp_path):
-    folder, printed = made
+def test_speed_is_that_of_the_file_or_as_asked(designed_folder, tmp_path):
+    folder, printed = designed_folder
     assert "speed" in printed
     proof = json.loads((folder / "out-certificates.json").read_text())["robot"]
     assert proof["matrices"]["speed"] == [3.0, 3.0]
@@ -135,7 +135,7 @@ def test_speed_is_that_of_the_file_or_as_asked(made, tmp_path):
             "-o",
             str(tmp_path / "some.yaml"),
         ]
-        found = json.loads(call("design", str(folder / "arm.urdf"), *options, folder=tmp_path).stdout)
+        found = json.loads(invoke_tarc("design", str(folder / "arm.urdf"), *options, folder=tmp_path).stdout)
         assert found["choices"]["speed"]["value"] == said
         sines = Scenario.load(tmp_path / "some.yaml").build_reference()
         _, velocity, _ = sines.sample(np.linspace(0, 10, 2000))
@@ -143,13 +143,13 @@ def test_speed_is_that_of_the_file_or_as_asked(made, tmp_path):
             assert np.all(np.abs(velocity).max(axis=1) <= [0.7, 0.4])
 
 
-def test_it_certifies_again_over_the_full_range(made, tmp_path):
-    folder, _ = made
+def test_it_certifies_again_over_the_full_range(designed_folder, tmp_path):
+    folder, _ = designed_folder
     path = str(folder / "out.yaml")
     (line,) = re.findall(r"tarc certify out.yaml (.*)", (folder / "out.yaml").read_text())
     options = line.split()
     assert options == ["--full-range", "--speed", "3"]
-    done = call("certify", path, *options, "--samples", "150", "--json", "--no-figures", folder=tmp_path)
+    done = invoke_tarc("certify", path, *options, "--samples", "150", "--json", "--no-figures", folder=tmp_path)
     again = json.loads(done.stdout)["certificates"]["TARC"]["robot"]
     before = Certificate.from_json(json.dumps(json.loads((folder / "out-certificates.json").read_text())["robot"]))
     assert before.verify()
@@ -157,10 +157,10 @@ def test_it_certifies_again_over_the_full_range(made, tmp_path):
     assert again["numbers"]["least ratio"] == pytest.approx(before.numbers["least ratio"], rel=0.02)
 
 
-def test_each_choice_stands_above_its_key(made):
-    folder, printed = made
+def test_each_choice_stands_above_its_key(designed_folder):
+    folder, printed = designed_folder
     text = (folder / "out.yaml").read_text()
-    above, content = comments(text), yaml.safe_load(text)
+    above, content = comments_by_key(text), yaml.safe_load(text)
     chosen = {line.split("│")[1].strip() for line in printed.splitlines() if line.startswith("│")} - {"", "choice"}
     for name, path in BESIDE.items():
         if name in chosen:
@@ -174,8 +174,8 @@ def test_each_choice_stands_above_its_key(made):
     assert max(len(line) for line in text.splitlines() if line.lstrip().startswith("#")) <= 112
 
 
-def test_on_top_is_how_it_was_made_and_the_verdict(made):
-    folder, _ = made
+def test_on_top_is_how_it_was_made_and_the_verdict(designed_folder):
+    folder, _ = designed_folder
     head = (folder / "out.yaml").read_text().split("\n\n")[0]
     assert head.startswith(f"# Made by: tarc design arm.urdf {' '.join(ASKED)} -o out.yaml\n")
     for part in (
@@ -186,10 +186,10 @@ def test_on_top_is_how_it_was_made_and_the_verdict(made):
         assert part in head
 
 
-def test_json_and_a_part_of_the_workspace(made, tmp_path):
-    folder, _ = made
+def test_json_and_a_part_of_the_workspace(designed_folder, tmp_path):
+    folder, _ = designed_folder
     arguments = ["design", str(folder / "arm.urdf"), *ASKED, "--reach", "0.5", "--law", "tdc", "--json", "--no-figures"]
-    found = json.loads(call(*arguments, folder=tmp_path).stdout)
+    found = json.loads(invoke_tarc(*arguments, folder=tmp_path).stdout)
     assert found["verdict"] == "certified"
     assert found["margin"] > 0
     assert found["law"]["kind"] == "TDC"
@@ -202,10 +202,10 @@ def test_json_and_a_part_of_the_workspace(made, tmp_path):
     assert "tarc certify design.yaml --tube 0.01" in (tmp_path / "design.yaml").read_text()
 
 
-def test_the_same_in_python(result, tmp_path):
-    files = result.save(tmp_path / "two" / "links.yml", figures=False)
+def test_the_same_in_python(designed_in_python, tmp_path):
+    files = designed_in_python.save(tmp_path / "two" / "links.yml", figures=False)
     assert [file.name for file in files] == ["links.yml", "links-certificates.json"]
-    text = result.to_yaml()
+    text = designed_in_python.to_yaml()
     assert text.startswith("# Made by: tarc.design.design\n")
     content = yaml.safe_load(text)
     assert content["robot"]["kind"] == "TwoLinkArm"
@@ -214,27 +214,27 @@ def test_the_same_in_python(result, tmp_path):
     scenario = Scenario.load(files[0])
     plant, reference = scenario.build_plant(), scenario.build_reference()
     (law,) = scenario.build_laws(plant, reference).values()
-    assert np.allclose(law.M, result.law.M, rtol=1e-7)
+    assert np.allclose(law.M, designed_in_python.law.M, rtol=1e-7)
     for name in ("bandwidth", "damping", "synchronised", "delay_periods", "period"):
-        assert getattr(law, name) == getattr(result.law, name), name
-    assert law.estimator.samples == result.law.estimator.samples
+        assert getattr(law, name) == getattr(designed_in_python.law, name), name
+    assert law.estimator.samples == designed_in_python.law.estimator.samples
 
 
-def test_what_cannot_be_written_says_so(result, tmp_path):
+def test_what_cannot_be_written_says_so(designed_in_python, tmp_path):
     (tmp_path / "taken").write_text("a file, not a folder")
     with pytest.raises(TarcError, match="out: cannot write .*taken/design.yaml: .*; choose another folder"):
-        result.save(tmp_path / "taken" / "design.yaml")
-    assert result.save(tmp_path, figures=False)[0] == tmp_path / "design.yaml"
+        designed_in_python.save(tmp_path / "taken" / "design.yaml")
+    assert designed_in_python.save(tmp_path, figures=False)[0] == tmp_path / "design.yaml"
 
 
-def test_choices_without_a_key_stand_on_top(result):
-    choice = replace(result.choices[0], name="colour", value="blue", why="it goes with the arm")
-    head = written(replace(result, choices=(choice,))).split("\n\n")[0]
+def test_choices_without_a_key_stand_on_top(designed_in_python):
+    choice = replace(designed_in_python.choices[0], name="colour", value="blue", why="it goes with the arm")
+    head = written(replace(designed_in_python, choices=(choice,))).split("\n\n")[0]
     assert "# colour: blue; it goes with the arm" in head
 
 
-def test_the_front_shows_the_budget_and_plain_numbers(result):
-    (axes,) = result.plot("front").axes
+def test_the_front_shows_the_budget_and_plain_numbers(designed_in_python):
+    (axes,) = designed_in_python.plot("front").axes
     labels = axes.get_legend_handles_labels()[1]
     assert "budget, 1 %" in labels
     assert "chosen" in labels
@@ -247,23 +247,23 @@ def test_the_front_shows_the_budget_and_plain_numbers(result):
         assert all(re.fullmatch(r"[\d.]+(e[-+]\d+)?", text) for text in texts), texts
     assert axes.get_title() == "TwoLinkArm, 0 to 0.5 kg: TDC at 1000 Hz"
     star = next(one for one in axes.get_lines() if one.get_label() == "chosen")
-    level = 100 * np.max(result.torque_noise / np.array([100.0, 50.0]))
+    level = 100 * np.max(designed_in_python.torque_noise / np.array([100.0, 50.0]))
     assert star.get_xdata()[0] == pytest.approx(level)
 
 
-def test_the_map_has_a_panel_a_kind_and_one_bandwidth_gives_lines(result):
-    both = result.plot("reach")
+def test_the_map_has_a_panel_a_kind_and_one_bandwidth_gives_lines(designed_in_python):
+    both = designed_in_python.plot("reach")
     assert [axes.get_title() for axes in both.axes[:2]] == [
-        f"{word}, degree {result.chosen.degree}" for word in ("literal", "synchronised")
+        f"{word}, degree {designed_in_python.chosen.degree}" for word in ("literal", "synchronised")
     ]
-    speed = result.chosen.bandwidth
-    some = tuple(one for one in result.candidates if one.bandwidth == speed)
-    (axes,) = replace(result, candidates=some, budget=None).plot("reach").axes
+    speed = designed_in_python.chosen.bandwidth
+    some = tuple(one for one in designed_in_python.candidates if one.bandwidth == speed)
+    (axes,) = replace(designed_in_python, candidates=some, budget=None).plot("reach").axes
     assert f"{speed:.4g} rad/s" in axes.get_ylabel()
     labels = axes.get_legend_handles_labels()[1]
     assert "chosen" in labels
-    assert f"the robot's spread, {result.spread:.3g}" in labels
-    (front,) = replace(result, candidates=some, budget=None).plot("front").axes
+    assert f"the robot's spread, {designed_in_python.spread:.3g}" in labels
+    (front,) = replace(designed_in_python, candidates=some, budget=None).plot("front").axes
     assert not any("budget" in label for label in front.get_legend_handles_labels()[1])
 
 
@@ -276,23 +276,23 @@ def test_figures_of_a_single_joint(tmp_path):
     assert "white line" not in made.plot("reach").get_suptitle()
 
 
-def test_limits_are_asked_for(made, monkeypatch):
-    folder, _ = made
+def test_limits_are_asked_for(designed_folder, monkeypatch):
+    folder, _ = designed_folder
     answer = {"payload": Limit(name="payload", value=2.5, verdict="certified, 1 % to spare")}
     monkeypatch.setattr(tarc.design, "limits", lambda _: answer)
     arguments = ["design", "arm.urdf", *ASKED, "--limits", "--no-figures", "-o", "other.yaml"]
-    assert "payload: 2.5 kg, certified" in call(*arguments, folder=folder).stdout
-    found = json.loads(call(*arguments, "--json", folder=folder).stdout)["limits"]["payload"]
+    assert "payload: 2.5 kg, certified" in invoke_tarc(*arguments, folder=folder).stdout
+    found = json.loads(invoke_tarc(*arguments, "--json", folder=folder).stdout)["limits"]["payload"]
     assert found["value"] == 2.5
     for name in ("other.yaml", "other-certificates.json"):
         (folder / name).unlink()
 
 
-def test_too_fast_for_the_rate_says_both_ways_out(made, tmp_path):
+def test_too_fast_for_the_rate_says_both_ways_out(designed_folder, tmp_path):
     """The bandwidth and the rate that the message names do, and a little more than either does not."""
-    folder, _ = made
+    folder, _ = designed_folder
     arguments = ["design", str(folder / "arm.urdf"), *ASKED, "--no-figures"]
-    message = str(call(*arguments, "--bandwidth", "200", "--rate", "500", folder=tmp_path, status=1).exception)
+    message = str(invoke_tarc(*arguments, "--bandwidth", "200", "--rate", "500", folder=tmp_path, status=1).exception)
     assert message.startswith("design: nothing can be certified at 200 rad/s: ")
     found = re.search(r"a bandwidth of at most ([\d.]+) rad/s; a rate of at least ([\d.]+) Hz", message)
     assert found, message
@@ -301,14 +301,14 @@ def test_too_fast_for_the_rate_says_both_ways_out(made, tmp_path):
     # but for gravity, what a loop bears depends on the bandwidth times the period
     assert bandwidth * rate == pytest.approx(200 * 500, rel=0.2)
     for within in (["--bandwidth", found[1], "--rate", "500"], ["--bandwidth", "200", "--rate", found[2]]):
-        assert "certified" in call(*arguments, *within, "-o", "slower.yaml", folder=tmp_path).stdout
+        assert "certified" in invoke_tarc(*arguments, *within, "-o", "slower.yaml", folder=tmp_path).stdout
     assert not (tmp_path / "design.yaml").exists()
 
 
-def test_a_bandwidth_and_a_budget_that_exclude_each_other(made, tmp_path):
-    folder, _ = made
+def test_a_bandwidth_and_a_budget_that_exclude_each_other(designed_folder, tmp_path):
+    folder, _ = designed_folder
     arguments = ["design", str(folder / "arm.urdf"), *ASKED, "--no-figures", "--bandwidth", "8", "--noise", "0.00001"]
-    message = str(call(*arguments, folder=tmp_path, status=1).exception)
+    message = str(invoke_tarc(*arguments, folder=tmp_path, status=1).exception)
     assert re.match(
         r"bandwidth, noise: at 8 rad/s the least torque noise is [\d.]+ % of the limit and 0.001 % was asked for; "
         r"lower the bandwidth, allow [-e\d.]+, or take \d+ more bits",
@@ -317,7 +317,7 @@ def test_a_bandwidth_and_a_budget_that_exclude_each_other(made, tmp_path):
 
 
 def test_help_teaches(tmp_path):
-    text = call("design", "--help", folder=tmp_path).stdout
+    text = invoke_tarc("design", "--help", folder=tmp_path).stdout
     assert "Example: tarc design ur5e --payload 0 5 --armature 0.1 -o design.yaml" in text
     for option in ("--payload", "--encoder-bits", "--rate", "--reach", "--noise", "--torque-limit", "--limits"):
         assert option in text

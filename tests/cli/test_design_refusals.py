@@ -24,7 +24,7 @@ def folder(tmp_path, monkeypatch):
 
 
 @pytest.fixture(autouse=True)
-def cheap(monkeypatch):
+def forbid_search(monkeypatch):
     """Nothing that is refused may have been designed first."""
 
     def never(*_, **__):
@@ -33,7 +33,7 @@ def cheap(monkeypatch):
     monkeypatch.setattr("tarc.design.selection.assess", never)
 
 
-def refused(text, *options, name="arm.urdf"):
+def refusal_message(text, *options, name="arm.urdf"):
     """The message for a file with this text; None for no file at all."""
     if text is not None:
         Path(name).write_text(text)
@@ -67,17 +67,17 @@ FREE = joint("base_free", "base", "upper", "floating", "")
     ],
 )
 def test_what_is_no_robot(text, message):
-    assert re.search(message, refused(text))
+    assert re.search(message, refusal_message(text))
 
 
 def test_a_file_that_is_not_there():
-    message = refused(None, name="amr.urdf")
+    message = refusal_message(None, name="amr.urdf")
     assert "'amr.urdf' not found" in message
     assert "panda, ur5e" in message
 
 
 def test_a_free_base_is_refused_with_the_joints_to_list():
-    message = refused(arm(shoulder=FREE, more=link("hand") + joint("wrist", "fore", "hand")))
+    message = refusal_message(arm(shoulder=FREE, more=link("hand") + joint("wrist", "fore", "hand")))
     assert "joint 'base_free' is free or a ball; a law drives hinges and slides" in message
     assert "the others are locked" in message
     assert message.endswith("--joints elbow,wrist")
@@ -85,7 +85,7 @@ def test_a_free_base_is_refused_with_the_joints_to_list():
 
 def test_a_free_base_alone():
     text = robot(link("base"), link("upper"), FREE)
-    assert "there are no others; it has no hinge or slide joint" in refused(text)
+    assert "there are no others; it has no hinge or slide joint" in refusal_message(text)
 
 
 @pytest.mark.parametrize(
@@ -104,7 +104,7 @@ def test_a_free_base_alone():
     ],
 )
 def test_an_inertia_that_no_body_has(upper, message):
-    assert re.search(message, refused(arm(upper=upper)))
+    assert re.search(message, refusal_message(arm(upper=upper)))
 
 
 @pytest.mark.parametrize(
@@ -113,7 +113,7 @@ def test_an_inertia_that_no_body_has(upper, message):
     ids=["no mass", "a point on the axis", "no inertial"],
 )
 def test_a_link_without_inertia(fore):
-    message = refused(arm(fore=fore))
+    message = refusal_message(arm(fore=fore))
     assert "link 'fore' has no inertia about its joint elbow" in message
     assert "give armature=0.1" in message
 
@@ -123,15 +123,15 @@ def test_mass_below_zero_in_mjcf():
         '<mujoco><worldbody><body name="link"><joint name="hinge"/>'
         '<inertial pos="0 0 0" mass="-2" diaginertia="1 1 1"/></body></worldbody></mujoco>'
     )
-    assert "link 'link' has the mass -2 kg" in refused(text, name="arm.xml")
+    assert "link 'link' has the mass -2 kg" in refusal_message(text, name="arm.xml")
 
 
 def test_ranges():
     upside = '<limit lower="2" upper="-2" effort="80" velocity="3"/>'
-    message = refused(arm(elbow=joint("elbow", "upper", "fore", inside=upside)))
+    message = refusal_message(arm(elbow=joint("elbow", "upper", "fore", inside=upside)))
     assert "range of joint 'elbow' goes from 2 to -2; needs the lower end first" in message
     endless = joint("slide", "base", "upper", "prismatic", '<limit effort="80" velocity="3"/>')
-    message = refused(arm(shoulder=endless))
+    message = refusal_message(arm(shoulder=endless))
     assert "the slide slide [m] has no range in the file; write one there" in message
     assert "give a reach from the home posture" in message
 
@@ -147,7 +147,7 @@ def test_a_reach_stands_in_for_a_range_that_is_missing(folder):
 @pytest.mark.parametrize("limit", [EFFORTLESS, '<limit lower="-2" upper="2" velocity="3" effort="0"/>'])
 def test_torque_limits_missing(limit):
     text = arm(elbow=joint("elbow", "upper", "fore", inside=limit))
-    message = refused(text)
+    message = refusal_message(text)
     assert message.startswith("torque_limit: none is known for joint elbow, so that there is no budget")
     assert "give torque_limit, or a bandwidth" in message
 
@@ -157,7 +157,7 @@ def test_noise_without_any_torque_limit():
         elbow=joint("elbow", "upper", "fore", inside=EFFORTLESS),
         shoulder=joint("shoulder", "base", "upper", inside=EFFORTLESS),
     )
-    message = refused(text, "--noise", 0.02, "--bandwidth", 10)
+    message = refusal_message(text, "--noise", 0.02, "--bandwidth", 10)
     assert "noise: it is a share of the torque limit, and none is known; give torque_limit too" in message
 
 
@@ -192,7 +192,7 @@ def test_noise_without_any_torque_limit():
     ],
 )
 def test_options_at_fault(options, message):
-    assert re.search(message, refused(arm(), *options))
+    assert re.search(message, refusal_message(arm(), *options))
 
 
 def test_one_number_for_the_payload_is_a_matter_of_usage(folder):
@@ -240,7 +240,7 @@ SIDEWAYS = arm().replace('<origin xyz="0 0 0.4"/>', '<origin xyz="0 0 0.4" rpy="
 
 
 def test_too_weak_for_its_own_weight_at_home():
-    message = refused(SIDEWAYS, "--torque-limit", "7,5")
+    message = refusal_message(SIDEWAYS, "--torque-limit", "7,5")
     assert (
         "torque_limit: the robot cannot hold itself in its home posture q = (0, 0): joint shoulder needs 7.85"
         in message
@@ -252,7 +252,7 @@ def test_too_weak_for_its_own_weight_at_home():
 
 def test_too_weak_for_the_payload_at_home():
     """Each kilogram at the tool, the origin of the last link 0.4 m out, adds 3.92 N m: 15.7 at 2 kg, 10 at 0.548 kg."""
-    message = refused(SIDEWAYS, "--torque-limit", 10, "--payload", 0, 2)
+    message = refusal_message(SIDEWAYS, "--torque-limit", 10, "--payload", 0, 2)
     assert "with 2 kg at the tool: joint shoulder needs 15.7 and its limit is 10 N m" in message
     assert "a payload of at most 0.54 kg; a torque limit above 15.7" in message
 

@@ -41,19 +41,21 @@ trees = st.recursive(
 )
 
 
-def same(one: Any, other: Any) -> bool:
+def is_identical(one: Any, other: Any) -> bool:
     """Equal in structure, kinds, shapes and numbers."""
     if isinstance(one, dict):
-        return type(other) is dict and list(one) == list(other) and all(same(one[key], other[key]) for key in one)
+        return (
+            type(other) is dict and list(one) == list(other) and all(is_identical(one[key], other[key]) for key in one)
+        )
     if isinstance(one, tuple):
-        return type(one) is type(other) and len(one) == len(other) and all(map(same, one, other))
+        return type(one) is type(other) and len(one) == len(other) and all(map(is_identical, one, other))
     return np.shape(one) == np.shape(other) and np.array_equal(one, other)
 
 
 @sampled
 @given(tree=trees)
 def test_rebuild_undoes_leaves(tree: Any) -> None:
-    assert same(rebuild(tree, leaves(tree)), tree)
+    assert is_identical(rebuild(tree, leaves(tree)), tree)
 
 
 @sampled
@@ -61,7 +63,7 @@ def test_rebuild_undoes_leaves(tree: Any) -> None:
 def test_unpack_undoes_pack(tree: Any) -> None:
     vector = pack(tree)
     assert vector.ndim == 1
-    assert same(unpack(tree, vector), tree)
+    assert is_identical(unpack(tree, vector), tree)
 
 
 @sampled

@@ -23,7 +23,7 @@ def loops():
     return [one for one in assess(trials, Demand.plain(3.0), slope_share=1.0) if one.feasible]
 
 
-def law_of(one, values):
+def tarc_of_loop(one, values):
     return laws.TARC(inertia=one.scale, estimator=one.estimator, **one.options(), **values.options())
 
 
@@ -31,13 +31,13 @@ def law_of(one, values):
 def test_slope_at_the_cap_is_the_certified_one_and_never_above(loops, expected):
     assert len(loops) > 10
     for one in loops:
-        law = law_of(one, adaptation(one, expected))
+        law = tarc_of_loop(one, adaptation(one, expected))
         assert law.robust_slope <= one.slope
         assert law.robust_slope == pytest.approx(one.slope, rel=2e-4)
         assert law.cap is not None
         assert law.start < law.cap
     one = loops[0]
-    law = law_of(one, adaptation(one, expected))
+    law = tarc_of_loop(one, adaptation(one, expected))
     assert ball(law, contains=(one.scale, 3.0 * one.scale), slope=law.robust_slope).certified
 
 
@@ -114,7 +114,7 @@ def test_time_to_empty_and_to_fill_the_cap(loops):
 
     for one in loops[::5]:
         values = adaptation(one, 1.0)
-        law = law_of(one, values)
+        law = tarc_of_loop(one, values)
         assert law.cap is not None
         periods = round(1 / (one.bandwidth * PERIOD))
         state = law.robust_init()._replace(gain=np.array(law.cap))

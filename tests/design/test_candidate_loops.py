@@ -22,12 +22,12 @@ from tarc.design.robustness import Demand
 PERIOD = 1e-3
 
 
-def law_of(one, shape: object = 1.0):
+def tdc_of_candidate(one, shape: object = 1.0):
     """The law that a candidate stands for."""
     return laws.TDC(inertia=one.scale * np.asarray(shape), estimator=one.estimator, **one.options())
 
 
-def by_hand(one):
+def hand_recurrence(one):
     """The same loop as a recurrence, which shares no code with it."""
     late = one.computation_delay
     return recurrence(
@@ -40,7 +40,7 @@ def by_hand(one):
 
 def step_error(one, ratio, steps):
     """Error after a step of 1 rad/s², by running the recurrence."""
-    A, B, _, _ = matrices(Case(by_hand(one), ratio))
+    A, B, _, _ = matrices(Case(hand_recurrence(one), ratio))
     x, errors = np.zeros(len(A)), np.zeros(steps)
     for k in range(steps):
         errors[k] = x[0]
@@ -48,7 +48,7 @@ def step_error(one, ratio, steps):
     return errors
 
 
-def found(spread, seed=0, count=12, **options):
+def feasible_candidates(spread, seed=0, count=12, **options):
     """Some that bear a spread, of a random choice of all."""
     slope_share = options.pop("slope_share", 0.0)
     trials = candidates(PERIOD, **options)
@@ -80,9 +80,9 @@ def test_what_bears_a_spread_within_a_speed_is_certified(slope_share, rate):
     at_once = []
     for one in able:
         ends = one.scale, one.scale * spread
-        slow = ball(law_of(one), contains=ends, slope=one.slope, rate=rate / one.scale)
+        slow = ball(tdc_of_candidate(one), contains=ends, slope=one.slope, rate=rate / one.scale)
         assert slow.certified, one
-        at_once.append(ball(law_of(one), contains=ends, slope=one.slope).certified)
+        at_once.append(ball(tdc_of_candidate(one), contains=ends, slope=one.slope).certified)
     assert len(able) > 3
     assert not all(at_once)
 
@@ -103,14 +103,14 @@ def test_a_slower_robot_is_borne_at_more_bandwidth():
 @pytest.mark.parametrize("slope_share", [0.0, 1.0])
 @pytest.mark.parametrize("spread", [1.7, 5.0])
 def test_what_bears_a_spread_is_certified(delay, slope_share, spread):
-    able = found(spread, computation_delay=delay, slope_share=slope_share)
+    able = feasible_candidates(spread, computation_delay=delay, slope_share=slope_share)
     assert len(able) > 3
     for one in able:
         assert one.slope == pytest.approx(slope_share * one.bandwidth**2)
         assert one.spread == spread
         options = {"slope": one.slope, "computation_delay": delay}
-        assert ball(law_of(one), contains=(one.scale, one.scale * spread), **options).certified, one
-        there = ball(law_of(one), one.scale * (1 + spread) / 2, **options).numbers
+        assert ball(tdc_of_candidate(one), contains=(one.scale, one.scale * spread), **options).certified, one
+        there = ball(tdc_of_candidate(one), one.scale * (1 + spread) / 2, **options).numbers
         borne = spread * (1 + one.room)
         assert there["radius"] / there["centre"] == pytest.approx((borne - 1) / (borne + 1), rel=0.03)
         assert one.room > 0.09
@@ -132,9 +132,9 @@ def test_what_bears_a_robot_with_gravity_is_certified_on_it():
     # gravity takes what a small inertia would do without it
     assert min(one.scale for one in able) > 1.5 * min(one.scale for one in without)
     for one in able[:: max(len(able) // 8, 1)]:
-        assert robot(law_of(one, shape), both, box, samples=200).certified, one
+        assert robot(tdc_of_candidate(one, shape), both, box, samples=200).certified, one
     low = min(without, key=lambda one: one.scale)
-    assert not robot(law_of(low, shape), both, box, samples=200).certified
+    assert not robot(tdc_of_candidate(low, shape), both, box, samples=200).certified
 
 
 def test_peaks_between_the_frequencies_are_seen():
@@ -153,7 +153,7 @@ def test_peaks_between_the_frequencies_are_seen():
 @pytest.mark.parametrize("delay", [0, 2])
 def test_settling_and_peak_are_those_of_the_loop_run(delay):
     checked = 0
-    for one in found(4.0, seed=1, computation_delay=delay):
+    for one in feasible_candidates(4.0, seed=1, computation_delay=delay):
         for ratio in (one.scale, 4.0 * one.scale):
             steps = int(40 / (one.bandwidth * PERIOD)) + 5000
             errors = step_error(one, ratio, steps)
@@ -169,11 +169,11 @@ def test_settling_and_peak_are_those_of_the_loop_run(delay):
 @pytest.mark.parametrize("delay", [0, 2])
 def test_noise_and_error_are_those_of_the_loop_run(delay):
     """The response to a single measurement off by one holds the root mean square of white noise."""
-    for one in found(4.0, seed=2, computation_delay=delay):
+    for one in feasible_candidates(4.0, seed=2, computation_delay=delay):
         ratios = one.scale * np.array([1.0, 2.0, 4.0])
         sizes = []
         for ratio in ratios:
-            law = by_hand(one)
+            law = hand_recurrence(one)
             pulse = np.zeros(400_000)
             pulse[0] = 1.0
             top = np.polynomial.polynomial.polymul(law.q, [1.0, -2.0, 1.0])
@@ -193,10 +193,10 @@ def test_noise_and_error_of_a_simulated_robot(synchronised):
     for ratio in (1.0, 2.0, 4.0):
         mass = plants.MassSpringDamper(masses=(1 / ratio,), springs=(0.0,), dampers=(0.0,))
         sensor = signals.Encoder(noise=1e-5)
-        run = tarc.simulate(mass, law_of(one), still, 25.0, sensor=sensor, seed=3, progress=False)
+        run = tarc.simulate(mass, tdc_of_candidate(one), still, 25.0, sensor=sensor, seed=3, progress=False)
         noises.append(np.std(run.data["torque"].values[1000:]) / 1e-5)
         step = signals.Step(amplitude=[0.1], at=0.0)
-        run = tarc.simulate(mass, law_of(one), still, 10.0, disturbance=step, progress=False)
+        run = tarc.simulate(mass, tdc_of_candidate(one), still, 10.0, disturbance=step, progress=False)
         errors.append(np.sqrt(PERIOD * np.sum((run.data["position"].values / 0.1) ** 2)))
     assert max(noises) == pytest.approx(one.noise, rel=0.05)
     assert max(errors) == pytest.approx(one.error, rel=0.01)
@@ -230,8 +230,8 @@ def test_delays_of_literal_laws(late, delays):
     literal = [one for one in assess(trials, Demand.plain(1.4)) if one.feasible and not one.synchronised]
     assert {one.delay for one in literal} == {max(delays)}
     for one in literal[:3]:
-        assert law_of(one).delay_periods == max(delays)
-        assert law_of(one).actuation_delay == late
+        assert tdc_of_candidate(one).delay_periods == max(delays)
+        assert tdc_of_candidate(one).actuation_delay == late
 
 
 def test_candidates_are_all_combinations_that_make_a_law():
@@ -268,7 +268,7 @@ def test_a_spread_of_nothing_and_gains_that_make_no_law():
     assert any(one.feasible for one in single)
     for one in single:
         if one.feasible:
-            assert ball(law_of(one), contains=(one.scale, one.scale)).certified
+            assert ball(tdc_of_candidate(one), contains=(one.scale, one.scale)).certified
     assert assess(candidates(PERIOD, bandwidths=[10.0], windows=[5], damping=-1.0), Demand.plain(2.0)) == []
 
 

@@ -14,7 +14,7 @@ T = 1e-3
 M3 = np.array([[2.0, 0.4, 0.1], [0.4, 0.6, -0.15], [0.1, -0.15, 0.1]])
 
 
-def move(M, duration=10.0, coulomb: Any = 0.0, motion=None, noise=0.0, seed=0, period=T):
+def measured_motion(M, duration=10.0, coulomb: Any = 0.0, motion=None, noise=0.0, seed=0, period=T):
     """Positions measured and torques of M q̈ + coulomb sgn q̇ + constant = τ, held over each period; a servo without
     noise moves it, so that only what is measured has any.
     """
@@ -39,7 +39,7 @@ def panda():
     return plants.MujocoPlant.from_file("panda", armature=0.1, viscous=1.0, coulomb=1.0)
 
 
-def ratios(plant, found, motion):
+def inertia_ratios(plant, found, motion):
     """Eigenvalues of M⁻¹M̂ for the mean M along the motion, and of the diagonals alone."""
     M = plant.mean_inertia(motion.sample(np.arange(0, 20, 0.05))[0])
     return np.linalg.eigvals(np.linalg.solve(M, found.inertia)).real, np.diag(found.inertia) / np.diag(M)
@@ -47,31 +47,31 @@ def ratios(plant, found, motion):
 
 @pytest.mark.parametrize("options", [{}, {"window": 0.010}, {"window": 0.030, "degree": 3}])
 def test_constant_inertia_exactly(options):
-    found = inertia_from_data(*move(M3), T, diagonal=False, **options)
+    found = inertia_from_data(*measured_motion(M3), T, diagonal=False, **options)
     np.testing.assert_allclose(found.inertia, M3, rtol=1e-6, atol=1e-7)
     assert np.all(found.explained > 1 - 1e-9)
     assert np.all(found.error < 1e-6)
 
 
 def test_diagonal_is_that_of_the_whole():
-    q, tau = move(M3)
+    q, tau = measured_motion(M3)
     found = inertia_from_data(q, tau, T)
     np.testing.assert_allclose(found.inertia, np.diag(np.diag(M3)), rtol=1e-6)
     assert np.count_nonzero(found.error) == 3
 
 
 def test_coulomb_friction_is_told_apart():
-    found = inertia_from_data(*move(M3, coulomb=np.array([1.0, 0.5, 0.1])), T, diagonal=False)
+    found = inertia_from_data(*measured_motion(M3, coulomb=np.array([1.0, 0.5, 0.1])), T, diagonal=False)
     np.testing.assert_allclose(found.inertia, M3, rtol=0.02, atol=0.005)
 
 
 def test_another_period():
-    found = inertia_from_data(*move(M3, period=4e-3, duration=20.0), 4e-3, diagonal=False)
+    found = inertia_from_data(*measured_motion(M3, period=4e-3, duration=20.0), 4e-3, diagonal=False)
     np.testing.assert_allclose(found.inertia, M3, rtol=1e-6, atol=1e-7)
 
 
 def test_lost_samples_cost_their_windows_only():
-    q, tau = move(M3)
+    q, tau = measured_motion(M3)
     whole = inertia_from_data(q, tau, T, window=0.008)
     lost = np.random.default_rng(1).integers(len(q), size=50)
     q[lost, 0], tau[lost[:5], 2] = np.nan, np.inf
@@ -85,7 +85,7 @@ def test_error_falls_with_the_length_and_is_what_it_says():
     """Torques read with white noise, which leaves least squares unbiased: a quarter of the variance in four times."""
     errors, said = {}, {}
     for duration in (10.0, 40.0):
-        q, tau = move(M3, duration, motion=excitation(np.zeros(3), duration=10.0))
+        q, tau = measured_motion(M3, duration, motion=excitation(np.zeros(3), duration=10.0))
         rng = np.random.default_rng(0)
         found = [inertia_from_data(q, tau + rng.standard_normal(tau.shape), T, window=0.03) for _ in range(20)]
         wrong = np.array([np.diag(one.inertia) - np.diag(M3) for one in found])
@@ -98,7 +98,7 @@ def test_error_falls_with_the_length_and_is_what_it_says():
 
 @pytest.mark.parametrize("bits", [14, 17, 20])
 def test_window_is_chosen_to_suit_the_encoder(bits):
-    q, tau = move(M3)
+    q, tau = measured_motion(M3)
     step = 2 * np.pi / 2**bits
     found = inertia_from_data(step * np.round(q / step), tau, T)
     np.testing.assert_allclose(np.diag(found.inertia), np.diag(M3), rtol=0.02)
@@ -111,7 +111,7 @@ def test_two_link_arm(coulomb):
     plant = plants.TwoLinkArm(viscous=1.0, coulomb=coulomb)
     motion = excitation([0.3, 1.0])
     found = identify(plant, reference=motion, sensor=signals.Encoder(bits=17), diagonal=False)
-    eigenvalues, diagonal = ratios(plant, found, motion)
+    eigenvalues, diagonal = inertia_ratios(plant, found, motion)
     assert np.all((eigenvalues > 0.9) & (eigenvalues < 1.1))
     assert np.all((diagonal > 0.95) & (diagonal < 1.05))
 
@@ -121,7 +121,7 @@ def test_robots_with_friction_and_encoders(robot):
     plant = robot()
     motion = excitation(plant.home)
     found = identify(plant, reference=motion, sensor=signals.Encoder(bits=17), diagonal=False)
-    eigenvalues, diagonal = ratios(plant, found, motion)
+    eigenvalues, diagonal = inertia_ratios(plant, found, motion)
     assert np.all((eigenvalues > 0.9) & (eigenvalues < 1.2))
     assert np.all((diagonal > 0.95) & (diagonal < 1.15))
     assert np.all(found.explained > 0.7)
@@ -143,7 +143,7 @@ def test_masses_far_apart():
 
 
 def test_from_files(tmp_path):
-    q, tau = move(M3)
+    q, tau = measured_motion(M3)
     direct = inertia_from_data(q, tau, T)
     names = ["q1", "q2", "q3", "tau1", "tau2", "tau3"]
     table = np.column_stack([T * np.arange(len(q)), q, tau])
@@ -222,28 +222,28 @@ def test_excitations_that_cannot_be(options, message):
         excitation(**options)
 
 
-def still(q, tau):
+def second_joint_at_rest(q, tau):
     return np.where([True, False, True], q, 0.1), tau
 
 
-def together(q, tau):
+def joints_in_step(q, tau):
     return q[:, [0, 0, 2]], tau
 
 
-def one_tone(q, tau):
+def motion_of_one_tone(q, tau):
     motion = signals.Sinusoid(amplitude=[0.2, 0.2, 0.2], frequency=[3.0, 4.0, 5.0])
-    return move(M3, motion=motion, noise=1e-5)
+    return measured_motion(M3, motion=motion, noise=1e-5)
 
 
-def wrapped(q, tau):
+def wrapped_positions(q, tau):
     return np.where(q > 0.05, q - 2 * np.pi, q), tau
 
 
 REFUSED: list[tuple[Any, str]] = [
-    (still, "joint 2 never moves; move each joint"),
-    (together, "accelerate together.* frequencies of its own"),
-    (one_tone, "does not show its inertia.* faster and farther|accelerate together"),
-    (wrapped, "unwrap"),
+    (second_joint_at_rest, "joint 2 never moves; move each joint"),
+    (joints_in_step, "accelerate together.* frequencies of its own"),
+    (motion_of_one_tone, "does not show its inertia.* faster and farther|accelerate together"),
+    (wrapped_positions, "unwrap"),
     (lambda q, tau: (q[:150], tau[:150]), "record for longer"),
     (lambda q, tau: (np.where(np.arange(len(q))[:, None] % 5 == 0, np.nan, q), tau), "lose fewer samples"),
     (lambda q, tau: (q, tau[:-1]), "got shapes"),
@@ -255,7 +255,7 @@ REFUSED: list[tuple[Any, str]] = [
 
 @pytest.mark.parametrize(("spoil", "message"), REFUSED)
 def test_records_that_do_not_show_it_are_refused(spoil, message):
-    q, tau = spoil(*move(M3))
+    q, tau = spoil(*measured_motion(M3))
     with pytest.raises(TarcError, match=message):
         inertia_from_data(q, tau, T)
 

@@ -11,11 +11,11 @@ ARM = plants.TwoLinkArm()
 LIMITS = np.array([100.0, 50.0])
 
 
-def made(**options):
+def design_arm(**options):
     return design(ARM, payload=(0.0, 1.0), torque_limit=LIMITS, speed=1.0, samples=100, progress=False, **options)
 
 
-def levels(found):
+def noise_levels(found):
     """Torque noise over the limit of each loop on the front, where it is greatest, and of the one chosen."""
     sigma = found.sensor.increment / 12**0.5
     share = np.max(np.linalg.norm(found.shape * sigma, axis=1) / LIMITS)
@@ -23,43 +23,43 @@ def levels(found):
 
 
 @pytest.fixture(scope="module")
-def usual():
-    return made()
+def default_design():
+    return design_arm()
 
 
-def test_noise_beyond_the_budget_is_traded_against_error(usual):
-    noise, level = levels(usual)
+def test_noise_beyond_the_budget_is_traded_against_error(default_design):
+    noise, level = noise_levels(default_design)
     free = max(NOISE, noise.min())
     assert level <= NEAR * free
-    assert level == pytest.approx(np.max(usual.torque_noise / LIMITS))
-    worth = np.maximum(noise, free) ** 2 * [one.error for one in usual.front]
-    assert max(level, free) ** 2 * usual.chosen.error == pytest.approx(worth[noise <= NEAR * free].min())
+    assert level == pytest.approx(np.max(default_design.torque_noise / LIMITS))
+    worth = np.maximum(noise, free) ** 2 * [one.error for one in default_design.front]
+    assert max(level, free) ** 2 * default_design.chosen.error == pytest.approx(worth[noise <= NEAR * free].min())
 
 
-def test_a_budget_that_is_given_is_kept_and_used(usual):
-    _, level = levels(usual)
+def test_a_budget_that_is_given_is_kept_and_used(default_design):
+    _, level = noise_levels(default_design)
     for share in (0.5, 3.0):
-        given = made(noise=share * level)
-        noise, now = levels(given)
+        given = design_arm(noise=share * level)
+        noise, now = noise_levels(given)
         assert now <= share * level
         assert given.chosen.error == min(
             one.error for one, size in zip(given.front, noise, strict=True) if size <= share * level
         )
         assert given.certificates["robot"].certified
-        assert (given.chosen.error < usual.chosen.error) == (share > 1)
+        assert (given.chosen.error < default_design.chosen.error) == (share > 1)
 
 
-def test_a_slower_robot_has_no_worse_a_loop(usual):
+def test_a_slower_robot_has_no_worse_a_loop(default_design):
     slow = design(ARM, payload=(0.0, 1.0), torque_limit=LIMITS, speed=0.2, samples=100, progress=False)
-    assert slow.chosen.error <= 1.1 * usual.chosen.error
-    assert slow.certificates["robot"].numbers["rate"] < usual.certificates["robot"].numbers["rate"]
+    assert slow.chosen.error <= 1.1 * default_design.chosen.error
+    assert slow.certificates["robot"].numbers["rate"] < default_design.certificates["robot"].numbers["rate"]
 
 
-def test_the_region_of_a_bounded_speed_is_drawn(usual, tmp_path):
-    figure = usual.plot("reach")
+def test_the_region_of_a_bounded_speed_is_drawn(default_design, tmp_path):
+    figure = default_design.plot("reach")
     drawn = [axes.get_title() for axes in figure.axes]
     assert drawn[:2] == ["literal", "synchronised"]
     points = sum(len(one.get_offsets()) for axes in figure.axes[:2] for one in axes.collections)
-    assert points == sum(one.feasible for one in usual.candidates)
+    assert points == sum(one.feasible for one in default_design.candidates)
     assert "% of its limit" in figure.axes[2].get_ylabel()
     figure.savefig(tmp_path / "reach.png")

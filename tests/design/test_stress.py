@@ -19,7 +19,7 @@ LIMIT = np.array([90.0, 40.0])
 
 
 @pytest.fixture(scope="module")
-def made():
+def arm_design():
     """A design from few loops, so that it is quick."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(import_module("tarc.design.selection"), "WINDOWS", (12,))
@@ -29,78 +29,83 @@ def made():
 
 
 @pytest.fixture(scope="module")
-def found(made):
-    return limits(made, duration=2.0)
+def stress_limits(arm_design):
+    return limits(arm_design, duration=2.0)
 
 
-def certified(made, law=None, mass=None, delay=0):
-    plants = made.plants if mass is None else [TwoLinkArm(), TwoLinkArm(payload=mass)]
-    law = made.law if law is None else law
-    return robot(law, plants, made.workspace, computation_delay=delay, samples=SAMPLES).certified
+def is_certified(arm_design, law=None, mass=None, delay=0):
+    plants = arm_design.plants if mass is None else [TwoLinkArm(), TwoLinkArm(payload=mass)]
+    law = arm_design.law if law is None else law
+    return robot(law, plants, arm_design.workspace, computation_delay=delay, samples=SAMPLES).certified
 
 
-def test_payload_lies_between_certified_and_not(made, found):
-    one = found["payload"]
+def test_payload_lies_between_certified_and_not(arm_design, stress_limits):
+    one = stress_limits["payload"]
     assert 0.5 <= one.value < one.beyond
     assert one.beyond - one.value <= 2 * FINE * one.beyond
     masses = [0.9 * one.value, one.value, one.beyond, 1.5 * one.beyond]
-    assert [certified(made, mass=mass) for mass in masses] == [True, True, False, False]
+    assert [is_certified(arm_design, mass=mass) for mass in masses] == [True, True, False, False]
     assert one.verdict.startswith("certified")
     assert not one.beyond_verdict.startswith("certified")
 
 
-def slower(made, rate):
+def law_at_rate(arm_design, rate):
     """The law at another rate, its window as near as whole periods allow."""
-    window = made.chosen.window * made.law.period
-    count = max(round(window * rate), made.chosen.degree)
-    estimator = Algebraic(window=count / rate, degree=made.chosen.degree)
-    return replace(made.law, period=1 / rate, estimator=estimator)
+    window = arm_design.chosen.window * arm_design.law.period
+    count = max(round(window * rate), arm_design.chosen.degree)
+    estimator = Algebraic(window=count / rate, degree=arm_design.chosen.degree)
+    return replace(arm_design.law, period=1 / rate, estimator=estimator)
 
 
-def test_rate_lies_between_certified_and_not(made, found):
-    one = found["rate"]
-    assert one.beyond < one.value <= 1 / made.law.period
+def test_rate_lies_between_certified_and_not(arm_design, stress_limits):
+    one = stress_limits["rate"]
+    assert one.beyond < one.value <= 1 / arm_design.law.period
     assert one.value - one.beyond <= 3 * FINE * one.value
-    assert [certified(made, law=slower(made, rate)) for rate in (one.value, one.beyond)] == [True, False]
+    assert [is_certified(arm_design, law=law_at_rate(arm_design, rate)) for rate in (one.value, one.beyond)] == [
+        True,
+        False,
+    ]
 
 
-def test_speed_lies_between_certified_and_not(made, found):
-    one = found["speed"]
+def test_speed_lies_between_certified_and_not(arm_design, stress_limits):
+    one = stress_limits["speed"]
     assert 2.0 <= one.value < one.beyond
     for value, answer in ((one.value, True), (one.beyond, False)):
-        space = made.workspace.within(value / 2.0 * np.array([1.0, 2.0]))
-        assert robot(made.law, made.plants, space, samples=SAMPLES).certified == answer
+        space = arm_design.workspace.within(value / 2.0 * np.array([1.0, 2.0]))
+        assert robot(arm_design.law, arm_design.plants, space, samples=SAMPLES).certified == answer
 
 
-def test_no_speed_is_asked_of_a_design_for_any(made):
-    free = replace(made, workspace=made.workspace.within(None))
+def test_no_speed_is_asked_of_a_design_for_any(arm_design):
+    free = replace(arm_design, workspace=arm_design.workspace.within(None))
     assert "any speed" in limits(free, questions="speed", simulate=False)["speed"].explain()
 
 
-def test_delay_is_the_last_certified(made, found):
-    one = found["computation_delay"]
+def test_delay_is_the_last_certified(arm_design, stress_limits):
+    one = stress_limits["computation_delay"]
     assert one.beyond == one.value + 1
-    assert [certified(made, delay=delay) for delay in range(one.value + 2)] == [True] * (one.value + 1) + [False]
+    assert [is_certified(arm_design, delay=delay) for delay in range(one.value + 2)] == [True] * (one.value + 1) + [
+        False
+    ]
 
 
-def test_bits_by_the_noise_that_was_predicted(made, found):
+def test_bits_by_the_noise_that_was_predicted(arm_design, stress_limits):
     """Each bit less doubles the noise."""
-    one = found["bits"]
-    own = np.max(made.torque_noise / LIMIT)
+    one = stress_limits["bits"]
+    own = np.max(arm_design.torque_noise / LIMIT)
     allowed = max(0.05, own)
     assert own * 2 ** (17 - one.value) <= allowed < own * 2 ** (17 - one.beyond)
-    looser = limits(made, questions="bits", noise=4.1 * allowed, simulate=False)["bits"]
+    looser = limits(arm_design, questions="bits", noise=4.1 * allowed, simulate=False)["bits"]
     assert looser.value == one.value - 2
     assert looser.run is looser.confirmed is None
 
 
-def test_own_noise_is_always_allowed(made):
-    one = limits(made, questions=["bits"], noise=1e-9, simulate=False)["bits"]
+def test_own_noise_is_always_allowed(arm_design):
+    one = limits(arm_design, questions=["bits"], noise=1e-9, simulate=False)["bits"]
     assert one.value == 17
 
 
-def test_simulations_complete(made, found):
-    for one in found.values():
+def test_simulations_complete(arm_design, stress_limits):
+    for one in stress_limits.values():
         assert one.confirmed, one.explain()
         assert one.run.value == one.value
         just, _ = one.beyond_runs
@@ -109,27 +114,27 @@ def test_simulations_complete(made, found):
         assert "NOT" not in one.explain()
 
 
-def test_a_wrong_certificate_is_found_out(made, monkeypatch):
+def test_a_wrong_certificate_is_found_out(arm_design, monkeypatch):
     """One that certifies everything leads to limits at which the simulation goes wrong."""
-    monkeypatch.setattr(import_module("tarc.design.stress"), "robot", lambda *_, **__: made.certificates["robot"])
-    one = limits(made, questions="rate", duration=2.0)["rate"]
+    monkeypatch.setattr(import_module("tarc.design.stress"), "robot", lambda *_, **__: arm_design.certificates["robot"])
+    one = limits(arm_design, questions="rate", duration=2.0)["rate"]
     assert one.beyond is None
     assert one.confirmed is False
     assert "times the error of the design itself" in one.explain()
     assert "NOT CONFIRMED" in one.explain()
 
 
-def test_simulated_noise_stays_below_the_predicted(made, found):
+def test_simulated_noise_stays_below_the_predicted(arm_design, stress_limits):
     """Predicted at the worst posture and over all frequencies: above what one motion shows, but not by far."""
-    predicted = made.torque_noise * 2 ** (17 - found["bits"].value)
-    measured = found["bits"].run.torque_noise
+    predicted = arm_design.torque_noise * 2 ** (17 - stress_limits["bits"].value)
+    measured = stress_limits["bits"].run.torque_noise
     assert np.all(measured < 1.1 * predicted)
     assert np.all(measured > 0.2 * predicted)
 
 
-def test_questions_that_do_not_apply(made, monkeypatch):
+def test_questions_that_do_not_apply(arm_design, monkeypatch):
     monkeypatch.setattr(TwoLinkArm, "parameters", property(lambda self: {}))
-    other = replace(made, plants=made.plants[:1], law=replace(made.law, torque_limit=None))
+    other = replace(arm_design, plants=arm_design.plants[:1], law=replace(arm_design.law, torque_limit=None))
     answers = limits(other, questions=["payload", "bits"], simulate=False)
     assert [one.value for one in answers.values()] == [None, None]
     assert "TwoLinkArm has no such parameter" in answers["payload"].explain()
@@ -144,9 +149,9 @@ def test_questions_that_do_not_apply(made, monkeypatch):
         ({"duration": 0.1}, "duration: got 0.1; needs a finite number of at least 1"),
     ],
 )
-def test_bad_input(made, options, message):
+def test_bad_input(arm_design, options, message):
     with pytest.raises(TarcError, match=message.replace("?", r"\?")):
-        limits(made, **options)
+        limits(arm_design, **options)
 
 
 def test_no_design():

@@ -29,7 +29,7 @@ every_estimator = pytest.mark.parametrize("estimator", EVERY.values(), ids=EVERY
 
 
 @st.composite
-def fits(draw: st.DrawFn, least: int = 1) -> Algebraic:
+def algebraic_estimators(draw: st.DrawFn, least: int = 1) -> Algebraic:
     """Any degree, window length and period."""
     degree = draw(st.integers(least, 5))
     intervals = draw(st.integers(degree, 40))
@@ -37,7 +37,7 @@ def fits(draw: st.DrawFn, least: int = 1) -> Algebraic:
     return Algebraic(window=intervals * period, degree=degree, period=period)
 
 
-def run(estimator: Estimator, positions: np.ndarray) -> list[Estimate]:
+def estimates_along(estimator: Estimator, positions: np.ndarray) -> list[Estimate]:
     """Estimates after each column of positions (n, k)."""
     state, estimates = estimator.init(positions[:, 0]), []
     for sample in positions.T:
@@ -46,56 +46,56 @@ def run(estimator: Estimator, positions: np.ndarray) -> list[Estimate]:
     return estimates
 
 
-def samples(estimator: Algebraic, coefficients: np.ndarray, count: int) -> np.ndarray:
+def polynomial_samples(estimator: Algebraic, coefficients: np.ndarray, count: int) -> np.ndarray:
     """Polynomial Σ c_k (t/ς)^k up to t = 0, one joint, shape (1, count)."""
     times = np.arange(1 - count, 1) / (estimator.samples - 1)
     return np.polynomial.polynomial.polyval(times, coefficients)[None, :]
 
 
-def rounding(weights: np.ndarray, positions: np.ndarray) -> float:
+def rounding_bound(weights: np.ndarray, positions: np.ndarray) -> float:
     """Bound on rounding errors in weights · positions: the fit's condition number is below 1e5 for degree ≤ 5."""
     return 1e-10 * np.sum(np.abs(weights)) * np.max(np.abs(positions)) + 1e-300
 
 
 @sampled
-@given(estimator=fits(), data=st.data())
+@given(estimator=algebraic_estimators(), data=st.data())
 def test_least_squares_are_exact_on_polynomials_up_to_their_degree(estimator: Algebraic, data: st.DataObject) -> None:
     c = data.draw(arrays(float, estimator.degree + 1, elements=st.floats(-10, 10, allow_subnormal=False)))
-    positions = samples(estimator, c, estimator.samples)
-    estimate = run(estimator, positions)[-1]
+    positions = polynomial_samples(estimator, c, estimator.samples)
+    estimate = estimates_along(estimator, positions)[-1]
     velocity, acceleration = c[1] / estimator.window, (2 * c[2] if estimator.degree > 1 else 0) / estimator.window**2
     assert estimate.position == positions[:, -1]
-    assert estimate.velocity == pytest.approx(velocity, abs=rounding(estimator.weights(1), positions))
+    assert estimate.velocity == pytest.approx(velocity, abs=rounding_bound(estimator.weights(1), positions))
     if estimator.degree == 1:
         assert estimator.orders == 1
         assert estimate.acceleration == 0
     else:
-        assert estimate.acceleration == pytest.approx(acceleration, abs=rounding(estimator.weights(2), positions))
+        assert estimate.acceleration == pytest.approx(acceleration, abs=rounding_bound(estimator.weights(2), positions))
 
 
 @sampled
-@given(estimator=fits(), data=st.data())
+@given(estimator=algebraic_estimators(), data=st.data())
 def test_weights_of_every_derivative_are_exact_on_polynomials(estimator: Algebraic, data: st.DataObject) -> None:
     c = data.draw(arrays(float, estimator.degree + 1, elements=st.floats(-10, 10, allow_subnormal=False)))
-    newest_first = samples(estimator, c, estimator.samples)[0, ::-1]
+    newest_first = polynomial_samples(estimator, c, estimator.samples)[0, ::-1]
     for j in range(estimator.degree + 1):
         weights = estimator.weights(j)
         truth = factorial(j) * c[j] / estimator.window**j
-        assert weights @ newest_first == pytest.approx(truth, abs=rounding(weights, newest_first))
+        assert weights @ newest_first == pytest.approx(truth, abs=rounding_bound(weights, newest_first))
 
 
 @sampled
-@given(estimator=fits(), data=st.data())
+@given(estimator=algebraic_estimators(), data=st.data())
 def test_prediction_is_exact_on_polynomials(estimator: Algebraic, data: st.DataObject) -> None:
     c = data.draw(arrays(float, estimator.degree + 1, elements=st.floats(-10, 10, allow_subnormal=False)))
-    positions = samples(estimator, c, estimator.samples + 1)[0]
+    positions = polynomial_samples(estimator, c, estimator.samples + 1)[0]
     past = positions[:-1][::-1]
     predicted = estimator.prediction @ past
-    assert predicted == pytest.approx(positions[-1], abs=rounding(estimator.prediction, positions))
+    assert predicted == pytest.approx(positions[-1], abs=rounding_bound(estimator.prediction, positions))
 
 
 @sampled
-@given(estimator=fits())
+@given(estimator=algebraic_estimators())
 def test_weights_are_savitzky_and_golay_s_at_the_end_of_the_window(estimator: Algebraic) -> None:
     n = estimator.samples
     for j in range(estimator.degree + 1):
@@ -118,13 +118,13 @@ def test_three_samples_of_degree_two_are_bdf2_and_the_second_difference() -> Non
 @pytest.mark.parametrize(("degree", "integrals"), [(1, [4, 12]), (2, [9, 192, 720]), (3, [16, 1200, 25920, 100800])])
 def test_kernel_energies(degree: int, integrals: list[int]) -> None:
     window = 0.3
-    psi, weight = gauss(window)
+    psi, weight = gauss_points(window)
     estimator = Algebraic(window=window, degree=degree)
     energies = [weight @ estimator.kernel(psi, j) ** 2 * window ** (2 * j + 1) for j in range(degree + 1)]
     assert np.allclose(energies, integrals, rtol=1e-10)
 
 
-def gauss(window: float) -> tuple[np.ndarray, np.ndarray]:
+def gauss_points(window: float) -> tuple[np.ndarray, np.ndarray]:
     """Nodes and weights over [−window, 0], exact on polynomials up to degree 39."""
     x, weight = np.polynomial.legendre.leggauss(20)
     return (x - 1) * window / 2, weight * window / 2
@@ -134,7 +134,7 @@ def gauss(window: float) -> tuple[np.ndarray, np.ndarray]:
 @given(degree=st.integers(1, 6), window=st.floats(0.01, 10), data=st.data())
 def test_kernel_is_exact_on_polynomials_up_to_its_degree(degree: int, window: float, data: st.DataObject) -> None:
     c = data.draw(arrays(float, degree + 1, elements=st.floats(-10, 10, allow_subnormal=False)))
-    psi, weight = gauss(window)
+    psi, weight = gauss_points(window)
     estimator = Algebraic(window=window, degree=degree)
     for j in range(degree + 1):
         terms = weight * estimator.kernel(psi, j)
@@ -158,7 +158,7 @@ def printed_kernel(psi: np.ndarray, window: float, degree: int, j: int) -> np.nd
 
 @pytest.mark.parametrize("window", [0.01, 0.5])
 def test_kernel_as_printed_gives_a_constant_a_velocity(window: float) -> None:
-    psi, weight = gauss(window)
+    psi, weight = gauss_points(window)
     assert weight @ printed_kernel(psi, window, 1, 1) == pytest.approx(12 / window)
     assert weight @ Algebraic(window=window, degree=1).kernel(psi, 1) == pytest.approx(0, abs=1e-9 / window)
 
@@ -176,7 +176,7 @@ def test_weights_tend_to_the_kernel_with_first_order_in_the_period(degree: int, 
         estimator = Algebraic(window=1.0, degree=degree, period=1 / intervals)
         ages = -np.arange(intervals + 1) / intervals
         # a smooth motion that no polynomial is: what the sum and the integral make of it
-        psi, weight = gauss(1.0)
+        psi, weight = gauss_points(1.0)
         integral = weight @ (estimator.kernel(psi, j) * np.exp(3 * psi))
         return float(abs(estimator.weights(j) @ np.exp(3 * ages) - integral))
 
@@ -230,7 +230,7 @@ def test_a_torque_average_starts_as_if_its_torque_had_always_been_applied() -> N
 @every_estimator
 def test_transfer_function_filters_like_the_estimator(estimator: Estimator) -> None:
     positions = 1.0 + np.random.default_rng(1).standard_normal((1, 80)).cumsum(axis=1) * 1e-3
-    estimates = run(estimator, positions)
+    estimates = estimates_along(estimator, positions)
     assert np.array_equal([estimate.position for estimate in estimates], positions.T)
     moved = positions[0] - positions[0, 0]  # from rest at the first sample, which no derivative sees
     for j, name in ((1, "velocity"), (2, "acceleration")):
@@ -285,7 +285,7 @@ def test_group_delay_of_differences_is_half_a_period_and_a_period_and_the_filter
 @every_estimator
 def test_noise_gain_is_the_standard_deviation_that_white_noise_comes_out_with(estimator: Estimator) -> None:
     noise = np.random.default_rng(2).standard_normal((4000, 60))  # many joints; the filter forgets e^(-18) by the end
-    last = run(estimator, noise)[-1]
+    last = estimates_along(estimator, noise)[-1]
     assert last.velocity.std() == pytest.approx(estimator.noise_gain(1), rel=0.03)
     assert last.acceleration.std() == pytest.approx(estimator.noise_gain(2), rel=0.03)
 
@@ -323,7 +323,7 @@ def test_noise_gain_of_filtered_differences_is_the_geometric_sum() -> None:
 
 @pytest.mark.parametrize("lost", [np.nan, np.inf, -np.inf])
 @settings(deadline=None, max_examples=20)
-@given(estimator=fits(), data=st.data())
+@given(estimator=algebraic_estimators(), data=st.data())
 def test_missing_samples_leave_polynomials_exact_and_are_flagged_by_joint(
     lost: float, estimator: Algebraic, data: st.DataObject
 ) -> None:
@@ -331,23 +331,23 @@ def test_missing_samples_leave_polynomials_exact_and_are_flagged_by_joint(
     shape = (2, estimator.degree + 1)
     c = data.draw(arrays(float, shape, elements=st.floats(-10, 10, allow_subnormal=False)))
     gone = data.draw(arrays(bool, (2, 3)))
-    truth = np.concatenate([samples(estimator, row, count + 3) for row in c])
+    truth = np.concatenate([polynomial_samples(estimator, row, count + 3) for row in c])
     received = truth.copy()
     received[:, count:][gone] = lost
-    estimates = run(estimator, received)[count:]
+    estimates = estimates_along(estimator, received)[count:]
     for estimate, expected, missing in zip(estimates, truth[:, count:].T, gone.T, strict=True):
         assert np.array_equal(estimate.valid, ~missing)
         # each prediction in a row multiplies the rounding of the one before
         size = np.sum(np.abs(estimator.prediction)) ** 3
-        assert np.allclose(estimate.position, expected, rtol=0, atol=rounding(np.array([size]), truth))
+        assert np.allclose(estimate.position, expected, rtol=0, atol=rounding_bound(np.array([size]), truth))
     velocity = c[:, 1] / estimator.window
-    bound = rounding(estimator.weights(1), truth) * np.sum(np.abs(estimator.prediction)) ** 3
+    bound = rounding_bound(estimator.weights(1), truth) * np.sum(np.abs(estimator.prediction)) ** 3
     assert np.allclose(estimates[-1].velocity, velocity, rtol=0, atol=bound)
 
 
 @pytest.mark.parametrize("name", ["differences", "filtered differences"])
 def test_differences_extrapolate_a_missing_sample_linearly(name: str) -> None:
-    estimates = run(EVERY[name], np.array([[0.0, 0.1, 0.2, np.nan, 0.4], [1.0, 1.0, 1.0, 1.0, np.inf]]))
+    estimates = estimates_along(EVERY[name], np.array([[0.0, 0.1, 0.2, np.nan, 0.4], [1.0, 1.0, 1.0, 1.0, np.inf]]))
     assert np.allclose([e.position for e in estimates], [[0, 1], [0.1, 1], [0.2, 1], [0.3, 1], [0.4, 1]])
     assert [e.valid.tolist() for e in estimates[3:]] == [[False, True], [True, False]]
 
@@ -360,7 +360,7 @@ def test_the_traced_step_is_the_numpy_step_missing_samples_included(estimator: E
     for symbol in (ca.SX, ca.MX):
         function, example = trace(estimator.step, first, positions[:, 0], symbol=symbol)
         state = pack(first)
-        for sample, expected in zip(positions.T, run(estimator, positions), strict=True):
+        for sample, expected in zip(positions.T, estimates_along(estimator, positions), strict=True):
             state, output = function(state, sample)
             found: Any = unpack(example, np.array(output).ravel())
             for a, b, size in zip(found, expected, (1, 1 / T, 1 / T**2, 1), strict=True):
@@ -369,7 +369,7 @@ def test_the_traced_step_is_the_numpy_step_missing_samples_included(estimator: E
 
 def test_an_estimator_at_rest_sees_no_motion() -> None:
     for estimator in EVERY.values():
-        estimate = run(estimator, np.full((2, 5), 0.7))[-1]
+        estimate = estimates_along(estimator, np.full((2, 5), 0.7))[-1]
         assert np.allclose(estimate.velocity, 0, atol=1e-12 / T)
         assert np.allclose(estimate.acceleration, 0, atol=1e-12 / T**2)
 

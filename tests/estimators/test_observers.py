@@ -10,7 +10,7 @@ from tarc.analysis import stable_interval
 from tarc.certificates import loop
 
 
-def follow(estimator, motion):
+def estimates_along(estimator, motion):
     """Velocity and acceleration estimates along sampled positions."""
     state = estimator.init(motion[:1])
     found = []
@@ -27,7 +27,7 @@ def kalman(noise, jerk):
 @pytest.mark.parametrize("observer", [kalman(1e-5, 100.0), estimators.HighGain(time_constant=0.004).at(T)])
 def test_observers_settle_on_constant_acceleration(observer):
     t = np.arange(400) * T
-    found = follow(observer, 3.0 + 2.0 * t - 5.0 * t**2)
+    found = estimates_along(observer, 3.0 + 2.0 * t - 5.0 * t**2)
     np.testing.assert_allclose(found[-1], [2.0 - 10.0 * t[-1], -10.0], rtol=1e-6)
 
 
@@ -64,7 +64,7 @@ def test_kalman_is_best_where_its_model_holds():
     measured = position + noise * rng.normal(size=position.shape)
 
     def error(observer):
-        return np.sqrt(np.mean((follow(observer, measured)[500:, 0] - velocity[500:]) ** 2))
+        return np.sqrt(np.mean((estimates_along(observer, measured)[500:, 0] - velocity[500:]) ** 2))
 
     best = error(kalman(noise, jerk))
     for factor in (0.2, 5.0):
@@ -77,7 +77,9 @@ def test_differentiator_is_exact_after_a_finite_time(implicit):
     errors = []
     for period in (1e-3, 5e-4):
         t = np.arange(int(2.0 / period)) * period
-        found = follow(estimators.RobustDifferentiator(lipschitz=150.0, implicit=implicit).at(period), np.sin(5 * t))
+        found = estimates_along(
+            estimators.RobustDifferentiator(lipschitz=150.0, implicit=implicit).at(period), np.sin(5 * t)
+        )
         truth = np.column_stack([5 * np.cos(5 * t), -25 * np.sin(5 * t)])
         errors.append(np.abs(found - truth)[t > 1.0].max(axis=0))
     assert errors[0][0] < 20 * 150.0 * 1e-6
@@ -88,9 +90,11 @@ def test_differentiator_is_exact_after_a_finite_time(implicit):
 
 def test_implicit_does_not_chatter_and_explicit_does():
     still = np.full(3000, 0.3)
-    quiet = follow(estimators.RobustDifferentiator(lipschitz=150.0).at(T), still + 1e-9)
+    quiet = estimates_along(estimators.RobustDifferentiator(lipschitz=150.0).at(T), still + 1e-9)
     np.testing.assert_allclose(quiet[-500:], 0.0, atol=1e-9)
-    loud = follow(estimators.RobustDifferentiator(lipschitz=150.0, implicit=False).at(T), np.append(0.0, still))
+    loud = estimates_along(
+        estimators.RobustDifferentiator(lipschitz=150.0, implicit=False).at(T), np.append(0.0, still)
+    )
     assert np.abs(np.diff(loud[-500:, 1])).max() > 0.05
 
 
@@ -124,7 +128,7 @@ def test_torque_filter_pairs_with_the_acceleration_estimate(observer):
     held = rng.normal(size=300)
     velocity = np.concatenate([[0.0], np.cumsum(held) * T])
     position = np.concatenate([[0.0], np.cumsum(velocity[:-1] * T + held * T**2 / 2)])
-    estimate = follow(observer, position)[:, 1]
+    estimate = estimates_along(observer, position)[:, 1]
     pair = observer.torque_average()
     state, paired = pair.init(np.zeros(1)), [0.0]
     for one in held:

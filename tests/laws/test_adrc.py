@@ -10,7 +10,7 @@ from tarc.core.trees import pack, unpack
 from tarc.laws.base import Tracking
 
 
-def observer(law):
+def observer_error_matrix(law):
     """Matrix of the observer's error, found by stepping it: columns are what becomes of unit states."""
     rest = law.example()[0].memory
     zero = np.zeros(1)
@@ -21,8 +21,8 @@ def observer(law):
 
 def test_poles_of_the_observer():
     law = make_law(laws.ADRC, joints=1, observer_bandwidth=80.0)
-    np.testing.assert_allclose(np.linalg.eigvals(observer(law)), np.exp(-80.0 * PERIOD), atol=1e-4)
-    characteristic = np.poly(observer(law))
+    np.testing.assert_allclose(np.linalg.eigvals(observer_error_matrix(law)), np.exp(-80.0 * PERIOD), atol=1e-4)
+    characteristic = np.poly(observer_error_matrix(law))
     np.testing.assert_allclose(characteristic, np.poly(np.full(3, np.exp(-80.0 * PERIOD))), atol=1e-12)
 
 

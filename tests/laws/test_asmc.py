@@ -4,48 +4,48 @@ import numpy as np
 import pytest
 
 from law_catalogue import make_law
-from law_runs import SMALL, at, track
+from law_runs import SMALL_INERTIA, simulate_arm, tracking_at
 from tarc import TarcError, laws
 
 
-def gains(law, sizes, start):
+def gains_after_steps(law, sizes, start):
     """The gain before each of the steps at which ‖s‖ has these sizes, and after the last."""
     state, result = law.robust_init()._replace(gain=np.array(start)), [start]
     for size in sizes:
-        state = law.robust(state, at([0.0, 0.0], [0.0, size]))[0]
+        state = law.robust(state, tracking_at([0.0, 0.0], [0.0, size]))[0]
         result.append(float(state.gain))
     return np.array(result)
 
 
 def test_slope_is_the_speed_up_and_down():
     law = make_law(laws.ASMC, speed=30.0, threshold=0.2, floor=0.5)
-    slopes = np.diff(gains(law, [0.3, 5.0, 0.2, 0.19, 0.0, 0.3], 4.0)) / law.period
+    slopes = np.diff(gains_after_steps(law, [0.3, 5.0, 0.2, 0.19, 0.0, 0.3], 4.0)) / law.period
     np.testing.assert_allclose(slopes, [30.0, 30.0, 30.0, -30.0, -30.0, 30.0], rtol=1e-9)
 
 
 def test_slope_of_the_origin_is_scaled_by_the_distance():
     law = make_law(laws.ASMC, speed=30.0, threshold=0.2, floor=0.5, scaled=True)
-    slopes = np.diff(gains(law, [0.3, 5.0, 0.1], 4.0)) / law.period
+    slopes = np.diff(gains_after_steps(law, [0.3, 5.0, 0.1], 4.0)) / law.period
     np.testing.assert_allclose(slopes, [9.0, 150.0, -3.0], rtol=1e-9)
 
 
 @pytest.mark.parametrize("size", [0.0, 1.0])
 def test_below_the_floor_it_rises_at_the_rate_printed(size):
     law = make_law(laws.ASMC, speed=30.0, threshold=0.2, floor=0.5)
-    slopes = np.diff(gains(law, [size] * 5, 0.1)) / law.period
+    slopes = np.diff(gains_after_steps(law, [size] * 5, 0.1)) / law.period
     np.testing.assert_allclose(slopes, 0.5, rtol=1e-9)
 
 
 def test_falls_to_the_floor_and_not_below():
     law = make_law(laws.ASMC, speed=30.0, threshold=0.2, floor=0.5)
-    found = gains(law, [0.0] * 100, 1.0)
+    found = gains_after_steps(law, [0.0] * 100, 1.0)
     assert found.min() == 0.5
     assert found[20:].max() == pytest.approx(0.5 * (1 + law.period)), "lifted by T γ̄ and taken back"
 
 
 def test_cap():
     law = make_law(laws.ASMC, speed=30.0, threshold=0.2, cap=2.0)
-    assert gains(law, [1.0] * 100, 1.9)[-1] == 2.0
+    assert gains_after_steps(law, [1.0] * 100, 1.9)[-1] == 2.0
 
 
 def test_rises_although_the_error_shrinks():
@@ -53,7 +53,7 @@ def test_rises_although_the_error_shrinks():
     asmc, tarc = make_law(laws.ASMC, threshold=0.01), make_law(laws.TARC, initial_gain=5.0, rise=10.0, fall=10.0)
     adaptive, other = asmc.robust_init(), tarc.robust_init()
     for size in np.linspace(1.0, 0.1, 20):
-        tracking = at([0.0, size], [0.0, 0.0])
+        tracking = tracking_at([0.0, size], [0.0, 0.0])
         before, adaptive = adaptive.gain, asmc.robust(adaptive, tracking)[0]
         assert adaptive.gain > before
         before, other = other.gain, tarc.robust(other, tracking)[0]
@@ -63,8 +63,10 @@ def test_rises_although_the_error_shrinks():
 @pytest.mark.parametrize("scaled", [False, True])
 def test_tracks_better_than_tdc_under_friction(scaled):
     """Alike where the gain moves; how much it gives hangs on the threshold."""
-    adaptive = make_law(laws.ASMC, inertia=SMALL, threshold=0.03, speed=200.0 if scaled else 20.0, scaled=scaled)
-    plain, robust = track(make_law(laws.TDC, inertia=SMALL)), track(adaptive)
+    adaptive = make_law(
+        laws.ASMC, inertia=SMALL_INERTIA, threshold=0.03, speed=200.0 if scaled else 20.0, scaled=scaled
+    )
+    plain, robust = simulate_arm(make_law(laws.TDC, inertia=SMALL_INERTIA)), simulate_arm(adaptive)
     assert robust.status.completed
     assert robust.metrics(start=1.0)["rms_error"] < 0.95 * plain.metrics(start=1.0)["rms_error"]
     assert robust.metrics()["peak_torque"] < 60.0

@@ -12,7 +12,7 @@ from tarc.laws import LawInput
 from tarc.laws.model_based import inertia_and_bias
 
 
-def departure(period):
+def largest_departure(period):
     """How far the error is, at most, from the double pole's e0 (1 + ωn t) e^(−ωn t), with the true model."""
     arm, start = plants.TwoLinkArm(viscous=0.3), np.array([0.2, -0.1])
     law = laws.ComputedTorque(model=arm, bandwidth=10.0, period=period, estimator=estimators.BackwardDifference())
@@ -26,7 +26,7 @@ def departure(period):
 
 def test_error_obeys_the_linear_dynamics():
     """Up to what the sampling adds, which is of first order."""
-    coarse, fine = departure(4e-4), departure(1e-4)
+    coarse, fine = largest_departure(4e-4), largest_departure(1e-4)
     assert fine < 5e-4
     assert 3.0 < coarse / fine < 5.0
 

@@ -10,7 +10,7 @@ from tarc.laws import LawInput
 MASS = plants.MassSpringDamper(masses=(1.0,), springs=0.0, dampers=0.0)
 
 
-def finely(**options):
+def fast_sampled_law(**options):
     given = {"inertia": 1.0, "bandwidth": 5.0, "period": 1e-4, "estimator": estimators.BackwardDifference()}
     return laws.CorlessLeitmann(**{**given, "boundary": 0.01, **options})
 
@@ -18,7 +18,7 @@ def finely(**options):
 @pytest.mark.parametrize("frequency", [0.0, 2.0, 5.0, 12.0])
 def test_error_ends_in_the_known_ball(frequency):
     """Whatever the disturbance within ρ does; one at rest comes near enough to show that the bound means something."""
-    law = finely(bound=6.0)
+    law = fast_sampled_law(bound=6.0)
     wave = signals.Sine(amplitude=6.0, frequency=frequency, phase=np.pi / 2)
     data = simulate(
         MASS, law, signals.Sinusoid(amplitude=0.0, frequency=1.0), 6.0, position=[0.5], disturbance=wave
@@ -32,10 +32,10 @@ def test_error_ends_in_the_known_ball(frequency):
 
 
 def test_plain_pole_placement_leaves_the_ball():
-    law = finely(bound=0.0)
+    law = fast_sampled_law(bound=0.0)
     disturbance = signals.Step(amplitude=6.0)
     data = simulate(MASS, law, signals.Sinusoid(amplitude=0.0, frequency=1.0), 4.0, disturbance=disturbance).data
-    assert abs(data["position"].values[-1, 0]) > finely(bound=6.0).error_bound
+    assert abs(data["position"].values[-1, 0]) > fast_sampled_law(bound=6.0).error_bound
 
 
 def test_lyapunov_function():

@@ -20,13 +20,13 @@ from tarc.scenario.schema import parameters
 LAWS = concrete_laws()
 
 
-def each(kinds):
+def parametrize_kinds(kinds):
     return pytest.mark.parametrize("kind", kinds, ids=lambda kind: kind.__name__)
 
 
-every_law = each(LAWS)
-every_law_with_poles = each([kind for kind in LAWS if issubclass(kind, PolePlacement)])
-every_law_on_tde = each([kind for kind in LAWS if issubclass(kind, TDE)])
+every_law = parametrize_kinds(LAWS)
+every_law_with_poles = parametrize_kinds([kind for kind in LAWS if issubclass(kind, PolePlacement)])
+every_law_on_tde = parametrize_kinds([kind for kind in LAWS if issubclass(kind, TDE)])
 every_way = pytest.mark.parametrize(
     ("kind", "options"),
     [

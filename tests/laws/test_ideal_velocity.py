@@ -4,19 +4,19 @@ import numpy as np
 import pytest
 
 from law_catalogue import make_law
-from law_runs import SMALL, assert_is_tdc, at, track
+from law_runs import SMALL_INERTIA, assert_equals_tdc, simulate_arm, tracking_at
 from tarc import TarcError, certificates, estimators, laws
 from tarc.analysis.linearise import decouple
 
 
 def test_without_its_gain_it_is_tdc():
-    assert_is_tdc(laws.IVF, velocity_gain=0.0, cap=1.0)
+    assert_equals_tdc(laws.IVF, velocity_gain=0.0, cap=1.0)
 
 
 def test_equals_second_writing():
     """The torques of a run again, from its records: the ideal velocity as one sum over all the past."""
-    law = make_law(laws.IVF, inertia=SMALL, velocity_gain=6.0)
-    data = track(law, duration=1.0).data
+    law = make_law(laws.IVF, inertia=SMALL_INERTIA, velocity_gain=6.0)
+    data = simulate_arm(law, duration=1.0).data
     q, qd, dqd, ddqd, v = (
         data[name].values
         for name in ("measured", "reference", "velocity_reference", "acceleration_reference", "velocity_estimate")
@@ -48,15 +48,18 @@ def test_cap_limits_the_term_and_the_integral():
     law = make_law(laws.IVF, velocity_gain=4.0, cap=2.0)
     state, corrections = law.robust_init(), []
     for error in [0.5] * 50 + [-0.05] * 50:
-        state, correction, _ = law.robust(state, at([error, 0.0], [0.0, 0.0]))
+        state, correction, _ = law.robust(state, tracking_at([error, 0.0], [0.0, 0.0]))
         corrections.append(correction[0])
     assert min(corrections) == -2.0
     assert corrections[52] > -2.0, "it leaves the limit as soon as the error changes sign"
-    np.testing.assert_array_equal(law.robust(state, at([1.0, 1.0], [0.0, 0.0], fault=True))[0], state)
+    np.testing.assert_array_equal(law.robust(state, tracking_at([1.0, 1.0], [0.0, 0.0], fault=True))[0], state)
 
 
 def test_tracks_better_than_tdc_under_friction():
-    plain, robust = track(make_law(laws.TDC, inertia=SMALL)), track(make_law(laws.IVF, inertia=SMALL))
+    plain, robust = (
+        simulate_arm(make_law(laws.TDC, inertia=SMALL_INERTIA)),
+        simulate_arm(make_law(laws.IVF, inertia=SMALL_INERTIA)),
+    )
     assert robust.status.completed
     assert robust.metrics(start=1.0)["rms_error"] < 0.6 * plain.metrics(start=1.0)["rms_error"]
     assert robust.metrics()["peak_torque"] < 60.0

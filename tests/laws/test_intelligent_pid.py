@@ -9,7 +9,7 @@ from tarc import TarcError, analysis, certificates, estimators, laws, plants, si
 from tarc.laws import LawInput
 
 
-def last(law, positions, torques):
+def last_signals(law, positions, torques):
     """Signals after positions (k, 1), with these torques (k,) applied in between whatever the law says."""
     state, rest = law.init(positions[0], torques[:1]), np.zeros(1)
     output = None
@@ -31,7 +31,7 @@ def test_constant_force_is_found_exactly():
         q, dq = q + PERIOD * dq + PERIOD**2 / 2 * a, dq + PERIOD * a
         positions.append(q)
     law = make_law(laws.IntelligentPID, joints=1, inertia=inertia, window=0.012)
-    signals_ = last(law, np.array(positions)[:, None], v)
+    signals_ = last_signals(law, np.array(positions)[:, None], v)
     np.testing.assert_allclose(signals_["disturbance_estimate"], F, rtol=1e-7)
 
 
@@ -49,7 +49,7 @@ def test_tends_to_the_integrals():
     second = quad(lambda x: x**2 * (L - x) ** 2 * alpha * torque(1 - x), 0, L)[0]
     law = make_law(laws.IntelligentPID, joints=1, inertia=0.7, window=L, period=T)
     times = 1 - T * np.arange(400)[::-1]
-    found = last(law, q(times)[:, None], torque(times - T / 2))["disturbance_estimate"]
+    found = last_signals(law, q(times)[:, None], torque(times - T / 2))["disturbance_estimate"]
     np.testing.assert_allclose(found, 60 / L**5 * first - 30 / L**5 * second, rtol=0.01)
 
 

@@ -4,19 +4,19 @@ import numpy as np
 import pytest
 
 from law_catalogue import make_law
-from law_runs import SMALL, assert_is_tdc, track
+from law_runs import SMALL_INERTIA, assert_equals_tdc, simulate_arm
 from tarc import TarcError, certificates, laws, plants, signals, simulate
 
 
 def test_with_an_endless_filter_it_is_tdc():
-    assert_is_tdc(laws.TDCIM, time_constant=1e15)
+    assert_equals_tdc(laws.TDCIM, time_constant=1e15)
 
 
 @pytest.mark.parametrize("options", [{}, {"delay": 0.003}, {"synchronised": True}])
 def test_without_a_limit_it_is_ideal_velocity_feedback(options):
-    given = {"inertia": SMALL, "bandwidth": 6.0, **options}
-    model = track(make_law(laws.TDCIM, time_constant=0.2, **given), duration=1.0)
-    ideal = track(make_law(laws.IVF, velocity_gain=5.0, **given), duration=1.0)
+    given = {"inertia": SMALL_INERTIA, "bandwidth": 6.0, **options}
+    model = simulate_arm(make_law(laws.TDCIM, time_constant=0.2, **given), duration=1.0)
+    ideal = simulate_arm(make_law(laws.IVF, velocity_gain=5.0, **given), duration=1.0)
     assert model.status.completed
     np.testing.assert_allclose(model.data["model_velocity"], ideal.data["ideal_velocity"], rtol=1e-7, atol=1e-7)
     np.testing.assert_allclose(model.data["torque"], ideal.data["torque"], rtol=1e-6, atol=1e-6)
@@ -32,7 +32,7 @@ def overshoot(law):
 
 def test_nothing_winds_up_at_a_limit():
     """The integral of ideal velocity feedback runs off, unless it has a cap; the model sees the limit."""
-    given = {"inertia": SMALL, "torque_limit": [45.0, 20.0]}
+    given = {"inertia": SMALL_INERTIA, "torque_limit": [45.0, 20.0]}
     far, completed = overshoot(make_law(laws.IVF, velocity_gain=10.0, **given))
     assert far > 1.0
     assert not completed
@@ -43,7 +43,10 @@ def test_nothing_winds_up_at_a_limit():
 
 
 def test_tracks_better_than_tdc_under_friction():
-    plain, robust = track(make_law(laws.TDC, inertia=SMALL)), track(make_law(laws.TDCIM, inertia=SMALL))
+    plain, robust = (
+        simulate_arm(make_law(laws.TDC, inertia=SMALL_INERTIA)),
+        simulate_arm(make_law(laws.TDCIM, inertia=SMALL_INERTIA)),
+    )
     assert robust.status.completed
     assert robust.metrics(start=1.0)["rms_error"] < 0.6 * plain.metrics(start=1.0)["rms_error"]
     assert robust.metrics()["peak_torque"] < 60.0

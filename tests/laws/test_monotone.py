@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from law_catalogue import make_law
-from law_runs import SMALL, at, track
+from law_runs import SMALL_INERTIA, simulate_arm, tracking_at
 from tarc import TarcError, laws
 
 
@@ -13,14 +13,14 @@ def test_gain_is_the_integral_of_the_distance():
     sizes = np.array([0.3, 0.1, 0.05, 0.4, 0.11])
     state = law.robust_init()
     for size in sizes:
-        state = law.robust(state, at([0.0, 0.0], [size, 0.0]))[0]
+        state = law.robust(state, tracking_at([0.0, 0.0], [size, 0.0]))[0]
     assert state.gain == pytest.approx(1.0 + law.period * 40.0 * (0.3 + 0.4 + 0.11), rel=1e-12)
 
 
 @pytest.mark.parametrize("cap", [None, 0.8])
 def test_never_falls_and_beats_tdc_under_friction(cap):
-    law = make_law(laws.MonotoneASMC, inertia=SMALL, cap=cap)
-    plain, robust = track(make_law(laws.TDC, inertia=SMALL)), track(law)
+    law = make_law(laws.MonotoneASMC, inertia=SMALL_INERTIA, cap=cap)
+    plain, robust = simulate_arm(make_law(laws.TDC, inertia=SMALL_INERTIA)), simulate_arm(law)
     gain = robust.data["gain"].values
     assert robust.status.completed
     assert np.all(np.diff(gain) >= 0)

@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 
 from law_catalogue import make_law
-from law_runs import SMALL, assert_is_tdc, at, ideal, track
+from law_runs import SMALL_INERTIA, assert_equals_tdc, simulate_arm, simulate_double_integrator, tracking_at
 from tarc import TarcError, certificates, laws
 from tarc.core.tracing import trace
 from tarc.core.trees import pack
 
 
 def test_linear_and_without_gain_it_is_tdc():
-    assert_is_tdc(laws.NonsingularTerminal, gain=0.0, exponent=1.0)
+    assert_equals_tdc(laws.NonsingularTerminal, gain=0.0, exponent=1.0)
 
 
 @pytest.mark.parametrize("exponent", [1.0, 1.5, 1.9])
@@ -44,7 +44,7 @@ def test_the_surface_is_invariant():
     law = make_law(laws.NonsingularTerminal, exponent=1.5, boundary=0.05, bandwidth=4.0, period=1e-4)
     rate = np.array([0.6, -0.4])
     start = -law.bent(rate) / 4.0
-    _, q, v = ideal(law, start, rate, 2.0)
+    _, q, v = simulate_double_integrator(law, start, rate, 2.0)
     assert np.abs(4.0 * q + law.bent(v)).max() < 1e-3
     assert np.abs(q[-1]).max() < 1e-3
 
@@ -56,7 +56,7 @@ def test_reaches_zero_in_finite_time():
     )
     start, v0 = 0.3, 2.0
     rate = -v0 * (4.0 * start / v0) ** (1 / 1.5)
-    times, q, _ = ideal(law, [start], [rate], 1.5)
+    times, q, _ = simulate_double_integrator(law, [start], [rate], 1.5)
     expected = 3.0 * v0 ** (1 / 1.5 - 1) * 4.0 ** (-1 / 1.5) * (start ** (1 / 3) - 1e-4 ** (1 / 3))
     reached = np.argmax(q[:, 0] < 1e-4)
     assert times[reached] == pytest.approx(expected, rel=5e-3)
@@ -67,14 +67,17 @@ def test_reaches_zero_in_finite_time():
 def test_reaching_law_bounds_the_distance_from_the_surface():
     """Under a constant disturbance c, s ends where Λ s + k s^ρ = c, below (c/k)^(1/ρ)."""
     law = make_law(laws.NonsingularTerminal, joints=1, gain=15.0, exponent=1.0, boundary=0.01, bandwidth=3.0)
-    _, q, v = ideal(law, [0.0], [0.0], 6.0, disturbance=9.0)
+    _, q, v = simulate_double_integrator(law, [0.0], [0.0], 6.0, disturbance=9.0)
     s = float((3.0 * q + v)[-1, 0])
     assert 3.0 * s + 15.0 * np.sqrt(s) == pytest.approx(9.0, rel=1e-2)
     assert s < (9.0 / 15.0) ** 2
 
 
 def test_tracks_better_than_tdc_under_friction():
-    plain, robust = track(make_law(laws.TDC, inertia=SMALL)), track(make_law(laws.NonsingularTerminal, inertia=SMALL))
+    plain, robust = (
+        simulate_arm(make_law(laws.TDC, inertia=SMALL_INERTIA)),
+        simulate_arm(make_law(laws.NonsingularTerminal, inertia=SMALL_INERTIA)),
+    )
     assert robust.status.completed
     assert robust.metrics(start=1.0)["rms_error"] < 0.6 * plain.metrics(start=1.0)["rms_error"]
     assert robust.metrics()["peak_torque"] < 60.0
@@ -86,7 +89,7 @@ def test_loop_certificate_sees_the_slopes_at_zero():
     r, slope = 2.0 * 0.1**-0.5, 0.1**0.2
     stiffness, viscosity = 144.0 + r * 12.0, 12.0 / slope + (12.0 + r) * slope
     plain = make_law(laws.TDC, bandwidth=None, stiffness=stiffness, viscosity=viscosity)
-    tracking = at([1e-9, 0.0], [0.0, 1e-9])
+    tracking = tracking_at([1e-9, 0.0], [0.0, 1e-9])
     u = law.feedback(tracking) + law.robust((), tracking)[1]
     np.testing.assert_allclose(u, plain.feedback(tracking), rtol=1e-9)
     found, known = (certificates.loop(one, 0.08) for one in (law, plain))

@@ -13,17 +13,17 @@ BOUNDS = {"masses": [0.3, 2.0], "viscous": [0.0, 4.0]}
 EXCITING = signals.Multisine(amplitude=[[0.35, 0.3, 0.25], [0.3, 0.35, 0.2]], frequency=[2.0, 3.3, 5.1])
 
 
-def law_of(model: plants.Plant = BELIEVED, **options):
+def projection_law(model: plants.Plant = BELIEVED, **options):
     return make_law(laws.ProjectionARC, **{"model": model, "bounds": BOUNDS, "bandwidth": 15.0, **options})
 
 
-def adapted(run):
+def adapted_parameters(run):
     return np.array([run.data[f"adapted_{name}"].values for name in ("masses1", "masses2", "viscous1", "viscous2")])
 
 
 def test_regressor_is_that_of_slotine_and_li():
     """Their two-link arm by hand, point masses, Applied Nonlinear Control, Section 9.1, with gravity."""
-    law = law_of(bounds={"masses": [0.3, 2.0]})
+    law = projection_law(bounds={"masses": [0.3, 2.0]})
     rng = np.random.default_rng(0)
     q, v, rate, acceleration = rng.normal(size=(4, 2))
     rest, Y, M = (np.array(part) for part in law.model_torque(q, v, rate, acceleration))
@@ -41,10 +41,10 @@ def test_regressor_is_that_of_slotine_and_li():
 
 
 def test_parameters_converge_where_they_are_excited():
-    law = law_of(adaptation=1.0, margin=0.0)
+    law = projection_law(adaptation=1.0, margin=0.0)
     run = simulate(TRUE, law, EXCITING, 20.0)
     assert run.status.completed
-    np.testing.assert_allclose(adapted(run)[:, -1], [1.4, 0.8, 2.5, 0.8], rtol=0.02)
+    np.testing.assert_allclose(adapted_parameters(run)[:, -1], [1.4, 0.8, 2.5, 0.8], rtol=0.02)
     early, late = (run.metrics(start=start)["rms_error"] for start in (0.0, 18.0))
     assert late < early / 5
 
@@ -52,8 +52,8 @@ def test_parameters_converge_where_they_are_excited():
 def test_projection_keeps_the_bounds():
     """Ones that leave the truth out: p̂ goes to their edge and not beyond."""
     bounds = {"masses": [0.9, 1.2], "viscous": [0.9, 1.4]}
-    run = simulate(TRUE, law_of(bounds=bounds, adaptation=20.0), EXCITING, 5.0)
-    found = adapted(run)
+    run = simulate(TRUE, projection_law(bounds=bounds, adaptation=20.0), EXCITING, 5.0)
+    found = adapted_parameters(run)
     assert run.status.completed
     assert found[:2].min() >= 0.9
     assert found[:2].max() == 1.2
@@ -63,7 +63,7 @@ def test_projection_keeps_the_bounds():
 
 def test_robust_term_covers_what_does_not_adapt():
     errors = [
-        simulate(TRUE, law_of(adaptation=0.0, margin=margin), EXCITING, 4.0).metrics(start=1.0)["rms_error"]
+        simulate(TRUE, projection_law(adaptation=0.0, margin=margin), EXCITING, 4.0).metrics(start=1.0)["rms_error"]
         for margin in (0.0, 1.0)
     ]
     assert errors[1] < errors[0] / 2
@@ -71,7 +71,7 @@ def test_robust_term_covers_what_does_not_adapt():
 
 def test_with_the_right_parameters_and_nothing_else_it_is_exact():
     """The error obeys (d/dt + ωn)² e = 0 about a point, where C vanishes with the speed."""
-    law = law_of(model=TRUE, adaptation=0.0, margin=0.0, period=1e-4)
+    law = projection_law(model=TRUE, adaptation=0.0, margin=0.0, period=1e-4)
     reference = signals.Sinusoid(amplitude=0.0, frequency=1.0, offset=[0.4, 0.3])
     data = simulate(TRUE, law, reference, 0.6, position=[0.401, 0.3]).data
     time = data["time"].values
@@ -80,7 +80,7 @@ def test_with_the_right_parameters_and_nothing_else_it_is_exact():
 
 
 def test_adaptation_stops_with_the_fault():
-    law = law_of(max_missing=0)
+    law = projection_law(max_missing=0)
     state, value = law.example()
     for _ in range(3):
         state, _ = law.step(state, LawInput(np.full(2, np.nan), *value[1:]))
@@ -103,10 +103,10 @@ def test_adaptation_stops_with_the_fault():
 )
 def test_bad_parameters(options, message):
     with pytest.raises(TarcError, match=message):
-        law_of(**{"model": plants.TwoLinkArm(coulomb=0.5), **options})
+        projection_law(**{"model": plants.TwoLinkArm(coulomb=0.5), **options})
 
 
 def test_a_model_without_energies_is_refused():
     robot = plants.MujocoPlant.from_file("ur5e", armature=0.1)
     with pytest.raises(TarcError, match="model: got MujocoPlant.*needs one from energies"):
-        law_of(model=robot, bounds={"payload": [0.0, 5.0]})
+        projection_law(model=robot, bounds={"payload": [0.0, 5.0]})

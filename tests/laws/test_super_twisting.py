@@ -13,13 +13,13 @@ MASS = plants.MassSpringDamper(masses=(1.0,), springs=0.0, dampers=0.0)
 TARGET = signals.Sinusoid(amplitude=0.0, frequency=1.0)
 
 
-def finely(**options):
+def fast_sampled_law(**options):
     """A law that runs so fast that the continuous results hold."""
     given = {"inertia": 1.0, "bandwidth": 5.0, "period": 1e-4, "estimator": estimators.BackwardDifference()}
     return laws.SuperTwisting(**{**given, "boundary": 1e-4, **options})
 
 
-def surface(run, law):
+def sliding_variable(run, law):
     """True s."""
     data = run.data
     return data["velocity"].values[:, 0] + law.slope[0, 0] * data["position"].values[:, 0]
@@ -43,9 +43,9 @@ def reaching_time(law, s, z):
 
 
 def test_reaches_the_surface_within_the_known_time():
-    law = finely(disturbance_rate=40.0)
+    law = fast_sampled_law(disturbance_rate=40.0)
     run = simulate(MASS, law, TARGET, 4.0, velocity=1.0, disturbance=signals.Step(amplitude=3.0))
-    s = surface(run, law)
+    s = sliding_variable(run, law)
     bound = reaching_time(law, 1.0, 3.0)
     late = run.data["time"].values > bound
     assert 0.1 < bound < 3.0
@@ -61,9 +61,11 @@ def test_holds_the_surface_against_a_disturbance_of_bounded_rate():
     wave = signals.Sine(amplitude=8.0, frequency=5.0)
     worst = []
     for L in (40.0, 10.0):
-        law = finely(disturbance_rate=L, root_gain=a if L == 40.0 else 0.5, switch_gain=b if L == 40.0 else 0.5)
+        law = fast_sampled_law(
+            disturbance_rate=L, root_gain=a if L == 40.0 else 0.5, switch_gain=b if L == 40.0 else 0.5
+        )
         run = simulate(MASS, law, TARGET, 3.0, disturbance=wave)
-        worst.append(np.abs(surface(run, law)[10000:]).max())
+        worst.append(np.abs(sliding_variable(run, law)[10000:]).max())
     assert worst[0] < 1e-3
     assert worst[1] > 0.1, "gains far below the condition let go of the surface"
 

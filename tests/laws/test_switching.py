@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from law_catalogue import concrete_laws, make_law
-from law_runs import SMALL, assert_is_tdc, at, track
+from law_runs import SMALL_INERTIA, assert_equals_tdc, simulate_arm, tracking_at
 from tarc import TarcError, certificates, estimators, laws
 
 NO_GAIN: dict[Any, dict[str, Any]] = {
@@ -23,7 +23,7 @@ def test_all_are_here():
 
 @every_switching_law
 def test_without_gain_it_is_tdc(kind):
-    assert_is_tdc(kind, **NO_GAIN[kind])
+    assert_equals_tdc(kind, **NO_GAIN[kind])
 
 
 @every_switching_law
@@ -39,7 +39,7 @@ def test_switching_term(kind):
     """Of the size of the gain outside the layer, against s; inside it proportional to s."""
     law = make_law(kind, boundary=0.1, surface=3.0)
     state = law.robust_init()._replace(gain=np.array(7.0))
-    far, near = at([0.1, -0.2], [1.0, 0.5]), at([0.01, 0.0], [0.0, 0.02])
+    far, near = tracking_at([0.1, -0.2], [1.0, 0.5]), tracking_at([0.01, 0.0], [0.0, 0.02])
     s = np.array([1.3, -0.1])
     np.testing.assert_allclose(law.robust(state, far)[1], -7.0 * s / np.linalg.norm(s), rtol=1e-12)
     np.testing.assert_allclose(law.robust(state, near)[1], -7.0 * np.array([0.03, 0.02]) / 0.1, rtol=1e-12)
@@ -54,7 +54,7 @@ def test_default_surface_is_the_double_pole(kind):
 def test_gain_rests_after_a_fault(kind):
     law = make_law(kind)
     state = law.robust_init()._replace(gain=np.array(3.0))
-    np.testing.assert_array_equal(law.robust(state, at([1.0, 1.0], [1.0, 1.0], fault=True))[0].gain, 3.0)
+    np.testing.assert_array_equal(law.robust(state, tracking_at([1.0, 1.0], [1.0, 1.0], fault=True))[0].gain, 3.0)
 
 
 @every_switching_law
@@ -76,7 +76,7 @@ def test_inside_the_layer_it_is_tdc_with_larger_gains():
     law = make_law(laws.SlidingMode, gain=0.0, boundary=0.25, surface=8.0)
     state = law.robust_init()._replace(gain=np.array(5.0))
     stiff = make_law(laws.TDC, bandwidth=None, stiffness=144.0 + 8.0 * 20.0, viscosity=24.0 + 20.0)
-    tracking = at([0.002, -0.001], [0.03, 0.05])
+    tracking = tracking_at([0.002, -0.001], [0.03, 0.05])
     u = law.feedback(tracking) + law.robust(state, tracking)[1]
     np.testing.assert_allclose(u, stiff.feedback(tracking), rtol=1e-12)
 
@@ -91,8 +91,8 @@ def test_holds_the_arm_against_gravity_alone(kind):
         laws.ASMC: {"speed": 100.0, "threshold": 0.3},
         laws.MonotoneASMC: {"growth": 100.0, "dead_zone": 0.3},
     }
-    common: dict[str, Any] = {"inertia": 6 * SMALL, "bandwidth": 10.0, "boundary": 2.0, "time_delay": False}
-    runs = [track(make_law(kind, **common, **options)) for options in (NO_GAIN[kind], enough[kind])]
+    common: dict[str, Any] = {"inertia": 6 * SMALL_INERTIA, "bandwidth": 10.0, "boundary": 2.0, "time_delay": False}
+    runs = [simulate_arm(make_law(kind, **common, **options)) for options in (NO_GAIN[kind], enough[kind])]
     assert all(run.status.completed for run in runs)
     errors = [run.metrics(start=2.0)["rms_error"] for run in runs]
     assert errors[1] < errors[0] / 3

@@ -9,7 +9,7 @@ from tarc import TarcError, estimators, laws, plants, signals, simulate
 from tarc.laws import LawInput
 
 
-def second_writing(law, positions, reference, rates, accelerations):
+def torques_written_again(law, positions, reference, rates, accelerations):
     """The torques of TARC written again, with lists and loops, from the paper's equations alone."""
     n, T, m = law.joints, law.period, law.delay_periods
     count = law.estimator.samples
@@ -48,7 +48,7 @@ def test_equals_second_writing(delay):
     run = simulate(plants.TwoLinkArm(coulomb=0.5), law, reference, 1.0, sensor=signals.Encoder(bits=15))
     data = run.data
     columns = [data[name].values for name in ("measured", "reference", "velocity_reference", "acceleration_reference")]
-    torques, gains = second_writing(law, *columns)
+    torques, gains = torques_written_again(law, *columns)
     assert run.status.completed
     assert 0 < data["rising"].values.mean() < 1, "both branches run"
     assert (data["sliding"].values > law.boundary).any(), "both sides of the boundary run"

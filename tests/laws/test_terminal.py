@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from law_catalogue import make_law
-from law_runs import SMALL, assert_is_tdc, at, ideal, track
+from law_runs import SMALL_INERTIA, assert_equals_tdc, simulate_arm, simulate_double_integrator, tracking_at
 from tarc import TarcError, certificates, laws
 
 
 def test_linear_and_undamped_it_is_tdc():
-    assert_is_tdc(laws.TerminalSliding, nonlinear_damping=0.0, exponent=1.0)
+    assert_equals_tdc(laws.TerminalSliding, nonlinear_damping=0.0, exponent=1.0)
 
 
 @pytest.mark.parametrize("exponent", [0.5, 0.7, 1.0])
@@ -28,7 +28,7 @@ def test_power_far_from_the_layer():
 def test_the_surface_decays_by_itself():
     """ṡ = −Λ s with damping 1, whatever the power: s(t) = s(0) e^{−ωn t}."""
     law = make_law(laws.TerminalSliding, nonlinear_damping=0.0, exponent=0.7, bandwidth=4.0, period=1e-4)
-    times, q, v = ideal(law, [0.4, -0.3], [0.5, 0.0], 0.5)
+    times, q, v = simulate_double_integrator(law, [0.4, -0.3], [0.5, 0.0], 0.5)
     s = v + 4.0 * law.bent(q)
     np.testing.assert_allclose(s, s[0] * np.exp(-4.0 * times)[:, None], atol=1e-3)
 
@@ -39,7 +39,7 @@ def test_reaches_zero_in_finite_time():
         laws.TerminalSliding, joints=1, nonlinear_damping=0.0, exponent=0.6, boundary=1e-5, bandwidth=4.0, period=1e-4
     )
     start = np.array([0.3])
-    times, q, _ = ideal(law, start, -4.0 * law.bent(start), 1.2)
+    times, q, _ = simulate_double_integrator(law, start, -4.0 * law.bent(start), 1.2)
     expected = 0.1**-0.4 * (0.3**0.4 - 1e-4**0.4) / (4.0 * 0.4)
     reached = np.argmax(q[:, 0] < 1e-4)
     assert times[reached] == pytest.approx(expected, rel=5e-3)
@@ -50,7 +50,7 @@ def test_reaches_zero_in_finite_time():
 def test_damping_bounds_the_distance_from_the_surface():
     """Under a constant disturbance c, s ends where Λ s + κ s² = c, below √(c/κ)."""
     law = make_law(laws.TerminalSliding, joints=1, nonlinear_damping=6.0, exponent=1.0, bandwidth=3.0)
-    _, q, v = ideal(law, [0.0], [0.0], 6.0, disturbance=20.0)
+    _, q, v = simulate_double_integrator(law, [0.0], [0.0], 6.0, disturbance=20.0)
     s = (v + 3.0 * q)[:, 0]
     root = (-3.0 + np.sqrt(9.0 + 4 * 6.0 * 20.0)) / (2 * 6.0)
     assert s[-1] == pytest.approx(root, rel=1e-2)
@@ -60,11 +60,14 @@ def test_damping_bounds_the_distance_from_the_surface():
 def test_cap_of_the_damping():
     law = make_law(laws.TerminalSliding, nonlinear_damping=6.0, cap=2.0)
     s = law.sliding(np.array([0.5, 0.0]), np.array([0.0, 4.0]))
-    np.testing.assert_allclose(law.robust((), at([0.5, 0.0], [0.0, 4.0]))[1], -2.0 * s, rtol=1e-12)
+    np.testing.assert_allclose(law.robust((), tracking_at([0.5, 0.0], [0.0, 4.0]))[1], -2.0 * s, rtol=1e-12)
 
 
 def test_tracks_better_than_tdc_under_friction():
-    plain, robust = track(make_law(laws.TDC, inertia=SMALL)), track(make_law(laws.TerminalSliding, inertia=SMALL))
+    plain, robust = (
+        simulate_arm(make_law(laws.TDC, inertia=SMALL_INERTIA)),
+        simulate_arm(make_law(laws.TerminalSliding, inertia=SMALL_INERTIA)),
+    )
     assert robust.status.completed
     assert robust.metrics(start=1.0)["rms_error"] < 0.8 * plain.metrics(start=1.0)["rms_error"]
     assert robust.metrics()["peak_torque"] < 60.0

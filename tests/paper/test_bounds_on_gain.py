@@ -14,7 +14,7 @@ ARM = tarc.plants.TwoLinkArm()
 REFERENCE = tarc.signals.Sinusoid(amplitude=[0.6, 0.6], frequency=[2.0, 2.5])
 
 
-def make(**options):
+def make_tarc(**options):
     common = {
         "inertia": 0.05 * np.array([[3.0, 1.0], [1.0, 1.0]]),
         "bandwidth": 10.0,
@@ -25,17 +25,17 @@ def make(**options):
     return tarc.laws.TARC(**{"rise": 2e3, "fall": 1e3, **common, **options})
 
 
-def track(law, duration=3.0, **options):
+def simulate_law(law, duration=3.0, **options):
     return tarc.simulate(ARM, law, REFERENCE, duration, **options)
 
 
-LAW = make(delay=0.002, rise=500.0)
-RUN = track(LAW)
+LAW = make_tarc(delay=0.002, rise=500.0)
+RUN = simulate_law(LAW)
 
 
 def test_formulas_by_hand():
     """Υ+c = 3, ‖ι1‖ = 1, λ−z = 1, Γ = 16: μ1 = 3, ϖ0 = 3 + √(16+9) = 8 and l(0) = 3·8 + 8 = 32."""
-    law = make(rise=4.0, margin=2.0, boundary=0.5)
+    law = make_tarc(rise=4.0, margin=2.0, boundary=0.5)
     constants = Constants(tde_error=2.0, jump=1.0, forcing=16.0, size=1.0, decay=2.0, share=0.5, stretch=3.0)
     outside = Rise(least=2.0, longest=0.1, excess=np.e, peak=5.0)
     inside = Rise(least=0.25, longest=0.2, excess=np.e**2, peak=6.0)
@@ -137,8 +137,8 @@ def test_a_saved_run(tmp_path):
 
 def test_a_gain_that_runs_away():
     """A delay of three periods and a fast rise: the gain grows until the run diverges, and is told up to there."""
-    law = make(delay=0.003)
-    run = track(law)
+    law = make_tarc(delay=0.003)
+    run = simulate_law(law)
     assert not run.status.completed
     found = gain_bounds(run, law, decay=1.0)
     assert found.bounds["gain"].run == run.data["gain"].values.max() > 1000
@@ -148,12 +148,15 @@ def test_a_gain_that_runs_away():
     ("call", "message"),
     [
         (
-            lambda: gain_bounds(RUN, make(delay=0.002, rise=1e3)),
+            lambda: gain_bounds(RUN, make_tarc(delay=0.002, rise=1e3)),
             r"law: its rise is 1000\.0, and that of the run's law 500",
         ),
-        (lambda: gain_bounds(RUN, make(rise=500.0)), "law: its delay"),
-        (lambda: gain_bounds(RUN, make(delay=0.002, rise=500.0, weight=1.0)), "its P2 is not that of the run's law"),
-        (lambda: gain_bounds(RUN, make(inertia=0.1)), "law: its joints is 1"),
+        (lambda: gain_bounds(RUN, make_tarc(rise=500.0)), "law: its delay"),
+        (
+            lambda: gain_bounds(RUN, make_tarc(delay=0.002, rise=500.0, weight=1.0)),
+            "its P2 is not that of the run's law",
+        ),
+        (lambda: gain_bounds(RUN, make_tarc(inertia=0.1)), "law: its joints is 1"),
         (lambda: gain_bounds(RUN, "TARC"), "law: got str"),  # type: ignore[arg-type]
         (lambda: gain_bounds(RUN, LAW, decay=0.0), "decay: got 0; .* above 0"),
         (lambda: gain_bounds(RUN, LAW, share=1.0), "share: got 1; z must lie"),

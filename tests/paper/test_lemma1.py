@@ -19,7 +19,7 @@ ARM = TwoLinkArm()
 ALL = Workspace.of(ARM)
 
 
-def largest(plant, nominal):
+def largest_norm(plant, nominal):
     """Largest norm of a two-link arm over its second joint, the only one that counts."""
     angles = np.linspace(-np.pi, np.pi, 2001)
     norms = [np.linalg.norm(np.linalg.inv(plant.inertia([0, q])) @ nominal - np.eye(2), 2) for q in angles]
@@ -30,7 +30,7 @@ def largest(plant, nominal):
 def test_norm_is_the_peak_of_a_dense_sweep(scale):
     nominal = scale * np.diag([1.0, 0.5])
     certificate = lemma1(make_tdc(inertia=nominal), ARM, ALL)
-    known = largest(ARM, nominal)
+    known = largest_norm(ARM, nominal)
     assert certificate.numbers["norm"] == pytest.approx(known, rel=1e-5)
     assert certificate.margin == pytest.approx(1 - known, abs=1e-5 * known)
     assert certificate.certified == (known < 1)

@@ -32,7 +32,7 @@ def kernel_points(window, degree):
     return psi, kernel * WEIGHTS * window / 2
 
 
-def rightmost(K1, K2, h, window, degree, points=24):
+def rightmost_root(K1, K2, h, window, degree, points=24):
     """Largest real part of the roots of ë1 = −K1 e1(t−h) − K2 ∫Ω_1(ψ) e1(t−h+ψ)dψ: the generator collocated at
     Chebyshev nodes in [−h−ς, 0], the integral taken of the interpolating polynomial.
     """
@@ -60,7 +60,7 @@ def rightmost(K1, K2, h, window, degree, points=24):
     return float(np.max(np.linalg.eigvals(generator).real))
 
 
-def peak(K1, K2, h, window, degree):
+def peak_gain(K1, K2, h, window, degree):
     """Largest gain from σ′ to e1 over a frequency sweep."""
     psi, kernel = kernel_points(window, degree)
     s = 1j * np.geomspace(1e-2, 10, 2000) * np.sqrt(np.linalg.norm(K1, 2))
@@ -73,9 +73,9 @@ def peak(K1, K2, h, window, degree):
 def test_oracle_on_what_is_known_by_hand():
     """Without delay and window the roots are −1, −1; with s² + (2s + 1)e^(−0.6474 s), nearly, imaginary."""
     one, two = np.eye(1), 2 * np.eye(1)
-    assert rightmost(one, two, 1e-4, 1e-4, 2) == pytest.approx(-1, abs=0.03)
-    assert abs(rightmost(one, two, 0.6474, 1e-3, 2)) < 3e-3
-    assert peak(one, two, 1e-4, 1e-4, 2) == pytest.approx(1.0, abs=1e-3)
+    assert rightmost_root(one, two, 1e-4, 1e-4, 2) == pytest.approx(-1, abs=0.03)
+    assert abs(rightmost_root(one, two, 0.6474, 1e-3, 2)) < 3e-3
+    assert peak_gain(one, two, 1e-4, 1e-4, 2) == pytest.approx(1.0, abs=1e-3)
 
 
 @pytest.mark.parametrize(("degree", "window"), [(1, 0.980), (2, 1.240), (3, 1.263)])
@@ -112,14 +112,14 @@ def test_certified_is_stable_as_fast_and_as_quiet_as_claimed(bandwidth, damping,
     if not certificate.certified:
         assert certificate.verdict == "inconclusive"
         return
-    assert rightmost(law.K1, law.K2, h, length, degree) < -rate
+    assert rightmost_root(law.K1, law.K2, h, length, degree) < -rate
     gain = certificate.numbers["peak gain" if decay else "mean square gain"]
-    assert gain >= peak(law.K1, law.K2, h, length, degree)
+    assert gain >= peak_gain(law.K1, law.K2, h, length, degree)
 
 
 def test_gain_is_close_to_the_true_one_for_a_small_delay_and_window():
     certificate = nominal(tdc(), delay=0.001, window=0.01)
-    truth = peak(tdc().K1, tdc().K2, 0.001, 0.01, 2)
+    truth = peak_gain(tdc().K1, tdc().K2, 0.001, 0.01, 2)
     assert truth <= certificate.numbers["mean square gain"] < 1.01 * truth
 
 
@@ -129,11 +129,11 @@ def test_the_longest_window_certifies_and_a_longer_one_does_not(decay):
     window = nominal_window(law, decay=decay)
     assert nominal(law, window=window, decay=decay).certified
     assert nominal(law, window=1.001 * window, decay=decay).verdict == "inconclusive"
-    assert rightmost(law.K1, law.K2, 0.01, window, 2) < -decay
+    assert rightmost_root(law.K1, law.K2, 0.01, window, 2) < -decay
     delay = nominal_delay(law, decay=decay)
     assert nominal(law, delay=delay, decay=decay).certified
     assert nominal(law, delay=1.001 * delay, decay=decay).verdict == "inconclusive"
-    assert rightmost(law.K1, law.K2, delay, 0.1, 2) < -decay
+    assert rightmost_root(law.K1, law.K2, delay, 0.1, 2) < -decay
 
 
 def test_no_window_for_a_decay_that_is_too_fast():
@@ -148,9 +148,9 @@ def test_coupled_gains(decay):
     certificate = nominal(law, delay=0.005, window=0.03, decay=decay)
     assert certificate.certified
     assert certificate.matrices["P_0"].shape == (4, 4)
-    assert rightmost(K1, K2, 0.005, 0.03, 2) < -decay
+    assert rightmost_root(K1, K2, 0.005, 0.03, 2) < -decay
     gain = certificate.numbers["peak gain" if decay else "mean square gain"]
-    assert gain >= peak(K1, K2, 0.005, 0.03, 2)
+    assert gain >= peak_gain(K1, K2, 0.005, 0.03, 2)
 
 
 def test_decoupled_equals_the_full_program():

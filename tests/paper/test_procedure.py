@@ -7,12 +7,12 @@ from tarc import TarcError
 from tarc.paper.procedure import exact_delay, paper_procedure
 
 
-def steps(procedure):
+def steps_by_symbol(procedure):
     return {step.name.split()[0].rstrip(","): step for step in procedure.steps}
 
 
 def test_known_delays_at_one_radian_per_second():
-    found = steps(paper_procedure(1.0))["h"].found
+    found = steps_by_symbol(paper_procedure(1.0))["h"].found
     assert found["largest by Theorem 1 [s]"] == pytest.approx(0.2454, abs=5e-5)
     assert found["largest that the equation bears [s]"] == pytest.approx(0.6474, abs=5e-5)
 
@@ -20,7 +20,7 @@ def test_known_delays_at_one_radian_per_second():
 @pytest.mark.parametrize(("bandwidth", "scaled"), [(0.1, 0.0587), (10.0, 0.2705), (100.0, 0.2708)])
 def test_delay_over_bandwidth(bandwidth, scaled):
     """As printed the condition does not scale with the bandwidth; the equation does."""
-    found = steps(paper_procedure(bandwidth, delay=1e-3 / bandwidth))["h"].found
+    found = steps_by_symbol(paper_procedure(bandwidth, delay=1e-3 / bandwidth))["h"].found
     assert bandwidth * found["largest by Theorem 1 [s]"] == pytest.approx(scaled, abs=6e-5)
     assert bandwidth * found["largest that the equation bears [s]"] == pytest.approx(0.6474, abs=5e-5)
 
@@ -36,7 +36,7 @@ def test_exact_delay_is_where_a_root_reaches_the_axis():
 
 def test_usual_choice():
     procedure = paper_procedure(10.0)
-    found = steps(procedure)
+    found = steps_by_symbol(procedure)
     np.testing.assert_allclose(found["K1"].found["K1 [1/s²]"], 100.0)
     np.testing.assert_allclose(found["K1"].found["K2 [1/s]"], 20.0)
     verdicts = {name: one.verdict for name, one in procedure.certificates.items()}
@@ -59,7 +59,7 @@ def test_usual_choice():
 def test_values_found_meet_psi():
     """Ψ rebuilt here from the equation, at the values of the step."""
     procedure = paper_procedure(3.0, damping=0.8, delay=0.01)
-    found, K1, K2, h = steps(procedure)["P"].found, 9.0, 4.8, 0.01
+    found, K1, K2, h = steps_by_symbol(procedure)["P"].found, 9.0, 4.8, 0.01
     P, D, beta, xi = (found[name] for name in ("P_0", "D_0", "β", "ξ"))
     A1, B1 = np.array([[0.0, 1], [0, 0]]), np.array([[0.0, 0], [-K1, -K2]])
     Q, inverse = -((A1 + B1).T @ P + P @ (A1 + B1)), np.linalg.inv(D)
@@ -75,14 +75,14 @@ def test_theorem_2_is_refuted_always_and_all_certificates_verify(bandwidth, damp
     procedure = paper_procedure(bandwidth, damping=damping, delay=delay)
     assert procedure.certificates["theorem2"].verdict == "refuted"
     assert procedure.certificates["theorem2"].witness
-    assert steps(procedure)["L"].found["Θ at (e, −e, 0)"] < 0
+    assert steps_by_symbol(procedure)["L"].found["Θ at (e, −e, 0)"] < 0
     assert not procedure.ended
     assert all(one.verify() for one in procedure.certificates.values())
 
 
 def test_too_large_a_delay_is_said_with_the_largest():
     procedure = paper_procedure(1.0, delay=0.3)
-    step = steps(procedure)["h"]
+    step = steps_by_symbol(procedure)["h"]
     assert step.verdict == "too large"
     assert "h is too large: Theorem 1 certifies up to 0.2454 s" in procedure.explain()
     assert "stable still" in step.meaning
@@ -94,25 +94,27 @@ def test_too_large_a_delay_is_said_with_the_largest():
 
 def test_beyond_the_equations_own_margin():
     procedure = paper_procedure(1.0, delay=0.7)
-    assert "unstable as well" in steps(procedure)["h"].meaning
-    assert "no bandwidth" in steps(procedure)["h"].meaning
-    assert "No M̂ makes it stable" in steps(procedure)["M̂"].meaning
+    assert "unstable as well" in steps_by_symbol(procedure)["h"].meaning
+    assert "no bandwidth" in steps_by_symbol(procedure)["h"].meaning
+    assert "No M̂ makes it stable" in steps_by_symbol(procedure)["M̂"].meaning
     assert "loop, middle" not in procedure.certificates
 
 
 def test_too_long_a_window_is_said_with_the_longest():
-    step = steps(paper_procedure(1.0, delay=0.1, window=2.0))["ς"]
+    step = steps_by_symbol(paper_procedure(1.0, delay=0.1, window=2.0))["ς"]
     assert step.verdict == "inconclusive"
     assert f"The window is too long: {step.found['largest ς [s]']:.4g} s is the longest" in step.meaning
-    assert steps(paper_procedure(1.0, delay=0.1, window=1.0))["ς"].verdict == "certified"
+    assert steps_by_symbol(paper_procedure(1.0, delay=0.1, window=1.0))["ς"].verdict == "certified"
 
 
 def test_joints_with_gains_of_their_own():
     procedure = paper_procedure([5.0, 10.0], joints=2)
     slower = paper_procedure(10.0)
-    assert {f"{name}_{i}" for name in "PD" for i in (0, 1)} <= set(steps(procedure)["P"].found)
+    assert {f"{name}_{i}" for name in "PD" for i in (0, 1)} <= set(steps_by_symbol(procedure)["P"].found)
     for name in ("largest by Theorem 1 [s]", "largest that the equation bears [s]"):
-        assert steps(procedure)["h"].found[name] == pytest.approx(steps(slower)["h"].found[name], rel=1e-4)
+        assert steps_by_symbol(procedure)["h"].found[name] == pytest.approx(
+            steps_by_symbol(slower)["h"].found[name], rel=1e-4
+        )
     assert "(5, 10)" in procedure.explain()
 
 

@@ -22,11 +22,11 @@ def tdc(bandwidth: Any = 1.0, joints=1, **options):
     return make_tdc(bandwidth=bandwidth, inertia=0.1 * np.eye(joints), **options)
 
 
-def coupled(K1, K2) -> laws.TDC:
+def coupled_tdc(K1, K2) -> laws.TDC:
     return make_tdc(bandwidth=None, inertia=0.1 * np.eye(len(K1)), stiffness=K1, viscosity=K2)
 
 
-def rightmost(K1, K2, h, points=20):
+def rightmost_root(K1, K2, h, points=20):
     """Largest real part of the roots of ė = A1 e + B1 e_h: the generator of the delay equation collocated at Chebyshev
     nodes in [−h, 0].
     """
@@ -42,14 +42,14 @@ def rightmost(K1, K2, h, points=20):
     return float(np.max(np.linalg.eigvals(generator).real))
 
 
-def margin(bandwidth, damping):
+def exact_delay_margin(bandwidth, damping):
     """The delay at which s² + (k2 s + k1) e^(−sh) has its first roots ± jω: ω⁴ = k1² + k2²ω², ωh = arctan(k2ω/k1)."""
     k1, k2 = bandwidth**2, 2 * damping * bandwidth
     omega = np.sqrt((k2**2 + np.sqrt(k2**4 + 4 * k1**2)) / 2)
     return np.arctan2(k2 * omega, k1) / omega
 
 
-def respond(h, start, drive, duration, steps=20):
+def simulate_delay_equation(h, start, drive, duration, steps=20):
     """ė = A1 e + B1 e_h + B σ1 for ωn = ζ = 1 by the method of steps; σ1 = drive(i, e)."""
     dt, count = h / steps, round(duration / h * steps)
     e = np.zeros((count + 1, 2))
@@ -70,10 +70,10 @@ def respond(h, start, drive, duration, steps=20):
 
 
 def test_oracles_agree_on_the_exact_margin():
-    assert margin(1.0, 1.0) == pytest.approx(0.6474, abs=5e-5)
+    assert exact_delay_margin(1.0, 1.0) == pytest.approx(0.6474, abs=5e-5)
     K1, K2 = np.eye(1), 2 * np.eye(1)
-    assert abs(rightmost(K1, K2, margin(1.0, 1.0))) < 1e-9
-    assert rightmost(K1, K2, 0.64) < 0 < rightmost(K1, K2, 0.65)
+    assert abs(rightmost_root(K1, K2, exact_delay_margin(1.0, 1.0))) < 1e-9
+    assert rightmost_root(K1, K2, 0.64) < 0 < rightmost_root(K1, K2, 0.65)
 
 
 def test_known_delays():
@@ -96,8 +96,8 @@ def test_certified_is_stable(bandwidth, damping, term):
     """The longest certified delay is below the exact margin, and certifies; a little more does not."""
     law = tdc(bandwidth, damping=damping)
     h = theorem1_delay(law, disturbance_term=term)
-    assert 0 < h < margin(bandwidth, damping)
-    assert rightmost(law.K1, law.K2, h) < 0
+    assert 0 < h < exact_delay_margin(bandwidth, damping)
+    assert rightmost_root(law.K1, law.K2, h) < 0
     certificate = theorem1(law, delay=h, disturbance_term=term)
     assert certificate.certified
     assert certificate.proof_grade
@@ -110,7 +110,7 @@ def test_certified_is_stable(bandwidth, damping, term):
 
 def test_decoupled_equals_the_full_program():
     stiffness = np.diag([100.0, 100.0, 225.0])
-    law = coupled(stiffness, 2 * np.sqrt(stiffness))
+    law = coupled_tdc(stiffness, 2 * np.sqrt(stiffness))
     assert len(gains(law)) == 2
     full = _Program(law.K1, law.K2, None, True).longest()
     assert theorem1_delay(law) == pytest.approx(full, rel=1e-5)
@@ -120,7 +120,7 @@ def test_rotated_gains_give_what_they_give_unrotated():
     """Without the disturbance term the condition does not see an orthogonal change of joints."""
     turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
     omega = np.diag([8.0, 10.0, 15.0])
-    law = coupled(turn @ omega**2 @ turn.T, 2 * turn @ omega @ turn.T)
+    law = coupled_tdc(turn @ omega**2 @ turn.T, 2 * turn @ omega @ turn.T)
     assert len(gains(law)) == 1
     assert theorem1_delay(law) == pytest.approx(theorem1_delay(tdc(15.0)), rel=1e-3)
     certificate = theorem1(law)
@@ -186,12 +186,12 @@ def test_ultimate_bound_holds_against_the_worst_disturbance(term):
     h, c, steps, duration = 0.1, 0.5, 20, 20.0
     certificate = theorem1(tdc(), delay=h, disturbance_term=term)
     bound = ultimate_bound(certificate, c)
-    impulse = respond(h, [0.0, 1.0], lambda i, e: 0.0, duration)
+    impulse = simulate_delay_equation(h, [0.0, 1.0], lambda i, e: 0.0, duration)
     signs = np.sign(impulse[::-1])
     P = certificate.matrices["P_0"]
-    runs = [respond(h, [0.0, 0.0], lambda i, e, k=k: c * signs[i, k], duration, steps) for k in (0, 1)] + [
-        respond(h, [0.0, 0.0], lambda i, e: c * np.sign(P[1] @ e) if i else c, duration, steps)
-    ]
+    runs = [
+        simulate_delay_equation(h, [0.0, 0.0], lambda i, e, k=k: c * signs[i, k], duration, steps) for k in (0, 1)
+    ] + [simulate_delay_equation(h, [0.0, 0.0], lambda i, e: c * np.sign(P[1] @ e) if i else c, duration, steps)]
     worst_position = c * np.sum(np.abs(impulse[:, 0])) * h / steps
     assert runs[0][-1, 0] == pytest.approx(worst_position, rel=1e-2)
     assert worst_position < bound.position < 10 * worst_position

@@ -20,7 +20,7 @@ from tarc.paper.theorem2 import NAMES, judge, printed, theorem2, theta
 NUMBERS = {"delay": 0.01, "window": 0.1, "degree": 2.0, "beta": 1.0, "xi": 3.0}
 
 
-def written_out(part, numbers, sign=1.0):
+def printed_form(part, numbers, sign=1.0):
     """Θ as the paper prints it, (8n, 8n), each block by its own formula; sign −1 for the (1,2) block of the proof."""
     K1, K2, P, D, L = part
     n, h, beta, xi = len(K1), numbers["delay"], numbers["beta"], numbers["xi"]
@@ -75,7 +75,7 @@ def test_refuted_whatever_the_numbers(seed, n, logs, degree):
     e = np.array(witness["e"])
     for sign in (1.0, -1.0):
         vector = np.concatenate([e, -sign * e, np.zeros(4 * n)])
-        assert vector @ written_out(part, numbers, sign) @ vector < 0
+        assert vector @ printed_form(part, numbers, sign) @ vector < 0
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3])
@@ -83,7 +83,7 @@ def test_refuted_whatever_the_numbers(seed, n, logs, degree):
 def test_theta_is_the_printed_one_and_singular(n, degree):
     part, numbers = random_part(n, n), NUMBERS | {"degree": float(degree)}
     reduced = theta(part, numbers, FLOATS)
-    expected = written_out(part, numbers)
+    expected = printed_form(part, numbers)
     np.testing.assert_allclose(printed(reduced), expected, rtol=1e-7, atol=1e-9 * np.max(np.abs(expected)))
     assert reduced.shape == (6 * n, 6 * n)
     assert np.linalg.matrix_rank(expected) <= 6 * n

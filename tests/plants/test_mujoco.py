@@ -20,13 +20,13 @@ every_robot = pytest.mark.parametrize("robot", SHIPPED.values(), ids=SHIPPED.key
 sampled = settings(deadline=None, max_examples=25)
 
 
-def posture(robot: MujocoPlant, data: st.DataObject) -> np.ndarray:
+def random_posture(robot: MujocoPlant, data: st.DataObject) -> np.ndarray:
     """A random position inside the joint limits."""
     low, high = robot.model.jnt_range.T
     return np.array([data.draw(st.floats(a, b)) for a, b in zip(low, high, strict=True)])
 
 
-def at_rest(robot: MujocoPlant, position: np.ndarray) -> mujoco.MjData:
+def data_at_rest(robot: MujocoPlant, position: np.ndarray) -> mujoco.MjData:
     data = mujoco.MjData(robot.model)
     data.qpos[:] = position
     mujoco.mj_forward(robot.model, data)
@@ -52,7 +52,7 @@ def test_shipped_robots_are_found_by_name() -> None:
 @sampled
 @given(data=st.data())
 def test_inertia_is_symmetric_positive_definite(robot: MujocoPlant, data: st.DataObject) -> None:
-    M = robot.inertia(posture(robot, data))
+    M = robot.inertia(random_posture(robot, data))
     assert np.array_equal(M, M.T)
     assert np.linalg.eigvalsh(M)[0] > 0
 
@@ -63,7 +63,7 @@ def test_inertia_is_symmetric_positive_definite(robot: MujocoPlant, data: st.Dat
 def test_linearised_about_a_motion_as_from_bias_and_inertia(robot: MujocoPlant, data: st.DataObject) -> None:
     """Inverse dynamics with rotor inertia, friction and a load, against the way that serves every plant."""
     loaded = robot.with_parameters({"payload": 3.0, "armature": 0.1, "viscous": 2.0, "coulomb": 1.0})
-    q = posture(robot, data)
+    q = random_posture(robot, data)
     motion = st.lists(st.floats(-3.0, 3.0), min_size=robot.joints, max_size=robot.joints).map(np.array)
     dq, ddq = data.draw(motion), data.draw(motion)
     for rates in ((), (dq, ddq)):
@@ -92,7 +92,7 @@ def test_reading_leaves_inertia_home_and_limits_as_in_the_file(robot: MujocoPlan
 @sampled
 @given(data=st.data())
 def test_gravity_is_the_gradient_of_mujoco_s_potential(robot: MujocoPlant, data: st.DataObject) -> None:
-    model, q, h = robot.copy_model(), posture(robot, data), 1e-5
+    model, q, h = robot.copy_model(), random_posture(robot, data), 1e-5
     model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
     scratch = mujoco.MjData(model)
 
@@ -132,8 +132,8 @@ def test_free_fall_keeps_its_energy_to_the_order_of_the_integrator(robot: Mujoco
 @sampled
 @given(data=st.data(), mass=st.floats(0.1, 10))
 def test_payload_is_a_ball_of_that_mass_at_the_tool(robot: MujocoPlant, data: st.DataObject, mass: float) -> None:
-    q = posture(robot, data)
-    rest = at_rest(robot, q)
+    q = random_posture(robot, data)
+    rest = data_at_rest(robot, q)
     move, turn = np.zeros((3, robot.joints)), np.zeros((3, robot.joints))
     mujoco.mj_jacSite(robot.model, rest, move, turn, robot.model.site("tool").id)
     ball = mass * move.T @ move + 0.4 * mass * 0.05**2 * turn.T @ turn
@@ -150,7 +150,7 @@ def test_armature_and_friction_are_set_joint_by_joint(robot: MujocoPlant) -> Non
     M = robot.inertia(robot.home) + np.diag(rotor)
     assert np.allclose(other.inertia(robot.home), M, rtol=1e-12, atol=1e-14)
     speed = np.linspace(-1, 1, robot.joints)
-    data = at_rest(other, robot.home)
+    data = data_at_rest(other, robot.home)
     data.qvel[:] = speed
     mujoco.mj_forward(other.model, data)
     assert np.allclose(data.qfrc_passive, -2 * rotor * speed, rtol=1e-12)
@@ -327,7 +327,7 @@ def test_a_urdf_without_joints_says_so() -> None:
         MujocoPlant.from_file(ROBOTS / "ur_description" / "urdf" / EMPTY)
 
 
-def one_joint(inside: str, before: str = "", joint: str = '<joint name="hinge"/>') -> str:
+def one_joint_model(inside: str, before: str = "", joint: str = '<joint name="hinge"/>') -> str:
     return f'<mujoco>{before}<worldbody><body name="link">{joint}{inside}</body></worldbody></mujoco>'
 
 
@@ -342,17 +342,21 @@ MESH = '<asset><mesh name="shell" file="shell.stl"/></asset>'
     [
         ("no markup", {}, r"robot\.xml is no XML file .* needs MJCF or URDF"),
         ("<sdf/>", {}, r"root <sdf>; needs <mujoco> \(MJCF\) or <robot> \(URDF\)"),
-        (one_joint("<ball/>"), {}, r"MuJoCo cannot read .*robot\.xml"),
-        (one_joint(BALL, joint="<freejoint name='float'/>"), {}, "joint 'float' is free or a ball"),
-        (one_joint(BALL, joint=""), {}, "no hinge or slide joint"),
-        (one_joint(BALL), {"joints": ["hing"]}, "no hinge or slide 'hing'; it has hinge. Did you mean 'hinge'"),
-        (one_joint(BALL), {"joints": []}, "no hinge or slide joint"),
-        (one_joint(BALL), {"tool": "lnk"}, "tool 'lnk' is no body or site of it. Did you mean 'link'"),
-        (one_joint(BALL), {"viscous": -1.0}, r"viscous: got \[-1.0\]; each must be at least 0"),
-        (one_joint(BALL), {"coulomb": [1.0, 2.0]}, "coulomb: got shape .* one number or 1"),
-        (one_joint(BALL), {"payload": -1.0}, "payload: got -1"),
-        (one_joint(LIGHT), {}, "singular .* need rotor inertia: give armature=0.1"),
-        (one_joint('<geom type="mesh" mesh="shell"/>', MESH), {}, "inertia of body 'link' from the mesh 'shell.stl'"),
+        (one_joint_model("<ball/>"), {}, r"MuJoCo cannot read .*robot\.xml"),
+        (one_joint_model(BALL, joint="<freejoint name='float'/>"), {}, "joint 'float' is free or a ball"),
+        (one_joint_model(BALL, joint=""), {}, "no hinge or slide joint"),
+        (one_joint_model(BALL), {"joints": ["hing"]}, "no hinge or slide 'hing'; it has hinge. Did you mean 'hinge'"),
+        (one_joint_model(BALL), {"joints": []}, "no hinge or slide joint"),
+        (one_joint_model(BALL), {"tool": "lnk"}, "tool 'lnk' is no body or site of it. Did you mean 'link'"),
+        (one_joint_model(BALL), {"viscous": -1.0}, r"viscous: got \[-1.0\]; each must be at least 0"),
+        (one_joint_model(BALL), {"coulomb": [1.0, 2.0]}, "coulomb: got shape .* one number or 1"),
+        (one_joint_model(BALL), {"payload": -1.0}, "payload: got -1"),
+        (one_joint_model(LIGHT), {}, "singular .* need rotor inertia: give armature=0.1"),
+        (
+            one_joint_model('<geom type="mesh" mesh="shell"/>', MESH),
+            {},
+            "inertia of body 'link' from the mesh 'shell.stl'",
+        ),
     ],
 )
 def test_a_file_at_fault_is_refused_with_the_remedy(
@@ -373,20 +377,20 @@ def test_a_missing_file_names_where_it_looked_and_the_nearest_robot() -> None:
 
 def test_a_light_link_loads_with_rotor_inertia(tmp_path: Path) -> None:
     file = tmp_path / "robot.xml"
-    file.write_text(one_joint(LIGHT))
+    file.write_text(one_joint_model(LIGHT))
     assert MujocoPlant.from_file(file, armature=0.1).inertia([0.0]) == pytest.approx(0.1)
 
 
 def test_a_missing_mesh_does_no_harm_to_a_body_that_states_its_inertia(tmp_path: Path) -> None:
     file = tmp_path / "robot.xml"
-    file.write_text(one_joint(f'{INERTIAL}<geom type="mesh" mesh="shell"/>', MESH))
+    file.write_text(one_joint_model(f'{INERTIAL}<geom type="mesh" mesh="shell"/>', MESH))
     assert MujocoPlant.from_file(file).inertia([0.0]) == pytest.approx(1.0)
 
 
 def test_a_free_body_may_be_locked_by_listing_the_joints(tmp_path: Path) -> None:
     file = tmp_path / "robot.xml"
     arm = '<body name="arm"><joint name="hinge"/><geom size="0.1" mass="2"/></body>'
-    file.write_text(one_joint(BALL + arm, joint='<freejoint name="float"/>'))
+    file.write_text(one_joint_model(BALL + arm, joint='<freejoint name="float"/>'))
     robot = MujocoPlant.from_file(file, joints=["hinge"])
     assert robot.joint_names == ["hinge"]
     assert robot.inertia([0.0]) == pytest.approx(0.4 * 2 * 0.1**2)
@@ -395,7 +399,7 @@ def test_a_free_body_may_be_locked_by_listing_the_joints(tmp_path: Path) -> None
 def test_force_limits_of_motors_become_torque_limits(tmp_path: Path) -> None:
     file = tmp_path / "robot.xml"
     motor = '<actuator><motor joint="hinge" forcerange="-7 7"/></actuator>'
-    file.write_text(one_joint(BALL, motor))
+    file.write_text(one_joint_model(BALL, motor))
     robot = MujocoPlant.from_file(file)
     assert robot.torque_limit.tolist() == [7.0]
     assert robot.model.nu == 0
@@ -413,7 +417,7 @@ def test_force_limits_of_motors_become_torque_limits(tmp_path: Path) -> None:
 )
 def test_actuators_are_replaced_by_the_torque(actuator: str, limit: float, tmp_path: Path) -> None:
     file = tmp_path / "robot.xml"
-    file.write_text(one_joint(BALL).replace("</mujoco>", f"<actuator>{actuator}</actuator></mujoco>"))
+    file.write_text(one_joint_model(BALL).replace("</mujoco>", f"<actuator>{actuator}</actuator></mujoco>"))
     robot = MujocoPlant.from_file(file)
     assert robot.model.nu == 0
     assert robot.torque_limit == limit
@@ -421,7 +425,7 @@ def test_actuators_are_replaced_by_the_torque(actuator: str, limit: float, tmp_p
 
 def test_the_narrower_side_of_a_lopsided_range_is_the_limit(tmp_path: Path) -> None:
     file = tmp_path / "robot.xml"
-    file.write_text(one_joint(BALL, joint='<joint name="hinge" actuatorfrcrange="-9 5"/>'))
+    file.write_text(one_joint_model(BALL, joint='<joint name="hinge" actuatorfrcrange="-9 5"/>'))
     assert MujocoPlant.from_file(file).torque_limit == 5.0
 
 
@@ -436,7 +440,7 @@ def test_springs_and_compensated_gravity_count_at_rest(joint: str, body: str, to
     """A point mass of 1 kg at 1 m along x, turned by 0.5 rad about y, that is downwards."""
     point = '<inertial pos="1 0 0" mass="1" diaginertia="1e-6 1e-6 1e-6"/>'
     file = tmp_path / "robot.xml"
-    file.write_text(one_joint(point, joint=joint).replace('<body name="link"', f'<body name="link"{body}'))
+    file.write_text(one_joint_model(point, joint=joint).replace('<body name="link"', f'<body name="link"{body}'))
     assert MujocoPlant.from_file(file).gravity_torque([0.5]) == pytest.approx(torque, abs=1e-9)
 
 
@@ -444,7 +448,7 @@ def test_recorded_acceleration_under_rk4_is_that_of_its_start(tmp_path: Path) ->
     """q̈ = τ/I − g cos q for a point mass: known at every instant from the recorded position and torque."""
     point = '<inertial pos="1 0 0" mass="1" diaginertia="0 0 0"/>'
     file = tmp_path / "robot.xml"
-    arm = one_joint(point, '<option integrator="RK4"/>', '<joint name="hinge" axis="0 -1 0" armature="1e-9"/>')
+    arm = one_joint_model(point, '<option integrator="RK4"/>', '<joint name="hinge" axis="0 -1 0" armature="1e-9"/>')
     file.write_text(arm.replace('diaginertia="0 0 0"', 'diaginertia="1e-12 1e-12 1e-12"'))
     law = synchronised_tdc(0.5)
     reference = tarc.signals.Sinusoid(amplitude=[0.5], frequency=5.0)
@@ -456,14 +460,14 @@ def test_recorded_acceleration_under_rk4_is_that_of_its_start(tmp_path: Path) ->
 def test_links_without_mass_are_borne_by_rotor_inertia(tmp_path: Path) -> None:
     file = tmp_path / "robot.xml"
     chain = f'<body name="second"><joint name="other"/>{INERTIAL}</body>'
-    file.write_text(one_joint(chain))
+    file.write_text(one_joint_model(chain))
     robot = MujocoPlant.from_file(file, armature=0.1)
     assert np.linalg.eigvalsh(robot.inertia(np.zeros(2)))[0] > 0.04
 
 
 def test_numbers_follow_the_order_in_which_joints_are_listed(tmp_path: Path) -> None:
     file = tmp_path / "robot.xml"
-    file.write_text(one_joint(f'{INERTIAL}<body name="second"><joint name="other"/>{INERTIAL}</body>'))
+    file.write_text(one_joint_model(f'{INERTIAL}<body name="second"><joint name="other"/>{INERTIAL}</body>'))
     robot = MujocoPlant.from_file(file, joints=["other", "hinge"], armature=[1.0, 2.0])
     assert robot.joint_names == ["hinge", "other"]
     assert robot.parameters["armature"].tolist() == [2.0, 1.0]
@@ -486,7 +490,7 @@ def test_missing_textures_and_pictures_of_the_room_do_no_harm(tmp_path: Path) ->
     )
     room = '<worldbody><geom type="mesh" mesh="room"/>'
     file = tmp_path / "robot.xml"
-    file.write_text(one_joint('<geom size="0.1" material="m"/>', assets).replace("<worldbody>", room))
+    file.write_text(one_joint_model('<geom size="0.1" material="m"/>', assets).replace("<worldbody>", room))
     assert MujocoPlant.from_file(file).joints == 1
 
 
@@ -504,7 +508,7 @@ def test_divergence_leaves_no_log_file_behind(tmp_path: Path, monkeypatch: pytes
 
 def test_joints_without_names_get_all_their_parameters(tmp_path: Path) -> None:
     file = tmp_path / "robot.xml"
-    file.write_text(one_joint(f"{INERTIAL}<body><joint/>{INERTIAL}</body>", joint="<joint/>"))
+    file.write_text(one_joint_model(f"{INERTIAL}<body><joint/>{INERTIAL}</body>", joint="<joint/>"))
     robot = MujocoPlant.from_file(file, armature=[0.1, 0.2])
     assert robot.joint_names == ["joint1", "joint2"]
     assert robot.parameters["armature"].tolist() == [0.1, 0.2]
@@ -514,7 +518,7 @@ def test_joints_without_names_get_all_their_parameters(tmp_path: Path) -> None:
 
 def test_home_is_in_radians_whatever_the_file_counts_in(tmp_path: Path) -> None:
     file = tmp_path / "robot.xml"
-    file.write_text(one_joint(BALL, joint='<joint name="hinge" range="10 90"/>'))
+    file.write_text(one_joint_model(BALL, joint='<joint name="hinge" range="10 90"/>'))
     assert MujocoPlant.from_file(file).home == pytest.approx(np.deg2rad(50.0))
 
 

@@ -19,12 +19,12 @@ PLAIN = {
 }
 
 
-def scenario(**changes):
+def scenario_content(**changes):
     return {**copy.deepcopy(PLAIN), **changes}
 
 
-def with_setting(*settings):
-    content = scenario()
+def content_with_settings(*settings):
+    content = scenario_content()
     for setting in settings:
         apply_setting(content, setting)
     return content
@@ -33,7 +33,7 @@ def with_setting(*settings):
 def test_runs_and_equals_the_library():
     import tarc
 
-    run = Scenario.parse(scenario()).run()["TDC"]
+    run = Scenario.parse(scenario_content()).run()["TDC"]
     law = tarc.laws.TDC(
         inertia=[0.15, 0.05], bandwidth=10.0, period=1e-3, estimator=tarc.estimators.Algebraic(window=0.010)
     )
@@ -43,7 +43,7 @@ def test_runs_and_equals_the_library():
 
 
 def test_yaml_round_trip(tmp_path):
-    content = scenario(sensor={"bits": 16}, disturbance=[{"kind": "Payload", "mass": 1.0, "at": 0.1}], seed=7)
+    content = scenario_content(sensor={"bits": 16}, disturbance=[{"kind": "Payload", "mass": 1.0, "at": 0.1}], seed=7)
     first = Scenario.parse(content)
     (tmp_path / "a.yaml").write_text(first.to_yaml())
     again = Scenario.load(tmp_path / "a.yaml")
@@ -88,11 +88,11 @@ def test_shipped_scenarios_run(name):
 )
 def test_bad_keys_and_values(settings, message):
     with pytest.raises(TarcError, match=message):
-        Scenario.parse(with_setting(*settings)).run()
+        Scenario.parse(content_with_settings(*settings)).run()
 
 
 def test_all_faults_of_a_part_are_told_at_once():
-    content = scenario(law={"kind": "TARC", "inertia": [0.1, 0.1], "bandwidht": 1.0, "fall": "x"})
+    content = scenario_content(law={"kind": "TARC", "inertia": [0.1, 0.1], "bandwidht": 1.0, "fall": "x"})
     with pytest.raises(TarcError) as caught:
         Scenario.parse(content)
     assert {line.split(":")[0] for line in str(caught.value).splitlines()} == {"law.bandwidht", "law.fall", "law.rise"}
@@ -104,7 +104,7 @@ def test_missing_sections_are_named():
 
 
 def test_settings_reach_every_law_or_one():
-    content = scenario(law=[dict(PLAIN["law"]), dict(PLAIN["law"])])
+    content = scenario_content(law=[dict(PLAIN["law"]), dict(PLAIN["law"])])
     apply_setting(content, "law.bandwidth=15")
     apply_setting(content, "law.1.bandwidth=20.5")
     assert [law["bandwidth"] for law in content["law"]] == [15, 20.5]
@@ -113,7 +113,7 @@ def test_settings_reach_every_law_or_one():
 
 @pytest.mark.parametrize("setting", ["law.bandwidth", "=3", "law.5.bandwidth=1", "law.kind.deep=1", "law.x=[1"])
 def test_bad_settings(setting):
-    content = scenario(law=[dict(PLAIN["law"])])
+    content = scenario_content(law=[dict(PLAIN["law"])])
     with pytest.raises(TarcError, match="--set: "):
         apply_setting(content, setting)
 
@@ -136,7 +136,7 @@ def test_missing_file_says_where_it_looked(tmp_path):
 def test_files_beside_the_scenario_are_found(tmp_path, monkeypatch):
     t = np.arange(0, 1, 0.01)
     np.savetxt(tmp_path / "path.csv", np.column_stack([t, 0.1 * t**2, 0.2 * t**2]), delimiter=",")
-    content = scenario(reference={"kind": "Recorded", "path": "path.csv"})
+    content = scenario_content(reference={"kind": "Recorded", "path": "path.csv"})
     (tmp_path / "a.yaml").write_text(yaml.safe_dump(content))
     monkeypatch.chdir("/")
     run = Scenario.load(tmp_path / "a.yaml").run()["TDC"]
@@ -144,7 +144,7 @@ def test_files_beside_the_scenario_are_found(tmp_path, monkeypatch):
 
 
 def test_fraction_is_of_the_mean_inertia_along_the_path():
-    content = scenario(law={**PLAIN["law"], "inertia": {"fraction": 0.05, "diagonal": True}})
+    content = scenario_content(law={**PLAIN["law"], "inertia": {"fraction": 0.05, "diagonal": True}})
     parsed = Scenario.parse(content)
     plant = parsed.build_plant()
     from tarc.signals import Sinusoid
@@ -165,7 +165,7 @@ def test_every_kind_has_parameters_with_words(section):
 
 
 def test_one_number_of_inertia_stands_for_every_joint():
-    parsed = Scenario.parse(with_setting("law.inertia=0.05"))
+    parsed = Scenario.parse(content_with_settings("law.inertia=0.05"))
     law = parsed.build_law(parsed.laws["TDC"], parsed.build_plant(), parsed.build_reference())
     np.testing.assert_array_equal(law.M, 0.05 * np.eye(2))
 
@@ -173,7 +173,7 @@ def test_one_number_of_inertia_stands_for_every_joint():
 def test_a_saved_scenario_runs_from_anywhere(tmp_path, monkeypatch):
     robot = tmp_path / "robot.xml"
     robot.write_text("<mujoco><worldbody><body><joint name='j'/><geom size='.1'/></body></worldbody></mujoco>")
-    content = scenario(robot={"file": "robot.xml"}, law={**PLAIN["law"], "inertia": 1e-3})
+    content = scenario_content(robot={"file": "robot.xml"}, law={**PLAIN["law"], "inertia": 1e-3})
     content["reference"] = {"kind": "Sinusoid", "amplitude": [0.1], "frequency": 2.0}
     (tmp_path / "a.yaml").write_text(yaml.safe_dump(content))
     (tmp_path / "elsewhere").mkdir()
@@ -183,7 +183,7 @@ def test_a_saved_scenario_runs_from_anywhere(tmp_path, monkeypatch):
 
 
 def test_the_entry_at_fault_is_named_in_a_list_of_laws():
-    content = scenario(law=[dict(PLAIN["law"]), {**PLAIN["law"], "bandwith": 1.0}])
+    content = scenario_content(law=[dict(PLAIN["law"]), {**PLAIN["law"], "bandwith": 1.0}])
     with pytest.raises(TarcError, match=r"law\.1\.bandwith: unknown key"):
         Scenario.parse(content)
 

@@ -148,7 +148,7 @@ def test_quintic_through_its_points_is_smooth_up_to_the_fourth_derivative() -> N
         assert not np.allclose(before[3], after[3], rtol=1e-2)  # the fifth derivative does jump
 
 
-def write(path: Path, table: np.ndarray, header: str | None, delimiter: str) -> Path:
+def write_table(path: Path, table: np.ndarray, header: str | None, delimiter: str) -> Path:
     if path.suffix == ".npy":
         np.save(path, table)
     else:
@@ -165,7 +165,7 @@ def test_recorded_reproduces_a_smooth_trajectory_from_any_file(
 ) -> None:
     t = np.linspace(0.5, 2.5, 201)
     table = np.vstack([t, SINUSOID.sample(t)[0]]).T
-    reference = Recorded(path=write(tmp_path / name, table, header, delimiter))
+    reference = Recorded(path=write_table(tmp_path / name, table, header, delimiter))
     assert reference.joints == 2
     between = np.linspace(0.5, 2.5, 333)
     errors = [np.max(np.abs(a - b)) for a, b in zip(reference.sample(between), SINUSOID.sample(between), strict=True)]
@@ -177,7 +177,7 @@ def test_recorded_converges_and_holds_its_ends(tmp_path: Path) -> None:
     def error(rows: int) -> float:
         t = np.linspace(0, 2, rows)
         path = tmp_path / f"{rows}.npy"
-        reference = Recorded(path=write(path, np.vstack([t, SINUSOID.sample(t)[0]]).T, None, ""))
+        reference = Recorded(path=write_table(path, np.vstack([t, SINUSOID.sample(t)[0]]).T, None, ""))
         inside = np.linspace(0.8, 1.2, 200)
         return float(np.max(np.abs(reference.sample(inside)[2] - SINUSOID.sample(inside)[2])))
 
@@ -187,7 +187,7 @@ def test_recorded_converges_and_holds_its_ends(tmp_path: Path) -> None:
     assert not velocity.any()
 
 
-def measure(encoder: Encoder, positions: np.ndarray, noise: Any = None) -> np.ndarray:
+def encoder_readings(encoder: Encoder, positions: np.ndarray, noise: Any = None) -> np.ndarray:
     """What the encoder makes of positions (n, k)."""
     noise = np.zeros(positions.shape) if noise is None else noise
     state, readings = encoder.init(positions[:, 0]), []
@@ -205,7 +205,7 @@ positions_of_three = arrays(float, (3, 5), elements=st.floats(-20, 20, allow_sub
 def test_encoder_rounds_to_the_nearest_of_its_steps(bits: int, positions: np.ndarray) -> None:
     encoder, step = Encoder(bits=bits), 2 * np.pi / 2**bits
     assert encoder.increment == step
-    readings = measure(encoder, positions)
+    readings = encoder_readings(encoder, positions)
     assert np.allclose(readings / step, np.round(readings / step), rtol=0, atol=1e-9)
     assert np.max(np.abs(readings - positions)) <= step / 2 * (1 + 1e-9)
 
@@ -219,7 +219,7 @@ def test_encoder_steps_cover_its_span_or_are_given() -> None:
 @sampled
 @given(delay=st.integers(0, 4), positions=positions_of_three)
 def test_encoder_delays_by_whole_periods(delay: int, positions: np.ndarray) -> None:
-    readings = measure(Encoder(delay=delay), positions)
+    readings = encoder_readings(Encoder(delay=delay), positions)
     assert np.array_equal(readings[:, delay:], positions[:, : 5 - delay])
     assert np.array_equal(readings[:, :delay], np.repeat(positions[:, :1], delay, axis=1))
 
@@ -229,7 +229,9 @@ def test_encoder_loses_the_share_of_samples_that_it_is_told_and_never_the_first(
     lost = np.isnan(noise)
     assert not lost[:, 0].any()
     assert lost[:, 1:].mean() == pytest.approx(0.2, abs=5 * np.sqrt(0.2 * 0.8 / (500 * 199)))
-    assert np.array_equal(np.isnan(measure(Encoder(bits=10, delay=1), np.ones((500, 200)), noise))[:, 1:], lost[:, :-1])
+    assert np.array_equal(
+        np.isnan(encoder_readings(Encoder(bits=10, delay=1), np.ones((500, 200)), noise))[:, 1:], lost[:, :-1]
+    )
 
 
 def test_encoder_noise_has_its_standard_deviation_and_follows_the_seed() -> None:
@@ -254,25 +256,29 @@ def test_encoder_traced_step_is_the_numpy_step_lost_samples_included(encoder: En
     for k in range(12):
         packed, reading = function(packed, np.concatenate([positions[:, k], noise[:, k]]))
         found.append(np.array(reading).ravel())
-    assert np.allclose(np.transpose(found), measure(encoder, positions, noise), rtol=0, atol=1e-12, equal_nan=True)
+    assert np.allclose(
+        np.transpose(found), encoder_readings(encoder, positions, noise), rtol=0, atol=1e-12, equal_nan=True
+    )
 
 
 TIMES = np.arange(1000) * 1e-3
 
 
-def torque(disturbance: Disturbance, times: np.ndarray = TIMES, joints: int = 2, seed: int = 0) -> np.ndarray:
+def disturbance_torque(
+    disturbance: Disturbance, times: np.ndarray = TIMES, joints: int = 2, seed: int = 0
+) -> np.ndarray:
     return disturbance.sample(times, joints, np.random.default_rng(seed))
 
 
 def test_step_acts_from_its_start_up_to_before_its_end() -> None:
-    values = torque(Step(amplitude=[2.0, -1.0], at=0.3, until=0.7))
+    values = disturbance_torque(Step(amplitude=[2.0, -1.0], at=0.3, until=0.7))
     on = (np.arange(1000) >= 300) & (np.arange(1000) < 700)
     assert np.array_equal(values, np.outer([2.0, -1.0], on))
-    assert np.array_equal(torque(Step(amplitude=3.0)), np.full((2, 1000), 3.0))
+    assert np.array_equal(disturbance_torque(Step(amplitude=3.0)), np.full((2, 1000), 3.0))
 
 
 def test_sine_starts_at_its_instant_on_the_clock_s_phase() -> None:
-    values = torque(Sine(amplitude=2.0, frequency=30.0, phase=0.5, at=0.1), joints=1)[0]
+    values = disturbance_torque(Sine(amplitude=2.0, frequency=30.0, phase=0.5, at=0.1), joints=1)[0]
     assert not values[:100].any()
     assert np.allclose(values[100:], 2 * np.sin(30 * TIMES[100:] + 0.5))
 
@@ -281,7 +287,7 @@ def test_sine_starts_at_its_instant_on_the_clock_s_phase() -> None:
 @given(at=st.floats(0, 0.99), step=st.floats(1e-5, 0.1), amplitude=st.floats(-10, 10))
 def test_impulse_is_the_same_whatever_the_step(at: float, step: float, amplitude: float) -> None:
     times = np.arange(int(np.ceil(1 / step))) * step
-    values = torque(Impulse(amplitude=amplitude, at=at), times, joints=1)[0]
+    values = disturbance_torque(Impulse(amplitude=amplitude, at=at), times, joints=1)[0]
     assert np.sum(values) * step == pytest.approx(amplitude, rel=1e-9)
     assert np.count_nonzero(values) == (1 if amplitude else 0)
     if amplitude:
@@ -291,18 +297,18 @@ def test_impulse_is_the_same_whatever_the_step(at: float, step: float, amplitude
 
 def test_band_noise_has_its_standard_deviation_and_follows_the_seed() -> None:
     noise = BandNoise(amplitude=[2.0, 0.5], low=20.0, high=60.0)
-    values = torque(noise)
-    long = torque(noise, np.arange(200_000) * 1e-3)  # some 8000 independent samples: 1 % standard error
+    values = disturbance_torque(noise)
+    long = disturbance_torque(noise, np.arange(200_000) * 1e-3)  # some 8000 independent samples: 1 % standard error
     assert np.allclose(long.std(axis=1), [2.0, 0.5], rtol=0.04)
-    assert np.array_equal(values, torque(noise))
-    assert not np.any(values == torque(noise, seed=1))
+    assert np.array_equal(values, disturbance_torque(noise))
+    assert not np.any(values == disturbance_torque(noise, seed=1))
     assert abs(np.corrcoef(values)[0, 1]) < 0.5  # a joint's own noise, of some 40 independent samples
 
 
 def test_band_noise_keeps_its_size_on_a_record_shorter_than_its_waves() -> None:
     """Over a whole ensemble of short records: neither scaled up nor down by its own length."""
     times = np.arange(50) * 1e-3
-    values = [torque(BandNoise(amplitude=1.0, high=5.0), times, 1, seed=seed)[0] for seed in range(400)]
+    values = [disturbance_torque(BandNoise(amplitude=1.0, high=5.0), times, 1, seed=seed)[0] for seed in range(400)]
     assert np.sqrt(np.mean(np.square(values))) == pytest.approx(1.0, rel=0.15)  # 400 samples: 3.5 % standard error
     assert np.max(np.abs(values)) < 5.0
 
@@ -343,7 +349,7 @@ def test_bad_numbers_are_refused(schedule: Callable[[], object], message: str) -
 @pytest.mark.parametrize(("low", "high"), [(0.0, 50.0), (100.0, 300.0), (30.0, 40.0)])
 def test_band_noise_keeps_its_energy_inside_the_band(low: float, high: float) -> None:
     times = np.arange(2**15) * 1e-3
-    spectrum = np.abs(np.fft.rfft(torque(BandNoise(amplitude=1.0, low=low, high=high), times, 1)[0])) ** 2
+    spectrum = np.abs(np.fft.rfft(disturbance_torque(BandNoise(amplitude=1.0, low=low, high=high), times, 1)[0])) ** 2
     frequency = 2 * np.pi * np.fft.rfftfreq(len(times), 1e-3)
     width = (high - low) / 2
     near = (frequency >= low - width) & (frequency <= high + width)
@@ -393,9 +399,15 @@ def test_payload_is_a_schedule_of_the_payload() -> None:
         (lambda: Encoder(delay=-1), "delay: got -1; needs a whole number"),
         (lambda: Encoder(delay=1.5), "delay: got 1.5"),  # pyright: ignore[reportArgumentType]
         (lambda: Step(amplitude=np.inf), "amplitude: .* not NaN or infinity"),
-        (lambda: torque(Step(amplitude=[1.0, 2.0, 3.0])), "disturbance amplitude: .* needs one number or 2"),
+        (
+            lambda: disturbance_torque(Step(amplitude=[1.0, 2.0, 3.0])),
+            "disturbance amplitude: .* needs one number or 2",
+        ),
         (lambda: BandNoise(amplitude=1.0, low=5.0, high=2.0), "low, high: got 5 and 2; needs 0 ≤ low < high"),
-        (lambda: torque(BandNoise(amplitude=1.0, high=4000.0)), "high: got 4000 rad/s; .* allows up to 3142"),
+        (
+            lambda: disturbance_torque(BandNoise(amplitude=1.0, high=4000.0)),
+            "high: got 4000 rad/s; .* allows up to 3142",
+        ),
         (lambda: Schedule(parameter="payload", times=[1.0, 0.5], values=[1, 2]), "'payload': .* increasing times"),
         (lambda: Schedule(parameter="payload", times=[1.0], values=[1, 2]), r"got times \[1.0\] and values \[1, 2\]"),
         (lambda: Payload(mass=-1.0), "mass: got -1"),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from law_catalogue import KNOWN_RANGES, agrees, make_tdc
+from law_catalogue import KNOWN_RANGES, agrees_to_digits, make_tdc
 from tarc import plants, signals
 from tarc.control.digital_controller import Drive
 from tarc.core.tracing import trace
@@ -43,8 +43,8 @@ def test_stable_interval(window, synchronised, low, high):
     middle = np.sqrt(low * high)
     assert beyond(middle) < 0
     found = brentq(beyond, 0.8 * low, middle, xtol=1e-7), brentq(beyond, middle, 1.2 * high, xtol=1e-6)
-    assert agrees(found[0], low)
-    assert agrees(found[1], high)
+    assert agrees_to_digits(found[0], low)
+    assert agrees_to_digits(found[1], high)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ ARM = tarc.plants.TwoLinkArm()
 SWING = tarc.signals.Sinusoid(amplitude=[0.3, 0.3], frequency=[2.0, 2.5])
 
 
-def law(share, **options):
+def tdc_with_inertia_share(share, **options):
     return make_tdc(inertia=share * ARM.inertia([0.0, 0.0]), **options)
 
 
@@ -20,7 +20,7 @@ def test_names_posture_range_and_remedy():
     with pytest.warns(
         tarc.DesignWarning, match="stable from 0.00486 to 0.2616. Use a smaller inertia, a shorter window"
     ) as caught:
-        run = tarc.simulate(ARM, law(0.9), SWING, 0.5)
+        run = tarc.simulate(ARM, tdc_with_inertia_share(0.9), SWING, 0.5)
     assert caught[0].filename == __file__
     assert not run.status.completed
     assert "held at rest at q = (" in str(caught[0].message)
@@ -36,19 +36,19 @@ def test_names_posture_range_and_remedy():
 )
 def test_the_remedy_fits_the_fault(options, delay, message):
     with pytest.warns(tarc.DesignWarning, match=message):
-        tarc.simulate(ARM, law(**options), SWING, 0.1, computation_delay=delay)
+        tarc.simulate(ARM, tdc_with_inertia_share(**options), SWING, 0.1, computation_delay=delay)
 
 
 def test_a_sound_design_draws_no_warning():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        run = tarc.simulate(ARM, law(0.05), SWING, 1.0)
+        run = tarc.simulate(ARM, tdc_with_inertia_share(0.05), SWING, 1.0)
     assert run.status.completed
 
 
 def test_a_payload_to_come_counts_from_when_it_comes():
     """A lighter second link raises the ratio past its range, but only in the second half."""
-    design = law(0.06)
+    design = tdc_with_inertia_share(0.06)
     lighter = tarc.signals.Schedule(parameter="masses", times=[0.5], values=[[0.2, 0.1]])
     with pytest.warns(tarc.DesignWarning, match="smaller inertia"):
         tarc.simulate(ARM, design, SWING, 1.0, disturbance=lighter)

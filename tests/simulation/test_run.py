@@ -10,7 +10,7 @@ from tarc import Run, TarcError, estimators, laws, plants, signals, simulate
 from tarc.plants import Pendulum
 
 
-def made_run(error, torque, gain=None, sliding=None, limit=np.inf, diverged=np.nan, period=0.01):
+def run_by_hand(error, torque, gain=None, sliding=None, limit=np.inf, diverged=np.nan, period=0.01):
     """A run put together by hand."""
     count = len(error)
     variables = {
@@ -29,27 +29,29 @@ def made_run(error, torque, gain=None, sliding=None, limit=np.inf, diverged=np.n
 def test_errors_and_variation_by_hand():
     error = np.array([[3.0, 4.0], [0.0, 0.0], [0.0, 0.0], [1.0, 2.0]])
     torque = np.array([[0.0, 0.0], [1.0, -2.0], [0.0, 0.0], [4.0, 0.0]])
-    metrics = made_run(error, torque, limit=2.0).metrics()
+    metrics = run_by_hand(error, torque, limit=2.0).metrics()
     assert metrics["rms_error"] == pytest.approx(np.sqrt(30 / 8))
     assert metrics["peak_error"] == 4.0
     assert metrics["torque_variation"] == pytest.approx((3 + 3 + 4) / 0.03)
     assert metrics["peak_torque"] == 4.0
     assert metrics["saturated"] == 2 / 8
-    assert made_run(error, torque).metrics(start=0.01)["rms_error"] == pytest.approx(np.sqrt(5 / 6))
+    assert run_by_hand(error, torque).metrics(start=0.01)["rms_error"] == pytest.approx(np.sqrt(5 / 6))
 
 
 def test_high_frequency_share_is_parsevals():
     """Two sines at 10 and 100 Hz with amplitudes 3 and 1: a tenth of the energy is above 50 Hz."""
     t = np.arange(1000) * 1e-3
     torque = (5.0 + 3 * np.sin(2 * np.pi * 10 * t) + np.sin(2 * np.pi * 100 * t))[:, None]
-    assert made_run(0 * torque, torque, period=1e-3).metrics()["high_frequency_share"] == pytest.approx(0.1, abs=1e-9)
+    assert run_by_hand(0 * torque, torque, period=1e-3).metrics()["high_frequency_share"] == pytest.approx(
+        0.1, abs=1e-9
+    )
 
 
 def test_over_and_underestimation_by_hand():
     gain = np.array([1.0, 2.0, 3.0, 2.0, 1.0, 1.0])
     sliding = np.array([5.0, 6.0, 5.0, 4.0, 7.0, 8.0])  # up, down, down, up, up
     zero = np.zeros((6, 1))
-    metrics = made_run(zero, zero, gain, sliding).metrics()
+    metrics = run_by_hand(zero, zero, gain, sliding).metrics()
     assert metrics["overestimation"] == 1 / 5
     assert metrics["underestimation"] == 1 / 5
 
@@ -64,7 +66,7 @@ def test_smoothing_finds_the_share_under_noise(shift, share):
     """Two triangles an eighth of a period apart go opposite ways for a quarter of the time, half of it each way."""
     count = 40_000
     noise = 0.02 * np.random.default_rng(0).standard_normal(count)  # four times what the gain moves in a sample
-    run = made_run(np.zeros((count, 1)), np.zeros((count, 1)), 5 + triangle(count) + noise, triangle(count, shift))
+    run = run_by_hand(np.zeros((count, 1)), np.zeros((count, 1)), 5 + triangle(count) + noise, triangle(count, shift))
     plain, smooth = run.metrics(), run.metrics(smooth=0.4)
     for name in ("overestimation", "underestimation"):
         assert plain[name] == pytest.approx(0.25, abs=0.04), "noise decides, whatever the share"
@@ -75,14 +77,14 @@ def test_smoothing_is_a_moving_average():
     gain, sliding = np.random.default_rng(1).standard_normal((2, 200))
     zero = np.zeros((200, 1))
     change, growth = (np.diff(np.convolve(x, np.ones(7) / 7, "valid")) for x in (gain, sliding))
-    found = made_run(zero, zero, gain, sliding).metrics(smooth=0.07)
+    found = run_by_hand(zero, zero, gain, sliding).metrics(smooth=0.07)
     assert found["overestimation"] == np.mean((change > 0) & (growth < 0))
     assert found["underestimation"] == np.mean((change < 0) & (growth > 0))
 
 
 def test_a_gain_that_chatters_at_its_floor_counts_as_still():
     gain, sliding = np.tile([1.0, 1.001], 50), np.linspace(0.0, 1.0, 100)
-    run = made_run(np.zeros((100, 1)), np.zeros((100, 1)), gain, sliding)
+    run = run_by_hand(np.zeros((100, 1)), np.zeros((100, 1)), gain, sliding)
     assert run.metrics()["underestimation"] == pytest.approx(0.5, abs=0.01)
     assert run.metrics(smooth=0.1)["underestimation"] == 0
 
@@ -99,7 +101,7 @@ def test_a_gain_that_chatters_at_its_floor_counts_as_still():
 def test_bad_smoothing_is_refused(smooth, message):
     zero = np.zeros((100, 1))
     with pytest.raises(TarcError, match=message):
-        made_run(zero, zero, zero[:, 0], zero[:, 0]).metrics(smooth=smooth)
+        run_by_hand(zero, zero, zero[:, 0], zero[:, 0]).metrics(smooth=smooth)
 
 
 def pendulum_law(inertia=0.05, **options):
@@ -265,7 +267,7 @@ def test_chatter_at_every_sample_counts_by_its_energy():
     for count in (2000, 1999):
         k = np.arange(count)
         torque = np.sin(2 * np.pi * k / 1000)[:, None] + (-1.0) ** k[:, None]
-        share = made_run(0 * torque, torque, period=1e-3).metrics()["high_frequency_share"]
+        share = run_by_hand(0 * torque, torque, period=1e-3).metrics()["high_frequency_share"]
         assert share == pytest.approx(2 / 3, abs=2e-3)
 
 

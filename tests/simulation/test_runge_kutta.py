@@ -15,7 +15,7 @@ from tarc.simulation.closed_loop import runge_kutta
 SMOOTH_PLANTS = [TwoLinkArm(viscous=0.5), NLinkArm(viscous=0.1), WheeledMobileRobot(coulomb=0.0), Pendulum(viscous=0.1)]
 
 
-def order(solutions: list[np.ndarray]) -> float:
+def convergence_order(solutions: list[np.ndarray]) -> float:
     """Order of convergence from three solutions, each with half the step of the one before."""
     coarse, medium, fine = solutions
     return float(np.log2(np.max(np.abs(coarse - medium)) / np.max(np.abs(medium - fine))))
@@ -30,7 +30,7 @@ def test_runge_kutta_is_of_fourth_order(plant: EulerLagrange) -> None:
             q, dq, _ = runge_kutta(plant, q, dq, np.linspace(2, -1, n), 1.0 / steps)
         return np.concatenate([q, dq])
 
-    assert order([end(200), end(400), end(800)]) == pytest.approx(4, abs=0.2)
+    assert convergence_order([end(200), end(400), end(800)]) == pytest.approx(4, abs=0.2)
 
 
 def test_runge_kutta_reports_the_acceleration_at_the_start_of_the_step() -> None:
@@ -57,7 +57,7 @@ def test_a_loop_with_its_torque_held_converges_with_fourth_order_in_the_substep(
         assert run.status.completed
         return run.data["position"].values
 
-    assert order([motion(2), motion(4), motion(8)]) == pytest.approx(4, abs=0.2)
+    assert convergence_order([motion(2), motion(4), motion(8)]) == pytest.approx(4, abs=0.2)
 
 
 @pytest.mark.parametrize("computation_delay", [0, 2])

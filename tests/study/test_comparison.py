@@ -19,26 +19,26 @@ TARC = str(Path(sys.executable).parent / "tarc")
 SHORT = ["duration=1.2", "measure_from=0.4"]
 
 
-def scenario(name="two_link_payload", *settings):
+def short_scenario(name="two_link_payload", *settings):
     return tarc.Scenario.load(name, [*SHORT, *settings])
 
 
 def test_runs_are_those_of_the_scenario_with_that_law():
-    found = compare(scenario(), ["tdc"], jobs=1)
-    alone = scenario("two_link_payload", "law=" + json.dumps(tuned_laws()["tdc"])).run()
+    found = compare(short_scenario(), ["tdc"], jobs=1)
+    alone = short_scenario("two_link_payload", "law=" + json.dumps(tuned_laws()["tdc"])).run()
     np.testing.assert_array_equal(found.runs["tdc"].data["torque"], alone["TDC"].data["torque"])
     assert found.measures["tdc"]["rms_error"] == alone["TDC"].metrics(start=0.4)["rms_error"]
 
 
 def test_processes_give_what_one_process_gives():
-    one, two = (compare(scenario(), ["tarc", "tdc"], jobs=jobs) for jobs in (1, 2))
+    one, two = (compare(short_scenario(), ["tarc", "tdc"], jobs=jobs) for jobs in (1, 2))
     assert list(one.runs) == list(two.runs) == ["tarc", "tdc"]
     for name in one.runs:
         np.testing.assert_array_equal(one.runs[name].data["position"], two.runs[name].data["position"])
 
 
 def test_front_holds_those_that_no_other_beats_in_both():
-    found = compare(scenario(), ["tarc", "tdc", "pid", "adrc", "smc"], jobs=1)
+    found = compare(short_scenario(), ["tarc", "tdc", "pid", "adrc", "smc"], jobs=1)
     points = {name: (one["rms_error"], one["torque_variation"]) for name, one in found.measures.items()}
     for name, (error, variation) in points.items():
         beaten = any(e <= error and v <= variation and (e, v) != (error, variation) for e, v in points.values())
@@ -47,14 +47,14 @@ def test_front_holds_those_that_no_other_beats_in_both():
 
 def test_what_cannot_run_is_said_and_the_others_run():
     parts = {"fine": tuned_laws()["tdc"], "odd": {"kind": "TDC", "inertia": [1.0, 1.0, 1.0], "bandwidth": 10.0}}
-    found = compare(scenario(), parts, jobs=1)
+    found = compare(short_scenario(), parts, jobs=1)
     assert list(found.runs) == ["fine"]
     assert "joints" in found.failures["odd"]
 
 
 def test_a_diverged_law_is_a_result():
     parts = {"wild": {"kind": "TDC", "inertia": {"fraction": 1.0}, "bandwidth": 10.0}, "tdc": tuned_laws()["tdc"]}
-    found = compare(scenario(), parts, jobs=1)
+    found = compare(short_scenario(), parts, jobs=1)
     assert not found.runs["wild"].status.completed
     assert found.measures["wild"] == {}
     assert found.front == ["tdc"]
@@ -63,7 +63,7 @@ def test_a_diverged_law_is_a_result():
 
 
 def test_writes_what_it_says(tmp_path):
-    found = compare(scenario(), ["tarc", "tdc"], jobs=1)
+    found = compare(short_scenario(), ["tarc", "tdc"], jobs=1)
     files = found.save(tmp_path / "deep" / "folder")
     assert {file.name for file in files} == {
         "comparison.csv", "comparison.tex", "tarc.nc", "tdc.nc", "plane.png", "side.png", "gain.png"
@@ -75,7 +75,7 @@ def test_writes_what_it_says(tmp_path):
 
 
 def test_units_are_those_of_the_joints():
-    found = compare(scenario("vibration"), ["tdc"], jobs=1)
+    found = compare(short_scenario("vibration"), ["tdc"], jobs=1)
     assert found.columns["rms_error"][2] == "mm"
     assert "RMS error [mm]" in found.to_latex()
     assert "peak torque [N]" in found.to_latex()
@@ -94,7 +94,7 @@ def test_every_space_has_tuned_gains_and_every_gain_lies_in_its_space():
 
 @pytest.mark.parametrize("name", sorted(tuned_laws()))
 def test_every_tuned_law_is_bounded_on_the_two_link_arm(name):
-    found = compare(scenario("two_link_friction", "duration=2.0"), [name], jobs=1)
+    found = compare(short_scenario("two_link_friction", "duration=2.0"), [name], jobs=1)
     torque = found.runs[name].data["torque"].values
     assert np.all(np.isfinite(torque))
     if found.runs[name].status.completed:
@@ -145,7 +145,7 @@ class Dying(ThreadPoolExecutor):
 def test_a_killed_process_loses_only_what_it_ran(monkeypatch):
     module = sys.modules["tarc.study.comparison"]
     monkeypatch.setattr(module, "ProcessPoolExecutor", Dying)
-    found = compare(scenario(), ["tdc", "pid"], jobs=2)
+    found = compare(short_scenario(), ["tdc", "pid"], jobs=2)
     assert list(found.runs) == ["tdc"]
     assert "killed" in found.failures["pid"]
     assert 'pid,"failed: its process was killed' in found.to_csv()

@@ -21,12 +21,12 @@ TDC = Space(
 )
 
 
-def training(name="train_two_link"):
+def training_scenario(name="train_two_link"):
     return tarc.Scenario.load(name, SHORT)
 
 
 def test_finds_what_a_sweep_finds():
-    one = training()
+    one = training_scenario()
     limit = variation_limit(one, 15.0)
     sweep = [objective(one, TDC.law({"bandwidth": b}, 1e-3), limit) for b in np.geomspace(3.0, 40.0, 40)]
     law, score = tune(TDC, [one], [limit], trials=25, progress=False)
@@ -35,19 +35,19 @@ def test_finds_what_a_sweep_finds():
 
 
 def test_is_the_same_every_time():
-    one = training()
+    one = training_scenario()
     runs = [tune(TDC, [one], [1000.0], trials=6, seed=3, progress=False) for _ in range(2)]
     assert runs[0] == runs[1]
 
 
 def test_the_limit_keeps_torque_variation_down():
-    one = training()
+    one = training_scenario()
     quiet, loud = (tune(TDC, [one], [limit], trials=15, progress=False)[0]["bandwidth"] for limit in (400.0, 1e6))
     assert quiet < loud
 
 
 def test_a_law_that_diverges_or_cannot_be_made_scores_worst():
-    one = training()
+    one = training_scenario()
     assert objective(one, {"kind": "TDC", "inertia": {"fraction": 1.2}, "bandwidth": 10.0}, 1e3) > LOST - 2
     assert objective(one, {"kind": "TDC", "inertia": {"fraction": 0.1}, "bandwidth": -1.0}, 1e3) == LOST
 
@@ -62,16 +62,18 @@ def test_scenarios_that_a_law_cannot_run_in_are_left_out():
     model = Space(
         {"kind": "ProjectionARC", "model": "robot", "bounds": {"payload": [0.0, 3.0]}}, {"bandwidth": (5.0, 20.0)}
     )
-    law, score = tune(model, [training(), training("train_ur5e")], [1e3, 1e3], trials=2, progress=False)
+    law, score = tune(
+        model, [training_scenario(), training_scenario("train_ur5e")], [1e3, 1e3], trials=2, progress=False
+    )
     assert law["kind"] == "ProjectionARC"
     assert np.isfinite(score)
     with pytest.raises(TarcError, match="cannot run in any"):
-        tune(model, [training("train_ur5e")], [1e3], trials=2, progress=False)
+        tune(model, [training_scenario("train_ur5e")], [1e3], trials=2, progress=False)
 
 
 def test_limits_must_match():
     with pytest.raises(TarcError, match="limits: got 2 for 1"):
-        tune(TDC, [training()], [1.0, 2.0], trials=1)
+        tune(TDC, [training_scenario()], [1.0, 2.0], trials=1)
 
 
 def test_command_writes_gains_and_how_they_were_found(tmp_path):
