@@ -28,7 +28,7 @@ def distributions(extra: str) -> set[str]:
 @pytest.mark.parametrize("extra", optional.EXTRAS)
 def test_an_extra_is_checked_by_the_modules_that_it_installs(extra: str) -> None:
     owners = packages_distributions()
-    installed = {owners[module][0].lower().removesuffix("-core") for module in optional.EXTRAS[extra]}
+    installed = {owners[module.partition(".")[0]][0].lower().removesuffix("-core") for module in optional.EXTRAS[extra]}
     assert installed == distributions(extra) - {"ruamel.yaml"}
 
 
@@ -51,3 +51,10 @@ def test_a_missing_module_is_named_with_its_extra(monkeypatch: pytest.MonkeyPatc
 def test_a_missing_tool_is_an_import_error_and_one_of_the_package() -> None:
     assert issubclass(MissingTool, ImportError)
     assert issubclass(MissingTool, TarcError)
+
+
+@pytest.mark.parametrize(
+    ("module", "answer"), [("numpy", True), ("json.tool", True), ("nosuch", False), ("nosuch.part", False)]
+)
+def test_a_module_is_found_without_being_imported(module: str, answer: bool) -> None:
+    assert optional.is_installed(module) is answer

@@ -24,7 +24,10 @@ EXTRAS = {
 
 def is_installed(module: str) -> bool:
     """Return whether a module can be imported, without importing it."""
-    return module in sys.modules or find_spec(module) is not None
+    try:
+        return module in sys.modules or find_spec(module) is not None
+    except ModuleNotFoundError:  # of the package that a dotted name is in
+        return False
 
 
 def require(extra: str, part: str, *modules: str) -> None:
