@@ -8,7 +8,7 @@ import argparse
 from rich.console import Console
 from rich.table import Table
 
-from reference.soundness_checks import measure
+from reference.soundness_checks import tally_certificates
 
 
 def main() -> None:
@@ -16,7 +16,7 @@ def main() -> None:
     parser.add_argument("--designs", type=int, default=10_000, help="random designs (default 10000)")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    tallies = measure(options.designs, options.seed, None)
+    tallies = tally_certificates(options.designs, options.seed, None)
     table = Table(
         "certificate", "designs", "certified", "refuted", "inconclusive", "undecided", "violations", "time [s]"
     )

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from law_catalogue import make_tdc
+from reference.constant_loop import frequency_response, loop_polynomials
+from reference.law_parameters import PERIOD, LawParameters, draw_parameters
 from reference.law_recurrence import recurrence
-from reference.loop_polynomials import polynomials, respond
-from reference.random_designs import PERIOD, Design, draw
-from reference.slow_adversaries import SlowFleet
-from reference.soundness_checks import check_slow
+from reference.slow_adversaries import SlowAdversarialLoops
+from reference.soundness_checks import check_slow_balls
 from reference.soundness_tally import Tally
-from reference.uncertain_case import Case, matrices, multiplier
+from reference.uncertain_case import UncertainCase, growth_per_period, state_matrices
 from tarc import TarcError, plants, signals, simulate
 from tarc.analysis import Workspace, stable_interval
 from tarc.analysis.linearise import decouple
@@ -21,7 +21,7 @@ from tarc.certificates.iqc import Multiplier, bears, cost
 from tarc.certificates.varying_ratio import widest
 from tarc.numerics.norms import negative
 
-LITERAL, SYNCHRONISED = Design(window=10), Design(window=10, synchronised=True)
+LITERAL, SYNCHRONISED = LawParameters(window=10), LawParameters(window=10, synchronised=True)
 BOTH = [(LITERAL, 0.079), (SYNCHRONISED, 1.074)]
 ARM, LOADED = plants.TwoLinkArm(), plants.TwoLinkArm(payload=2.0)
 
@@ -76,7 +76,7 @@ def max_turning_rate(centre, radius, rate):
 
 def growth_of_turning(design, centre, radius, limit):
     rates_tried = min(limit, np.pi) * np.append(np.geomspace(1e-4, 1, 120), 1.0)
-    return multiplier(Case(recurrence(design), centre, radius), 0.0, rates_tried).max()
+    return growth_per_period(UncertainCase(recurrence(design), centre, radius), 0.0, rates_tried).max()
 
 
 @pytest.mark.parametrize(("design", "centre"), BOTH)
@@ -101,7 +101,7 @@ def test_the_rate_matters():
 def test_a_ratio_that_swings_within_the_rate_is_borne(design, centre, relative):
     """1/E is a sinusoid over all of the ball, or half of it, held over each period."""
     size, step = ball_at_rate(design, centre, relative, intersample=False).numbers["radius"], relative / centre * PERIOD
-    A, B, _, C = matrices(Case(recurrence(design), centre))
+    A, B, _, C = state_matrices(UncertainCase(recurrence(design), centre))
     ends, tried = np.array([1 / (centre + size), 1 / (centre - size)]), 0
     for share in (0.3, 1.0):
         swing = share * np.diff(ends)[0] / 2
@@ -122,7 +122,7 @@ def test_a_ratio_that_swings_within_the_rate_is_borne(design, centre, relative):
 
 def test_nothing_contradicts_a_slow_ball():
     rng, tally = np.random.default_rng(5), Tally()
-    check_slow([draw(rng) for _ in range(16)], rng, tally, 800, lambda: None)
+    check_slow_balls([draw_parameters(rng) for _ in range(16)], rng, tally, 800, lambda: None)
     assert tally.violations == []
     assert tally.certified > 6
     assert tally.undecided < 3
@@ -130,29 +130,29 @@ def test_nothing_contradicts_a_slow_ball():
 
 def test_the_slow_fleet_keeps_to_the_rate_and_the_ball_and_finds_what_is_outside():
     from reference.adversaries import SUBSTEPS, Adversary
-    from reference.slow_adversaries import SLOW_MISMATCHES, inverse
+    from reference.slow_adversaries import SLOW_MISMATCHES, invert_map
 
     found = ball_at_rate(LITERAL, 0.079, 30.0).numbers
     adversaries = [Adversary(kind) for kind in SLOW_MISMATCHES]
     turning = adversaries[:1]
     seen = []
 
-    class Watched(SlowFleet):
-        def _push(self, kind, i, *rest, **others):
+    class Watched(SlowAdversarialLoops):
+        def _acceleration(self, kind, i, *rest, **others):
             before = self.m[i].copy(), self.c[i].copy()
-            push = super()._push(kind, i, *rest, **others)
-            m, c = inverse(self.m[i], self.c[i])
+            push = super()._acceleration(kind, i, *rest, **others)
+            m, c = invert_map(self.m[i], self.c[i])
             change = np.abs(self.m[i] - before[0]) + np.abs(self.c[i] - before[1])
             seen.append((change.max(), (np.abs(m - self.centre) + np.abs(c)).max()))
             return push
 
-    case = Case(recurrence(LITERAL), 0.079, found["radius"], rate=30.0 / 0.079)
-    Watched([case], adversaries).run(200, within=True)
+    case = UncertainCase(recurrence(LITERAL), 0.079, found["radius"], max_rate=30.0 / 0.079)
+    Watched([case], adversaries).run(200, intersample=True)
     most = np.max(seen, axis=0)
-    assert 0.9 < most[0] / (case.rate * PERIOD / SUBSTEPS) <= 1 + 1e-9
+    assert 0.9 < most[0] / (case.max_rate * PERIOD / SUBSTEPS) <= 1 + 1e-9
     assert 0.9 < most[1] / case.radius <= 1 + 1e-9
     outside = case._replace(radius=1.14 * case.radius)
-    inside, diverging = SlowFleet([case, outside], turning).run(6000, within=True).max(axis=0)
+    inside, diverging = SlowAdversarialLoops([case, outside], turning).run(6000, intersample=True).max(axis=0)
     assert inside < 0
     assert diverging > 3
 
@@ -201,8 +201,8 @@ def test_no_multiplier_for_what_changes_by_most_of_itself_in_a_period():
 
 def hand_form(design, centre, radius, step, evidence, angles):
     """The form's value on a dense grid, for E held over each period: T from a to v by the recurrence's polynomials."""
-    known = polynomials(recurrence(design), centre)
-    T = respond(known.a_to_v, known.closed, angles)
+    known = loop_polynomials(recurrence(design), centre)
+    T = frequency_response(known.a_to_v, known.closed, angles)
     m = np.arange(1, 3000)
     powers = evidence.decays[:, None] ** m
     swing = step * (centre + radius) / 2

@@ -7,21 +7,21 @@ import numpy as np
 import pytest
 
 from law_catalogue import make_law, make_tdc
-from reference.adversaries import Adversary, Fleet
+from reference.adversaries import AdversarialLoops, Adversary
+from reference.constant_loop import loop_polynomials, most_negative_real_part, spectral_radius
+from reference.law_parameters import PERIOD, LawParameters
 from reference.law_recurrence import recurrence
-from reference.loop_polynomials import most_negative, polynomials, radius
-from reference.random_designs import PERIOD, Design
-from reference.uncertain_case import Case
+from reference.uncertain_case import UncertainCase
 from tarc import TarcError, estimators, laws
 from tarc.certificates import Certificate, ball, loop, slope
 from tarc.certificates.sector import circle_limit
 
-LITERAL, SYNCHRONISED = Design(window=10), Design(window=10, synchronised=True)
+LITERAL, SYNCHRONISED = LawParameters(window=10), LawParameters(window=10, synchronised=True)
 
 
 def tarc_law(design=LITERAL, **options) -> Any:
     """TARC with P2 = I and ε = 0.01, so that a gain of ĉ is a slope of 100 ĉ."""
-    return replace(replace(design, kappa=1.0).law, **options)
+    return replace(replace(design, slope=1.0).law, **options)
 
 
 def hand_radius(ratio, kappa, window=10, bandwidth=10.0, T=PERIOD):
@@ -64,13 +64,13 @@ def test_known_limits(design, ratio, circle, frozen):
 @pytest.mark.parametrize("computation", [0, 1])
 def test_both_limits_against_polynomials(design, ratio, computation):
     law = recurrence(design)._replace(delay=computation)
-    known = polynomials(law, ratio)
-    if radius(known.closed) > 1:
+    known = loop_polynomials(law, ratio)
+    if spectral_radius(known.closed) > 1:
         return
     numbers = slope(design.law, ratio, computation_delay=computation).numbers
-    expected = 1 / most_negative(known.w_to_q, known.closed)[0]
+    expected = 1 / most_negative_real_part(known.w_to_q, known.closed)[0]
     assert expected * (1 - 1e-5) < numbers["circle limit"] <= expected
-    expected = first_unstable_slope(lambda kappa: radius(polynomials(law, ratio, kappa).closed) > 1, 1e5)
+    expected = first_unstable_slope(lambda kappa: spectral_radius(loop_polynomials(law, ratio, kappa).closed) > 1, 1e5)
     assert numbers["frozen limit"] == pytest.approx(expected, rel=1e-6)
 
 
@@ -84,7 +84,7 @@ def test_frozen_limit_of_a_third_polynomial():
 @pytest.mark.parametrize(("window", "ratio"), [(5, 0.15), (20, 0.03)])
 def test_a_frozen_slope_is_a_frozen_gain(window, ratio):
     """The loop certificate with the gain at the limit, through the law's own Δu."""
-    law = tarc_law(Design(window=window))
+    law = tarc_law(LawParameters(window=window))
     limit = slope(law, ratio).numbers["frozen limit"] * law.boundary
     assert loop(law, ratio, gain=0.999 * limit).certified
     assert loop(law, ratio, gain=1.001 * limit).verdict == "refuted"
@@ -98,8 +98,8 @@ def test_slopes_that_switch_diverge_between_the_two_limits(design, ratio, kappa)
     numbers = slope(design.law, ratio).numbers
     assert numbers["circle limit"] < kappa < numbers["frozen limit"]
     switching = [Adversary("none", "returning"), Adversary("none", "greedy output")]
-    cases = [Case(recurrence(design), ratio, 0.0, size) for size in (0.999 * numbers["circle limit"], kappa)]
-    growth = Fleet(cases, switching).run(10_000).max(axis=0)
+    cases = [UncertainCase(recurrence(design), ratio, 0.0, size) for size in (0.999 * numbers["circle limit"], kappa)]
+    growth = AdversarialLoops(cases, switching).run(10_000).max(axis=0)
     assert growth[0] < 0 < growth[1]
     assert slope(tarc_law(design), ratio, cap=kappa * 0.01).verdict == "inconclusive"
 
@@ -205,7 +205,7 @@ def test_an_unstable_loop_has_no_slope():
 
 @pytest.mark.parametrize(("periods", "actuation"), [(2, 0), (1, 1), (3, 1)])
 def test_a_torque_that_alternates_undamped_is_not_certified(periods, actuation):
-    law = Design(periods=periods, actuation=actuation).law
+    law = LawParameters(delay_periods=periods, actuation_delay=actuation).law
     for ratio in (0.02, 0.05, 0.1):
         verdict = slope(law, ratio)
         assert verdict.verdict != "certified"
@@ -278,21 +278,21 @@ def test_frozen_limits_of_random_designs(seed):
     checked = 0
     for _ in range(12):
         synchronised, window = bool(rng.random() < 0.5), int(rng.choice([0, 2, 3, 6, 12]))
-        design = Design(
-            bandwidth=float(rng.uniform(3, 50)),
-            damping=float(rng.uniform(0.5, 2)),
+        design = LawParameters(
+            natural_frequency=float(rng.uniform(3, 50)),
+            damping_ratio=float(rng.uniform(0.5, 2)),
             window=window,
             cutoff=float(rng.uniform(100, 2000)) if not window and rng.random() < 0.5 else 0.0,
             synchronised=synchronised,
-            computation=int(rng.integers(0, 3)),
+            computation_delay=int(rng.integers(0, 3)),
         )
         ratio, law = float(rng.uniform(0.3, 1.5) if synchronised else rng.uniform(0.01, 0.2)), recurrence(design)
-        if radius(polynomials(law, ratio).closed) > 1 - 1e-5:
+        if spectral_radius(loop_polynomials(law, ratio).closed) > 1 - 1e-5:
             continue
-        limit = slope(design.law, ratio, computation_delay=design.computation).numbers["frozen limit"]
+        limit = slope(design.law, ratio, computation_delay=design.computation_delay).numbers["frozen limit"]
         trials = np.geomspace(0.01, 1.0, 60) * limit
-        radii = np.array([radius(polynomials(law, ratio, trial).closed) for trial in trials[:-1]])
+        radii = np.array([spectral_radius(loop_polynomials(law, ratio, trial).closed) for trial in trials[:-1]])
         assert np.all(radii < 1 + 1e-9)
-        assert radius(polynomials(law, ratio, 1.001 * limit).closed) > 1
+        assert spectral_radius(loop_polynomials(law, ratio, 1.001 * limit).closed) > 1
         checked += 1
     assert checked > 3

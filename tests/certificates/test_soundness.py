@@ -3,20 +3,20 @@
 import numpy as np
 import pytest
 
-from reference.adversaries import Adversary, Fleet
+from reference.adversaries import AdversarialLoops, Adversary
+from reference.constant_loop import log_growth_after_kick, loop_polynomials, peak_gain, spectral_radius
+from reference.law_parameters import LawParameters, draw_parameters
 from reference.law_recurrence import recurrence
-from reference.loop_polynomials import peak, polynomials, radius, trend
-from reference.random_designs import Design, draw
-from reference.soundness_checks import check_loop, measure
+from reference.soundness_checks import check_ratio, tally_certificates
 from reference.soundness_tally import Tally
-from reference.uncertain_case import Case, multiplier
+from reference.uncertain_case import UncertainCase, growth_per_period
 from tarc.analysis import stable_interval
 from tarc.analysis.linearise import decouple
 
 
 @pytest.fixture(scope="module")
 def tallies():
-    return measure(160, 12, steps=1500)
+    return tally_certificates(160, 12, steps=1500)
 
 
 @pytest.mark.parametrize("name", ["loop", "loop, a range", "ball", "slope"])
@@ -39,12 +39,12 @@ def test_each_verdict_occurs(tallies):
 def test_recurrences_by_hand_are_the_laws(seed):
     """The benchmark's own loops against the code of the laws, linearised: with every delay, damping and estimator."""
     rng = np.random.default_rng(seed)
-    design = draw(rng)
+    design = draw_parameters(rng)
     ratio = float(np.exp(rng.uniform(np.log(0.02), np.log(2))))
-    (channel,) = decouple(design.law, design.computation)
+    (channel,) = decouple(design.law, design.computation_delay)
     theirs = np.max(np.abs(np.linalg.eigvals(channel.closed(ratio))))
     # poles near one and near zero come in clusters, whose rounding is the root of the machine's
-    assert radius(polynomials(recurrence(design), ratio).closed) == pytest.approx(theirs, abs=2e-5)
+    assert spectral_radius(loop_polynomials(recurrence(design), ratio).closed) == pytest.approx(theirs, abs=2e-5)
 
 
 def test_a_false_certificate_would_be_found(monkeypatch):
@@ -57,28 +57,28 @@ def test_a_false_certificate_would_be_found(monkeypatch):
     monkeypatch.setattr(soundness_checks, "loop", lambda *_, **__: Liar)
     rng, tally = np.random.default_rng(0), Tally()
     for _ in range(40):
-        check_loop(draw(rng), rng, tally)
+        check_ratio(draw_parameters(rng), rng, tally)
     assert len(tally.violations) > 5
 
 
 @pytest.mark.parametrize("computation", [0, 2])
 def test_the_fleet_grows_as_the_multiplier_says(computation):
-    design = Design(synchronised=True, computation=computation)
+    design = LawParameters(synchronised=True, computation_delay=computation)
     law = recurrence(design)
-    known = polynomials(law, 1.0)
-    gain, rate = peak(known.a_to_v, known.closed)
-    cases = [Case(law, 1.0, share / gain) for share in (0.9, 1.1)]
-    growth = Fleet(cases, [Adversary("rotate at the peak")]).run(6000)[0]
+    known = loop_polynomials(law, 1.0)
+    gain, rate = peak_gain(known.a_to_v, known.closed)
+    cases = [UncertainCase(law, 1.0, share / gain) for share in (0.9, 1.1)]
+    growth = AdversarialLoops(cases, [Adversary("rotate at the peak")]).run(6000)[0]
     for case, log in zip(cases, growth, strict=True):
-        size = multiplier(case, 0.0, np.array([rate]))[0]
+        size = growth_per_period(case, 0.0, np.array([rate]))[0]
         assert (size > 1) == (case.radius * gain > 1)
         assert log == pytest.approx(3000 * np.log(size), rel=0.05, abs=0.5)
 
 
 def test_trend_of_known_loops():
-    design = Design()
+    design = LawParameters()
     low, high = stable_interval(design.law)
     for ratio, sign in ((low * 1.05, -1), (low * 0.95, 1), (high * 0.98, -1), (high * 1.02, 1)):
-        closed = polynomials(recurrence(design), ratio).closed
-        assert np.sign(trend(closed, radius(closed))) == sign
-    assert np.isnan(trend(np.array([1.0, -1.0]), 1.0))
+        closed = loop_polynomials(recurrence(design), ratio).closed
+        assert np.sign(log_growth_after_kick(closed, spectral_radius(closed))) == sign
+    assert np.isnan(log_growth_after_kick(np.array([1.0, -1.0]), 1.0))

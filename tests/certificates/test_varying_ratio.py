@@ -6,13 +6,20 @@ import numpy as np
 import pytest
 
 from law_catalogue import make_law, make_tdc
-from reference.adversaries import SUBSTEPS, Adversary, Fleet
+from reference.adversaries import SUBSTEPS, AdversarialLoops, Adversary
+from reference.constant_loop import (
+    ANGLES,
+    frequency_response,
+    loop_polynomials,
+    peak_gain,
+    peak_gain_of_pair,
+    spectral_radius,
+)
+from reference.law_parameters import PERIOD, LawParameters, draw_parameters
 from reference.law_recurrence import recurrence
-from reference.loop_polynomials import ANGLES, joint_peak, peak, polynomials, radius, respond
-from reference.random_designs import PERIOD, Design, draw
-from reference.soundness_checks import check_pairs
+from reference.soundness_checks import check_balls_with_stiffness
 from reference.soundness_tally import Tally
-from reference.uncertain_case import Case, matrices, multiplier
+from reference.uncertain_case import UncertainCase, growth_per_period, state_matrices
 from tarc import TarcError, estimators, laws
 from tarc.analysis import hinf_norm, stable_interval, stable_intervals
 from tarc.analysis.linearise import decouple, whole
@@ -21,23 +28,23 @@ from tarc.certificates import Certificate, ball
 from tarc.certificates.varying_ratio import best_scales
 from tarc.numerics.matrix_tests import schur
 
-LITERAL, SYNCHRONISED = Design(window=10), Design(window=10, synchronised=True)
+LITERAL, SYNCHRONISED = LawParameters(window=10), LawParameters(window=10, synchronised=True)
 
 # theory: centre and radius of the widest ball, ratio of its ends
 KNOWN = [
-    (Design(window=10), 0.079, 0.0630, 8.6),
-    (Design(window=5), 0.140, 0.1218, 14.7),
-    (Design(window=20, synchronised=True), 0.999, 0.848, 12.2),
-    (Design(window=10, synchronised=True), 1.074, 0.981, 22.2),
-    (Design(window=5, synchronised=True), 1.110, 1.056, 39.5),
+    (LawParameters(window=10), 0.079, 0.0630, 8.6),
+    (LawParameters(window=5), 0.140, 0.1218, 14.7),
+    (LawParameters(window=20, synchronised=True), 0.999, 0.848, 12.2),
+    (LawParameters(window=10, synchronised=True), 1.074, 0.981, 22.2),
+    (LawParameters(window=5, synchronised=True), 1.110, 1.056, 39.5),
 ]
 
 
 def hand_radius(design, centre):
     """1/‖T‖∞ by the polynomials of the recurrence, for a mismatch held over each period."""
-    found = polynomials(recurrence(design), centre)
-    assert radius(found.closed) < 1
-    return 1 / peak(found.a_to_v, found.closed)[0]
+    found = loop_polynomials(recurrence(design), centre)
+    assert spectral_radius(found.closed) < 1
+    return 1 / peak_gain(found.a_to_v, found.closed)[0]
 
 
 @pytest.mark.parametrize(("design", "centre", "known", "ratio"), KNOWN)
@@ -59,24 +66,24 @@ def test_known_balls(design, centre, known, ratio):
 
 @pytest.mark.parametrize("window", [5, 10])
 def test_widest_is_the_widest(window):
-    design = Design(window=window, synchronised=True)
+    design = LawParameters(window=window, synchronised=True)
     found = ball(design.law, intersample=False).numbers["ratio"]
     others = [hand_radius(design, centre) / centre for centre in np.geomspace(0.2, 2.5, 60)]
     assert found == pytest.approx((1 + max(others)) / (1 - max(others)), rel=2e-3)
 
 
-@pytest.mark.parametrize(("design", "centre"), [(LITERAL, 0.08), (Design(window=5), 0.2), (SYNCHRONISED, 1.0)])
+@pytest.mark.parametrize(("design", "centre"), [(LITERAL, 0.08), (LawParameters(window=5), 0.2), (SYNCHRONISED, 1.0)])
 @pytest.mark.parametrize("computation", [0, 2])
 def test_lifted_norm_against_a_period_cut_into_fifty(design, centre, computation):
     """A mismatched acceleration that is constant over each fiftieth, of unit mean square over the period."""
     cuts = 50
     law = recurrence(design)._replace(delay=computation)
-    closed, side = polynomials(law, centre).closed, np.concatenate([-law.q, [0.0]])
+    closed, side = loop_polynomials(law, centre).closed, np.concatenate([-law.q, [0.0]])
     power = np.zeros(len(ANGLES))
     for j in range(cuts):
         reach = (cuts - j - 0.5) / cuts
         motion = PERIOD**2 / np.sqrt(cuts) * np.array([0.0, reach, 1.0 - reach])
-        power += np.abs(respond(np.convolve(motion, side), closed, ANGLES)) ** 2
+        power += np.abs(frequency_response(np.convolve(motion, side), closed, ANGLES)) ** 2
     expected = 1 / np.sqrt(power.max())
     found = ball(design.law, centre, computation_delay=computation)
     # fifty pieces bind the adversary a little, so that its norm is the smaller one
@@ -92,7 +99,7 @@ def growth_of_rotating(design, low, high, rates):
 
     In the frame that turns along, the loop of the complex q does not depend on time.
     """
-    A, B, _, C = matrices(Case(recurrence(design), 0.0))
+    A, B, _, C = state_matrices(UncertainCase(recurrence(design), 0.0))
     gain = np.outer(B, C)
     sizes = []
     for rate in np.atleast_1d(rates):
@@ -119,12 +126,12 @@ def test_a_rotating_mismatch_inside_the_frozen_interval_diverges():
     assert ball(LITERAL.law, contains=(low, high)).verdict == "inconclusive"
 
 
-@pytest.mark.parametrize("design", [LITERAL, Design(window=5), SYNCHRONISED])
+@pytest.mark.parametrize("design", [LITERAL, LawParameters(window=5), SYNCHRONISED])
 def test_sharp_in_two_dimensions(design):
     """Rotating at the peak of the norm, a mismatch diverges just outside the ball and not just inside."""
     found = ball(design.law, intersample=False).numbers
-    known = polynomials(recurrence(design), found["centre"])
-    rate = peak(known.a_to_v, known.closed)[1]
+    known = loop_polynomials(recurrence(design), found["centre"])
+    rate = peak_gain(known.a_to_v, known.closed)[1]
     inside, outside = (
         growth_of_rotating(design, found["centre"] - size, found["centre"] + size, rate)[0]
         for size in (0.999 * found["radius"], 1.001 * found["radius"])
@@ -136,10 +143,10 @@ def test_the_fleet_agrees_with_the_floquet_multiplier():
     """The simulation that the soundness benchmark rests on can find what there is to find."""
     found = ball(LITERAL.law, intersample=False).numbers
     law = recurrence(LITERAL)
-    cases = [Case(law, found["centre"], share * found["radius"]) for share in (0.95, 1.05)]
-    growth = Fleet(cases, [Adversary("rotate at the peak")]).run(8000)[0]
-    known = polynomials(law, found["centre"])
-    rate = peak(known.a_to_v, known.closed)[1]
+    cases = [UncertainCase(law, found["centre"], share * found["radius"]) for share in (0.95, 1.05)]
+    growth = AdversarialLoops(cases, [Adversary("rotate at the peak")]).run(8000)[0]
+    known = loop_polynomials(law, found["centre"])
+    rate = peak_gain(known.a_to_v, known.closed)[1]
     for case, log in zip(cases, growth, strict=True):
         size = growth_of_rotating(LITERAL, case.centre - case.radius, case.centre + case.radius, rate)[0]
         assert log / 4000 == pytest.approx(np.log(size), rel=0.05)
@@ -153,14 +160,14 @@ def test_nothing_inside_a_ball_diverges(intersample):
         for slope in (100.0, 300.0):
             found = ball(design.law, centre, slope=slope, intersample=intersample)
             assert found.certified
-            cases.append(Case(recurrence(design), centre, found.numbers["radius"], slope))
+            cases.append(UncertainCase(recurrence(design), centre, found.numbers["radius"], slope))
     adversaries = [
         Adversary(mismatch, slope)
         for mismatch in ("rotate at the peak", "greedy output", "switch")
         for slope in ("returning", "greedy output")
     ]
     assert SUBSTEPS > 1
-    assert np.all(Fleet(cases, adversaries).run(6000, within=intersample) < 0)
+    assert np.all(AdversarialLoops(cases, adversaries).run(6000, intersample=intersample) < 0)
 
 
 def test_a_slope_costs_radius_and_none_costs_nothing():
@@ -265,7 +272,10 @@ def test_explains_itself_and_draws(tmp_path):
         (lambda: ball(LITERAL.law, contains=(0.0, 0.1)), "contains: got 0"),
         (lambda: ball(LITERAL.law, computation_delay=-1), "computation_delay: got -1"),
         (lambda: ball("TDC"), "law: got str"),  # type: ignore[arg-type]
-        (lambda: ball(Design(bandwidth=200.0).law, computation_delay=60), "no inertia ratio makes this loop stable"),
+        (
+            lambda: ball(LawParameters(natural_frequency=200.0).law, computation_delay=60),
+            "no inertia ratio makes this loop stable",
+        ),
         (lambda: ball(LITERAL.law, slope=1e6), "a smaller slope"),
     ],
 )
@@ -282,9 +292,11 @@ def test_a_norm_that_the_grid_of_frequencies_hides_is_not_too_low():
     checked = 0
     for window in (0, 2):
         for bandwidth in (2.0, 5.260581486313681, 20.0, 60.0):
-            design = Design(bandwidth=bandwidth, damping=1.0805602401238095, window=window, synchronised=True)
+            design = LawParameters(
+                natural_frequency=bandwidth, damping_ratio=1.0805602401238095, window=window, synchronised=True
+            )
             for centre in (1.5, 2.2, 2.6, 2.8651634841107407, 2.95):
-                if radius(polynomials(recurrence(design), centre).closed) > 1 - 1e-9:
+                if spectral_radius(loop_polynomials(recurrence(design), centre).closed) > 1 - 1e-9:
                     continue
                 found = ball(design.law, centre, intersample=False)
                 assert found.certified
@@ -296,7 +308,9 @@ def test_a_norm_that_the_grid_of_frequencies_hides_is_not_too_low():
 
 
 def test_a_rotating_mismatch_within_the_ball_of_that_design_decays():
-    design = Design(bandwidth=5.260581486313681, damping=1.0805602401238095, window=2, synchronised=True)
+    design = LawParameters(
+        natural_frequency=5.260581486313681, damping_ratio=1.0805602401238095, window=2, synchronised=True
+    )
     found = ball(design.law, 2.8651634841107407, intersample=False).numbers
     inside = growth_of_rotating(
         design, found["centre"] - found["radius"], found["centre"] + found["radius"], 2.0765797453418324
@@ -307,7 +321,7 @@ def test_a_rotating_mismatch_within_the_ball_of_that_design_decays():
 @pytest.mark.parametrize(("periods", "actuation"), [(2, 0), (1, 1), (1, 3), (3, 1), (4, 0)])
 def test_a_torque_that_alternates_undamped_is_not_certified(periods, actuation):
     """Literal, with an even number of periods in all: a mode on the circle that no sampled position shows."""
-    law = Design(periods=periods, actuation=actuation).law
+    law = LawParameters(delay_periods=periods, actuation_delay=actuation).law
     assert stable_intervals(law) == []
     for centre in (0.02, 0.05, 0.1):
         assert ball(law, centre).verdict == "inconclusive"
@@ -321,7 +335,7 @@ def test_any_damping(damping):
     estimator = estimators.Algebraic(window=0.010)
     law = laws.TDC(inertia=0.1, bandwidth=10.0, damping=damping, period=PERIOD, estimator=estimator)
     found = ball(law, 0.08, intersample=False)
-    assert found.numbers["radius"] == pytest.approx(hand_radius(Design(damping=damping), 0.08), rel=5e-6)
+    assert found.numbers["radius"] == pytest.approx(hand_radius(LawParameters(damping_ratio=damping), 0.08), rel=5e-6)
 
 
 def test_schur_judges_what_has_no_basis_of_eigenvectors():
@@ -398,20 +412,22 @@ PAIRS = [
     (LITERAL, 0.08, 3000.0),
     (LITERAL, 0.02, 3000.0),
     (SYNCHRONISED, 1.0, 800.0),
-    (Design(window=5, synchronised=True, bandwidth=3.0), 0.05, 900.0),
-    (Design(window=8, degree=3, synchronised=True, computation=2, actuation=2), 0.4, 2000.0),
+    (LawParameters(window=5, synchronised=True, natural_frequency=3.0), 0.05, 900.0),
+    (LawParameters(window=8, degree=3, synchronised=True, computation_delay=2, actuation_delay=2), 0.4, 2000.0),
 ]
 
 
 def hand_pair_radius(design, centre, weight, slope=0.0):
     """The radius by the polynomials of the recurrence: the responses to (a, w) of (v, η q) and of the slope's block."""
     law, half = recurrence(design), slope / 2
-    known = polynomials(law, centre, half)
+    known = loop_polynomials(law, centre, half)
     angles = np.unique(np.concatenate([np.geomspace(1e-4, np.pi, 4000), np.linspace(1e-3, np.pi, 4000)]))
     w_to_v = np.convolve([1.0, -2.0, 1.0], [1.0, law.e])
     tops = [[known.a_to_v, weight * known.a_to_q, half * known.a_to_q]]
     tops += [[w_to_v, weight * known.w_to_q, half * known.w_to_q]] if slope else []
-    G = np.array([[respond(top, known.closed, angles) for top in column] for column in tops]).transpose(2, 1, 0)
+    G = np.array([[frequency_response(top, known.closed, angles) for top in column] for column in tops]).transpose(
+        2, 1, 0
+    )
     if not slope:
         return 1 / np.linalg.norm(G, 2, axis=(1, 2)).max()
 
@@ -447,10 +463,11 @@ def test_pairs_are_sharp_in_two_dimensions(design, centre, weight):
     parts = parts_of(decouple(design.law, design.computation)[0], 0.0, intersample=False)
     found = best_scales(parts, centre, weight)[1]
     assert found < 0.999 * best_scales(parts, centre)[1]  # the stiffness does take part
-    case = Case(recurrence(design), centre, found, 0.0, weight)
-    rate = joint_peak(polynomials(case.law, centre), weight)[1]
+    case = UncertainCase(recurrence(design), centre, found, 0.0, weight)
+    rate = peak_gain_of_pair(loop_polynomials(case.law, centre), weight)[1]
     inside, outside = (
-        multiplier(case._replace(radius=size), 0.0, np.array([rate]))[0] for size in (0.999 * found, 1.001 * found)
+        growth_per_period(case._replace(radius=size), 0.0, np.array([rate]))[0]
+        for size in (0.999 * found, 1.001 * found)
     )
     assert inside < 1 < outside
 
@@ -459,21 +476,21 @@ def test_the_fleet_finds_pairs_outside():
     law = recurrence(LITERAL)
     parts = parts_of(decouple(LITERAL.law)[0], 0.0, intersample=True)
     found = best_scales(parts, 0.08, 300.0)[1]
-    cases = [Case(law, 0.08, share * found, 0.0, 300.0) for share in (0.95, 1.1)]
-    inside, outside = Fleet(cases, [Adversary("rotate at the peak")]).run(8000, within=True)[0]
+    cases = [UncertainCase(law, 0.08, share * found, 0.0, 300.0) for share in (0.95, 1.1)]
+    inside, outside = AdversarialLoops(cases, [Adversary("rotate at the peak")]).run(8000, intersample=True)[0]
     assert inside < -1
     assert outside > 3
 
 
 def test_nothing_contradicts_a_ball_of_pairs():
     rng, tally = np.random.default_rng(3), Tally()
-    check_pairs([draw(rng) for _ in range(40)], rng, tally, 1500, lambda: None)
+    check_balls_with_stiffness([draw_parameters(rng) for _ in range(40)], rng, tally, 1500, lambda: None)
     assert tally.violations == []
     assert tally.certified > 20
     assert tally.undecided < 3
 
 
-@pytest.mark.parametrize(("design", "centre"), [(LITERAL, 0.08), (SYNCHRONISED, 1.0), (Design(window=5), 0.2)])
+@pytest.mark.parametrize(("design", "centre"), [(LITERAL, 0.08), (SYNCHRONISED, 1.0), (LawParameters(window=5), 0.2)])
 @pytest.mark.parametrize("weight", [100.0, 1e4, 1e5])
 def test_stiffness_acts_between_the_samples_as_at_them(design, centre, weight):
     """The period cut into pieces, the position weighed in each of them, against the one that is sampled."""
@@ -493,7 +510,7 @@ def test_stiffness_acts_between_the_samples_as_at_them(design, centre, weight):
     assert best_scales(parts, centre, weight)[1] == pytest.approx(1 / hinf_norm(A, B, C, D), rel=1e-3)
 
 
-@pytest.mark.parametrize(("design", "centre"), [(LITERAL, 0.08), (SYNCHRONISED, 1.0), (Design(window=5), 0.2)])
+@pytest.mark.parametrize(("design", "centre"), [(LITERAL, 0.08), (SYNCHRONISED, 1.0), (LawParameters(window=5), 0.2)])
 @pytest.mark.parametrize("lead", [3.0, 30.0, 300.0])
 def test_damping_acts_between_the_samples_as_their_mean_velocity(design, centre, lead):
     """The period cut into pieces, position and velocity weighed in each, against position and mean velocity."""
@@ -523,13 +540,18 @@ def test_damping_acts_between_the_samples_as_their_mean_velocity(design, centre,
 )
 def test_a_narrow_peak_at_a_third_of_the_rate_is_not_missed(window, degree, bandwidth, late):
     """A literal law whose torque comes back after three periods rings there, barely damped."""
-    design = Design(
-        window=window, degree=degree, bandwidth=bandwidth, periods=3 - late, computation=late, actuation=late
+    design = LawParameters(
+        window=window,
+        degree=degree,
+        natural_frequency=bandwidth,
+        delay_periods=3 - late,
+        computation_delay=late,
+        actuation_delay=late,
     )
     parts = parts_of(decouple(design.law, late)[0], 0.0, intersample=True)
     checked = 0
     for centre in np.geomspace(0.005, 0.3, 12):
-        if radius(polynomials(recurrence(design), centre).closed) < 1 - 1e-5:
+        if spectral_radius(loop_polynomials(recurrence(design), centre).closed) < 1 - 1e-5:
             checked += 1
             assert Responses(parts).best(centre)[1] == pytest.approx(best_scales(parts, centre)[1], rel=0.02)
     assert checked > 3

@@ -6,10 +6,10 @@ from scipy.signal import lfilter
 
 import tarc
 from law_catalogue import make_tdc
+from reference.constant_loop import loop_polynomials
+from reference.law_parameters import LawParameters
 from reference.law_recurrence import recurrence
-from reference.loop_polynomials import polynomials
-from reference.random_designs import Design
-from reference.uncertain_case import Case, matrices
+from reference.uncertain_case import UncertainCase, state_matrices
 from tarc import TarcError, laws, plants, signals
 from tarc.analysis import Workspace
 from tarc.analysis.inertia_ratio import spread
@@ -31,16 +31,16 @@ def hand_recurrence(one):
     """The same loop as a recurrence, which shares no code with it."""
     late = one.computation_delay
     return recurrence(
-        Design(
-            bandwidth=one.bandwidth, damping=one.damping, window=one.window, degree=one.degree,
-            synchronised=one.synchronised, periods=one.delay, computation=late, actuation=late,
+        LawParameters(
+            natural_frequency=one.bandwidth, damping_ratio=one.damping, window=one.window, degree=one.degree,
+            synchronised=one.synchronised, delay_periods=one.delay, computation_delay=late, actuation_delay=late,
         )
     )  # fmt: skip
 
 
 def step_error(one, ratio, steps):
     """Error after a step of 1 rad/s², by running the recurrence."""
-    A, B, _, _ = matrices(Case(hand_recurrence(one), ratio))
+    A, B, _, _ = state_matrices(UncertainCase(hand_recurrence(one), ratio))
     x, errors = np.zeros(len(A)), np.zeros(steps)
     for k in range(steps):
         errors[k] = x[0]
@@ -177,7 +177,7 @@ def test_noise_and_error_are_those_of_the_loop_run(delay):
             pulse = np.zeros(400_000)
             pulse[0] = 1.0
             top = np.polynomial.polynomial.polymul(law.q, [1.0, -2.0, 1.0])
-            answer = np.asarray(lfilter(top, polynomials(law, ratio).closed, pulse))
+            answer = np.asarray(lfilter(top, loop_polynomials(law, ratio).closed, pulse))
             sizes.append(np.sqrt(np.sum(answer**2)))
         assert one.noise == pytest.approx(one.scale * max(sizes), rel=1e-4)
         assert one.error == pytest.approx(max(r / one.scale * settling(one.channel(), r) for r in ratios), rel=1e-9)

@@ -6,15 +6,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from reference.loop_polynomials import joint_peak, most_negative, polynomials
-from reference.random_designs import PERIOD
-from reference.uncertain_case import Case, lean, matrices
+from reference.constant_loop import loop_polynomials, most_negative_real_part, peak_gain_of_pair
+from reference.law_parameters import PERIOD
+from reference.uncertain_case import UncertainCase, state_matrices, worst_pair_direction
 
 Array = np.ndarray
 
 SUBSTEPS = 4
 """Stretches of a period over which a mismatch that may change within it is constant."""
-LOOK = 50
+RESCALE_INTERVAL = 50
 """Steps between two measurements of the size of the states."""
 
 
@@ -29,14 +29,14 @@ MISMATCHES = ("rotate at the peak", "rotate at half", "rotate", "switch", "bang"
 SLOPES = ("pulse at the peak", "pulse", "greedy", "greedy output", "returning", "phase")
 
 
-class Fleet:
+class AdversarialLoops:
     """Many loops at once, each in two dimensions as complex numbers, under many adversaries each.
 
     A symmetric mismatch Δ with eigenvalues l and m, turned by θ, takes v to (l+m)/2 v + (l−m)/2 e^{2iθ} v̄. A stiffness
     beside it that turns q and scales it, in shares of cos and sin, leaves the pair of them the norm of the radius.
     """
 
-    def __init__(self, cases: Sequence[Case], adversaries: Sequence[Adversary], seed: int = 0):
+    def __init__(self, cases: Sequence[UncertainCase], adversaries: Sequence[Adversary], seed: int = 0):
         self.cases, self.adversaries = cases, adversaries
         self.rng = np.random.default_rng(seed)
         count = len(cases)
@@ -47,21 +47,27 @@ class Fleet:
             self.v[1 : len(case.law.v) + 1, i] = case.law.v
         self.e, self.centre, self.radius, self.slope, self.weight = (
             np.array(one)
-            for one in zip(*((c.law.e, c.centre, c.radius, c.slope, c.weight) for c in cases), strict=True)
+            for one in zip(
+                *((c.law.e, c.centre, c.radius, c.max_slope, c.stiffness_weight) for c in cases), strict=True
+            )
         )
         self.delay = np.array([case.law.delay for case in cases])
         self.peak, self.turn = np.zeros(count), np.zeros(count)
         for i, case in enumerate(cases):
-            known = polynomials(case.law, case.centre, case.slope / 2)
-            self.peak[i] = joint_peak(known, case.weight)[1]
-            self.turn[i] = most_negative(known.w_to_q, known.closed)[1] if case.slope else self.peak[i]
-        self.functionals = {kind: self._functional(kind) for kind in ("greedy", "greedy output") if self._uses(kind)}
+            known = loop_polynomials(case.law, case.centre, case.max_slope / 2)
+            self.peak[i] = peak_gain_of_pair(known, case.stiffness_weight)[1]
+            self.turn[i] = most_negative_real_part(known.w_to_q, known.closed)[1] if case.max_slope else self.peak[i]
+        self.functionals = {
+            kind: self._lyapunov_functional(kind)
+            for kind in ("greedy", "greedy output")
+            if self._needs_functional(kind)
+        }
 
-    def _uses(self, kind: str) -> bool:
+    def _needs_functional(self, kind: str) -> bool:
         names = {name for adversary in self.adversaries for name in adversary}
         return kind in names or (kind == "greedy" and "bang" in names)
 
-    def _functional(self, kind: str) -> dict[str, Array]:
+    def _lyapunov_functional(self, kind: str) -> dict[str, Array]:
         """Weights of the histories in BᵀPAx for the two rows that an acceleration enters, and in WᵀPAx.
 
         P is a Lyapunov matrix of the loop at the centre: of the state, or of v alone.
@@ -72,7 +78,7 @@ class Fleet:
         rows = {"q": np.zeros((3, self.length, count)), "v": np.zeros((3, self.length, count))}
         rows |= {"rate": np.zeros((3, count)), "w": np.zeros((3, count))}
         for i, case in enumerate(self.cases):
-            A, _, W, C = matrices(case)
+            A, _, W, C = state_matrices(case)
             scale = np.ones(len(A))
             scale[2 + len(case.law.q) - 1 :] = PERIOD**2  # so that v counts as q does
             row = C * PERIOD**2 / scale
@@ -90,7 +96,7 @@ class Fleet:
             rows["w"][:, i] = picked[:, -1]
         return rows
 
-    def run(self, steps: int, *, within: bool = False) -> Array:
+    def run(self, steps: int, *, intersample: bool = False) -> Array:
         """Logarithm of the growth over the second half of the steps, (adversaries, cases).
 
         With ``within`` the mismatch may change inside a period.
@@ -106,9 +112,9 @@ class Fleet:
         at, log, half = L - 1, np.zeros(shape), np.zeros(shape)
         rates = {"rotate": rng.uniform(0, 2, count) * self.peak, "pulse": rng.uniform(0, 3, count) * self.turn}
         rates |= {"rotate at half": self.peak / 2, "rotate at the peak": self.peak}
-        leans = {kind: self._leans(rates[kind]) for kind in rates if kind.startswith("rotate")}
+        leans = {kind: self._pair_directions(rates[kind]) for kind in rates if kind.startswith("rotate")}
         aside = rng.uniform(0, 2 * np.pi, count)
-        columns, held = np.arange(count), 1 if not within else SUBSTEPS
+        columns, held = np.arange(count), 1 if not intersample else SUBSTEPS
         for k in range(steps):
             if at == room - 1:
                 Q[: L - 1], V[: L - 1] = Q[-(L - 1) :], V[-(L - 1) :]
@@ -118,11 +124,14 @@ class Fleet:
             past_q, past_v = Q[at : at - L if at >= L else None : -1], V[at : at - L if at >= L else None : -1]
             V[at] = 0
             v = np.einsum("lc,lkc->kc", self.q, past_q) + np.einsum("lc,lkc->kc", self.v, past_v) + self.e * last_w
-            pulls = {kind: self._pull(rows, past_q, past_v, rate, last_w) for kind, rows in self.functionals.items()}
+            pulls = {
+                kind: self._functional_values(rows, past_q, past_v, rate, last_w)
+                for kind, rows in self.functionals.items()
+            }
             kappa = np.zeros(shape)
             for i, adversary in enumerate(self.adversaries):
                 if adversary.slope != "none":
-                    on = self._steep(adversary.slope, i, k, q, rate, pulls, rates, aside)
+                    on = self._slope_is_on(adversary.slope, i, k, q, rate, pulls, rates, aside)
                     kappa[i] = np.where(on, self.slope, 0.0)
             w = -kappa * q
             v += w
@@ -136,10 +145,12 @@ class Fleet:
                 for i, adversary in enumerate(self.adversaries):
                     if adversary.mismatch != "none":
                         outputs = acting[i], self.weight * q[i]
-                        push[i] += self._push(adversary.mismatch, i, moment, reach, outputs, pulls, rates, leans)
+                        push[i] += self._acceleration(
+                            adversary.mismatch, i, moment, reach, outputs, pulls, rates, leans
+                        )
                 q = q + rate / held + push * T2 / (2 * held**2)
                 rate = rate + push * T2 / held
-            if k % LOOK == LOOK - 1:
+            if k % RESCALE_INTERVAL == RESCALE_INTERVAL - 1:
                 size = np.maximum(np.max(np.abs(Q[at - L + 1 : at + 1]), axis=0), np.abs(q)) + 1e-290
                 size = np.maximum(size, np.max(np.abs(V[at - L + 1 : at + 1]), axis=0) * T2)
                 q, rate, last_w = q / size, rate / size, last_w / size
@@ -150,17 +161,19 @@ class Fleet:
                     half = log.copy()
         return log - half
 
-    def _pull(self, rows: dict[str, Array], Q: Array, V: Array, rate: Array, w: Array) -> Array:
+    def _functional_values(self, rows: dict[str, Array], Q: Array, V: Array, rate: Array, w: Array) -> Array:
         """The three functionals of the state, (3, adversaries, cases)."""
         sums = np.einsum("rlc,lkc->rkc", rows["q"], Q) + np.einsum("rlc,lkc->rkc", rows["v"], V)
         return sums + rows["rate"][:, None] * rate + rows["w"][:, None] * w
 
-    def _leans(self, rates: Array) -> tuple[Array, Array]:
+    def _pair_directions(self, rates: Array) -> tuple[Array, Array]:
         """`lean` of each case at its own rate."""
-        found = [lean(case, rate, case.slope / 2) for case, rate in zip(self.cases, rates, strict=True)]
+        found = [
+            worst_pair_direction(case, rate, case.max_slope / 2) for case, rate in zip(self.cases, rates, strict=True)
+        ]
         return np.array([share for share, _ in found]), np.array([phase for _, phase in found])
 
-    def _push(
+    def _acceleration(
         self,
         kind: str,
         i: int,
@@ -194,7 +207,7 @@ class Fleet:
         # a reflection takes v to any direction, and a rotation q
         return self.radius * size * goal / np.maximum(np.abs(goal), 1e-300)
 
-    def _steep(
+    def _slope_is_on(
         self,
         kind: str,
         i: int,

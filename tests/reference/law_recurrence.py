@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from reference.random_designs import PERIOD, Design
+from reference.law_parameters import PERIOD, LawParameters
 
 Array = np.ndarray
 
@@ -18,7 +18,7 @@ class Recurrence(NamedTuple):
     delay: int
 
 
-def least_squares(window: int, degree: int, derivative: int) -> Array:
+def derivative_weights(window: int, degree: int, derivative: int) -> Array:
     """Weights of the window's samples, newest first, by fitting a polynomial to each sample's own unit."""
     if not window:  # backward differences
         return np.array([[1.0, -1.0, 0.0], [1.0, -2.0, 1.0]])[derivative - 1] / PERIOD**derivative
@@ -27,7 +27,7 @@ def least_squares(window: int, degree: int, derivative: int) -> Array:
     return fit[derivative] * derivative / PERIOD**derivative  # j! is j for the first two derivatives
 
 
-def recurrence(design: Design) -> Recurrence:
+def recurrence(design: LawParameters) -> Recurrence:
     """The law as a recurrence.
 
     Literal: v = u − z⁻ᵐ â + z⁻ᵐ⁻ᵃ v; synchronised: v = u − â + z⁻¹⁻ᵃ c(z) v; with u = −K1 q − K2 v̂ + w, and behind a
@@ -35,8 +35,8 @@ def recurrence(design: Design) -> Recurrence:
     """
     pole = np.exp(-design.cutoff * PERIOD) if design.cutoff else 0.0
     lag = np.array([1.0, -pole])
-    rate, second = ((1 - pole) * least_squares(design.window, design.degree, j) for j in (1, 2))
-    K1, K2 = design.bandwidth**2, 2 * design.damping * design.bandwidth
+    rate, second = ((1 - pole) * derivative_weights(design.window, design.degree, j) for j in (1, 2))
+    K1, K2 = design.natural_frequency**2, 2 * design.damping_ratio * design.natural_frequency
 
     def later(polynomial: Array, periods: int) -> Array:
         return np.concatenate([np.zeros(periods), polynomial])
@@ -46,15 +46,15 @@ def recurrence(design: Design) -> Recurrence:
         since = np.arange(len(second))
         pulse = PERIOD**2 * np.where(since > 0, since - 0.5, 0.0)
         average = np.array([second[: k + 1] @ pulse[k::-1] for k in range(1, len(second))])
-        past, estimate = later(average, 1 + design.actuation), second
+        past, estimate = later(average, 1 + design.actuation_delay), second
     else:
-        past = later(lag, design.periods + design.actuation)
-        estimate = later(second, design.periods)
-    v = _sum(past, later(-lag[1:], 1))
-    q = -_sum(_sum(K1 * lag, K2 * rate), estimate)
-    return Recurrence(v[1:], q, float(lag[1]), design.computation)
+        past = later(lag, design.delay_periods + design.actuation_delay)
+        estimate = later(second, design.delay_periods)
+    v = add_polynomials(past, later(-lag[1:], 1))
+    q = -add_polynomials(add_polynomials(K1 * lag, K2 * rate), estimate)
+    return Recurrence(v[1:], q, float(lag[1]), design.computation_delay)
 
 
-def _sum(one: Array, two: Array) -> Array:
+def add_polynomials(one: Array, two: Array) -> Array:
     """Of two polynomials, constant first."""
     return np.polynomial.polynomial.polyadd(one, two)

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from reference.adversaries import SUBSTEPS, Adversary, Fleet
-from reference.random_designs import PERIOD
-from reference.uncertain_case import Case
+from reference.adversaries import SUBSTEPS, AdversarialLoops, Adversary
+from reference.law_parameters import PERIOD
+from reference.uncertain_case import UncertainCase
 
 Array = np.ndarray
 
@@ -23,31 +23,31 @@ SLOW_MISMATCHES = (
 )
 
 
-def inverse(m: Array, c: Array) -> tuple[Array, Array]:
+def invert_map(m: Array, c: Array) -> tuple[Array, Array]:
     """m and c of the inverse of v ↦ m v + c v̄."""
     size = m**2 - np.abs(c) ** 2
     return m / size, -c / size
 
 
-class SlowFleet(Fleet):
+class SlowAdversarialLoops(AdversarialLoops):
     """Loops whose mismatch heads for where an adversary wants it, at no more than the rate of its case.
 
     A symmetric matrix takes v to m v + c v̄, with m real; its norm is |m| + |c|. What is kept here is E⁻¹, for which the
     ball is convex too. The stiffness, which may change at once, takes what room the mismatch leaves it.
     """
 
-    def __init__(self, cases: Sequence[Case], adversaries: Sequence[Adversary], seed: int = 0):
+    def __init__(self, cases: Sequence[UncertainCase], adversaries: Sequence[Adversary], seed: int = 0):
         super().__init__(cases, adversaries, seed)
-        self.reach = np.array([case.rate * PERIOD / SUBSTEPS for case in cases])
-        self.stiffest = np.array([case.stiffness if case.weight else 0.0 for case in cases])
+        self.reach = np.array([case.max_rate * PERIOD / SUBSTEPS for case in cases])
+        self.stiffest = np.array([case.max_stiffness if case.stiffness_weight else 0.0 for case in cases])
         shape = len(adversaries), len(cases)
         self.m, self.c = 1 / self.centre + np.zeros(shape), np.zeros(shape, dtype=complex)
         self.goal_m, self.goal_c = np.zeros(shape), np.zeros(shape, dtype=complex)
         share = self.rng.uniform(0, np.pi / 2, len(cases))
         self.extent = self.radius * np.where(self.stiffest > 0, np.cos(share), 1.0)
-        self.share = self.reach / np.abs(inverse(self.centre, self.extent)[1])
+        self.share = self.reach / np.abs(invert_map(self.centre, self.extent)[1])
 
-    def _push(
+    def _acceleration(
         self,
         kind: str,
         i: int,
@@ -62,23 +62,23 @@ class SlowFleet(Fleet):
         pull = pulls["greedy output"][:, i]
         goal = reach * pull[0] + pull[1]
         along = goal / np.maximum(np.abs(goal), 1e-300)
-        m, c = self._aim(kind, i, moment, v, along, rates)
-        m, c = inverse(self.centre + m, c)
+        m, c = self._mismatch_goal(kind, i, moment, v, along, rates)
+        m, c = invert_map(self.centre + m, c)
         m, c = m - self.m[i], c - self.c[i]
         share = np.minimum(1.0, self.reach / np.maximum(np.abs(m) + np.abs(c), 1e-300))
         self.m[i] += share * m
         self.c[i] += share * c
-        m, c = inverse(self.m[i], self.c[i])
+        m, c = invert_map(self.m[i], self.c[i])
         m = m - self.centre
         room = np.maximum(self.radius**2 - (np.abs(m) + np.abs(c)) ** 2, 0.0)
         spring = np.minimum(self.stiffest, self.weight * np.sqrt(room))
         towards = np.exp(1j * leans[kind][1]) * q if kind.startswith("rotate") else np.abs(q) * along
         return m * v + c * v.conj() + spring * towards
 
-    def _uses(self, kind: str) -> bool:
-        return kind == "greedy output" or super()._uses(kind)
+    def _needs_functional(self, kind: str) -> bool:
+        return kind == "greedy output" or super()._needs_functional(kind)
 
-    def _aim(
+    def _mismatch_goal(
         self, kind: str, i: int, moment: float, v: Array, along: Array, rates: dict[str, Array]
     ) -> tuple[Array, Array]:
         """Where the mismatch heads: m and c of E − ρ0 I."""

@@ -8,73 +8,91 @@ from typing import Any
 import numpy as np
 
 from reference.adversaries import MISMATCHES, SLOPES, Adversary
+from reference.constant_loop import (
+    frequency_response,
+    log_growth_after_kick,
+    loop_polynomials,
+    most_negative_real_part,
+    peak_gain_of_pair,
+    root_uncertainty,
+    spectral_radius,
+)
+from reference.law_parameters import PERIOD, LawParameters, draw_parameters
 from reference.law_recurrence import recurrence
-from reference.loop_polynomials import blur, joint_peak, most_negative, polynomials, radius, respond, trend
-from reference.random_designs import PERIOD, Design, draw
-from reference.slow_adversaries import SLOW_MISMATCHES, SlowFleet
-from reference.soundness_tally import EDGE, INSIDE, Tally, frozen_or_turning, ratios, simulate
-from reference.uncertain_case import Case
+from reference.slow_adversaries import SLOW_MISMATCHES, SlowAdversarialLoops
+from reference.soundness_tally import (
+    INSIDE_SHARES,
+    MIN_LOG_GROWTH,
+    Tally,
+    draw_ratios,
+    find_instability,
+    try_adversaries,
+)
+from reference.uncertain_case import UncertainCase
 from tarc.analysis.linearise import decouple
 from tarc.analysis.uncertain_loop import parts_of
 from tarc.certificates import ball, loop, slope
 from tarc.certificates.varying_ratio import best_scales, widest
 from tarc.core.progress import Progress
 
-STEPS = 4000
+N_STEPS = 4000
 
 
-def check_loop(design: Design, rng: np.random.Generator, tally: Tally) -> None:
+def check_ratio(design: LawParameters, rng: np.random.Generator, tally: Tally) -> None:
     """One ratio, simulated after a kick."""
-    ratio = float(ratios(design, rng, 1)[0])
-    verdict = loop(design.law, ratio, computation_delay=design.computation).verdict
+    ratio = float(draw_ratios(design, rng, 1)[0])
+    verdict = loop(design.law, ratio, computation_delay=design.computation_delay).verdict
     tally.count(verdict)
     if verdict == "inconclusive":
         return
-    closed = polynomials(recurrence(design), ratio).closed
-    size = radius(closed)
-    way = trend(closed, size)
-    if np.isnan(way) and abs(size - 1) > blur(closed):
+    closed = loop_polynomials(recurrence(design), ratio).closed
+    size = spectral_radius(closed)
+    way = log_growth_after_kick(closed, size)
+    if np.isnan(way) and abs(size - 1) > root_uncertainty(closed):
         way = np.copysign(np.inf, size - 1)
     if design.alternates and verdict == "certified":
         way = 0.0  # by construction, whatever rounding makes of it
-    elif np.isnan(way) or abs(way) < EDGE:
+    elif np.isnan(way) or abs(way) < MIN_LOG_GROWTH:
         tally.undecided += 1
         return
-    if (way < -EDGE) != (verdict == "certified"):
+    if (way < -MIN_LOG_GROWTH) != (verdict == "certified"):
         tally.violations.append(f"loop {verdict} at {ratio!r}, but log growth {way:.3g}: {design}")
 
 
-def check_range(design: Design, rng: np.random.Generator, tally: Tally) -> None:
+def check_range(design: LawParameters, rng: np.random.Generator, tally: Tally) -> None:
     """A range of ratios, by roots at ratios that it holds."""
     hand = recurrence(design)
-    low, high = (float(end) for end in np.sort(ratios(design, rng, 2)))
-    found = loop(design.law, (low, high), computation_delay=design.computation)
+    low, high = (float(end) for end in np.sort(draw_ratios(design, rng, 2)))
+    found = loop(design.law, (low, high), computation_delay=design.computation_delay)
     tally.count(found.verdict)
     if found.verdict == "inconclusive":
         return
     if found.witness:
-        size = radius(polynomials(hand, found.witness["ratio"]).closed)
+        size = spectral_radius(loop_polynomials(hand, found.witness["ratio"]).closed)
         wrong = not low <= found.witness["ratio"] <= high or size < 1 - 1e-6
         tally.undecided += abs(size - 1) <= 1e-6
     else:
-        size = max(radius(polynomials(hand, one).closed) for one in np.geomspace(low, high, 25))
+        size = max(spectral_radius(loop_polynomials(hand, one).closed) for one in np.geomspace(low, high, 25))
         wrong = size > 1 + 1e-6 or design.alternates
     if wrong:
         tally.violations.append(f"loop {found.verdict} from {low!r} to {high!r}, but radius {size!r}: {design}")
 
 
 def check_balls(
-    designs: Sequence[Design], rng: np.random.Generator, tally: Tally, steps: int, advance: Callable[[], None]
+    designs: Sequence[LawParameters], rng: np.random.Generator, tally: Tally, steps: int, advance: Callable[[], None]
 ) -> None:
     """Balls about random centres, or to hold random ranges, half of them with a slope, against adversaries."""
-    cases: dict[bool, list[tuple[Design, Case]]] = {False: [], True: []}
+    cases: dict[bool, list[tuple[LawParameters, UncertainCase]]] = {False: [], True: []}
     for design in designs:
         hand = recurrence(design)
-        centre = float(ratios(design, rng, 1, INSIDE)[0])
-        known = polynomials(hand, centre)
-        options: dict[str, Any] = {"intersample": bool(rng.random() < 0.5), "computation_delay": design.computation}
-        if rng.random() < 0.5 and radius(known.closed) < 1:
-            reach = max(most_negative(known.w_to_q, known.closed)[0], 1e-9)
+        centre = float(draw_ratios(design, rng, 1, INSIDE_SHARES)[0])
+        known = loop_polynomials(hand, centre)
+        options: dict[str, Any] = {
+            "intersample": bool(rng.random() < 0.5),
+            "computation_delay": design.computation_delay,
+        }
+        if rng.random() < 0.5 and spectral_radius(known.closed) < 1:
+            reach = max(most_negative_real_part(known.w_to_q, known.closed)[0], 1e-9)
             options["slope"] = float(rng.uniform(0.02, 1.2) / reach)
         if rng.random() < 0.4:
             spread = np.exp(10 ** rng.uniform(-2, 0.3))
@@ -83,125 +101,138 @@ def check_balls(
         tally.count(found.verdict)
         if found.certified:
             numbers = found.numbers
-            case = Case(hand, numbers["centre"], numbers["radius"], numbers["slope"])
+            case = UncertainCase(hand, numbers["centre"], numbers["radius"], numbers["slope"])
             cases[options["intersample"]].append((design, case))
         advance()
     both = [(mismatch, SLOPES[i % len(SLOPES)]) for i, mismatch in enumerate(MISMATCHES)]
     for within, pairs in cases.items():
         for design, case in pairs:
-            wrong = frozen_or_turning(case)
+            wrong = find_instability(case)
             if wrong:
                 tally.violations.append(f"ball {case[1:]}, but {wrong}: {design}")
-        simulate(pairs, [Adversary(*one) for one in both], rng, tally, steps, within)
+        try_adversaries(pairs, [Adversary(*one) for one in both], rng, tally, steps, within)
 
 
-def check_pairs(
-    designs: Sequence[Design], rng: np.random.Generator, tally: Tally, steps: int, advance: Callable[[], None]
+def check_balls_with_stiffness(
+    designs: Sequence[LawParameters], rng: np.random.Generator, tally: Tally, steps: int, advance: Callable[[], None]
 ) -> None:
     """Balls of pairs of mismatch and the robot's own stiffness, half of them with a slope, against adversaries."""
     pairs = []
     for design in designs:
-        hand, centre = recurrence(design), float(ratios(design, rng, 1, INSIDE)[0])
-        known = polynomials(hand, centre)
+        hand, centre = recurrence(design), float(draw_ratios(design, rng, 1, INSIDE_SHARES)[0])
+        known = loop_polynomials(hand, centre)
         steep = weight = 0.0
-        if radius(known.closed) < 1:
-            where = joint_peak(known, 0.0)[1] * np.exp(rng.uniform(-4, 0))
-            v, q = (np.abs(respond(top, known.closed, np.array(where))) for top in (known.a_to_v, known.a_to_q))
+        if spectral_radius(known.closed) < 1:
+            where = peak_gain_of_pair(known, 0.0)[1] * np.exp(rng.uniform(-4, 0))
+            v, q = (
+                np.abs(frequency_response(top, known.closed, np.array(where))) for top in (known.a_to_v, known.a_to_q)
+            )
             weight = float(v / q * np.exp(rng.uniform(-2, 2)))
             if rng.random() < 0.5:
-                steep = float(rng.uniform(0.02, 1.0) / max(most_negative(known.w_to_q, known.closed)[0], 1e-9))
-        parts = parts_of(decouple(design.law, design.computation)[0], steep, intersample=True)
+                steep = float(
+                    rng.uniform(0.02, 1.0) / max(most_negative_real_part(known.w_to_q, known.closed)[0], 1e-9)
+                )
+        parts = parts_of(decouple(design.law, design.computation_delay)[0], steep, intersample=True)
         reach = best_scales(parts, centre, weight)[1]
         tally.count("certified" if reach > 0 else "inconclusive")
         if reach > 0:
-            case = Case(hand, centre, reach, steep, weight)
+            case = UncertainCase(hand, centre, reach, steep, weight)
             pairs.append((design, case))
-            wrong = frozen_or_turning(case)
+            wrong = find_instability(case)
             if wrong:
                 tally.violations.append(f"pairs {case[1:]}, but {wrong}: {design}")
         advance()
     both = [Adversary(mismatch, SLOPES[i % len(SLOPES)]) for i, mismatch in enumerate(MISMATCHES)]
-    simulate(pairs, both, rng, tally, steps, within=True)
+    try_adversaries(pairs, both, rng, tally, steps, intersample=True)
 
 
-def check_slow(
-    designs: Sequence[Design], rng: np.random.Generator, tally: Tally, steps: int, advance: Callable[[], None]
+def check_slow_balls(
+    designs: Sequence[LawParameters], rng: np.random.Generator, tally: Tally, steps: int, advance: Callable[[], None]
 ) -> None:
     """Balls of a mismatch that changes slowly, half of them with a slope, a third with a stiffness."""
     pairs = []
     for design in designs:
-        hand, centre = recurrence(design), float(ratios(design, rng, 1, INSIDE)[0])
+        hand, centre = recurrence(design), float(draw_ratios(design, rng, 1, INSIDE_SHARES)[0])
         rate = float(np.exp(rng.uniform(np.log(0.1), np.log(300.0)))) / centre
-        known = polynomials(hand, centre)
+        known = loop_polynomials(hand, centre)
         steep = weight = stiffness = 0.0
-        if radius(known.closed) < 1:
+        if spectral_radius(known.closed) < 1:
             if rng.random() < 0.5:
-                steep = float(rng.uniform(0.02, 1.0) / max(most_negative(known.w_to_q, known.closed)[0], 1e-9))
+                steep = float(
+                    rng.uniform(0.02, 1.0) / max(most_negative_real_part(known.w_to_q, known.closed)[0], 1e-9)
+                )
             if rng.random() < 1 / 3:
                 # a constant stiffness that the loop bears or nearly does: a pole at one has v = h/ρ0 q
-                stiffness = float(centre * design.bandwidth**2 * np.exp(rng.uniform(-3, 0.5)))
+                stiffness = float(centre * design.natural_frequency**2 * np.exp(rng.uniform(-3, 0.5)))
                 weight = float(stiffness / centre * np.exp(rng.uniform(-1, 3)))
         if weight:
-            parts = parts_of(decouple(design.law, design.computation)[0], steep, intersample=True)
+            parts = parts_of(decouple(design.law, design.computation_delay)[0], steep, intersample=True)
             reach = widest(parts, centre, weight, step=rate * PERIOD, stiffness=stiffness)[1]
         else:
-            found = ball(design.law, centre, slope=steep, rate=rate, computation_delay=design.computation)
+            found = ball(design.law, centre, slope=steep, rate=rate, computation_delay=design.computation_delay)
             reach = found.numbers["radius"] if found.certified else 0.0
         tally.count("certified" if reach > 0 else "inconclusive")
         if reach > 0:
-            case = Case(hand, centre, reach, steep, weight, rate, stiffness if weight else np.inf)
+            case = UncertainCase(hand, centre, reach, steep, weight, rate, stiffness if weight else np.inf)
             pairs.append((design, case))
-            wrong = frozen_or_turning(case)
+            wrong = find_instability(case)
             if wrong:
                 tally.violations.append(f"slow {case[1:]}, but {wrong}: {design}")
         advance()
     both = [Adversary(mismatch, SLOPES[i % len(SLOPES)]) for i, mismatch in enumerate(SLOW_MISMATCHES)]
-    simulate(pairs, both, rng, tally, steps, within=True, fleet=SlowFleet)
+    try_adversaries(pairs, both, rng, tally, steps, intersample=True, fleet=SlowAdversarialLoops)
 
 
 def check_slopes(
-    designs: Sequence[Design], rng: np.random.Generator, tally: Tally, steps: int, advance: Callable[[], None]
+    designs: Sequence[LawParameters], rng: np.random.Generator, tally: Tally, steps: int, advance: Callable[[], None]
 ) -> None:
     """Caps on the gain of TARC from below the circle criterion to beyond the frozen limit, against adversaries."""
     pairs = []
     for design in designs:
-        hand, ratio = recurrence(design), float(ratios(design, rng, 1, INSIDE)[0])
-        known = polynomials(hand, ratio)
-        reach = most_negative(known.w_to_q, known.closed)[0] if radius(known.closed) < 1 else 1e-2
+        hand, ratio = recurrence(design), float(draw_ratios(design, rng, 1, INSIDE_SHARES)[0])
+        known = loop_polynomials(hand, ratio)
+        reach = most_negative_real_part(known.w_to_q, known.closed)[0] if spectral_radius(known.closed) < 1 else 1e-2
         kappa = float(np.exp(rng.uniform(-0.7, 1.2)) / max(reach, 1e-9))
-        robust = replace(design, kappa=kappa, ratio=ratio)
-        found = slope(robust.law, ratio, cap=robust.gain, computation_delay=design.computation)
+        robust = replace(design, slope=kappa, ratio=ratio)
+        found = slope(robust.law, ratio, cap=robust.frozen_gain, computation_delay=design.computation_delay)
         tally.count(found.verdict)
         if found.witness:
-            shown = found.witness["gain [rad/s²]"] * design.margin * design.weight / design.boundary
-            size = radius(polynomials(hand, ratio, shown).closed)
+            shown = found.witness["gain [rad/s²]"] * design.gain_factor * design.P2 / design.boundary_layer
+            size = spectral_radius(loop_polynomials(hand, ratio, shown).closed)
             tally.undecided += abs(size - 1) <= 1e-6
             if size < 1 - 1e-6 or shown > kappa * (1 + 1e-9):
                 tally.violations.append(f"slope refuted at {shown!r}, but radius {size!r}: {robust}")
         if found.certified:
-            pairs.append((robust, Case(hand, ratio, 0.0, kappa)))
-            size = max(radius(polynomials(hand, ratio, kappa * share).closed) for share in np.linspace(0, 1, 9))
+            pairs.append((robust, UncertainCase(hand, ratio, 0.0, kappa)))
+            size = max(
+                spectral_radius(loop_polynomials(hand, ratio, kappa * share).closed) for share in np.linspace(0, 1, 9)
+            )
             if size > 1 + 1e-6 or design.alternates:
                 tally.violations.append(f"slope certified, but radius {size!r}: {robust}")
         advance()
-    simulate(pairs, [Adversary("none", kind) for kind in SLOPES], rng, tally, steps, within=False)
+    try_adversaries(pairs, [Adversary("none", kind) for kind in SLOPES], rng, tally, steps, intersample=False)
 
 
-def measure(count: int, seed: int = 0, show: bool | None = False, steps: int = STEPS) -> dict[str, Tally]:
+def tally_certificates(count: int, seed: int = 0, show: bool | None = False, steps: int = N_STEPS) -> dict[str, Tally]:
     """Tallies of all certificates: so many loops, a quarter as many balls and slopes, an eighth of the other kinds."""
     rng = np.random.default_rng(seed)
     plan = {"loop": count, "loop, a range": count // 8, "ball": count // 4, "slope": count // 4}
     plan |= {"ball, stiffness": count // 8, "ball, slow": count // 8}
-    checks = {"ball": check_balls, "slope": check_slopes, "ball, stiffness": check_pairs, "ball, slow": check_slow}
+    checks = {
+        "ball": check_balls,
+        "slope": check_slopes,
+        "ball, stiffness": check_balls_with_stiffness,
+        "ball, slow": check_slow_balls,
+    }
     tallies = {}
     for name, designs in plan.items():
         tally = tallies[name] = Tally()
         begin = time.perf_counter()
-        drawn = [draw(rng, name == "slope") for _ in range(designs)]
+        drawn = [draw_parameters(rng, name == "slope") for _ in range(designs)]
         with Progress(name, designs, show) as progress:
             if name.startswith("loop"):
                 for design in drawn:
-                    (check_loop if name == "loop" else check_range)(design, rng, tally)
+                    (check_ratio if name == "loop" else check_range)(design, rng, tally)
                     progress.advance()
             else:
                 checks[name](drawn, rng, tally, steps, progress.advance)

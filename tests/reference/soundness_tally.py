@@ -5,19 +5,19 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from reference.adversaries import Adversary, Fleet
-from reference.loop_polynomials import joint_peak, polynomials, radius
-from reference.random_designs import PERIOD, Design
-from reference.uncertain_case import Case, multiplier
+from reference.adversaries import AdversarialLoops, Adversary
+from reference.constant_loop import loop_polynomials, peak_gain_of_pair, spectral_radius
+from reference.law_parameters import PERIOD, LawParameters
+from reference.uncertain_case import UncertainCase, growth_per_period
 from tarc.analysis import stable_intervals
 
 Array = np.ndarray
 
-EDGE = 3.0
+MIN_LOG_GROWTH = 3.0
 """Least logarithm of growth, or of decay, that shows which way a loop goes."""
 
 
-INSIDE = (0.25, 0.7, 0.05)
+INSIDE_SHARES = (0.25, 0.7, 0.05)
 """Shares of the ratios for what needs a stable loop to begin with."""
 
 
@@ -38,11 +38,11 @@ class Tally:
         setattr(self, verdict, getattr(self, verdict) + 1)
 
 
-def ratios(
-    design: Design, rng: np.random.Generator, count: int, shares: tuple[float, float, float] = (0.5, 0.3, 0.2)
+def draw_ratios(
+    design: LawParameters, rng: np.random.Generator, count: int, shares: tuple[float, float, float] = (0.5, 0.3, 0.2)
 ) -> Array:
     """Ratios to try: these shares near where stability ends, between its ends, and anywhere."""
-    found = stable_intervals(design.law, computation_delay=design.computation)
+    found = stable_intervals(design.law, computation_delay=design.computation_delay)
     edges = np.array([edge for ends in found for edge in ends if 1e-6 < edge < 1e3])
     anywhere = np.exp(rng.uniform(np.log(2e-3), np.log(4.0), count))
     if not edges.size:
@@ -52,47 +52,54 @@ def ratios(
     return np.choose(rng.choice(3, count, p=shares), [near, inside, anywhere])
 
 
-def frozen_or_turning(case: Case) -> str:
+def find_instability(case: UncertainCase) -> str:
     """What is unstable of loops that a ball covers: constant ones, and those whose mismatch turns at the worst rate."""
-    turns = np.linspace(-np.pi, np.pi, 17) if case.weight else np.arccos(np.linspace(-1, 1, 5))
-    for kappa in (0.0, case.slope / 2, case.slope):
+    turns = np.linspace(-np.pi, np.pi, 17) if case.stiffness_weight else np.arccos(np.linspace(-1, 1, 5))
+    for kappa in (0.0, case.max_slope / 2, case.max_slope):
         for turn in turns:
             ratio = case.centre + case.radius * np.cos(turn)
-            stiffness = np.clip(case.radius * case.weight * np.sin(turn), -case.stiffness, case.stiffness)
-            size = radius(polynomials(case.law, ratio, kappa, stiffness).closed)
+            stiffness = np.clip(
+                case.radius * case.stiffness_weight * np.sin(turn), -case.max_stiffness, case.max_stiffness
+            )
+            size = spectral_radius(loop_polynomials(case.law, ratio, kappa, stiffness).closed)
             if size > 1 + 1e-6:
                 return f"radius {size!r} at ratio {ratio!r}, stiffness {stiffness!r}, slope {kappa!r}"
-        known = polynomials(case.law, case.centre, kappa)
-        fastest = case.rate * PERIOD * (case.centre**2 - case.radius**2) / (2 * case.radius)  # of what E⁻¹ may turn
-        rate = min(joint_peak(known, case.weight)[1], fastest if case.rate < np.inf else np.pi)
-        alone = case if case.stiffness == np.inf else case._replace(weight=0.0)
-        size = multiplier(alone, kappa, np.array([rate / 2, rate])).max()
+        known = loop_polynomials(case.law, case.centre, kappa)
+        fastest = case.max_rate * PERIOD * (case.centre**2 - case.radius**2) / (2 * case.radius)  # of what E⁻¹ may turn
+        rate = min(peak_gain_of_pair(known, case.stiffness_weight)[1], fastest if case.max_rate < np.inf else np.pi)
+        alone = case if case.max_stiffness == np.inf else case._replace(stiffness_weight=0.0)
+        size = growth_per_period(alone, kappa, np.array([rate / 2, rate])).max()
         if size > 1 + 1e-6:
             return f"multiplier {size!r} turning at {rate!r} rad a period, slope {kappa!r}"
     return ""
 
 
-def simulate(
-    pairs: Sequence[tuple[Design, Case]],
+def try_adversaries(
+    pairs: Sequence[tuple[LawParameters, UncertainCase]],
     adversaries: Sequence[Adversary],
     rng: np.random.Generator,
     tally: Tally,
     steps: int,
-    within: bool,
-    fleet: type[Fleet] = Fleet,
+    intersample: bool,
+    fleet: type[AdversarialLoops] = AdversarialLoops,
 ) -> None:
     """Certified cases against adversaries: what grows must do so four and sixteen times as long, or was a transient."""
     for start in range(0, len(pairs), 300):
         some = pairs[start : start + 300]
-        growth = fleet([case for _, case in some], adversaries, int(rng.integers(2**31))).run(steps, within=within)
+        growth = fleet([case for _, case in some], adversaries, int(rng.integers(2**31))).run(
+            steps, intersample=intersample
+        )
         suspects = np.flatnonzero(growth.max(axis=0) > 0.5)
         if not suspects.size:
             continue
-        again = fleet([some[i][1] for i in suspects.tolist()], adversaries, 0).run(4 * steps, within=within)
+        again = fleet([some[i][1] for i in suspects.tolist()], adversaries, 0).run(4 * steps, intersample=intersample)
         for i, log in zip(suspects.tolist(), again.T, strict=True):
             design, case = some[i]
             which = adversaries[int(np.argmax(log))]
-            if log.max() > EDGE and fleet([case], [which], 0).run(16 * steps, within=within).max() > EDGE:
+            if (
+                log.max() > MIN_LOG_GROWTH
+                and fleet([case], [which], 0).run(16 * steps, intersample=intersample).max() > MIN_LOG_GROWTH
+            ):
                 tally.violations.append(f"{case[1:]} certified, but {which} makes log growth {log.max():.3g}: {design}")
             elif log.max() > 0.5:
                 tally.undecided += 1
