@@ -8,7 +8,7 @@ LOCAL := -e . --no-deps --no-build-isolation
 
 COMPILE := pip compile pyproject.toml --universal --generate-hashes --no-header --no-annotate
 
-.PHONY: help demo test test-all lint bench bench-design compare docs docs-check lock clean
+.PHONY: help demo test test-all lint bench bench-design compare figures docs docs-check lock clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1 - \2/p' $(MAKEFILE_LIST) | awk -F ' - ' '{printf "%-22s%s\n", $$1, $$2}'
@@ -36,6 +36,9 @@ bench-design: .venv/dev ## designs for six arms
 
 compare: .venv/dev ## all laws in eight scenarios
 	$(BIN)/python -m benchmarks.comparison
+
+figures: .venv/dev ## draw the figures of the documentation again
+	$(BIN)/python docs/images/make.py
 
 docs: .venv/dev ## build the documentation into site/
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet

@@ -1,5 +1,10 @@
-"""A law in a robot loop of your own: here MuJoCo stands for the robot, the loop is yours."""
+"""Run a law in a control loop of your own.
 
+The controller gets a position and a reference each period and returns a torque.
+Here MuJoCo stands for the robot, a Franka Panda.
+"""
+
+import matplotlib.pyplot as plt
 import mujoco
 import numpy as np
 
@@ -21,7 +26,7 @@ law = tarc.laws.TDC(
 controller = tarc.Controller(law)
 controller.reset(data.qpos, torque=robot.gravity_torque(home))
 
-worst = 0.0
+errors = []
 for k in range(3000):
     t = k * law.period
     swing, rate = 0.2, 2.0
@@ -30,5 +35,11 @@ for k in range(3000):
     acceleration = np.full(7, swing * rate**2 * np.cos(rate * t))
     data.qfrc_applied[:] = controller.step(data.qpos, reference, velocity, acceleration)
     mujoco.mj_step(model, data)
-    worst = max(worst, float(np.max(np.abs(data.qpos - reference))))
-print(f"largest error {1e3 * worst:.2f} mrad, fault: {controller.fault}")
+    errors.append(data.qpos - reference)
+print(f"largest error {1e3 * np.max(np.abs(errors)):.2f} mrad, fault: {controller.fault}")
+
+figure, axes = plt.subplots(figsize=(7, 3.5), layout="constrained")
+axes.plot(law.period * np.arange(len(errors)), 1e3 * np.array(errors), label=robot.joint_names)
+axes.set(xlabel="time [s]", ylabel="error [mrad]")
+axes.legend(fontsize="small", ncols=4)
+figure.savefig("own_loop.png", dpi=110)

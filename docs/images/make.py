@@ -1,11 +1,16 @@
-"""Draw the figures of the documentation again."""
+"""Draw the figures of the documentation: ``docs/images/make.py [NAME …]``.
 
+Without names it draws all but those that take minutes; ``--all`` draws all.
+"""
+
+import argparse
 import os
 import re
 import subprocess
 import sys
 import sysconfig
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 from PIL import Image
@@ -17,44 +22,81 @@ from tarc.plotting.certificates import design_figure
 from tarc.plotting.runs import run_figure
 from tarc.signals import Encoder
 
-HERE = Path(__file__).resolve().parent
-
-
-def run_page(name: str, figures: list[str]) -> None:
-    """Execute a page's Python blocks and keep the figures that they save."""
-    text = (HERE.parent / name).read_text(encoding="utf-8")
-    before = Path.cwd()
-    with tempfile.TemporaryDirectory() as folder:
-        os.chdir(folder)
-        try:
-            space: dict[str, object] = {}
-            for block in re.findall(
-                r"^```python\n(.*?)^```$", text, re.DOTALL | re.MULTILINE
-            ):
-                exec(block, space)
-            for figure in figures:
-                shrink(Path(figure), HERE / figure)
-        finally:
-            os.chdir(before)
+IMAGES = Path(__file__).resolve().parent
+DOCS = IMAGES.parent
+ROOT = DOCS.parent
+CODE = re.compile(r"^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 
 
 def shrink(source: Path, target: Path) -> None:
     """Write a drawing with a palette, in less than half of the space."""
     image = Image.open(source).convert("RGB")
-    image.quantize(
-        colors=256, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE
-    ).save(target, optimize=True)
+    method = Image.Quantize.MAXCOVERAGE
+    palette = image.quantize(256, method=method, dither=Image.Dither.NONE)
+    target.parent.mkdir(exist_ok=True)
+    palette.save(target, optimize=True)
 
 
-def law_pages() -> None:
-    """Compare all laws; write figures and numbers into the laws' pages."""
-    for module in ("benchmarks.comparison", "benchmarks.pages"):
-        root = HERE.parents[1]
-        subprocess.run([sys.executable, "-m", module], cwd=root, check=True)
+def draw(figure: object, name: str) -> None:
+    """Save a figure among the images of the pages."""
+    with tempfile.TemporaryDirectory() as folder:
+        picture = Path(folder) / name
+        figure.savefig(picture, dpi=110)  # type: ignore[attr-defined]
+        shrink(picture, IMAGES / name)
+
+
+def run_page(page: str, *figures: str) -> None:
+    """Execute a page's Python blocks and keep the figures that they save."""
+    blocks = CODE.findall((DOCS / page).read_text(encoding="utf-8"))
+    before = Path.cwd()
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)
+        try:
+            namespace: dict[str, object] = {}
+            for block in blocks:
+                exec(block, namespace)
+            for figure in figures:
+                shrink(Path(figure), IMAGES / figure)
+        finally:
+            os.chdir(before)
+
+
+def run_example(example: Path) -> None:
+    """Run an example and keep the figure that has its name."""
+    program = [sys.executable, str(example)]
+    figure = f"{example.stem}.png"
+    if example.suffix == ".yaml":
+        program = [sys.executable, "-m", "tarc", "run", str(example)]
+        program += ["--out", "."]
+        figure = "tracking.png"
+    with tempfile.TemporaryDirectory() as folder:
+        subprocess.run(program, cwd=folder, check=True)
+        target = IMAGES / "examples" / f"{example.stem}.png"
+        shrink(Path(folder) / figure, target)
+
+
+def examples() -> None:
+    """Run all examples."""
+    folder = ROOT / "examples"
+    for example in sorted([*folder.glob("*.py"), *folder.glob("*.yaml")]):
+        run_example(example)
+
+
+def demo() -> None:
+    """Run the demo."""
+    draw(run_figure(Scenario.load("ur5e").run()), "demo.png")
+
+
+def certified_demo() -> None:
+    """Certify the demo's TARC."""
+    scenario = Scenario.load("ur5e")
+    plant, reference = scenario.build_plant(), scenario.build_reference()
+    law = scenario.build_laws(plant, reference)["TARC"]
+    draw(design_figure(law, scenario.certify()["TARC"]), "design.png")
 
 
 def first_robot() -> None:
-    """The design of the tutorial's robot, and its run."""
+    """Design for the tutorial's robot, and run the design."""
     data = Path(sysconfig.get_path("purelib"), "cmeel.prefix", "share")
     arm = MujocoPlant.from_file(
         data / "example-robot-data/robots/z1_description/urdf/z1.urdf",
@@ -62,29 +104,43 @@ def first_robot() -> None:
         armature=0.1,
     )
     made = design(arm, payload=(0.0, 2.0), sensor=Encoder(bits=17), speed=1.0)
-    figures = {"z1-front.png": made.plot("front")}
-    figures["z1-tracking.png"] = run_figure(made.scenario().run())
-    with tempfile.TemporaryDirectory() as folder:
-        for name, figure in figures.items():
-            figure.savefig(Path(folder) / name, dpi=110)
-            shrink(Path(folder) / name, HERE / name)
+    draw(made.plot("front"), "z1-front.png")
+    draw(run_figure(made.scenario().run()), "z1-tracking.png")
+
+
+def law_pages() -> None:
+    """Compare all laws; write figures and numbers into the laws' pages."""
+    for module in ("benchmarks.comparison", "benchmarks.pages"):
+        subprocess.run([sys.executable, "-m", module], cwd=ROOT, check=True)
+
+
+FIGURES: dict[str, Callable[[], None]] = {
+    "demo": demo,
+    "certified-demo": certified_demo,
+    "examples": examples,
+    "first-robot": first_robot,
+    "design": lambda: run_page("how-to/design.md", "adaptation.png"),
+    "estimators": lambda: run_page(
+        "explanation/estimators.md", "estimators.png"
+    ),
+    "first-run": lambda: run_page("start/first-run.md", "tracking.png"),
+    "claims": lambda: run_page("explanation/claims.md", "gain_moves.png"),
+    "laws": law_pages,
+}
+LONG = {"laws"}
+
+
+def main() -> None:
+    """Draw the figures that were named."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", choices=[*FIGURES, []])
+    parser.add_argument("--all", action="store_true")
+    options = parser.parse_args()
+    default = [name for name in FIGURES if options.all or name not in LONG]
+    for name in options.names or default:
+        print(name, flush=True)
+        FIGURES[name]()
 
 
 if __name__ == "__main__":
-    law_pages()
-    first_robot()
-    run_page("how-to/design.md", ["adaptation.png"])
-    run_page("explanation/estimators.md", ["estimators.png"])
-    run_page("start/first-run.md", ["tracking.png"])
-    run_page("explanation/claims.md", ["gain_moves.png"])
-    with tempfile.TemporaryDirectory() as folder:
-        demo = Path(folder) / "demo.png"
-        run_figure(Scenario.load("ur5e").run()).savefig(demo, dpi=110)
-        shrink(demo, HERE / "demo.png")
-    scenario = Scenario.load("ur5e")
-    plant, reference = scenario.build_plant(), scenario.build_reference()
-    law = scenario.build_laws(plant, reference)["TARC"]
-    with tempfile.TemporaryDirectory() as folder:
-        picture = Path(folder) / "design.png"
-        design_figure(law, scenario.certify()["TARC"]).savefig(picture, dpi=110)
-        shrink(picture, HERE / "design.png")
+    main()

@@ -15,7 +15,7 @@ from benchmarks.latex import line_to_latex, to_latex
         ("k2 |s|^½ sgn s", r"k_{2} |s|^{\tfrac12} \operatorname{sgn} s"),
         (
             "0  if ‖s_h‖ > γ,     1  otherwise",
-            r"0 \quad \text{ if } \|s_{h}\| > \gamma, \qquad 1 \quad \text{ otherwise }",
+            r"0 \quad \text{ if } \|s_{h}\| > \gamma , \qquad 1 \quad \text{ otherwise }",
         ),
         ("T rise_rate ‖s‖", r"T \,\mathtt{rise\_rate}\, \|s\|"),
         ("∫₀ᴸ √L dσ", r"\int_{0}^{L} \sqrt{L} \,d\sigma"),
