@@ -92,8 +92,8 @@ def install(built: Built, tmp_path: Path) -> Iterator[Callable[[str], Installed]
 
 
 def test_the_source_distribution_has_the_tests_and_nothing_that_was_left_by_a_build(built: Built) -> None:
-    names = {str(path.relative_to(built.source)) for path in built.source.rglob("*") if path.is_file()}
-    assert not [name for name in names if LEFTOVERS.search(Path(name).as_posix())]
+    names = {path.relative_to(built.source).as_posix() for path in built.source.rglob("*") if path.is_file()}
+    assert not [name for name in names if LEFTOVERS.search(name)]
     if not (ROOT / ".git").exists():
         return
     tracked = set(run("git", "ls-files", "-z", "--", ".", ":!.*", cwd=ROOT).split("\0")) - {""}
