@@ -74,17 +74,12 @@ def install(built: Built, tmp_path: Path) -> Iterator[Callable[[str], Installed]
     pins = tmp_path / "pins.txt"
     pins.write_text("\n".join(re.findall(r"^[a-z].*?(?= \\$)", lock, re.MULTILINE)), encoding="utf-8")
     installed = Installed(tmp_path / "environment")
-    uv = shutil.which("uv", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}")
+    uv = Path(sys.executable).with_name("uv")
 
     def do(extra: str = "") -> Installed:
-        wanted = (f"{built.wheel}{extra}", "--constraint", pins, "--quiet")
-        python = installed.command("python")
-        if uv:
-            run(uv, "venv", "--quiet", "--python", sys.executable, installed.folder, cwd=tmp_path)
-            run(uv, "pip", "install", "--python", python, *wanted, cwd=tmp_path)
-        else:
-            run(sys.executable, "-m", "venv", installed.folder, cwd=tmp_path)
-            run(python, "-m", "pip", "install", *wanted, cwd=tmp_path)
+        run(uv, "venv", "--quiet", "--python", sys.executable, installed.folder, cwd=tmp_path)
+        target = ("--python", installed.command("python"), "--constraint", pins)
+        run(uv, "pip", "install", "--quiet", *target, f"{built.wheel}{extra}", cwd=tmp_path)
         return installed
 
     yield do
