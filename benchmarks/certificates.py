@@ -11,8 +11,8 @@ import numpy as np
 
 import tarc
 from benchmarks.measure import Row, best
-from tarc.certificates import ball, loop
-from tarc.paper import theorem1
+from tarc.certificates import certify_constant_ratio, certify_varying_ratio
+from tarc.paper import check_theorem1
 
 LIMITS = {"loop": 5e-3, "loop, of a law that was traced before": 5e-3, "ball": 0.1, "theorem1": 1.0}
 
@@ -21,17 +21,17 @@ def law(joints: int) -> tarc.laws.TDC:
     """TDC at 1 kHz with a window of ten periods, made anew, so that nothing about it is known yet."""
     estimator = tarc.estimators.Algebraic(window=0.010, degree=2)
     inertia = 0.1 * (np.eye(joints) + 0.2 * np.ones((joints, joints)))
-    return tarc.laws.TDC(inertia=inertia, bandwidth=10.0, period=1e-3, estimator=estimator)
+    return tarc.laws.TDC(inertia=inertia, natural_frequency=10.0, period=1e-3, estimator=estimator)
 
 
 def one_and_thirty() -> list[Row]:
     """The loop, the ball and the paper's first theorem: the making of the law, its tracing and all numbers included."""
     known = {joints: law(joints) for joints in (1, 30)}
     calls: dict[str, Any] = {
-        "loop": lambda joints: loop(law(joints), 0.08),
-        "loop, of a law that was traced before": lambda joints: loop(known[joints], 0.08),
-        "ball": lambda joints: ball(law(joints)),
-        "theorem1": lambda joints: theorem1(law(joints)),
+        "loop": lambda joints: certify_constant_ratio(law(joints), 0.08),
+        "loop, of a law that was traced before": lambda joints: certify_constant_ratio(known[joints], 0.08),
+        "ball": lambda joints: certify_varying_ratio(law(joints)),
+        "theorem1": lambda joints: check_theorem1(law(joints)),
     }
     rows = []
     for name, call in calls.items():

@@ -81,7 +81,7 @@ def traces(comparison: Comparison) -> xr.Dataset:
     time = max((data["time"].values for data in runs.values()), key=len)
     error = np.full((len(runs), len(time)), np.nan, dtype=np.float32)
     torque, gain = error.copy(), np.full(len(runs), np.nan)
-    begin = comparison.scenario.measure_from
+    begin = comparison.scenario.metrics_start
     for i, data in enumerate(runs.values()):
         count = data.sizes["time"]
         error[i, :count] = np.linalg.norm((data["position"] - data["reference"]).values, axis=1)
@@ -96,7 +96,7 @@ def traces(comparison: Comparison) -> xr.Dataset:
             "gain": ("law", gain, {"units": f"{first['position'].attrs['units']}/s²"}),
         },
         {"law": list(runs), "time": time},
-        {key: comparison.columns[key][2] for key in MEASURES} | {"measure_from": begin},
+        {key: comparison.columns[key][2] for key in MEASURES} | {"metrics_start": begin},
     )
 
 

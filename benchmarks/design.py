@@ -1,8 +1,9 @@
-"""What `tarc.design.design` is worth on six arms: ``python -m benchmarks.design``, or ``make bench-design``.
+"""What `tarc.design.design_controller` is worth on six arms: ``python -m benchmarks.design``, or ``make bench-design``.
 
 For each arm of example-robot-data a certified design at 1 kHz with 17-bit encoders, and its time; the runs with the
 greatest payload; the torque noise that was predicted against that of the runs; and hand picks. A hand pick is the
-literal law with the inertia, the window and, where it says so, the bandwidth that a sweep of simulated runs found best
+literal law with the inertia, the window and, where it says so, the natural frequency that a sweep of simulated runs
+found best
 for that very motion, within the torque variation of the design and the processor time that the design took. It is lent
 the design's switching gain, and may do without. The design has the whole workspace in its proof and the sweep one
 motion, so each winner is certified over the workspace as well, and run where its loop is worst; and there is a second
@@ -31,13 +32,13 @@ from rich.console import Console
 from rich.table import Table
 
 import tarc
-from tarc.analysis import Workspace, spread, stable_intervals
+from tarc.analysis import Workspace, inertia_spread, stable_intervals
 from tarc.analysis.rest_stability import unstable_posture
 from tarc.certificates import Certificate
-from tarc.certificates.robot import robot
-from tarc.design import Design, adaptation, assess, design, expected_step
-from tarc.design.candidate_loops import Candidate
-from tarc.design.robustness import Demand
+from tarc.certificates.robot import certify_robot
+from tarc.design import Design, assess_candidates, choose_adaptation, design_controller, expected_step
+from tarc.design.candidates import Candidate
+from tarc.design.robustness import RobustnessSpec
 from tarc.design.selection import ROOM
 from tarc.design.writer import SLOW
 from tarc.plants.base import Plant
@@ -83,7 +84,7 @@ class Robot(NamedTuple):
 
     def speed(self) -> np.ndarray:
         """Greatest speed of each joint [rad/s]."""
-        return np.minimum(self.plant().speed_limit, self.fastest)
+        return np.minimum(self.plant().velocity_limits, self.fastest)
 
 
 ROBOTS = (
@@ -114,7 +115,8 @@ SWEEPS = (
     Sweep("any ωn", ("m I", "m diag"), free=True),
     Sweep("checked", ("m I", "m diag"), free=True, checked=True),
 )
-"""M̂ = m I, one number for all joints; M̂ = m diag of the mean inertia along the motion; these with the bandwidth swept
+"""M̂ = m I, one number for all joints; M̂ = m diag of the mean inertia along the motion; these with the natural
+frequency swept
 too; and those among them that are stable at rest in every sampled posture, with and without payload."""
 
 
@@ -125,7 +127,7 @@ class Pick(NamedTuple):
     tried: int
     inertia: str = "–"
     window: float = np.nan
-    bandwidth: float = np.nan
+    natural_frequency: float = np.nan
     law: str = "–"
     error: float = np.nan
     variation: float = np.nan
@@ -151,7 +153,7 @@ class Result:
     shares
         The prediction over the torque limit.
     ceilings
-        Greatest bandwidth at the window chosen, by what is left out of the certificate.
+        Greatest natural frequency at the window chosen, by what is left out of the certificate.
     """
 
     name: str
@@ -164,7 +166,7 @@ class Result:
     window: float
     degree: int
     synchronised: bool
-    bandwidth: float
+    natural_frequency: float
     verdict: str
     margin: float
     error: float
@@ -203,17 +205,24 @@ class Trial:
         self, plant: Plant, law: Any, reference: Any, duration: float, events: Sequence[Any] = (), perfect: bool = False
     ) -> Run:
         return tarc.simulate(
-            plant, law, reference, duration, sensor=tarc.signals.Encoder() if perfect else self.made.sensor,
-            disturbance=events, torque="rest", computation_delay=self.scenario.computation_delay, progress=False,
-        )  # fmt: skip
+            plant,
+            law,
+            reference,
+            duration,
+            sensor=tarc.signals.Encoder() if perfect else self.made.sensor,
+            disturbance=events,
+            initial_torque="rest",
+            computation_delay=self.scenario.computation_delay,
+            progress=False,
+        )
 
     def measures(self, run: Run) -> dict[str, float]:
-        return run.metrics(self.scenario.measure_from)
+        return run.metrics(self.scenario.metrics_start)
 
     def noise(self, run: Run) -> np.ndarray:
         """RMS of what the encoder adds to the torque [N m], shape (n,): the run against one with a perfect sensor."""
         torque = (run.data["torque"] - self.run(self.made.law, perfect=True).data["torque"]).values
-        begin = round(self.scenario.measure_from / self.scenario.period)
+        begin = round(self.scenario.metrics_start / self.scenario.period)
         return np.sqrt(np.mean(torque[begin:] ** 2, axis=0))
 
     def elsewhere(self, law: Any, certificate: Certificate) -> float:
@@ -245,7 +254,8 @@ class Trial:
 def sweep(which: Sweep, trial: Trial, limit: float, budget: float) -> tuple[Pick, Any]:
     """The least RMS error on the motion within a torque variation and so much processor time [s], and its law.
 
-    Points that fill the box of inertia, window and bandwidth evenly, on a logarithmic scale; in the second half of the
+    Points that fill the box of inertia, window and natural frequency evenly, on a logarithmic scale; in the second
+    half of the
     time they fill the box about the best so far.
     """
     made, period, delay = trial.made, trial.made.law.period, trial.scenario.computation_delay
@@ -260,10 +270,10 @@ def sweep(which: Sweep, trial: Trial, limit: float, budget: float) -> tuple[Pick
         if winner is not None and spent > budget / 2:
             unit, (kind, base) = np.clip(centre + NEAR * (unit - 0.5), 0, 1), liked
         ranges = zip(unit, (SHARES, WINDOWS, BANDWIDTHS), strict=True)
-        share, window, bandwidth = (float(low * (high / low) ** one) for one, (low, high) in ranges)
-        bandwidth = bandwidth if which.free else made.chosen.bandwidth
+        share, window, natural_frequency = (float(low * (high / low) ** one) for one, (low, high) in ranges)
+        natural_frequency = natural_frequency if which.free else made.chosen.natural_frequency
         estimator = tarc.estimators.Algebraic(window=round(window) * period, degree=2)
-        law = replace(base, inertia=share * shapes[kind], bandwidth=bandwidth, estimator=estimator)
+        law = replace(base, inertia=share * shapes[kind], natural_frequency=natural_frequency, estimator=estimator)
         tried += 1
         if which.checked and any(unstable_posture(law, plant, postures, delay) for plant in made.plants):
             continue
@@ -276,9 +286,15 @@ def sweep(which: Sweep, trial: Trial, limit: float, budget: float) -> tuple[Pick
             centre, liked, winner = unit, (kind, base), law
             number = share * mean.min() if kind == "m I" else share
             best = Pick(
-                which.name, tried, kind.replace("m", f"{number:.2g}", 1), round(window) * period, bandwidth,
-                type(law).__name__, found["rms_error"], found["torque_variation"],
-            )  # fmt: skip
+                which.name,
+                tried,
+                kind.replace("m", f"{number:.2g}", 1),
+                round(window) * period,
+                natural_frequency,
+                type(law).__name__,
+                found["rms_error"],
+                found["torque_variation"],
+            )
     return best._replace(tried=tried), winner
 
 
@@ -288,16 +304,18 @@ def for_motion(trial: Trial, limit: float, **options: Any) -> tuple[Pick, Any]:
     Along the front, from less noise to less error, by simulated runs; then certified.
     """
     made, delay, blank = trial.made, trial.scenario.computation_delay, Pick("tube design", 0, verdict="none certified")
-    tube = Workspace.path(trial.reference, trial.scenario.duration, tube=TUBE)
-    options = {"torque_limit": made.law.limit, **options}
+    tube = Workspace.from_reference(trial.reference, trial.scenario.duration, tube=TUBE)
+    options = {"torque_limit": made.law.torque_limits, **options}
     try:
-        found = design(trial.plant, payload=made.payload, sensor=made.sensor, workspace=tube, progress=False, **options)
+        found = design_controller(
+            trial.plant, payload=made.payload, sensor=made.sensor, workspace=tube, progress=False, **options
+        )
     except tarc.TarcError:
         return blank, None
-    expected, sigma = expected_step(found.plants, tube), float(np.linalg.norm(made.sensor.increment)) / 12**0.5
+    expected, sigma = expected_step(found.plants, tube), float(np.linalg.norm(made.sensor.step_size)) / 12**0.5
 
     def law_of(one: Candidate) -> Any:
-        gain = {} if isinstance(found.law, tarc.laws.TDC) else adaptation(one, expected, noise=sigma).options()
+        gain = {} if isinstance(found.law, tarc.laws.TDC) else choose_adaptation(one, expected, noise=sigma).options()
         inertia = one.scale * found.shape
         return replace(found.law, inertia=inertia, estimator=one.estimator, **one.options(), **gain)
 
@@ -309,11 +327,11 @@ def for_motion(trial: Trial, limit: float, **options: Any) -> tuple[Pick, Any]:
     count = bisect_right(front, limit, key=variation)
     for one in reversed(front[:count]):
         law = law_of(one)
-        if robot(law, found.plants, tube, computation_delay=delay, samples=SAMPLES).certified:
+        if certify_robot(law, found.plants, tube, computation_delay=delay, samples=SAMPLES).certified:
             own, kind = trial.measures(trial.run(law)), f"{type(law).__name__}{'' if one.synchronised else ', literal'}"
             window, tried = one.window * one.period, len(found.candidates)
             values = own["rms_error"], own["torque_variation"], "in the tube"
-            return Pick(blank.sweep, tried, "full", window, one.bandwidth, kind, *values), law
+            return Pick(blank.sweep, tried, "full", window, one.natural_frequency, kind, *values), law
     return blank, None
 
 
@@ -324,7 +342,16 @@ def _spread_out(index: int) -> np.ndarray:
 
 def literal(law: Any) -> list[Any]:
     """The law as in print, with the torque of an instant ago, with its switching gain and without."""
-    names = ("period", "estimator", "torque_limit", "inertia", "bandwidth", "damping", "delay", "actuation_delay")
+    names = (
+        "period",
+        "estimator",
+        "torque_limit",
+        "inertia",
+        "natural_frequency",
+        "damping_ratio",
+        "delay",
+        "actuation_delay",
+    )
     plain = tarc.laws.TDC(**{name: getattr(law, name) for name in names})
     return [plain] if isinstance(law, tarc.laws.TDC) else [replace(law, synchronised=False), plain]
 
@@ -334,24 +361,27 @@ def judged(pick: Pick, law: Any, trial: Trial) -> Pick:
     if law is None:
         return pick
     made, delay = trial.made, trial.scenario.computation_delay
-    found = robot(law, made.plants, made.workspace, computation_delay=delay, samples=SAMPLES)
+    found = certify_robot(law, made.plants, made.workspace, computation_delay=delay, samples=SAMPLES)
     verdict = pick.verdict if pick.verdict == "in the tube" else found.verdict
     return pick._replace(verdict=verdict, margin=found.margin, elsewhere=trial.elsewhere(law, found))
 
 
 def ceilings(made: Design) -> dict[str, float]:
-    """The greatest bandwidth [rad/s] at the window chosen, as each thing that the certificate asks for is left out."""
+    """The greatest natural frequency [rad/s] at the window chosen, as each thing that the certificate asks for is
+    left out."""
     chosen = made.chosen
-    there = spread(made.plants, made.shape, made.workspace, samples=SAMPLES)
-    full = Demand.of_robot(made.plants, made.workspace, made.shape, there)
-    light = Demand.plain(made.spread, full.rate)
-    slope = chosen.slope / chosen.bandwidth**2
+    there = inertia_spread(made.plants, made.shape, made.workspace, samples=SAMPLES)
+    full = RobustnessSpec.of_robot(made.plants, made.workspace, made.shape, there)
+    light = RobustnessSpec.plain(made.spread, full.rate)
+    slope = chosen.slope / chosen.natural_frequency**2
 
     def at(speed: float) -> Candidate:
-        return replace(chosen, bandwidth=speed, scale=0.0)
+        return replace(chosen, natural_frequency=speed, scale=0.0)
 
-    def ball(demand: Demand, share: float, room: float) -> Callable[[float], bool]:
-        return lambda speed: any(one.feasible for one in assess([at(speed)], demand, slope_share=share, room=room))
+    def ball(demand: RobustnessSpec, share: float, room: float) -> Callable[[float], bool]:
+        return lambda speed: any(
+            one.feasible for one in assess_candidates([at(speed)], demand, slope_share=share, room=room)
+        )
 
     def still(speed: float) -> bool:
         law = tarc.laws.TDC(inertia=1.0, estimator=chosen.estimator, **at(speed).options())
@@ -366,11 +396,11 @@ def ceilings(made: Design) -> dict[str, float]:
         "no stiffness": ball(light, 0.0, 0.0),
         "constant M": still,
     }
-    return {name: _greatest(test, chosen.bandwidth) for name, test in tests.items()}
+    return {name: _greatest(test, chosen.natural_frequency) for name, test in tests.items()}
 
 
 def _greatest(test: Callable[[float], bool], start: float) -> float:
-    """The greatest bandwidth [rad/s] that passes, to a hundredth; NaN where none near the start does."""
+    """The greatest natural frequency [rad/s] that passes, to a hundredth; NaN where none near the start does."""
     low, high = start, 2 * start
     while not test(low) and low > start / 20:
         low, high = low / 1.3, low
@@ -411,13 +441,13 @@ def measure(
     done
         Called with a sentence after each part, to show progress.
     options
-        Of `tarc.design.design`.
+        Of `tarc.design.design_controller`.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tarc.DesignWarning)  # the tables tell how it went
         wall, cpu = time.perf_counter(), time.process_time()
         options = {"samples": SAMPLES, **options}
-        made = design(plant, payload=(0.0, payload), progress=False, **options)
+        made = design_controller(plant, payload=(0.0, payload), progress=False, **options)
         wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
         done(f"designed in {wall:.0f} s")
         trial = Trial(made, duration)
@@ -431,16 +461,31 @@ def measure(
         if motion:
             picks.append(judged(*for_motion(trial, own["torque_variation"], **options), trial))
             done("designed for the motion")
-        chosen, limit = made.chosen, np.asarray(made.law.limit, dtype=float)
+        chosen, limit = made.chosen, np.asarray(made.law.torque_limits, dtype=float)
         return Result(
-            name=name, joints=plant.joints, payload=payload, wall=wall, cpu=cpu, spread=made.spread,
-            scale=chosen.scale, window=chosen.window * chosen.period, degree=chosen.degree,
-            synchronised=chosen.synchronised, bandwidth=chosen.bandwidth, verdict=verdict.verdict,
-            margin=verdict.margin, error=own["rms_error"], variation=own["torque_variation"],
-            picked_up=str(run.status), loaded=str(loaded.status), predicted=tuple(made.torque_noise.tolist()),
-            measured=tuple(trial.noise(run).tolist()), shares=tuple((made.torque_noise / limit).tolist()),
-            picks=tuple(picks), ceilings=ceilings(made),
-        )  # fmt: skip
+            name=name,
+            joints=plant.n_joints,
+            payload=payload,
+            wall=wall,
+            cpu=cpu,
+            spread=made.spread,
+            scale=chosen.scale,
+            window=chosen.window * chosen.period,
+            degree=chosen.degree,
+            synchronised=chosen.synchronised,
+            natural_frequency=chosen.natural_frequency,
+            verdict=verdict.verdict,
+            margin=verdict.margin,
+            error=own["rms_error"],
+            variation=own["torque_variation"],
+            picked_up=str(run.status),
+            loaded=str(loaded.status),
+            predicted=tuple(made.torque_noise.tolist()),
+            measured=tuple(trial.noise(run).tolist()),
+            shares=tuple((made.torque_noise / limit).tolist()),
+            picks=tuple(picks),
+            ceilings=ceilings(made),
+        )
 
 
 def measure_robot(which: Robot, picks: bool = True) -> Result | str:
@@ -482,12 +527,21 @@ def _designs(found: Sequence[Result]) -> Sheet:
         loudest = int(np.argmax(one.shares))
         window = f"{1e3 * one.window:.3g}{'' if one.degree == 2 else f', Λ {one.degree}'}"
         same = one.picked_up == one.loaded
-        rows.append([
-            f"{one.name}, {one.joints}", f"{one.payload:g}", f"{one.wall:.0f}, CPU {one.cpu:.0f}", f"{one.spread:.3g}",
-            window + ("" if one.synchronised else ", literal"), f"{one.bandwidth:.3g}", f"{one.scale:.3g}",
-            f"{100 * one.shares[loudest]:.2g}, joint {loudest + 1}", one.verdict, f"{one.margin:.1g}",
-            one.picked_up if same else f"{one.picked_up}; {one.loaded}",
-        ])  # fmt: skip
+        rows.append(
+            [
+                f"{one.name}, {one.joints}",
+                f"{one.payload:g}",
+                f"{one.wall:.0f}, CPU {one.cpu:.0f}",
+                f"{one.spread:.3g}",
+                window + ("" if one.synchronised else ", literal"),
+                f"{one.natural_frequency:.3g}",
+                f"{one.scale:.3g}",
+                f"{100 * one.shares[loudest]:.2g}, joint {loudest + 1}",
+                one.verdict,
+                f"{one.margin:.1g}",
+                one.picked_up if same else f"{one.picked_up}; {one.loaded}",
+            ]
+        )
     note = (
         "Synchronised unless it says literal. Spread: of the eigenvalues of M(q)⁻¹M̂ over workspace and payload. Scale: "
         "the least of them. Noise: predicted RMS torque, of the joint where its share of the limit is greatest. Runs: "
@@ -530,20 +584,40 @@ def _picks(found: Sequence[Result]) -> Sheet:
     ]
     rows = []
     for one in found:
-        rows.append([
-            f"{one.name}: design", "", "", f"{1e3 * one.window:.3g}", f"{one.bandwidth:.3g}", "",
-            f"{1e3 * one.error:.2g} mrad", f"{one.variation:.0f} N m/s", one.verdict, "",
-        ])  # fmt: skip
+        rows.append(
+            [
+                f"{one.name}: design",
+                "",
+                "",
+                f"{1e3 * one.window:.3g}",
+                f"{one.natural_frequency:.3g}",
+                "",
+                f"{1e3 * one.error:.2g} mrad",
+                f"{one.variation:.0f} N m/s",
+                one.verdict,
+                "",
+            ]
+        )
         for pick in one.picks:
-            rows.append([
-                f"{one.name}: {pick.sweep}", f"{pick.tried}", pick.inertia, f"{1e3 * pick.window:.3g}",
-                f"{pick.bandwidth:.3g}", pick.law, f"{pick.error / one.error:.2f}×",
-                f"{pick.variation / one.variation:.2f}×", pick.verdict, _times(pick.elsewhere),
-            ])  # fmt: skip
+            rows.append(
+                [
+                    f"{one.name}: {pick.sweep}",
+                    f"{pick.tried}",
+                    pick.inertia,
+                    f"{1e3 * pick.window:.3g}",
+                    f"{pick.natural_frequency:.3g}",
+                    pick.law,
+                    f"{pick.error / one.error:.2f}×",
+                    f"{pick.variation / one.variation:.2f}×",
+                    pick.verdict,
+                    _times(pick.elsewhere),
+                ]
+            )
     note = (
         "Error and torque variation over the design's, on the motion that the picks were swept on: above 1 the design "
         "has less. m I: one number for all joints; m diag: m times the mean inertia along the motion; any ωn: either, "
-        "with the bandwidth swept too; checked: of those the stable at rest in all sampled postures. Tube design: "
+        "with the natural frequency swept too; checked: of those the stable at rest in all sampled postures. "
+        "Tube design: "
         f"certified within {TUBE:g} rad of the motion alone. Verdict: over the workspace and both payloads. Elsewhere: "
         "torque variation over the design's on small sines where the loop is worst in the workspace."
     )
@@ -560,13 +634,16 @@ def _times(ratio: float) -> str:
 
 def _ceilings(found: Sequence[Result]) -> Sheet:
     names = list(found[0].ceilings)
-    rows = [[one.name, f"{one.bandwidth:.3g}", *(_number(one.ceilings[name]) for name in names)] for one in found]
+    rows = [
+        [one.name, f"{one.natural_frequency:.3g}", *(_number(one.ceilings[name]) for name in names)] for one in found
+    ]
     note = (
-        "The greatest bandwidth that bears the spread at the window chosen, – for none; each column leaves one thing "
+        "The greatest natural frequency that bears the spread at the window chosen, – for none; each column "
+        "leaves one thing "
         "more out of what is asked, first of all that the inertia may change at any speed. The "
         "last bears every inertia of the workspace as long as it does not change, no proof for a robot that moves."
     )
-    return Sheet("What holds the bandwidth back [rad/s]", ["robot", "chosen", *names], rows, note)
+    return Sheet("What holds the natural frequency back [rad/s]", ["robot", "chosen", *names], rows, note)
 
 
 def verdicts(found: Sequence[Result]) -> list[str]:
@@ -620,7 +697,7 @@ def write(found: Sequence[Result], failures: dict[str, str], folder: Path) -> No
             for i in range(one.joints)
         ],
         "picks": [{"name": one.name, **pick._asdict()} for one in found for pick in one.picks],
-        "bandwidths": [{"name": one.name, **one.ceilings} for one in found],
+        "natural_frequencies": [{"name": one.name, **one.ceilings} for one in found],
     }
     for name, rows in tables.items():
         with (folder / f"{name}.csv").open("w", newline="", encoding="utf-8") as file:

@@ -26,7 +26,13 @@ def law(inertia: np.ndarray, window: int, rise: float, limit: np.ndarray | None 
     """TARC at 1 kHz with a window of so many periods."""
     estimator = tarc.estimators.Algebraic(window=window * 1e-3, degree=2)
     return tarc.laws.TARC(
-        inertia=inertia, bandwidth=10.0, period=1e-3, estimator=estimator, rise=rise, fall=rise / 2, torque_limit=limit
+        inertia=inertia,
+        natural_frequency=10.0,
+        period=1e-3,
+        estimator=estimator,
+        rise_rate=rise,
+        fall_rate=rise / 2,
+        torque_limit=limit,
     )
 
 

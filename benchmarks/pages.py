@@ -175,7 +175,7 @@ def figure(variants: Iterable[str], results: dict[str, Result], others: Iterable
     over_time = {name: colours[name] for name in ran[:COLOURFUL]}
     if YARDSTICK in result.measures and YARDSTICK not in names:
         over_time[YARDSTICK] = "0.35"
-    span = DRAWN.get(scenario, (result.traces.attrs["measure_from"], result.traces.attrs["measure_from"] + 0.6))
+    span = DRAWN.get(scenario, (result.traces.attrs["metrics_start"], result.traces.attrs["metrics_start"] + 0.6))
     draw_time(right.subplots(2, 1), result, over_time, span)
     canvas.suptitle(scenario.replace("_", " "), fontsize="medium")
     return canvas, scenario
@@ -223,7 +223,7 @@ def draw_time(panels: Any, result: Result, colours: dict[str, str], span: tuple[
         )
     errors.axvspan(*span, color="0.9", lw=0, zorder=0)
     measured = np.concatenate(
-        [line.get_ydata()[time[count - 1 :] >= traces.attrs["measure_from"]] for line in errors.lines]
+        [line.get_ydata()[time[count - 1 :] >= traces.attrs["metrics_start"]] for line in errors.lines]
     )
     measured = measured[np.isfinite(measured)]
     if measured.size:
@@ -244,9 +244,15 @@ def finish(axes: Axes) -> None:
     axes.grid(alpha=0.3)
     if axes.get_legend_handles_labels()[0]:
         axes.legend(
-            fontsize="x-small", loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False, borderpad=0.2,
-            handletextpad=0.4, columnspacing=1.2,
-        )  # fmt: skip
+            fontsize="x-small",
+            loc="lower left",
+            bbox_to_anchor=(0.0, 1.0),
+            ncols=3,
+            frameon=False,
+            borderpad=0.2,
+            handletextpad=0.4,
+            columnspacing=1.2,
+        )
 
 
 def save(canvas: Figure, target: Path) -> None:

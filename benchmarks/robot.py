@@ -24,8 +24,8 @@ def _closed_loop(native: bool) -> Row:
     The two take turns on stretches of the same motion, which must come out the same to the last bit.
     """
     arm = tarc.plants.MujocoPlant.from_file("ur5e", coulomb=2.0, viscous=1.0, armature=0.1)
-    n = arm.joints
-    drive = Drive(tarc.signals.Encoder(bits=17), law(np.full(n, 0.1), 10, 50.0, arm.torque_limit))
+    n = arm.n_joints
+    drive = Drive(tarc.signals.Encoder(bits=17), law(np.full(n, 0.1), 10, 50.0, arm.torque_limits))
     reference = tarc.signals.Sinusoid(amplitude=0.2, frequency=np.linspace(1.0, 2.0, n), offset=arm.home)
     plan = sample_plan(arm, drive.law, reference, 40.0, drive.sensor, [], 1, 0)
     begin = start(arm, plan, None, 0.0, "rest")

@@ -19,16 +19,16 @@ from rich.table import Table
 
 from tarc import TarcError, estimators, laws
 from tarc.analysis import stable_interval
-from tarc.certificates import ball
+from tarc.certificates import certify_varying_ratio
 from tarc.core.progress import Progress
-from tarc.paper import nominal_window, theorem1_delay
+from tarc.paper import nominal_max_window, theorem1_max_delay
 
 PERIOD = 1e-3
 WINDOWS = (2, 5, 10, 20, 50)
 BANDWIDTHS = (5.0, 10.0, 20.0, 40.0)
 DEGREES = (2, 3)
 DELAYS = (0.01, 0.05, 0.1, 0.2)
-"""Over the bandwidth."""
+"""Over the natural frequency."""
 
 
 class Balls(NamedTuple):
@@ -43,17 +43,19 @@ class Balls(NamedTuple):
         return float(np.log(self.ball[1] / self.ball[0]) / np.log(self.stable[1] / self.stable[0]))
 
 
-def law(window: float, degree: int = 2, bandwidth: float = 10.0, period: float = PERIOD, **options: Any) -> laws.TDC:
+def law(
+    window: float, degree: int = 2, natural_frequency: float = 10.0, period: float = PERIOD, **options: Any
+) -> laws.TDC:
     """TDC of one joint with a window [s]."""
     estimator = estimators.Algebraic(window=window, degree=degree)
-    return laws.TDC(inertia=0.1, bandwidth=bandwidth, period=period, estimator=estimator, **options)
+    return laws.TDC(inertia=0.1, natural_frequency=natural_frequency, period=period, estimator=estimator, **options)
 
 
-def balls(synchronised: bool, window: int, bandwidth: float) -> Balls | None:
+def balls(synchronised: bool, window: int, natural_frequency: float) -> Balls | None:
     """The widest ball of a design whose mismatch changes at any time; None where no ratio is stable."""
-    design = law(window * PERIOD, bandwidth=bandwidth, synchronised=synchronised)
+    design = law(window * PERIOD, natural_frequency=natural_frequency, synchronised=synchronised)
     try:
-        stable, found = stable_interval(design), ball(design)
+        stable, found = stable_interval(design), certify_varying_ratio(design)
     except TarcError:
         return None
     numbers = found.numbers
@@ -63,7 +65,8 @@ def balls(synchronised: bool, window: int, bandwidth: float) -> Balls | None:
 def exact_window(delay: float, degree: int) -> float:
     """The shortest window ς at which s² + e^{−sh}(1 + 2 ∫Ω_1(ψ)e^{sψ}dψ) has a root on the imaginary axis.
 
-    At damping and bandwidth one. Crossings are followed from a scan of the frequencies in which the loop gain is one.
+    At damping and natural frequency one. Crossings are followed from a scan of the frequencies in which the loop
+    gain is one.
     """
     from scipy.optimize import brentq
 
@@ -107,7 +110,7 @@ def exact_delay() -> float:
 
 
 class Share(NamedTuple):
-    """What is certified of what is exact, at a bandwidth of one."""
+    """What is certified of what is exact, at a natural frequency of one."""
 
     certified: float
     exact: float
@@ -131,18 +134,18 @@ def measure(show: bool | None = None) -> Measured:
     with Progress("tightness", 2 * len(WINDOWS) * len(BANDWIDTHS) + len(DEGREES) * len(DELAYS), show) as progress:
         for synchronised in (False, True):
             for window in WINDOWS:
-                for bandwidth in BANDWIDTHS:
-                    wide[synchronised, window, bandwidth] = balls(synchronised, window, bandwidth)
+                for natural_frequency in BANDWIDTHS:
+                    wide[synchronised, window, natural_frequency] = balls(synchronised, window, natural_frequency)
                     progress.advance()
         for degree in DEGREES:
             for delay in DELAYS:
                 design = law(0.1, degree, 1.0, 0.01)
-                windows[degree, delay] = Share(nominal_window(design, delay=delay), exact_window(delay, degree))
+                windows[degree, delay] = Share(nominal_max_window(design, delay=delay), exact_window(delay, degree))
                 progress.advance()
-    design = law(0.1, bandwidth=1.0, period=0.01)
+    design = law(0.1, natural_frequency=1.0, period=0.01)
     delays = {
-        "Theorem 1": Share(theorem1_delay(design), exact_delay()),
-        "Theorem 1 without its D⁻¹ term": Share(theorem1_delay(design, disturbance_term=False), exact_delay()),
+        "Theorem 1": Share(theorem1_max_delay(design), exact_delay()),
+        "Theorem 1 without its D⁻¹ term": Share(theorem1_max_delay(design, disturbance_term=False), exact_delay()),
     }
     return Measured(wide, windows, delays)
 
@@ -153,9 +156,9 @@ def tables(found: Measured) -> list[tuple[str, list[str], list[list[str]]]]:
     rows = []
     for synchronised, kind in kinds.items():
         for window in WINDOWS:
-            cells = [found.balls[synchronised, window, bandwidth] for bandwidth in BANDWIDTHS]
+            cells = [found.balls[synchronised, window, natural_frequency] for natural_frequency in BANDWIDTHS]
             rows.append([kind, f"{window}", *(_cell(one) for one in cells)])
-    heads = ["loop", "window [periods]", *(f"ωn = {bandwidth:g} rad/s" for bandwidth in BANDWIDTHS)]
+    heads = ["loop", "window [periods]", *(f"ωn = {natural_frequency:g} rad/s" for natural_frequency in BANDWIDTHS)]
     title = "Widest ball over stable range, in logarithms; in brackets greatest over least ratio of the two"
     first = (title, heads, rows)
     rows = [
@@ -188,11 +191,11 @@ def figure(found: Measured, path: Path) -> None:
 
     drawing = Figure(figsize=(10, 4.2), layout="constrained")
     left, right = drawing.subplots(1, 2, sharey=True)
-    for colour, bandwidth in zip(COLOURS, BANDWIDTHS, strict=False):
+    for colour, natural_frequency in zip(COLOURS, BANDWIDTHS, strict=False):
         for synchronised, style in ((False, "o-"), (True, "s--")):
-            known = [(window, found.balls[synchronised, window, bandwidth]) for window in WINDOWS]
+            known = [(window, found.balls[synchronised, window, natural_frequency]) for window in WINDOWS]
             points = [(window, one.share) for window, one in known if one is not None]
-            label = f"$\\omega_n$ = {bandwidth:g} rad/s" if not synchronised else None
+            label = f"$\\omega_n$ = {natural_frequency:g} rad/s" if not synchronised else None
             left.semilogx(*zip(*points, strict=True), style, color=colour, lw=1.2, ms=4, label=label)
     left.plot([], [], "o-", color="0.4", lw=1.2, ms=4, label="literal")
     left.plot([], [], "s--", color="0.4", lw=1.2, ms=4, label="synchronised")

@@ -8,7 +8,14 @@ import tarc
 from tarc.study import compare, tuned_laws
 
 scenario = tarc.Scenario.load("two_link_friction", ["duration=5.0"])
-mine = {"kind": "TARC", "inertia": {"fraction": 0.06}, "bandwidth": 15.0, "rise": 4e3, "fall": 2e3, "cap": 8.0}
+mine = {
+    "kind": "TARC",
+    "inertia": {"fraction": 0.06},
+    "natural_frequency": 15.0,
+    "rise_rate": 4e3,
+    "fall_rate": 2e3,
+    "max_gain": 8.0,
+}
 laws = {"mine": mine} | {name: tuned_laws()[name] for name in ("tarc", "tdc", "smc-tde", "asmc-tde", "adrc", "pid")}
 found = compare(scenario, laws, jobs=1)
 for name, one in sorted(found.measures.items(), key=lambda item: item[1]["rms_error"]):

@@ -10,16 +10,19 @@ import tarc
 arm = tarc.plants.MujocoPlant.from_file("ur5e", armature=0.1)
 designs = {}
 for speed in (float("inf"), 2.0, 0.5):
-    made = tarc.design.design(arm, payload=(0.0, 5.0), sensor=tarc.signals.Encoder(bits=17), speed=speed)
+    made = tarc.design.design_controller(arm, payload=(0.0, 5.0), sensor=tarc.signals.Encoder(bits=17), speed=speed)
     run = next(iter(made.scenario().run().values()))
-    found = run.metrics(start=1.0)
+    found = run.metrics(start_time=1.0)
     loop, verdict = made.chosen, made.certificates["robot"].verdict
-    print(f"up to {speed:g} rad/s: {verdict}, bandwidth {loop.bandwidth:.3g} rad/s, window {loop.window} ms")
+    print(
+        f"up to {speed:g} rad/s: {verdict}, natural frequency {loop.natural_frequency:.3g} rad/s, window "
+        f"{loop.window} ms"
+    )
     print(f"    RMS error {1e3 * found['rms_error']:.3g} mrad at {found['torque_variation']:.0f} N m/s")
     designs[speed] = made
 
 slow = designs[0.5]
 slow.plot("front").savefig("design_robot.png", dpi=110)
 slow.plot("reach").savefig("stability_map.png", dpi=110)
-for answer in tarc.design.limits(slow, questions=("speed", "payload")).values():
+for answer in tarc.design.stress_test(slow, questions=("speed", "payload")).values():
     print(answer.explain())

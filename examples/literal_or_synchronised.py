@@ -21,12 +21,12 @@ for share in (0.05, 0.2, 0.8):
     for synchronised in (False, True):
         law = tarc.laws.TDC(
             inertia=share * arm.inertia([0.0, np.pi / 2]),
-            bandwidth=10.0,
+            natural_frequency=10.0,
             period=1e-3,
             estimator=tarc.estimators.Algebraic(window=0.010, degree=2),
             synchronised=synchronised,
         )
-        run = tarc.simulate(arm, law, reference, duration=5.0, torque="rest")
+        run = tarc.simulate(arm, law, reference, duration=5.0, initial_torque="rest")
         error = f"{1e3 * run.metrics(start=1.0)['rms_error']:.3f} mrad" if run.status.completed else ""
         kind = "synchronised" if synchronised else "literal"
         print(f"M̂ = {share:4} M, {kind:12}: {run.status} {error}")

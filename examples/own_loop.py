@@ -17,14 +17,14 @@ data.qpos[:] = home
 
 law = tarc.laws.TDC(
     inertia=0.1 * robot.inertia(home),
-    bandwidth=20.0,
+    natural_frequency=20.0,
     period=1e-3,
     estimator=tarc.estimators.Algebraic(window=0.010, degree=2),
-    torque_limit=robot.torque_limit,
+    torque_limit=robot.torque_limits,
     safe_torque="hold",
 )
 controller = tarc.Controller(law)
-controller.reset(data.qpos, torque=robot.gravity_torque(home))
+controller.reset(data.qpos, initial_torque=robot.gravity_torque(home))
 
 errors = []
 for k in range(3000):

@@ -24,22 +24,21 @@ ESTIMATORS: dict[str, estimators.Estimator] = {
 
 REQUIRED_PARAMETERS: dict[str, Any] = {
     "inertia": None,
-    "rise": 3000.0,
-    "fall": 2000.0,
+    "rise_rate": 3000.0,
+    "fall_rate": 2000.0,
     "gain": 5.0,
-    "speed": 20.0,
+    "reaching_gain": 5.0,
+    "adaptation_rate": 20.0,
     "threshold": 0.1,
-    "growth": 20.0,
-    "velocity_gain": 10.0,
+    "ideal_velocity_gain": 10.0,
     "time_constant": 0.1,
     "nonlinear_damping": 5.0,
     "observer_bandwidth": 60.0,
     "disturbance_rate": 200.0,
-    "bound": 5.0,
+    "uncertainty_bound": 5.0,
     "model": None,
-    "rate": 300.0,
-    "cap": 30.0,
-    "bounds": {"masses": [0.5, 2.0], "dampers": [0.0, 1.0]},
+    "max_consequent": 30.0,
+    "parameter_bounds": {"masses": [0.5, 2.0], "dampers": [0.0, 1.0]},
 }
 """Values for the parameters that some law needs."""
 
@@ -55,25 +54,25 @@ def concrete_laws() -> list[type[laws.Law]]:
 def make_law(kind: type[laws.Law], joints: int = 2, estimator_name: str = "algebraic", **options: Any) -> Any:
     """A law of this kind with plain gains."""
     mixed = 0.05 * (np.eye(joints) + 0.2 * np.ones((joints, joints)))
-    given: dict[str, Any] = {**REQUIRED_PARAMETERS, "inertia": mixed, "bandwidth": 12.0}
+    given: dict[str, Any] = {**REQUIRED_PARAMETERS, "inertia": mixed, "natural_frequency": 12.0}
     needed = {name: parameter for name, parameter in parameters(kind).items() if parameter.needed}
     unknown = set(needed) - set(given)
     assert not unknown, f"give {unknown} of {kind.__name__} a value in REQUIRED_PARAMETERS in tests/law_catalogue.py"
     needed = {name: given[name] for name in needed}
     if "model" in needed:
         needed["model"] = plants.MassSpringDamper(masses=(1.0,) * joints, springs=0.0, dampers=0.2)
-    if "bandwidth" in parameters(kind):
-        needed["bandwidth"] = 12.0
+    if "natural_frequency" in parameters(kind):
+        needed["natural_frequency"] = 12.0
     return kind(**{"period": PERIOD, "estimator": ESTIMATORS[estimator_name], **needed, **options})
 
 
 def make_tdc(
-    window: int = 10, synchronised: bool = False, bandwidth: Any = 10.0, inertia: Any = 0.1, **options: Any
+    window: int = 10, synchronised: bool = False, natural_frequency: Any = 10.0, inertia: Any = 0.1, **options: Any
 ) -> laws.TDC:
     """TDC at 1 kHz with a window of so many periods, whose stable ranges of the inertia ratio are known."""
     return laws.TDC(
         inertia=inertia,
-        bandwidth=bandwidth,
+        natural_frequency=natural_frequency,
         period=PERIOD,
         estimator=estimators.Algebraic(window=window * PERIOD, degree=2),
         synchronised=synchronised,

@@ -35,7 +35,7 @@ def simulate_double_integrator(
 def simulate_arm(law: laws.Law, coulomb: float = 1.0, duration: float = 4.0, **options: Any) -> Run:
     """A sinusoid on the two-link arm with Coulomb friction and a 16-bit encoder."""
     reference = signals.Sinusoid(amplitude=0.5, frequency=[2.0, 3.0], phase=np.pi / 2)
-    options = {"sensor": signals.Encoder(bits=16), "torque": "rest", **options}
+    options = {"sensor": signals.Encoder(bits=16), "initial_torque": "rest", **options}
     return simulate(plants.TwoLinkArm(coulomb=coulomb), law, reference, duration, **options)
 
 

@@ -10,7 +10,7 @@ from tarc.core.lazy import lazy_attributes
 
 if TYPE_CHECKING:
     from tarc import analysis, certificates, design, estimators, laws, paper, plants, signals, study
-    from tarc.certification import certify
+    from tarc.certification import certify_law
     from tarc.control.controller import Controller
     from tarc.core.errors import DesignWarning, TarcError
     from tarc.core.version import __version__
@@ -28,7 +28,7 @@ __all__ = [
     "__version__",
     "analysis",
     "certificates",
-    "certify",
+    "certify_law",
     "design",
     "estimators",
     "laws",

@@ -10,24 +10,24 @@ from tarc.analysis.linearise import alike, decouple
 from tarc.analysis.rest_stability import remedy
 from tarc.analysis.workspace import Workspace
 from tarc.certificates.base import Certificate
-from tarc.certificates.constant_ratio import loop
-from tarc.certificates.robot import robot
-from tarc.certificates.sector import slope
-from tarc.certificates.varying_ratio import ball
+from tarc.certificates.constant_ratio import certify_constant_ratio
+from tarc.certificates.robot import certify_robot
+from tarc.certificates.sector import certify_sector
+from tarc.certificates.varying_ratio import certify_varying_ratio
 from tarc.core.errors import TarcError
 from tarc.estimators.algebraic import Algebraic
 from tarc.laws.base import Law
 from tarc.laws.pole_placement import PolePlacement
 from tarc.laws.tarc import TARC
 from tarc.laws.tde import TDE
-from tarc.paper.lemma1 import condition_c2, lemma1
-from tarc.paper.nominal_loop import nominal
-from tarc.paper.theorem1 import theorem1
-from tarc.paper.theorem2 import theorem2
+from tarc.paper.lemma1 import check_condition_c2, check_lemma1
+from tarc.paper.nominal_loop import check_nominal_loop
+from tarc.paper.theorem1 import check_theorem1
+from tarc.paper.theorem2 import check_theorem2
 from tarc.plants.base import Plant
 
 
-def certify(
+def certify_law(
     law: Law,
     plant: Plant | Sequence[Plant],
     workspace: Workspace,
@@ -81,25 +81,25 @@ def certify(
         return certificate
 
     options = {"computation_delay": computation_delay, "samples": samples, "seed": seed}
-    verdict = add(known or robot(law, plant, workspace, **options))
+    verdict = add(known or certify_robot(law, plant, workspace, **options))
     low, high = verdict.numbers["least ratio"], verdict.numbers["greatest ratio"]
     if all(channel.width == 1 for channel in decouple(law, computation_delay)):
-        add(loop(law, (low, high), computation_delay=computation_delay))
+        add(certify_constant_ratio(law, (low, high), computation_delay=computation_delay))
     if isinstance(law, TARC):
         ratios = low, (low * high) ** 0.5, high
-        occurring = [slope(law, ratio, computation_delay=computation_delay) for ratio in ratios]
+        occurring = [certify_sector(law, ratio, computation_delay=computation_delay) for ratio in ratios]
         add(min(occurring, key=lambda one: one.numbers.get("circle limit", float("inf"))))
     if alike(law):
         with suppress(TarcError):  # stable for no ratio, which the verdict for the robot has shown already
-            add(ball(law, computation_delay=computation_delay))
-    add(lemma1(law, plant, workspace, samples=samples, seed=seed))
+            add(certify_varying_ratio(law, computation_delay=computation_delay))
+    add(check_lemma1(law, plant, workspace, samples=samples, seed=seed))
     if isinstance(law, TARC):
-        add(condition_c2(law))
+        add(check_condition_c2(law))
     if isinstance(law, TDE):
-        add(theorem1(law))
+        add(check_theorem1(law))
         if isinstance(law.estimator, Algebraic):
-            add(theorem2(law))
-            add(nominal(law))
+            add(check_theorem2(law))
+            add(check_nominal_loop(law))
     return found
 
 
@@ -110,10 +110,10 @@ def advice(law: PolePlacement, verdict: Certificate, computation_delay: int = 0)
     if verdict.certified:
         return ""
     if not alike(law):
-        return "Give all joints the same bandwidth and damping, which the ball needs"
-    if isinstance(law, TARC) and law.cap is None:
+        return "Give all joints the same natural frequency and damping, which the ball needs"
+    if isinstance(law, TARC) and law.max_gain is None:
         return "Give the gain a cap, without which nothing bounds the robust term"
-    if not np.isfinite(law.robust_slope):
+    if not np.isfinite(law.robust_slope_bound):
         return "The robust term of this law is not covered by these certificates: simulate it"
     needed, slope, rate = verdict.numbers["spread"], verdict.numbers["slope"], verdict.numbers.get("rate")
     slower = "a bound on the joints' speeds" if rate is None else "slower joints"
@@ -123,12 +123,12 @@ def advice(law: PolePlacement, verdict: Certificate, computation_delay: int = 0)
     lines = []
     for name, trial in trials.items():
         with suppress(TarcError):
-            found = ball(trial, slope=slope, rate=rate, computation_delay=computation_delay).numbers
+            found = certify_varying_ratio(trial, slope=slope, rate=rate, computation_delay=computation_delay).numbers
             scale = (found["low"] * found["high"]) ** 0.5
             scale /= (verdict.numbers["least ratio"] * verdict.numbers["greatest ratio"]) ** 0.5
             lines.append(f"{found['ratio']:.3g} ({name}, with {scale:.3g} of this M̂)")
     return (
         f"The robot's spread is {needed:.3g}; the widest ball of this loop holds {' or '.join(lines) or 'none'}. A "
-        f"shorter window, a lower bandwidth, a smaller cap, more rotor inertia or {slower} narrow the gap; "
+        f"shorter window, a lower natural frequency, a smaller cap, more rotor inertia or {slower} narrow the gap; "
         "inconclusive does not mean unstable"
     )

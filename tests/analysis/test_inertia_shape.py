@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from tarc.analysis.inertia_ratio import spread
-from tarc.analysis.inertia_shape import best_shape, lower_bound
+from tarc.analysis.inertia_ratio import inertia_spread
+from tarc.analysis.inertia_shape import best_inertia_shape, lower_bound
 from tarc.analysis.workspace import Workspace
 from tarc.plants import MassSpringDamper, MujocoPlant, NLinkArm, TwoLinkArm, WheeledMobileRobot
 
@@ -20,14 +20,14 @@ ARM = TwoLinkArm()
 
 def test_best_shape_of_one_joint_is_the_ratio_of_its_masses():
     robots = [MassSpringDamper(masses=[m], springs=[0.0], dampers=[0.0]) for m in (2.0, 7.0)]
-    X, t = best_shape(robots, Workspace.box([0.0], [1.0]))
+    X, t = best_inertia_shape(robots, Workspace.box([0.0], [1.0]))
     assert t == pytest.approx(3.5, rel=1e-6)
     np.testing.assert_allclose(X, [[7.0]], rtol=1e-6)
 
 
 def test_best_diagonal_shape_in_closed_form():
     """Stretched out, M = [5 2; 2 1]: the best diagonal leaves [1 r; r 1], r = 2/√5, hence a ratio (1+r)/(1−r)."""
-    X, t = best_shape(ARM, Workspace.of(ARM), diagonal=True, tolerance=0.001)
+    X, t = best_inertia_shape(ARM, Workspace.from_joint_limits(ARM), diagonal=True, tolerance=0.001)
     assert np.count_nonzero(X) == 2
     assert t == pytest.approx((2 + np.sqrt(5)) ** 2, rel=1e-3)
 
@@ -35,7 +35,7 @@ def test_best_diagonal_shape_in_closed_form():
 def test_best_shape_of_two_matrices_is_their_own_ratio():
     """X ≽ M_2 and X ≼ t M_1 need t ≥ λmax(M_1⁻¹M_2), which X = M_2 has where M_2 ≽ M_1."""
     robots = [WheeledMobileRobot(mass=mass) for mass in (10.0, 40.0)]
-    X, t = best_shape(robots, Workspace.of(robots[0]), tolerance=0.001)
+    X, t = best_inertia_shape(robots, Workspace.from_joint_limits(robots[0]), tolerance=0.001)
     M = [robot.inertia([0, 0]) for robot in robots]
     assert t == pytest.approx(np.linalg.eigvals(np.linalg.solve(M[0], M[1])).real.max(), rel=2e-3)
     for one in M:
@@ -45,15 +45,15 @@ def test_best_shape_of_two_matrices_is_their_own_ratio():
 
 @pytest.mark.parametrize("diagonal", [False, True])
 def test_best_shape_is_no_worse_than_any_near_it(diagonal):
-    postures = Workspace.of(ARM)
-    X, t = best_shape(ARM, postures, diagonal=diagonal, tolerance=0.002)
-    found = spread(ARM, X, postures)
-    assert (found.low, found.ratio) == pytest.approx((1.0, t), rel=1e-9)
+    postures = Workspace.from_joint_limits(ARM)
+    X, t = best_inertia_shape(ARM, postures, diagonal=diagonal, tolerance=0.002)
+    found = inertia_spread(ARM, X, postures)
+    assert (found.min_ratio, found.ratio) == pytest.approx((1.0, t), rel=1e-9)
     rng = np.random.default_rng(1)
     for _ in range(20):
         root = np.linalg.cholesky(X) @ (np.eye(2) + 0.05 * rng.normal(size=(2, 2)))
         other = root @ root.T
-        assert spread(ARM, np.diag(np.diag(other)) if diagonal else other, postures, refine=2).ratio > t / 1.002
+        assert inertia_spread(ARM, np.diag(np.diag(other)) if diagonal else other, postures, refine=2).ratio > t / 1.002
 
 
 @pytest.mark.parametrize(("folder", "file", "known"), [("ur", "ur5_robot", 11.4), ("panda", "panda", 31.3)])
@@ -62,7 +62,7 @@ def test_ratios_that_real_robots_need(folder, file, known):
     path = next((ROBOTS / f"{folder}_description").rglob(f"{file}.urdf"))
     names = [name for name in MujocoPlant.from_file(path, armature=0.1).joint_names if "finger" not in name]
     robot = MujocoPlant.from_file(path, armature=0.1, joints=names)
-    _, t = best_shape(robot, Workspace.of(robot))
+    _, t = best_inertia_shape(robot, Workspace.from_joint_limits(robot))
     assert t == pytest.approx(known, rel=0.015)
 
 
@@ -71,7 +71,9 @@ def test_shape_of_a_light_arm_whose_solver_stops_short(seed):
     """Clarabel ends optimal_inaccurate on this arm; the bound is taken from its dual and not from its word."""
     file = ROBOTS / "so_arm_description/urdf/so101.urdf"
     arm = MujocoPlant.from_file(file, armature=0.028)
-    X, t = best_shape([arm, arm.with_parameters({"payload": 0.3})], Workspace.of(arm), samples=200, seed=seed)
+    X, t = best_inertia_shape(
+        [arm, arm.with_parameters({"payload": 0.3})], Workspace.from_joint_limits(arm), samples=200, seed=seed
+    )
     assert t == pytest.approx(3.62, rel=0.01)
     assert np.linalg.eigvalsh(X).min() > 0
 
@@ -88,7 +90,7 @@ def test_bounds_meet_however_little_is_searched(both, low, high, known, starts, 
     """No posture comes and goes for ever."""
     monkeypatch.setattr(sys.modules["tarc.certificates.shape"], "STARTS", starts)
     for seed in range(3):
-        _, t = best_shape(both, Workspace.box(low, high), samples=200, seed=seed)
+        _, t = best_inertia_shape(both, Workspace.box(low, high), samples=200, seed=seed)
         assert t == pytest.approx(known, rel=0.015)
 
 

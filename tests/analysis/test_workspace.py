@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from tarc import TarcError, signals
-from tarc.analysis.inertia_ratio import extremes, inverse_ratios, spread
-from tarc.analysis.inertia_shape import best_shape
+from tarc.analysis.inertia_ratio import extremes, inertia_spread, inverse_ratios
+from tarc.analysis.inertia_shape import best_inertia_shape
 from tarc.analysis.workspace import Workspace
 from tarc.plants import MassSpringDamper, MujocoPlant, NLinkArm, TwoLinkArm
 from tarc.plants.base import Plant
@@ -40,73 +40,74 @@ def ratios_at_posture(plant, nominal, where):
 @pytest.mark.parametrize("ends", [(-np.pi, np.pi), (0.3, 2.0)])
 def test_two_link_arm_against_a_dense_sweep(nominal, ends):
     """M depends on the second joint alone."""
-    found = spread(ARM, nominal, Workspace.box([-1, ends[0]], [1, ends[1]]))
+    found = inertia_spread(ARM, nominal, Workspace.box([-1, ends[0]], [1, ends[1]]))
     known = ratio_eigenvalues(ARM, nominal, elbow_sweep(*ends))
-    assert found.low <= known[:, 0].min() * (1 + 1e-12)
-    assert found.high >= known[:, -1].max() * (1 - 1e-12)
-    assert found.low == pytest.approx(known[:, 0].min(), rel=1e-5)
-    assert found.high == pytest.approx(known[:, -1].max(), rel=1e-5)
-    assert ratios_at_posture(ARM, nominal, found.where_low)[0] == pytest.approx(found.low, rel=1e-12)
-    assert ratios_at_posture(ARM, nominal, found.where_high)[-1] == pytest.approx(found.high, rel=1e-12)
-    assert found.ratio == found.high / found.low
-    assert found.low <= found.sampled_low <= found.sampled_high <= found.high
+    assert found.min_ratio <= known[:, 0].min() * (1 + 1e-12)
+    assert found.max_ratio >= known[:, -1].max() * (1 - 1e-12)
+    assert found.min_ratio == pytest.approx(known[:, 0].min(), rel=1e-5)
+    assert found.max_ratio == pytest.approx(known[:, -1].max(), rel=1e-5)
+    assert ratios_at_posture(ARM, nominal, found.min_posture)[0] == pytest.approx(found.min_ratio, rel=1e-12)
+    assert ratios_at_posture(ARM, nominal, found.max_posture)[-1] == pytest.approx(found.max_ratio, rel=1e-12)
+    assert found.ratio == found.max_ratio / found.min_ratio
+    assert found.min_ratio <= found.sampled_min <= found.sampled_max <= found.max_ratio
 
 
 @pytest.mark.parametrize("tube", [0.0, 0.2])
 def test_along_a_path(tube):
     reference = signals.Sinusoid(amplitude=[0.5, 0.7], frequency=[2.0, 3.0], offset=[0.0, 1.0])
-    found = spread(ARM, MIXED, Workspace.path(reference, 1.0, tube=tube))
+    found = inertia_spread(ARM, MIXED, Workspace.from_reference(reference, 1.0, tube=tube))
     passed = reference.sample(np.linspace(0, 1.0, 2001))[0][1]
     known = ratio_eigenvalues(ARM, MIXED, elbow_sweep(passed.min() - tube, passed.max() + tube))
-    assert found.low == pytest.approx(known[:, 0].min(), rel=1e-5)
-    assert found.high == pytest.approx(known[:, -1].max(), rel=1e-5)
+    assert found.min_ratio == pytest.approx(known[:, 0].min(), rel=1e-5)
+    assert found.max_ratio == pytest.approx(known[:, -1].max(), rel=1e-5)
 
 
 def test_payload_lowers_the_ratio_and_its_ends_stand_for_all_between():
-    postures = Workspace.of(ARM)
-    both = spread([ARM, LOADED], MIXED, postures)
-    assert (both.plant_low, both.plant_high) == (1, 0)
+    postures = Workspace.from_joint_limits(ARM)
+    both = inertia_spread([ARM, LOADED], MIXED, postures)
+    assert (both.min_plant, both.max_plant) == (1, 0)
     for payload in (0.3, 1.1):
-        between = spread(TwoLinkArm(payload=payload), MIXED, postures)
-        assert both.low < between.low < between.high < both.high
+        between = inertia_spread(TwoLinkArm(payload=payload), MIXED, postures)
+        assert both.min_ratio < between.min_ratio < between.max_ratio < both.max_ratio
 
 
 @pytest.mark.parametrize("name", ["ur5e", "panda"])
 def test_search_finds_more_than_many_random_postures(name):
     robot = MujocoPlant.from_file(name, armature=0.1)
-    postures = Workspace.of(robot)
-    drawn = np.random.default_rng(0).uniform(postures.low, postures.high, (20_000, robot.joints))
+    postures = Workspace.from_joint_limits(robot)
+    drawn = np.random.default_rng(0).uniform(postures.low, postures.high, (20_000, robot.n_joints))
     M = np.array([robot.inertia(posture) for posture in drawn])
     nominal = M.mean(axis=0)
     inverse = inverse_ratios(M, nominal)
     ends = []
     for seed in range(3):
-        found = spread(robot, nominal, postures, seed=seed)
-        assert found.low < 1 / inverse.max()
-        assert found.high > 1 / inverse.min()
-        assert np.all((postures.low <= found.where_low) & (found.where_high <= postures.high))
-        ends.append((found.low, found.high))
+        found = inertia_spread(robot, nominal, postures, seed=seed)
+        assert found.min_ratio < 1 / inverse.max()
+        assert found.max_ratio > 1 / inverse.min()
+        assert np.all((postures.low <= found.min_posture) & (found.max_posture <= postures.high))
+        ends.append((found.min_ratio, found.max_ratio))
     np.testing.assert_allclose(ends, np.tile(ends[0], (3, 1)), rtol=1e-4)  # the search finds the same ends each time
 
 
 def test_ranges_of_the_joints():
     panda = MujocoPlant.from_file("panda")
     np.testing.assert_array_equal(
-        np.column_stack([Workspace.of(panda).low, Workspace.of(panda).high])[3], [-3.0718, -0.0698]
+        np.column_stack([Workspace.from_joint_limits(panda).low, Workspace.from_joint_limits(panda).high])[3],
+        [-3.0718, -0.0698],
     )
-    np.testing.assert_array_equal(Workspace.of(NLinkArm()).high, np.full(3, np.pi))
+    np.testing.assert_array_equal(Workspace.from_joint_limits(NLinkArm()).high, np.full(3, np.pi))
 
 
 def test_a_fixed_joint_and_a_single_posture():
     known = ratios_at_posture(ARM, MIXED, np.array([0.2, 0.9]))
-    found = spread(ARM, MIXED, Workspace.box([0.2, 0.9], [0.2, 0.9]))
-    assert (found.low, found.high) == pytest.approx(tuple(known), rel=1e-12)
-    half = spread(ARM, MIXED, Workspace.box([0.2, 0.9], [1.2, 0.9]))
-    assert (half.low, half.high) == pytest.approx(tuple(known), rel=1e-12)
+    found = inertia_spread(ARM, MIXED, Workspace.box([0.2, 0.9], [0.2, 0.9]))
+    assert (found.min_ratio, found.max_ratio) == pytest.approx(tuple(known), rel=1e-12)
+    half = inertia_spread(ARM, MIXED, Workspace.box([0.2, 0.9], [1.2, 0.9]))
+    assert (half.min_ratio, half.max_ratio) == pytest.approx(tuple(known), rel=1e-12)
 
 
 def test_any_function_of_the_inertia_matrix():
-    (found,) = extremes([lambda M: -M[:, 0, 0]], ARM, Workspace.of(ARM))
+    (found,) = extremes([lambda M: -M[:, 0, 0]], ARM, Workspace.from_joint_limits(ARM))
     assert -found.value == pytest.approx(1.0, rel=1e-9)  # arm folded back, both masses of 1 kg: only the first counts
     assert abs(found.posture[1]) == pytest.approx(np.pi, abs=1e-3)
 
@@ -117,7 +118,7 @@ class Broken(Plant):
     def __init__(self, bad):
         self.bad = bad
 
-    joints = property(lambda self: 2)  # type: ignore[assignment]
+    n_joints = property(lambda self: 2)  # type: ignore[assignment]
     joint_names = property(lambda self: ["a", "b"])  # type: ignore[assignment]
     parameters = property(lambda self: {})  # type: ignore[assignment]
 
@@ -137,9 +138,9 @@ class Broken(Plant):
 def test_a_link_without_mass_is_named_with_its_posture():
     box = Workspace.box([-2, -2], [2, 2])
     with pytest.raises(TarcError, match=r"M\(q\) is singular \(smallest eigenvalue 0\) at q = \[.*\]; .*armature=0\.1"):
-        spread(Broken(0.0), MIXED, box)
+        inertia_spread(Broken(0.0), MIXED, box)
     with pytest.raises(TarcError, match=r"M\(q\) is not finite at q = \["):
-        spread(Broken(np.nan), MIXED, box)
+        inertia_spread(Broken(np.nan), MIXED, box)
 
 
 def sliding_body(tmp_path):
@@ -150,7 +151,7 @@ def sliding_body(tmp_path):
 def test_slides_need_a_range(tmp_path):
     for plant in (sliding_body(tmp_path), MassSpringDamper()):
         with pytest.raises(TarcError, match=r"joint .* slides \[m\] and has no range; .* Workspace\.box"):
-            Workspace.of(plant)
+            Workspace.from_joint_limits(plant)
 
 
 BOX = Workspace.box([-1, -1], [1, 1])
@@ -162,22 +163,25 @@ BOX = Workspace.box([-1, -1], [1, 1])
         (lambda: Workspace.box([0, 1], [1, 0]), "low, high: number 2 goes from 1 to 0; needs low ≤ high"),
         (lambda: Workspace.box([0, 1], [1]), r"low, high: got shapes \(2,\) and \(1,\)"),
         (lambda: Workspace.box([0, -np.inf], [1, 1]), "low: got -inf"),
-        (lambda: Workspace.path(signals.Sinusoid(amplitude=1.0, frequency=1.0), -1.0), "duration: got -1"),
-        (lambda: Workspace.path(signals.Sinusoid(amplitude=1.0, frequency=1.0), 1.0, tube=-0.1), r"tube: got \[-0.1\]"),
-        (lambda: Workspace.path("circle", 1.0), "reference: got str"),  # type: ignore[arg-type]
-        (lambda: spread(ARM, MIXED, Workspace.box([0], [1])), "it has 1 joints and the robot 2"),
-        (lambda: spread(ARM, MIXED, [0, 1]), "workspace: got list"),  # type: ignore[arg-type]
-        (lambda: spread([ARM, NLinkArm()], MIXED, BOX), r"robots of \[2, 3\] joints"),
-        (lambda: spread([], MIXED, BOX), "plant: got none"),
-        (lambda: spread("ur5e", MIXED, BOX), "plant: got str"),  # type: ignore[arg-type]
-        (lambda: spread(3, MIXED, BOX), "plant: got int"),  # type: ignore[arg-type]
-        (lambda: spread(ARM, np.eye(3), BOX), r"inertia: got shape \(3, 3\)"),
-        (lambda: spread(ARM, [[1, np.nan], [np.nan, 1]], BOX), "inertia: got nan"),
-        (lambda: spread(ARM, [[1, 2], [2, 1]], BOX), "inertia: its smallest eigenvalue"),
-        (lambda: spread(ARM, MIXED, BOX, samples=0), "samples: got 0"),
-        (lambda: spread(ARM, MIXED, BOX, refine=-1), "refine: got -1"),
-        (lambda: spread(ARM, MIXED, BOX, seed=-1), "seed: got -1"),
-        (lambda: best_shape(ARM, BOX, tolerance=0.0), "tolerance: got 0"),
+        (lambda: Workspace.from_reference(signals.Sinusoid(amplitude=1.0, frequency=1.0), -1.0), "duration: got -1"),
+        (
+            lambda: Workspace.from_reference(signals.Sinusoid(amplitude=1.0, frequency=1.0), 1.0, tube=-0.1),
+            r"tube: got \[-0.1\]",
+        ),
+        (lambda: Workspace.from_reference("circle", 1.0), "reference: got str"),  # type: ignore[arg-type]
+        (lambda: inertia_spread(ARM, MIXED, Workspace.box([0], [1])), "it has 1 joints and the robot 2"),
+        (lambda: inertia_spread(ARM, MIXED, [0, 1]), "workspace: got list"),  # type: ignore[arg-type]
+        (lambda: inertia_spread([ARM, NLinkArm()], MIXED, BOX), r"robots of \[2, 3\] joints"),
+        (lambda: inertia_spread([], MIXED, BOX), "plant: got none"),
+        (lambda: inertia_spread("ur5e", MIXED, BOX), "plant: got str"),  # type: ignore[arg-type]
+        (lambda: inertia_spread(3, MIXED, BOX), "plant: got int"),  # type: ignore[arg-type]
+        (lambda: inertia_spread(ARM, np.eye(3), BOX), r"inertia: got shape \(3, 3\)"),
+        (lambda: inertia_spread(ARM, [[1, np.nan], [np.nan, 1]], BOX), "inertia: got nan"),
+        (lambda: inertia_spread(ARM, [[1, 2], [2, 1]], BOX), "inertia: its smallest eigenvalue"),
+        (lambda: inertia_spread(ARM, MIXED, BOX, samples=0), "samples: got 0"),
+        (lambda: inertia_spread(ARM, MIXED, BOX, refine=-1), "refine: got -1"),
+        (lambda: inertia_spread(ARM, MIXED, BOX, seed=-1), "seed: got -1"),
+        (lambda: best_inertia_shape(ARM, BOX, tolerance=0.0), "tolerance: got 0"),
     ],
 )
 def test_bad_input(call, message):

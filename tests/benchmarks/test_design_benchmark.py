@@ -13,9 +13,17 @@ from benchmarks import design as bench
 def report():
     arm = tarc.plants.TwoLinkArm(viscous=[0.5, 0.5], coulomb=[1.0, 0.5])
     return bench.measure(
-        "two-link", arm, 1.0, sweeps=bench.SWEEPS[:1], budget=2.0, motion=False, duration=4.0, samples=100,
-        bandwidth=10.0, torque_limit=[100.0, 50.0],
-    )  # fmt: skip
+        "two-link",
+        arm,
+        1.0,
+        sweeps=bench.SWEEPS[:1],
+        budget=2.0,
+        motion=False,
+        duration=4.0,
+        samples=100,
+        natural_frequency=10.0,
+        torque_limit=[100.0, 50.0],
+    )
 
 
 def test_design_is_certified_and_carries_the_payload(report):
@@ -32,12 +40,12 @@ def test_hand_pick_keeps_to_the_terms(report):
     assert pick.tried > 1
     assert pick.verdict in ("certified", "inconclusive", "refuted")
     assert pick.variation <= report.variation
-    assert pick.bandwidth == report.bandwidth
+    assert pick.natural_frequency == report.natural_frequency
 
 
 def test_each_thing_left_out_of_the_certificate_allows_more_bandwidth(report):
     limits = list(report.ceilings.values())
-    assert limits[0] >= report.bandwidth
+    assert limits[0] >= report.natural_frequency
     assert limits == sorted(limits)
 
 
@@ -57,11 +65,11 @@ def test_tables_and_files_hold_what_was_measured(report, tmp_path):
 
 def test_picks_are_literal_with_the_switching_gain_and_without(report):
     estimator = tarc.estimators.Algebraic(window=0.01)
-    common = {"inertia": 0.1, "bandwidth": 10.0, "period": 1e-3, "estimator": estimator, "torque_limit": 5.0}
-    law = tarc.laws.TARC(**common, rise=100.0, fall=50.0, cap=1.0, synchronised=True)
+    common = {"inertia": 0.1, "natural_frequency": 10.0, "period": 1e-3, "estimator": estimator, "torque_limit": 5.0}
+    law = tarc.laws.TARC(**common, rise_rate=100.0, fall_rate=50.0, max_gain=1.0, synchronised=True)
     own, plain = bench.literal(law)
     assert isinstance(own, tarc.laws.TARC)
-    assert own.rise == 100.0
+    assert own.rise_rate == 100.0
     assert isinstance(plain, tarc.laws.TDC)
     assert plain.torque_limit == 5.0
     assert not own.synchronised

@@ -10,7 +10,7 @@ import yaml
 
 import tarc
 from law_catalogue import make_law, make_tdc
-from tarc import certify
+from tarc import certify_law
 from tarc.analysis import Workspace
 from tarc.certificates import Certificate
 
@@ -20,11 +20,11 @@ BOX = Workspace.box([-0.5, 1.0], [0.5, 2.0])
 
 
 def adaptive_law(**options):
-    return make_law(tarc.laws.TARC, inertia=0.05 * ARM.inertia([0.0, 1.5]), boundary=0.1, **options)
+    return make_law(tarc.laws.TARC, inertia=0.05 * ARM.inertia([0.0, 1.5]), boundary_layer=0.1, **options)
 
 
 def test_every_certificate_that_applies_verifies_and_survives_json(tmp_path):
-    found = certify(adaptive_law(cap=1.0), ARM, BOX, samples=50)
+    found = certify_law(adaptive_law(max_gain=1.0), ARM, BOX, samples=50)
     assert list(found) == ["robot", "loop", "slope", "ball", "lemma1", "c2", "theorem1", "theorem2", "nominal"]
     for kind, one in found.items():
         assert one.kind == kind
@@ -37,12 +37,14 @@ def test_every_certificate_that_applies_verifies_and_survives_json(tmp_path):
 
 
 def test_those_that_do_not_apply_are_left_out():
-    plain = certify(make_tdc(inertia=0.05 * ARM.inertia([0.0, 1.5])), ARM, BOX, samples=50)
+    plain = certify_law(make_tdc(inertia=0.05 * ARM.inertia([0.0, 1.5])), ARM, BOX, samples=50)
     assert not {"slope", "c2"} & set(plain)
     filtered = tarc.estimators.FilteredDifference(cutoff=300.0)
-    other = certify(make_law(tarc.laws.TDC, inertia=[0.05, 0.02], estimator=filtered), ARM, BOX, samples=50)
+    other = certify_law(make_law(tarc.laws.TDC, inertia=[0.05, 0.02], estimator=filtered), ARM, BOX, samples=50)
     assert not {"theorem2", "nominal"} & set(other)
-    apart = certify(make_law(tarc.laws.TDC, inertia=[0.05, 0.02], bandwidth=[10.0, 20.0]), ARM, BOX, samples=50)
+    apart = certify_law(
+        make_law(tarc.laws.TDC, inertia=[0.05, 0.02], natural_frequency=[10.0, 20.0]), ARM, BOX, samples=50
+    )
     assert "ball" not in apart
     assert apart["robot"].verdict in ("inconclusive", "refuted")
 
@@ -50,13 +52,13 @@ def test_those_that_do_not_apply_are_left_out():
 def test_a_law_without_time_delay_estimation_gets_what_applies_to_it():
     law = make_law(tarc.laws.PID, inertia=0.5 * ARM.inertia([0.0, 1.5]), integral=1.0)
     steps = []
-    found = certify(law, ARM, BOX, samples=50, done=steps.append)
+    found = certify_law(law, ARM, BOX, samples=50, done=steps.append)
     assert list(found) == steps == ["robot", "loop", "ball", "lemma1"]
     assert found["loop"].certified
 
 
 def test_the_loop_is_tested_over_the_ratios_that_the_robot_has():
-    found = certify(adaptive_law(cap=1.0), ARM, BOX, samples=50)
+    found = certify_law(adaptive_law(max_gain=1.0), ARM, BOX, samples=50)
     assert found["loop"].numbers["low"] == found["robot"].numbers["least ratio"]
     assert found["loop"].numbers["high"] == found["robot"].numbers["greatest ratio"]
 
@@ -65,7 +67,7 @@ def test_the_loop_is_tested_over_the_ratios_that_the_robot_has():
 def scenario(tmp_path):
     content = {
         "robot": {"kind": "TwoLinkArm"},
-        "law": [{"kind": "TDC", "inertia": {"fraction": 0.05}, "bandwidth": 10.0}],
+        "law": [{"kind": "TDC", "inertia": {"fraction": 0.05}, "natural_frequency": 10.0}],
         "estimator": {"kind": "Algebraic", "window": 0.010},
         "reference": {"kind": "Sinusoid", "amplitude": [0.3, 0.3], "frequency": 2.0, "offset": [0.0, 1.5]},
         "disturbance": [{"kind": "Schedule", "parameter": "masses", "times": [0.5], "values": [[1.0, 3.0]]}],
@@ -128,4 +130,4 @@ def test_bad_input(scenario, arguments, message):
 
 def test_a_law_without_an_inertia_is_refused():
     with pytest.raises(tarc.TarcError, match="needs? a law with an inertia"):
-        certify("PID", ARM, BOX)  # type: ignore[arg-type]
+        certify_law("PID", ARM, BOX)  # type: ignore[arg-type]

@@ -12,13 +12,13 @@ from law_catalogue import KNOWN_RANGES, agrees_to_digits, make_law, make_tdc
 from tarc import TarcError, estimators, laws, plants, signals
 from tarc.analysis import h2_norm, hinf_norm, stable_interval, stable_intervals
 from tarc.analysis.linearise import decouple
-from tarc.certificates import Certificate, loop
+from tarc.certificates import Certificate, certify_constant_ratio
 from tarc.control.digital_controller import Drive
 from tarc.simulation.closed_loop import ClosedLoop, LoopInput
 
 
-def tdc(window=10, synchronised=False, bandwidth: Any = 10.0, joints=1, **options):
-    return make_tdc(window, synchronised, bandwidth, 0.1 * np.eye(joints), **options)
+def tdc(window=10, synchronised=False, natural_frequency: Any = 10.0, joints=1, **options):
+    return make_tdc(window, synchronised, natural_frequency, 0.1 * np.eye(joints), **options)
 
 
 @pytest.mark.parametrize(("window", "synchronised", "low", "high"), KNOWN_RANGES)
@@ -32,12 +32,12 @@ def test_degree_three_averages_with_both_signs_and_reaches_less_far():
     """Σ|c_j| is about 2.2 for degree 3, and the upper limits lie near 1.7 for short windows; degree 2 has no signs."""
     for window in (5, 10, 20):
         estimator = estimators.Algebraic(window=window * 1e-3, degree=3)
-        weights = estimator.at(1e-3).torque_average().weights
+        weights = estimator.with_period(1e-3).matched_torque_filter().weights
         assert np.sum(weights) == pytest.approx(1.0)
         assert 2.1 < np.sum(np.abs(weights)) < 2.35
-        law = laws.TDC(inertia=0.1, bandwidth=10.0, period=1e-3, estimator=estimator, synchronised=True)
+        law = laws.TDC(inertia=0.1, natural_frequency=10.0, period=1e-3, estimator=estimator, synchronised=True)
         assert 1.65 < stable_interval(law)[1] < 1.85
-        even = estimators.Algebraic(window=window * 1e-3, degree=2).at(1e-3).torque_average().weights
+        even = estimators.Algebraic(window=window * 1e-3, degree=2).with_period(1e-3).matched_torque_filter().weights
         assert np.all(even > 0)
 
 
@@ -62,7 +62,7 @@ def hand_poles(ratio, window, k1, k2, T=1e-3):
 @pytest.mark.parametrize("ratio", [0.004, 0.02, 0.08, 0.2, 0.3])
 @pytest.mark.parametrize("window", [2, 5, 10])
 def test_spectral_radius_is_that_of_the_polynomial_written_by_hand(ratio, window):
-    certificate = loop(tdc(window), ratio)
+    certificate = certify_constant_ratio(tdc(window), ratio)
     radius = np.max(np.abs(hand_poles(ratio, window, 100.0, 20.0)))
     # repeated poles near zero and near one make the polynomial's roots the less exact of the two
     assert certificate.numbers["spectral radius"] == pytest.approx(radius, rel=1e-6)
@@ -71,15 +71,15 @@ def test_spectral_radius_is_that_of_the_polynomial_written_by_hand(ratio, window
 @settings(deadline=None, max_examples=20)
 @given(
     window=st.integers(2, 15),
-    bandwidth=st.floats(2.0, 60.0),
+    natural_frequency=st.floats(2.0, 60.0),
     ratio=st.floats(0.003, 3.0),
     synchronised=st.booleans(),
     delay=st.integers(0, 2),
 )
-def test_certified_decays_and_refuted_grows(window, bandwidth, ratio, synchronised, delay):
+def test_certified_decays_and_refuted_grows(window, natural_frequency, ratio, synchronised, delay):
     """In the simulated loop itself, run until its slowest mode has shown which way it goes."""
-    law = tdc(window, synchronised, bandwidth)
-    certificate = loop(law, ratio, computation_delay=delay)
+    law = tdc(window, synchronised, natural_frequency)
+    certificate = certify_constant_ratio(law, ratio, computation_delay=delay)
     assert certificate.verify()
     radius = certificate.numbers["spectral radius"]
     if certificate.verdict == "inconclusive" or abs(radius - 1) < 4e-3:
@@ -111,7 +111,7 @@ def test_certified_decays_and_refuted_grows(window, bandwidth, ratio, synchronis
 
 
 def test_many_joints_cost_and_give_what_one_does():
-    one, many = loop(tdc(), 0.08), loop(tdc(joints=30), 0.08)
+    one, many = certify_constant_ratio(tdc(), 0.08), certify_constant_ratio(tdc(joints=30), 0.08)
     assert many.matrices.keys() == one.matrices.keys()
     assert many.numbers == one.numbers
 
@@ -133,23 +133,23 @@ def test_decoupled_equals_the_full_matrices(gain):
 
 
 def test_different_bandwidths_are_different_loops():
-    law = tdc(joints=3, bandwidth=[10.0, 20.0, 10.0])
+    law = tdc(joints=3, natural_frequency=[10.0, 20.0, 10.0])
     assert [channel.joints for channel in decouple(law)] == [(0, 2), (1,)]
-    slow, fast = (stable_interval(tdc(bandwidth=bandwidth)) for bandwidth in (10.0, 20.0))
+    slow, fast = (stable_interval(tdc(natural_frequency=natural_frequency)) for natural_frequency in (10.0, 20.0))
     both = stable_interval(law)
     assert both == pytest.approx((max(slow[0], fast[0]), min(slow[1], fast[1])), rel=1e-9)
 
 
 def test_a_range_is_refuted_by_what_lies_inside_it():
-    certificate = loop(tdc(), (0.01, 0.5))
+    certificate = certify_constant_ratio(tdc(), (0.01, 0.5))
     assert certificate.verdict == "refuted"
     assert certificate.witness is not None
     assert 0.2616 < certificate.witness["ratio"] <= 0.5
-    assert loop(tdc(), (0.005, 0.26)).certified
+    assert certify_constant_ratio(tdc(), (0.005, 0.26)).certified
 
 
 def test_witness_is_the_mode_that_grows():
-    certificate = loop(tdc(), 1.0)
+    certificate = certify_constant_ratio(tdc(), 1.0)
     assert certificate.verdict == "refuted"
     assert certificate.numbers["spectral radius"] == pytest.approx(1.152, abs=5e-4)
     assert certificate.witness is not None
@@ -158,19 +158,19 @@ def test_witness_is_the_mode_that_grows():
 
 def test_frozen_gain_limits():
     """The frozen limit on the slope αĉ/ε, literal N = 10 at ρ = 0.08: 2800 1/s²."""
-    law = make_law(laws.TARC, bandwidth=10.0, boundary=0.01, estimator=estimators.Algebraic(window=0.010))
-    assert loop(law, 0.08, gain=0.01 * 2780).certified
-    assert loop(law, 0.08, gain=0.01 * 2820).verdict == "refuted"
+    law = make_law(laws.TARC, natural_frequency=10.0, boundary_layer=0.01, estimator=estimators.Algebraic(window=0.010))
+    assert certify_constant_ratio(law, 0.08, gain=0.01 * 2780).certified
+    assert certify_constant_ratio(law, 0.08, gain=0.01 * 2820).verdict == "refuted"
 
 
 def test_delay_margin_is_the_last_stable_delay():
-    margin = int(loop(tdc(), 0.08).numbers["delay margin"])
-    assert loop(tdc(), 0.08, computation_delay=margin).certified
-    assert not loop(tdc(), 0.08, computation_delay=margin + 1).certified
+    margin = int(certify_constant_ratio(tdc(), 0.08).numbers["delay margin"])
+    assert certify_constant_ratio(tdc(), 0.08, computation_delay=margin).certified
+    assert not certify_constant_ratio(tdc(), 0.08, computation_delay=margin + 1).certified
 
 
 def test_json_round_trip_verifies_and_tampering_shows():
-    certificate = Certificate.from_json(loop(tdc(), (0.01, 0.2)).to_json())
+    certificate = Certificate.from_json(certify_constant_ratio(tdc(), (0.01, 0.2)).to_json())
     assert certificate.certified
     assert certificate.verify()
     certificate.matrices["b0"] *= 10
@@ -180,10 +180,10 @@ def test_json_round_trip_verifies_and_tampering_shows():
 
 
 def test_explains_itself_and_draws(tmp_path):
-    text = loop(tdc(), 1.0).explain()
+    text = certify_constant_ratio(tdc(), 1.0).explain()
     for part in ("Verdict: refuted", "Shown by: ratio 1, growth rate", "Assumed:", "zero"):
         assert part in text
-    loop(tdc(), (0.01, 0.2)).plot().savefig(tmp_path / "loop.png")
+    certify_constant_ratio(tdc(), (0.01, 0.2)).plot().savefig(tmp_path / "loop.png")
 
 
 def random_system(seed, size=4, inputs=1, outputs=1):
@@ -237,10 +237,10 @@ def test_norms_refuse_what_is_no_system(norm):
 
 
 def test_a_certificate_that_holds_no_numbers_does_not_verify():
-    certificate = loop(tdc(), 0.08)
+    certificate = certify_constant_ratio(tdc(), 0.08)
     certificate.matrices["A0"][0, 0] = np.nan
     assert not certificate.verify()
-    lacking = Certificate.from_json(loop(tdc(), 0.08).to_json())
+    lacking = Certificate.from_json(certify_constant_ratio(tdc(), 0.08).to_json())
     del lacking.matrices["b0"]
     assert not lacking.verify()
     lacking.matrices.clear()
@@ -250,19 +250,19 @@ def test_a_certificate_that_holds_no_numbers_does_not_verify():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: loop(tdc(), 0.0), "ratio: got 0"),
-        (lambda: loop(tdc(), (0.2, 0.1)), "ratio: got 0.1; needs a finite number of at least 0.2"),
-        (lambda: loop(tdc(), np.nan), "ratio: got nan"),
-        (lambda: loop(tdc(), 0.1, gain=-1.0), "gain: got -1"),
-        (lambda: loop(tdc(), 0.1, computation_delay=-1), "computation_delay: got -1"),
-        (lambda: loop("TDC", 0.1), "law: got str"),  # type: ignore[arg-type]
+        (lambda: certify_constant_ratio(tdc(), 0.0), "ratio: got 0"),
+        (lambda: certify_constant_ratio(tdc(), (0.2, 0.1)), "ratio: got 0.1; needs a finite number of at least 0.2"),
+        (lambda: certify_constant_ratio(tdc(), np.nan), "ratio: got nan"),
+        (lambda: certify_constant_ratio(tdc(), 0.1, gain=-1.0), "gain: got -1"),
+        (lambda: certify_constant_ratio(tdc(), 0.1, computation_delay=-1), "computation_delay: got -1"),
+        (lambda: certify_constant_ratio("TDC", 0.1), "law: got str"),  # type: ignore[arg-type]
         (
-            lambda: stable_interval(tdc(bandwidth=200.0), computation_delay=60),
+            lambda: stable_interval(tdc(natural_frequency=200.0), computation_delay=60),
             "no inertia ratio makes this loop stable",
         ),
         (
             lambda: stable_intervals(
-                tdc(joints=2, bandwidth=None, stiffness=[[100.0, 20.0], [20.0, 100.0]], viscosity=20.0)
+                tdc(joints=2, natural_frequency=None, stiffness=[[100.0, 20.0], [20.0, 100.0]], velocity_gain=20.0)
             ),
             "the gains couple the joints",
         ),

@@ -16,7 +16,7 @@ from tarc.analysis import Workspace, stable_interval
 from tarc.analysis.linearise import decouple
 from tarc.analysis.operating_points import Instant, inertia_slopes, mismatches, rates
 from tarc.analysis.uncertain_loop import parts_of
-from tarc.certificates import Certificate, ball, robot
+from tarc.certificates import Certificate, certify_robot, certify_varying_ratio
 from tarc.certificates.iqc import Multiplier, bears, cost
 from tarc.certificates.varying_ratio import widest
 from tarc.numerics.norms import negative
@@ -28,7 +28,7 @@ ARM, LOADED = plants.TwoLinkArm(), plants.TwoLinkArm(payload=2.0)
 
 def ball_at_rate(design, centre, relative, **options):
     """The ball at a rate [1/s] times the centre."""
-    return ball(design.law, centre, rate=relative / centre, **options)
+    return certify_varying_ratio(design.law, centre, rate=relative / centre, **options)
 
 
 # How large it is
@@ -39,7 +39,7 @@ def ball_at_rate(design, centre, relative, **options):
 def test_the_faster_the_smaller_down_to_the_ball_at_any_speed(design, centre, slope):
     found = [ball_at_rate(design, centre, one, slope=slope) for one in (0.1, 3.0, 30.0, 300.0, 1e6)]
     radii = [one.numbers["radius"] for one in found]
-    anyhow = ball(design.law, centre, slope=slope).numbers["radius"]
+    anyhow = certify_varying_ratio(design.law, centre, slope=slope).numbers["radius"]
     assert all(one.certified for one in found)
     assert np.all(np.diff(radii) < 0.01 * centre)
     assert radii[-1] == pytest.approx(anyhow, rel=0.01)
@@ -58,8 +58,8 @@ def test_a_range_that_fits_at_a_rate_only():
     low, high = stable_interval(LITERAL.law)
     ends = 1.2 * low, 0.135
     assert ends[1] < high
-    assert ball(LITERAL.law, contains=ends).verdict == "inconclusive"
-    slow = ball(LITERAL.law, contains=ends, rate=5.0)
+    assert certify_varying_ratio(LITERAL.law, contains=ends).verdict == "inconclusive"
+    slow = certify_varying_ratio(LITERAL.law, contains=ends, rate=5.0)
     assert slow.certified
     assert slow.numbers["low"] < ends[0] < ends[1] < slow.numbers["high"]
     assert "changing by at most 5 1/s" in slow.claim
@@ -256,7 +256,7 @@ def test_bears_nothing_that_was_changed(slope, weight):
 @pytest.mark.parametrize("slope", [0.0, 100.0])
 def test_without_exponentials_it_is_the_ball_at_any_speed(slope):
     parts = parts_of(decouple(LITERAL.law)[0], slope, intersample=True)
-    anyhow = ball(LITERAL.law, 0.08, slope=slope).numbers
+    anyhow = certify_varying_ratio(LITERAL.law, 0.08, slope=slope).numbers
     plain = Multiplier(np.zeros(0), np.zeros(0), anyhow.get("scale", 1.0) ** -2.0)
     assert bears(parts, 0.08, 0.999 * anyhow["radius"], 1e9, plain)
     assert not bears(parts, 0.08, 1.02 * anyhow["radius"], 0.0, plain)
@@ -290,7 +290,7 @@ def test_negative_against_a_dense_grid():
 
 @pytest.mark.parametrize("options", [{}, {"slope": 100.0}, {"contains": (0.02, 0.13)}])
 def test_json_round_trip_verifies_and_tampering_shows(options):
-    certificate = ball(LITERAL.law, rate=20.0, **options)
+    certificate = certify_varying_ratio(LITERAL.law, rate=20.0, **options)
     assert certificate.certified
     read = Certificate.from_json(certificate.to_json())
     assert read.verify()
@@ -316,7 +316,7 @@ def test_json_round_trip_verifies_and_tampering_shows(options):
 
 
 def test_without_a_rate_nothing_of_it_is_written():
-    plain = ball(LITERAL.law)
+    plain = certify_varying_ratio(LITERAL.law)
     assert "step" not in plain.numbers
     assert "coefficients" not in plain.matrices
 
@@ -324,16 +324,19 @@ def test_without_a_rate_nothing_of_it_is_written():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: ball(LITERAL.law, rate=-1.0), "rate: got -1"),
-        (lambda: ball(LITERAL.law, rate=np.nan), "rate: got nan"),
-        (lambda: ball(LITERAL.law, rate=np.inf), "rate: got inf"),
-        (lambda: ball(LITERAL.law, rate="fast"), "rate"),  # type: ignore[arg-type]
-        (lambda: Workspace.of(ARM, speed=[1.0, 1.0, 1.0]), "speed"),
-        (lambda: Workspace.of(ARM, speed=-1.0), "speed"),
+        (lambda: certify_varying_ratio(LITERAL.law, rate=-1.0), "rate: got -1"),
+        (lambda: certify_varying_ratio(LITERAL.law, rate=np.nan), "rate: got nan"),
+        (lambda: certify_varying_ratio(LITERAL.law, rate=np.inf), "rate: got inf"),
+        (lambda: certify_varying_ratio(LITERAL.law, rate="fast"), "rate"),  # type: ignore[arg-type]
+        (lambda: Workspace.from_joint_limits(ARM, speed=[1.0, 1.0, 1.0]), "speed"),
+        (lambda: Workspace.from_joint_limits(ARM, speed=-1.0), "speed"),
         (lambda: Workspace.box([0.0, 0.0], [1.0, 1.0], speed=[1.0, np.nan]), "speed"),
-        (lambda: Workspace.of(ARM, speed=1.0, acceleration=-1.0), "acceleration: got"),
-        (lambda: Workspace.of(ARM, acceleration=1.0), "acceleration: it bounds nothing without a speed"),
-        (lambda: Workspace.of(ARM, speed=np.inf, acceleration=1.0), "acceleration: it bounds nothing without a speed"),
+        (lambda: Workspace.from_joint_limits(ARM, speed=1.0, acceleration=-1.0), "acceleration: got"),
+        (lambda: Workspace.from_joint_limits(ARM, acceleration=1.0), "acceleration: it bounds nothing without a speed"),
+        (
+            lambda: Workspace.from_joint_limits(ARM, speed=np.inf, acceleration=1.0),
+            "acceleration: it bounds nothing without a speed",
+        ),
     ],
 )
 def test_bad_input(call, message):
@@ -371,7 +374,10 @@ def test_rates_bound_what_motions_do_and_are_reached():
 def verdicts():
     law = make_tdc(synchronised=True, inertia=INERTIA)
     speeds = (None, 0.5)
-    return [robot(law, [ARM, LOADED], Workspace.of(ARM, speed=speed), samples=100) for speed in speeds]
+    return [
+        certify_robot(law, [ARM, LOADED], Workspace.from_joint_limits(ARM, speed=speed), samples=100)
+        for speed in speeds
+    ]
 
 
 INERTIA = 0.5 * ARM.inertia([0.0, 2.0])
@@ -422,15 +428,15 @@ def test_a_robot_verifies_and_tampering_shows(verdicts):
 
 def test_an_acceleration_goes_with_a_speed():
     """One that is not given reaches the speed in a quarter of a second, and both are slowed together."""
-    space = Workspace.of(ARM, speed=[1.0, 2.0])
+    space = Workspace.from_joint_limits(ARM, speed=[1.0, 2.0])
     assert space.acceleration == pytest.approx([4.0, 8.0])
     given = Workspace.box([0.0, 0.0], [1.0, 1.0], speed=1.0, acceleration=[2.0, 3.0])
     assert given.acceleration == pytest.approx([2.0, 3.0])
-    half = given.paced(0.5)
+    half = given.scale_speed(0.5)
     assert half.speed == pytest.approx([0.5, 0.5])
     assert half.acceleration == pytest.approx([1.0, 1.5])
-    assert given.within(None).acceleration is None
-    assert given.within(None).paced(0.5).speed is None
+    assert given.with_speed_limits(None).acceleration is None
+    assert given.with_speed_limits(None).scale_speed(0.5).speed is None
 
 
 def test_no_motion_within_the_speed_needs_a_wider_ball(verdicts):
@@ -459,7 +465,16 @@ def test_motions_at_the_greatest_speed_draw_together(verdicts):
         sines = signals.Sinusoid(amplitude=amplitude, frequency=frequency, phase=[0.0, 1.0], offset=[0.3, 1.2])
         q, v, _ = (one[:, 0] for one in sines.sample(np.zeros(1)))
         runs = [
-            simulate(plant, law, sines, 4.0, position=q + offset, velocity=v, torque="rest", progress=False)
+            simulate(
+                plant,
+                law,
+                sines,
+                4.0,
+                initial_position=q + offset,
+                initial_velocity=v,
+                initial_torque="rest",
+                progress=False,
+            )
             for offset in (0.0, np.array([1e-3, -1e-3]))
         ]
         apart = np.abs(runs[0].data["position"].values - runs[1].data["position"].values).max(axis=1)

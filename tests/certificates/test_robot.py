@@ -13,12 +13,12 @@ from law_catalogue import make_law, make_tdc
 from tarc import TarcError, laws, plants, signals
 from tarc.analysis import Workspace, stable_interval
 from tarc.analysis.inertia_ratio import inverse_ratios
-from tarc.analysis.inertia_shape import best_shape
+from tarc.analysis.inertia_shape import best_inertia_shape
 from tarc.analysis.linearise import decouple
 from tarc.analysis.operating_points import Instant, mismatches, sampled
 from tarc.analysis.rest_stability import _at_rest
 from tarc.analysis.uncertain_loop import Parts
-from tarc.certificates import Certificate, ball, robot
+from tarc.certificates import Certificate, certify_robot, certify_varying_ratio
 from tarc.certification import advice
 
 ARM, LOADED = plants.TwoLinkArm(), plants.TwoLinkArm(payload=2.0)
@@ -27,7 +27,7 @@ PATH = Workspace.box([-0.5, 1.0], [0.5, 2.0])
 
 
 def certify_arm(law, plant: Any = ARM, workspace: Any = PATH, **options):
-    return robot(law, plant, workspace, samples=100, **options)
+    return certify_robot(law, plant, workspace, samples=100, **options)
 
 
 def tdc_with_inertia_share(part, **options):
@@ -40,21 +40,21 @@ def distance_from_rest(plant, law, posture, offset, duration, **options):
     posture = np.asarray(posture, dtype=float)
     still = signals.Sinusoid(amplitude=np.zeros(len(posture)), frequency=1.0, offset=posture)
     run = tarc.simulate(
-        plant, law, still, duration, position=posture + offset, torque="rest", progress=False, **options
+        plant, law, still, duration, initial_position=posture + offset, initial_torque="rest", progress=False, **options
     )
     return np.abs(run.data["position"].values - posture).max(axis=1)
 
 
 @pytest.fixture(scope="module")
 def shape():
-    return best_shape([ARM, LOADED], BOX, samples=300)
+    return best_inertia_shape([ARM, LOADED], BOX, samples=300)
 
 
 def law_of_widest_ball(shape, synchronised, **options):
     """The law whose widest ball is around the ratios of both arms."""
     X, spread = shape
     law = make_tdc(synchronised=synchronised)
-    found = ball(law).numbers
+    found = certify_varying_ratio(law).numbers
     assert found["ratio"] > spread
     return make_tdc(synchronised=synchronised, inertia=X * found["low"] * np.sqrt(found["ratio"] / spread), **options)
 
@@ -86,7 +86,7 @@ def test_certified_for_two_plants_survives_fast_motion(shape, synchronised):
         events = signals.Schedule(parameter="payload", times=[0.7, 1.4], values=[2.0, 0.0])
         for plant, disturbance in ((ARM, ()), (LOADED, ()), (ARM, events)):
             run = tarc.simulate(
-                plant, law, reference, 2.0, velocity=start[1][:, 0], disturbance=disturbance, progress=False
+                plant, law, reference, 2.0, initial_velocity=start[1][:, 0], disturbance=disturbance, progress=False
             )
             assert run.status.completed
             positions = run.data["position"].values
@@ -158,11 +158,11 @@ def test_between_the_ball_and_the_stable_range_is_inconclusive():
 def test_ur5e():
     """Its spread over the whole range of its joints is near 24 with the best M̂: five periods, synchronised, bear it."""
     arm = plants.MujocoPlant.from_file("ur5e", armature=0.1)
-    everywhere = Workspace.of(arm)
-    X, spread = best_shape(arm, everywhere, samples=200)
+    everywhere = Workspace.from_joint_limits(arm)
+    X, spread = best_inertia_shape(arm, everywhere, samples=200)
     verdicts = {}
     for window, synchronised in ((10, False), (5, True)):
-        found = ball(make_tdc(window, synchronised)).numbers
+        found = certify_varying_ratio(make_tdc(window, synchronised)).numbers
         law = make_tdc(window, synchronised, inertia=X * found["low"] * np.sqrt(found["ratio"] / spread))
         verdicts[synchronised] = certify_arm(law, arm, everywhere)
     assert verdicts[False].verdict == "inconclusive"
@@ -178,28 +178,30 @@ def test_ur5e():
 def test_ur5e_certified_survives_fast_motion():
     arm = plants.MujocoPlant.from_file("ur5e", armature=0.1)
     box = Workspace.box(arm.home - 0.5, arm.home + 0.5)
-    X, spread = best_shape(arm, box, samples=200)
-    found = ball(make_tdc(10, True)).numbers
+    X, spread = best_inertia_shape(arm, box, samples=200)
+    found = certify_varying_ratio(make_tdc(10, True)).numbers
     law = make_tdc(10, True, inertia=X * found["low"] * np.sqrt(found["ratio"] / spread))
     assert certify_arm(law, arm, box).certified
     rng = np.random.default_rng(1)
     reference = signals.Multisine(
         amplitude=np.full((6, 2), 0.2), frequency=[4.0, 9.0], phase=rng.uniform(0, 6, (6, 2)), offset=arm.home
     )
-    run = tarc.simulate(arm, law, reference, 2.0, velocity=reference.sample(np.zeros(1))[1][:, 0], progress=False)
+    run = tarc.simulate(
+        arm, law, reference, 2.0, initial_velocity=reference.sample(np.zeros(1))[1][:, 0], progress=False
+    )
     assert run.status.completed
     assert np.abs(run.data["position"].values - arm.home).max() < 0.5
     assert np.abs(run.data["position"].values - run.data["reference"].values)[500:].max() < 0.05
 
 
 def test_gains_that_differ_between_the_joints():
-    slow = tdc_with_inertia_share(0.05, bandwidth=[10.0, 15.0])
+    slow = tdc_with_inertia_share(0.05, natural_frequency=[10.0, 15.0])
     verdict = certify_arm(slow)
     assert verdict.verdict == "inconclusive"
     assert verdict.verify()
     assert "only the loop at rest" in verdict.assumptions[-1]
-    assert advice(slow, verdict) == "Give all joints the same bandwidth and damping, which the ball needs"
-    fast_law = tdc_with_inertia_share(0.9, bandwidth=[10.0, 15.0])
+    assert advice(slow, verdict) == "Give all joints the same natural frequency and damping, which the ball needs"
+    fast_law = tdc_with_inertia_share(0.9, natural_frequency=[10.0, 15.0])
     refuted = certify_arm(fast_law)
     assert refuted.verdict == "refuted"
     assert refuted.verify()
@@ -211,7 +213,7 @@ def test_gains_that_differ_between_the_joints():
 
 
 def adaptive_law(**options):
-    return make_law(laws.TARC, inertia=0.05 * ARM.inertia([0.0, 1.5]), boundary=0.1, **options)
+    return make_law(laws.TARC, inertia=0.05 * ARM.inertia([0.0, 1.5]), boundary_layer=0.1, **options)
 
 
 def test_a_gain_without_a_cap_is_inconclusive():
@@ -225,13 +227,13 @@ def test_a_gain_without_a_cap_is_inconclusive():
 
 
 def test_a_cap_decides():
-    small, large = adaptive_law(cap=1.0), adaptive_law(cap=1000.0)
+    small, large = adaptive_law(max_gain=1.0), adaptive_law(max_gain=1000.0)
     assert certify_arm(small).certified
     assert certify_arm(small).numbers["slope"] == pytest.approx(10.0)
     assert "every slope of the robust term up to 10" in certify_arm(small).problem
     assert certify_arm(large).verdict == "inconclusive"
     assert "a smaller cap" in advice(large, certify_arm(large))
-    radii = [certify_arm(adaptive_law(cap=cap)).numbers["radius"] for cap in (1.0, 5.0, 20.0)]
+    radii = [certify_arm(adaptive_law(max_gain=max_gain)).numbers["radius"] for max_gain in (1.0, 5.0, 20.0)]
     assert radii[0] > radii[1] > radii[2]
 
 
@@ -245,7 +247,7 @@ def test_a_cap_decides():
         ),
         (tdc_with_inertia_share(1e-3), 0, "Use a larger inertia or a lower bandwidth"),
         (tdc_with_inertia_share(4.0, synchronised=True), 0, "a shorter window or less bandwidth"),
-        (tdc_with_inertia_share(0.05, bandwidth=200.0), 60, "No ratio is stable: lower the bandwidth"),
+        (tdc_with_inertia_share(0.05, natural_frequency=200.0), 60, "No ratio is stable: lower the bandwidth"),
     ],
 )
 def test_advice_for_a_refuted_design(law, delay, message):
@@ -257,7 +259,7 @@ def test_advice_for_a_refuted_design(law, delay, message):
 
 def test_advice_where_no_ball_is_wide_enough():
     """A loop that bears no ball at all is told so, without an error."""
-    law = adaptive_law(cap=1e6)
+    law = adaptive_law(max_gain=1e6)
     verdict = certify_arm(law)
     assert verdict.verdict == "inconclusive"
     assert "holds none" in advice(law, verdict)
@@ -273,8 +275,8 @@ def test_json_round_trip_verifies_and_tampering_shows(tmp_path):
     for law in (
         tdc_with_inertia_share(0.05),
         tdc_with_inertia_share(0.9),
-        tdc_with_inertia_share(0.05, bandwidth=[10.0, 15.0]),
-        adaptive_law(cap=1.0),
+        tdc_with_inertia_share(0.05, natural_frequency=[10.0, 15.0]),
+        adaptive_law(max_gain=1.0),
     ):
         certificate = certify_arm(law)
         read = Certificate.from_json(certificate.to_json())
@@ -313,7 +315,7 @@ class Telescope(plants.EulerLagrange):
     mass: float = 1.0
 
     @property
-    def joints(self) -> int:
+    def n_joints(self) -> int:
         return 2
 
     def kinetic_energy(self, q: Any, dq: Any, p: Any) -> Any:
@@ -384,7 +386,7 @@ def test_viscous_friction_counts_where_the_robot_is_at_rest():
 
 def test_no_law_is_certified_without_its_robust_term():
     """A switching term of 500 rad/s² in a thin layer makes the arm chatter from a start a millionth beside rest."""
-    law = make_law(laws.SlidingMode, inertia=0.05 * ARM.inertia([0.0, 1.5]), gain=500.0, boundary=0.05)
+    law = make_law(laws.SlidingMode, inertia=0.05 * ARM.inertia([0.0, 1.5]), gain=500.0, boundary_layer=0.05)
     assert distance_from_rest(ARM, law, [0.0, 1.5], 1e-6, 1.0)[-200:].max() > 1e-3
     verdict = certify_arm(law)
     assert verdict.verdict == "inconclusive"
@@ -411,9 +413,9 @@ def joint_norms(law, verdict, instants):
 def test_the_worst_posture_is_sought_and_not_only_sampled(both, low, high):
     """Inertia alone does not tell it: gravity depends on the first joint and the eigenvalues of M⁻¹M̂ do not."""
     box = Workspace.box(low, high)
-    X, spread = best_shape(both, box, samples=200)
+    X, spread = best_inertia_shape(both, box, samples=200)
     for part in (0.5, 0.9):
-        law = make_tdc(3, True, bandwidth=3.0, inertia=part * 2.0 / (1 + spread) * X)
+        law = make_tdc(3, True, natural_frequency=3.0, inertia=part * 2.0 / (1 + spread) * X)
         verdict = certify_arm(law, both, box)
         needed = verdict.numbers["radius"] / (1 + verdict.margin)
         found = joint_norms(law, verdict, sampled(both, box, 1500, 77))
@@ -425,7 +427,7 @@ def test_the_worst_posture_is_sought_and_not_only_sampled(both, low, high):
 
 def test_every_payload_between_needs_no_more_than_the_ends():
     """M and ∂g/∂q grow evenly with it, and what a ball holds is convex in them."""
-    law = make_tdc(5, True, bandwidth=3.0, inertia=0.1 * ARM.inertia([0.0, 1.5]))
+    law = make_tdc(5, True, natural_frequency=3.0, inertia=0.1 * ARM.inertia([0.0, 1.5]))
     verdict = certify_arm(law, [ARM, LOADED], BOX)
     rng = np.random.default_rng(0)
     for _ in range(100):
@@ -444,14 +446,14 @@ def barely_certified_law(law_of, both, box, sound, unsound):
     return law_of(sound)
 
 
-@pytest.mark.parametrize("bandwidth", [2.0, 5.0])
-def test_certified_with_the_least_inertia_holds_against_gravity_anywhere(bandwidth):
+@pytest.mark.parametrize("natural_frequency", [2.0, 5.0])
+def test_certified_with_the_least_inertia_holds_against_gravity_anywhere(natural_frequency):
     """Where gravity takes most of the ball: hung, upright and in the worst postures, empty and loaded."""
     box = Workspace.box([-np.pi, 0.8], [np.pi, 2.2])
-    X, _ = best_shape([ARM, LOADED], box, samples=200)
+    X, _ = best_inertia_shape([ARM, LOADED], box, samples=200)
 
     def law_of(scale):
-        return make_tdc(3, True, bandwidth=bandwidth, inertia=scale * X)
+        return make_tdc(3, True, natural_frequency=natural_frequency, inertia=scale * X)
 
     law = barely_certified_law(law_of, [ARM, LOADED], box, 0.2, 1e-3)
     verdict = certify_arm(law, [ARM, LOADED], box)
@@ -462,7 +464,7 @@ def test_certified_with_the_least_inertia_holds_against_gravity_anywhere(bandwid
     worst = [verdict.matrices[f"posture_{one}"] for one in ("joint", "low")]
     for posture in ([np.pi / 2, 0.8], [-np.pi / 2, 0.8], *worst):
         for plant in (ARM, LOADED):
-            away = distance_from_rest(plant, law, posture, np.array([1e-3, -1e-3]), 15 / bandwidth)
+            away = distance_from_rest(plant, law, posture, np.array([1e-3, -1e-3]), 15 / natural_frequency)
             quarter = len(away) // 4
             assert away[3 * quarter :].max() < 0.2 * away[:quarter].max()
 
@@ -470,9 +472,9 @@ def test_certified_with_the_least_inertia_holds_against_gravity_anywhere(bandwid
 def test_stiffness_left_out_certifies_nothing():
     """Neither with the weight taken away nor with more stiffness, another weight, or numbers that are none."""
     box = Workspace.box([-np.pi, 0.8], [np.pi, 2.2])
-    X, _ = best_shape([ARM, LOADED], box, samples=200)
+    X, _ = best_inertia_shape([ARM, LOADED], box, samples=200)
     law = barely_certified_law(
-        lambda scale: make_tdc(3, True, bandwidth=3.0, inertia=scale * X), [ARM, LOADED], box, 0.2, 1e-3
+        lambda scale: make_tdc(3, True, natural_frequency=3.0, inertia=scale * X), [ARM, LOADED], box, 0.2, 1e-3
     )
     certified = certify_arm(law, [ARM, LOADED], box)
     text = certified.to_json()
@@ -504,7 +506,7 @@ class Sprung(plants.EulerLagrange):
     root: float = 0.0
 
     @property
-    def joints(self) -> int:
+    def n_joints(self) -> int:
         return int(self.count)
 
     def kinetic_energy(self, q: Any, dq: Any, p: Any) -> Any:
@@ -544,7 +546,9 @@ def test_a_stiffness_that_is_not_a_number():
 
 
 def test_a_tube_about_a_path_is_searched_too():
-    tube = Workspace.path(signals.Sinusoid(amplitude=[0.3, 0.3], frequency=1.0, offset=[0.0, 1.5]), 2.0, tube=0.1)
+    tube = Workspace.from_reference(
+        signals.Sinusoid(amplitude=[0.3, 0.3], frequency=1.0, offset=[0.0, 1.5]), 2.0, tube=0.1
+    )
     law = tdc_with_inertia_share(0.05)
     verdict = certify_arm(law, [ARM, LOADED], tube)
     needed = verdict.numbers["radius"] / (1 + verdict.margin)
@@ -554,8 +558,8 @@ def test_a_tube_about_a_path_is_searched_too():
 def test_what_fast_motion_adds_is_not_covered_and_said_so():
     """At constant speed an arm without gravity has a stiffness of its own, which a certified loop need not bear."""
     arm, box = plants.TwoLinkArm(gravity=0.0), Workspace.box([-3.0, 0.8], [3.0, 2.2])
-    X, _ = best_shape(arm, box, samples=200)
-    law = make_tdc(3, True, bandwidth=2.0, inertia=0.006 * X)
+    X, _ = best_inertia_shape(arm, box, samples=200)
+    law = make_tdc(3, True, natural_frequency=2.0, inertia=0.006 * X)
     verdict = certify_arm(law, arm, box)
     assert verdict.certified
     assert any("what stiffness and damping fast motion makes is left out" in line for line in verdict.assumptions)

@@ -13,7 +13,7 @@ from reference.law_parameters import PERIOD, LawParameters
 from reference.law_recurrence import recurrence
 from reference.uncertain_case import UncertainCase
 from tarc import TarcError, estimators, laws
-from tarc.certificates import Certificate, ball, loop, slope
+from tarc.certificates import Certificate, certify_constant_ratio, certify_sector, certify_varying_ratio
 from tarc.certificates.sector import circle_limit
 
 LITERAL, SYNCHRONISED = LawParameters(window=10), LawParameters(window=10, synchronised=True)
@@ -24,13 +24,13 @@ def tarc_law(design=LITERAL, **options) -> Any:
     return replace(replace(design, slope=1.0).law, **options)
 
 
-def hand_radius(ratio, kappa, window=10, bandwidth=10.0, T=PERIOD):
+def hand_radius(ratio, kappa, window=10, natural_frequency=10.0, T=PERIOD):
     """Literal: (1 − z⁻¹) v = −[K1 + κ + K2 W1(z) + z⁻¹ W2(z)] q, q = ρ T² (z + 1) / (2 (z − 1)²) v; in powers of z."""
     age = -np.arange(window + 1) * T
     fit = np.linalg.pinv(np.vander(age, 3, increasing=True))
     side = np.zeros(window + 2)
-    side[:-1] += 2 * bandwidth * fit[1]
-    side[0] += bandwidth**2 + kappa
+    side[:-1] += 2 * natural_frequency * fit[1]
+    side[0] += natural_frequency**2 + kappa
     side[1:] += 2 * fit[2]
     own = np.concatenate([[1.0, -1.0], np.zeros(window)])
     plant = ratio * T**2 / 2 * np.array([1.0, 1.0])
@@ -55,7 +55,7 @@ KNOWN = [(LITERAL, 0.08, 692, 2797.7), (SYNCHRONISED, 1.0, 795, 49462.7), (SYNCH
 @pytest.mark.parametrize(("design", "ratio", "circle", "frozen"), KNOWN)
 def test_known_limits(design, ratio, circle, frozen):
     for law in (design.law, tarc_law(design)):
-        numbers = slope(law, ratio).numbers
+        numbers = certify_sector(law, ratio).numbers
         assert round(numbers["circle limit"]) == circle
         assert numbers["frozen limit"] == pytest.approx(frozen, abs=0.05)
 
@@ -67,7 +67,7 @@ def test_both_limits_against_polynomials(design, ratio, computation):
     known = loop_polynomials(law, ratio)
     if spectral_radius(known.closed) > 1:
         return
-    numbers = slope(design.law, ratio, computation_delay=computation).numbers
+    numbers = certify_sector(design.law, ratio, computation_delay=computation).numbers
     expected = 1 / most_negative_real_part(known.w_to_q, known.closed)[0]
     assert expected * (1 - 1e-5) < numbers["circle limit"] <= expected
     expected = first_unstable_slope(lambda kappa: spectral_radius(loop_polynomials(law, ratio, kappa).closed) > 1, 1e5)
@@ -78,16 +78,16 @@ def test_frozen_limit_of_a_third_polynomial():
     """Written in z instead of z⁻¹, with K1 + κ in place of K1: what is printed as 2800 is 2797.7."""
     expected = first_unstable_slope(lambda kappa: hand_radius(0.08, kappa) > 1, 1e4)
     assert expected == pytest.approx(2797.71, abs=0.01)
-    assert slope(LITERAL.law, 0.08).numbers["frozen limit"] == pytest.approx(expected, rel=1e-6)
+    assert certify_sector(LITERAL.law, 0.08).numbers["frozen limit"] == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize(("window", "ratio"), [(5, 0.15), (20, 0.03)])
 def test_a_frozen_slope_is_a_frozen_gain(window, ratio):
     """The loop certificate with the gain at the limit, through the law's own Δu."""
     law = tarc_law(LawParameters(window=window))
-    limit = slope(law, ratio).numbers["frozen limit"] * law.boundary
-    assert loop(law, ratio, gain=0.999 * limit).certified
-    assert loop(law, ratio, gain=1.001 * limit).verdict == "refuted"
+    limit = certify_sector(law, ratio).numbers["frozen limit"] * law.boundary_layer
+    assert certify_constant_ratio(law, ratio, gain=0.999 * limit).certified
+    assert certify_constant_ratio(law, ratio, gain=1.001 * limit).verdict == "refuted"
 
 
 @pytest.mark.parametrize(
@@ -95,76 +95,79 @@ def test_a_frozen_slope_is_a_frozen_gain(window, ratio):
 )
 def test_slopes_that_switch_diverge_between_the_two_limits(design, ratio, kappa):
     """On while the position returns to zero, off while it leaves; in a loop that each constant slope leaves stable."""
-    numbers = slope(design.law, ratio).numbers
+    numbers = certify_sector(design.law, ratio).numbers
     assert numbers["circle limit"] < kappa < numbers["frozen limit"]
     switching = [Adversary("none", "returning"), Adversary("none", "greedy output")]
     cases = [UncertainCase(recurrence(design), ratio, 0.0, size) for size in (0.999 * numbers["circle limit"], kappa)]
     growth = AdversarialLoops(cases, switching).run(10_000).max(axis=0)
     assert growth[0] < 0 < growth[1]
-    assert slope(tarc_law(design), ratio, cap=kappa * 0.01).verdict == "inconclusive"
+    assert certify_sector(tarc_law(design), ratio, max_gain=kappa * 0.01).verdict == "inconclusive"
 
 
 @pytest.mark.parametrize(("design", "ratio"), [row[:2] for row in KNOWN])
 def test_the_ball_of_no_radius_is_the_circle_criterion(design, ratio):
-    limit = slope(design.law, ratio).numbers["circle limit"]
-    assert ball(design.law, ratio, slope=0.995 * limit).certified
-    assert not ball(design.law, ratio, slope=1.005 * limit).certified
+    limit = certify_sector(design.law, ratio).numbers["circle limit"]
+    assert certify_varying_ratio(design.law, ratio, slope=0.995 * limit).certified
+    assert not certify_varying_ratio(design.law, ratio, slope=1.005 * limit).certified
 
 
 def test_verdicts_of_a_gain():
-    law = tarc_law(cap=5.0)
-    certified = slope(law, 0.08)
+    law = tarc_law(max_gain=5.0)
+    certified = certify_sector(law, 0.08)
     assert certified.certified
     assert certified.margin == pytest.approx(6.9246 / 5 - 1, rel=1e-3)
     assert certified.numbers["slope at the cap"] == pytest.approx(500.0)
     assert certified.witness is None
-    refuted = slope(law, 0.08, cap=40.0)
+    refuted = certify_sector(law, 0.08, max_gain=40.0)
     assert refuted.verdict == "refuted"
     assert refuted.witness is not None
     gain = refuted.witness["gain [rad/s²]"]
     assert 27.977 < gain <= 40
-    shown = loop(law, 0.08, gain=gain)
+    shown = certify_constant_ratio(law, 0.08, gain=gain)
     assert shown.verdict == "refuted"
     assert shown.witness is not None
     assert shown.witness["growth rate [1/s]"] == pytest.approx(refuted.witness["growth rate [1/s]"])
     assert "Shown by: slope" in refuted.explain()
-    unbounded = slope(tarc_law(), 0.08)
+    unbounded = certify_sector(tarc_law(), 0.08)
     assert unbounded.verdict == "inconclusive"
     assert "has no cap" in unbounded.claim
     # without a robust term of its own, a law is certified for what the criterion admits
-    plain = slope(LITERAL.law, 0.08)
+    plain = certify_sector(LITERAL.law, 0.08)
     assert plain.certified
     assert "every time-varying slope up to 692.5" in plain.claim
-    assert slope(LITERAL.law, 0.3).verdict == "refuted"
+    assert certify_sector(LITERAL.law, 0.3).verdict == "refuted"
 
 
 @pytest.mark.parametrize(("design", "ratio"), [row[:2] for row in KNOWN])
 def test_largest_cap_is_certified_and_a_bit_more_is_not(design, ratio):
-    law = tarc_law(design, margin=1.4, boundary=0.03)
-    largest = slope(law, ratio).numbers["largest cap"]
-    assert slope(law, ratio, cap=largest).certified
-    assert slope(replace(law, cap=largest), ratio).certified
-    assert slope(law, ratio, cap=largest * (1 + 1e-4)).verdict == "inconclusive"
+    law = tarc_law(design, margin=1.4, boundary_layer=0.03)
+    largest = certify_sector(law, ratio).numbers["largest cap"]
+    assert certify_sector(law, ratio, max_gain=largest).certified
+    assert certify_sector(replace(law, max_gain=largest), ratio).certified
+    assert certify_sector(law, ratio, max_gain=largest * (1 + 1e-4)).verdict == "inconclusive"
 
 
 def test_a_weight_scales_the_slope():
     """s = P2 e1: with P2 three times as large the cap is a third, the slope the same."""
     one, three = tarc_law(), tarc_law(weight=[600.0, 2.0])
     assert pytest.approx(3.0) == three.P2
-    first, second = slope(one, 0.08).numbers, slope(three, 0.08).numbers
+    first, second = certify_sector(one, 0.08).numbers, certify_sector(three, 0.08).numbers
     assert second["circle limit"] == pytest.approx(first["circle limit"])
     assert second["frozen limit"] == pytest.approx(first["frozen limit"])
     assert second["largest cap"] == pytest.approx(first["largest cap"] / 3)
 
 
 def test_the_least_of_different_joints():
-    both = make_tdc(bandwidth=[10.0, 20.0], inertia=0.1 * np.eye(2))
-    limits = [slope(make_tdc(bandwidth=bandwidth), 0.08).numbers["circle limit"] for bandwidth in (10.0, 20.0)]
-    assert slope(both, 0.08).numbers["circle limit"] == pytest.approx(min(limits))
+    both = make_tdc(natural_frequency=[10.0, 20.0], inertia=0.1 * np.eye(2))
+    limits = [
+        certify_sector(make_tdc(natural_frequency=natural_frequency), 0.08).numbers["circle limit"]
+        for natural_frequency in (10.0, 20.0)
+    ]
+    assert certify_sector(both, 0.08).numbers["circle limit"] == pytest.approx(min(limits))
 
 
 def test_many_joints_cost_and_give_what_one_does():
-    one, many = (slope(make_law(laws.TARC, joints, cap=1.0), 0.05) for joints in (1, 30))
+    one, many = (certify_sector(make_law(laws.TARC, joints, max_gain=1.0), 0.05) for joints in (1, 30))
     assert many.verdict == one.verdict
     assert many.numbers == pytest.approx(one.numbers)
     assert many.matrices.keys() == one.matrices.keys()
@@ -174,12 +177,12 @@ def test_coupled_gains_against_the_decoupled_ones_in_turned_coordinates():
     """K1 and P2 that turning diagonalises: the limits are those of the diagonal loops, frozen within a step."""
     turn = np.array([[0.8, -0.6], [0.6, 0.8]])
     K1, K2 = np.diag([100.0, 400.0]), np.diag([20.0, 40.0])
-    options = {"bandwidth": None, "period": PERIOD, "estimator": estimators.Algebraic(window=0.010)}
+    options = {"natural_frequency": None, "period": PERIOD, "estimator": estimators.Algebraic(window=0.010)}
     apart, coupled = (
-        laws.TDC(inertia=0.1 * np.eye(2), stiffness=R @ K1 @ R.T, viscosity=R @ K2 @ R.T, **options)
+        laws.TDC(inertia=0.1 * np.eye(2), position_gain=R @ K1 @ R.T, velocity_gain=R @ K2 @ R.T, **options)
         for R in (np.eye(2), turn)
     )
-    first, second = slope(apart, 0.08).numbers, slope(coupled, 0.08).numbers
+    first, second = certify_sector(apart, 0.08).numbers, certify_sector(coupled, 0.08).numbers
     assert second["circle limit"] == pytest.approx(first["circle limit"], rel=1e-4)
     assert second["frozen limit"] == pytest.approx(first["frozen limit"], rel=0.025)
 
@@ -189,14 +192,14 @@ def test_a_loop_that_every_slope_leaves_stable_has_no_limit():
     A, B, C = 0.5 * np.eye(1), np.eye(1), np.eye(1)
     assert circle_limit(A, B, -C) == pytest.approx(0.5, rel=1e-4)  # Re 1/(z − ½) is at most 2, at z = 1
     assert circle_limit(np.zeros((1, 1)), np.zeros((1, 1)), C) == np.inf
-    for value in slope(LITERAL.law, 0.08).numbers.values():
+    for value in certify_sector(LITERAL.law, 0.08).numbers.values():
         assert np.isfinite(value)
 
 
 def test_an_unstable_loop_has_no_slope():
     """No division by the limit, which is zero."""
-    for law in (LITERAL.law, tarc_law(), tarc_law(cap=1.0)):
-        verdict = slope(law, 0.5)
+    for law in (LITERAL.law, tarc_law(), tarc_law(max_gain=1.0)):
+        verdict = certify_sector(law, 0.5)
         assert verdict.verdict == "refuted"
         assert verdict.numbers["circle limit"] == 0
         assert verdict.numbers["frozen limit"] == 0
@@ -207,13 +210,17 @@ def test_an_unstable_loop_has_no_slope():
 def test_a_torque_that_alternates_undamped_is_not_certified(periods, actuation):
     law = LawParameters(delay_periods=periods, actuation_delay=actuation).law
     for ratio in (0.02, 0.05, 0.1):
-        verdict = slope(law, ratio)
+        verdict = certify_sector(law, ratio)
         assert verdict.verdict != "certified"
         assert verdict.verify()
 
 
 def test_json_round_trip_verifies_and_tampering_shows():
-    for certificate in (slope(LITERAL.law, 0.08), slope(tarc_law(cap=5.0), 0.08), slope(tarc_law(cap=40.0), 0.08)):
+    for certificate in (
+        certify_sector(LITERAL.law, 0.08),
+        certify_sector(tarc_law(max_gain=5.0), 0.08),
+        certify_sector(tarc_law(max_gain=40.0), 0.08),
+    ):
         read = Certificate.from_json(certificate.to_json())
         assert read.verdict == certificate.verdict
         assert read.witness == certificate.witness
@@ -221,21 +228,21 @@ def test_json_round_trip_verifies_and_tampering_shows():
         changed = Certificate.from_json(certificate.to_json())
         changed.numbers["kappa"] = 1000.0
         assert not changed.verify()
-    certified = Certificate.from_json(slope(tarc_law(cap=5.0), 0.08).to_json())
+    certified = Certificate.from_json(certify_sector(tarc_law(max_gain=5.0), 0.08).to_json())
     certified.matrices["B0"] *= 10
     assert not certified.verify()
 
 
 @pytest.mark.parametrize("lost", [["C0"], ["A0", "B0", "C0"]])
 def test_a_certificate_without_its_matrices_does_not_verify(lost):
-    certificate = Certificate.from_json(slope(tarc_law(cap=5.0), 0.08).to_json())
+    certificate = Certificate.from_json(certify_sector(tarc_law(max_gain=5.0), 0.08).to_json())
     for name in lost:
         del certificate.matrices[name]
     assert not certificate.verify()
 
 
 def test_explains_itself_and_draws(tmp_path):
-    certificate = slope(tarc_law(cap=5.0), 0.08)
+    certificate = certify_sector(tarc_law(max_gain=5.0), 0.08)
     for part in ("every gain ĉ(t) up to 5 rad/s²", "Verdict: certified", "circle limit over the slope at the cap"):
         assert part in certificate.explain()
     certificate.plot().savefig(tmp_path / "slope.png")
@@ -244,15 +251,15 @@ def test_explains_itself_and_draws(tmp_path):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: slope(LITERAL.law, 0.0), "ratio: got 0"),
-        (lambda: slope(LITERAL.law, -1.0), "ratio: got -1"),
-        (lambda: slope(LITERAL.law, np.nan), "ratio: got nan"),
-        (lambda: slope(tarc_law(), 0.08, cap=0.0), "cap: got 0"),
-        (lambda: slope(tarc_law(), 0.08, cap=-1.0), "cap: got -1"),
-        (lambda: slope(LITERAL.law, 0.08, computation_delay=-1), "computation_delay: got -1"),
-        (lambda: slope("TDC", 0.08), "law: got str"),  # type: ignore[arg-type]
+        (lambda: certify_sector(LITERAL.law, 0.0), "ratio: got 0"),
+        (lambda: certify_sector(LITERAL.law, -1.0), "ratio: got -1"),
+        (lambda: certify_sector(LITERAL.law, np.nan), "ratio: got nan"),
+        (lambda: certify_sector(tarc_law(), 0.08, max_gain=0.0), "max_gain: got 0"),
+        (lambda: certify_sector(tarc_law(), 0.08, max_gain=-1.0), "max_gain: got -1"),
+        (lambda: certify_sector(LITERAL.law, 0.08, computation_delay=-1), "computation_delay: got -1"),
+        (lambda: certify_sector("TDC", 0.08), "law: got str"),  # type: ignore[arg-type]
         (
-            lambda: slope(make_law(laws.TARC, bandwidth=[10.0, 20.0], weight=mixed_weight()), 0.05),
+            lambda: certify_sector(make_law(laws.TARC, natural_frequency=[10.0, 20.0], weight=mixed_weight()), 0.05),
             "weight: P2 couples joints whose gains do not",
         ),
     ],
@@ -289,7 +296,7 @@ def test_frozen_limits_of_random_designs(seed):
         ratio, law = float(rng.uniform(0.3, 1.5) if synchronised else rng.uniform(0.01, 0.2)), recurrence(design)
         if spectral_radius(loop_polynomials(law, ratio).closed) > 1 - 1e-5:
             continue
-        limit = slope(design.law, ratio, computation_delay=design.computation_delay).numbers["frozen limit"]
+        limit = certify_sector(design.law, ratio, computation_delay=design.computation_delay).numbers["frozen limit"]
         trials = np.geomspace(0.01, 1.0, 60) * limit
         radii = np.array([spectral_radius(loop_polynomials(law, ratio, trial).closed) for trial in trials[:-1]])
         assert np.all(radii < 1 + 1e-9)

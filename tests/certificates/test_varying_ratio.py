@@ -24,7 +24,7 @@ from tarc import TarcError, estimators, laws
 from tarc.analysis import hinf_norm, stable_interval, stable_intervals
 from tarc.analysis.linearise import decouple, whole
 from tarc.analysis.uncertain_loop import Parts, Responses, parts_of, system, weighed
-from tarc.certificates import Certificate, ball
+from tarc.certificates import Certificate, certify_varying_ratio
 from tarc.certificates.varying_ratio import best_scales
 from tarc.numerics.matrix_tests import schur
 
@@ -49,16 +49,16 @@ def hand_radius(design, centre):
 
 @pytest.mark.parametrize(("design", "centre", "known", "ratio"), KNOWN)
 def test_known_balls(design, centre, known, ratio):
-    there = ball(design.law, centre, intersample=False)
+    there = certify_varying_ratio(design.law, centre, intersample=False)
     assert there.certified
     # the centres are known to three digits, within which the radius moves by more than its own last digit
     assert there.numbers["radius"] == pytest.approx(known, rel=0.01)
     assert there.numbers["radius"] == pytest.approx(hand_radius(design, centre), rel=5e-6)
     assert there.numbers["radius"] <= hand_radius(design, centre)
-    widest = ball(design.law, intersample=False).numbers
+    widest = certify_varying_ratio(design.law, intersample=False).numbers
     assert round(widest["ratio"], 1) == ratio
     assert widest["centre"] == pytest.approx(centre, rel=0.01)
-    lifted = ball(design.law).numbers
+    lifted = certify_varying_ratio(design.law).numbers
     assert widest["ratio"] * 0.98 < lifted["ratio"] < widest["ratio"]
     low, high = stable_interval(design.law)
     assert low < lifted["low"] < lifted["high"] < high
@@ -67,7 +67,7 @@ def test_known_balls(design, centre, known, ratio):
 @pytest.mark.parametrize("window", [5, 10])
 def test_widest_is_the_widest(window):
     design = LawParameters(window=window, synchronised=True)
-    found = ball(design.law, intersample=False).numbers["ratio"]
+    found = certify_varying_ratio(design.law, intersample=False).numbers["ratio"]
     others = [hand_radius(design, centre) / centre for centre in np.geomspace(0.2, 2.5, 60)]
     assert found == pytest.approx((1 + max(others)) / (1 - max(others)), rel=2e-3)
 
@@ -85,12 +85,12 @@ def test_lifted_norm_against_a_period_cut_into_fifty(design, centre, computation
         motion = PERIOD**2 / np.sqrt(cuts) * np.array([0.0, reach, 1.0 - reach])
         power += np.abs(frequency_response(np.convolve(motion, side), closed, ANGLES)) ** 2
     expected = 1 / np.sqrt(power.max())
-    found = ball(design.law, centre, computation_delay=computation)
+    found = certify_varying_ratio(design.law, centre, computation_delay=computation)
     # fifty pieces bind the adversary a little, so that its norm is the smaller one
     assert expected * (1 - 1e-4) < found.numbers["radius"] < expected
     assert (
         found.numbers["radius"]
-        < ball(design.law, centre, intersample=False, computation_delay=computation).numbers["radius"]
+        < certify_varying_ratio(design.law, centre, intersample=False, computation_delay=computation).numbers["radius"]
     )
 
 
@@ -123,13 +123,13 @@ def test_a_rotating_mismatch_inside_the_frozen_interval_diverges():
     sizes = growth_of_rotating(LITERAL, low, high, fastest)
     assert fastest[np.argmax(sizes)] / PERIOD == pytest.approx(153.6, abs=2)
     assert PERIOD / np.log(sizes.max()) == pytest.approx(0.0298, rel=0.01)
-    assert ball(LITERAL.law, contains=(low, high)).verdict == "inconclusive"
+    assert certify_varying_ratio(LITERAL.law, contains=(low, high)).verdict == "inconclusive"
 
 
 @pytest.mark.parametrize("design", [LITERAL, LawParameters(window=5), SYNCHRONISED])
 def test_sharp_in_two_dimensions(design):
     """Rotating at the peak of the norm, a mismatch diverges just outside the ball and not just inside."""
-    found = ball(design.law, intersample=False).numbers
+    found = certify_varying_ratio(design.law, intersample=False).numbers
     known = loop_polynomials(recurrence(design), found["centre"])
     rate = peak_gain(known.a_to_v, known.closed)[1]
     inside, outside = (
@@ -141,7 +141,7 @@ def test_sharp_in_two_dimensions(design):
 
 def test_the_fleet_agrees_with_the_floquet_multiplier():
     """The simulation that the soundness benchmark rests on can find what there is to find."""
-    found = ball(LITERAL.law, intersample=False).numbers
+    found = certify_varying_ratio(LITERAL.law, intersample=False).numbers
     law = recurrence(LITERAL)
     cases = [UncertainCase(law, found["centre"], share * found["radius"]) for share in (0.95, 1.05)]
     growth = AdversarialLoops(cases, [Adversary("rotate at the peak")]).run(8000)[0]
@@ -158,7 +158,7 @@ def test_nothing_inside_a_ball_diverges(intersample):
     cases = []
     for design, centre in ((LITERAL, 0.08), (SYNCHRONISED, 1.0), (SYNCHRONISED, 0.4)):
         for slope in (100.0, 300.0):
-            found = ball(design.law, centre, slope=slope, intersample=intersample)
+            found = certify_varying_ratio(design.law, centre, slope=slope, intersample=intersample)
             assert found.certified
             cases.append(UncertainCase(recurrence(design), centre, found.numbers["radius"], slope))
     adversaries = [
@@ -171,16 +171,19 @@ def test_nothing_inside_a_ball_diverges(intersample):
 
 
 def test_a_slope_costs_radius_and_none_costs_nothing():
-    radii = [ball(LITERAL.law, 0.08, slope=slope).numbers["radius"] for slope in (0.0, 1e-6, 100.0, 300.0, 600.0)]
+    radii = [
+        certify_varying_ratio(LITERAL.law, 0.08, slope=slope).numbers["radius"]
+        for slope in (0.0, 1e-6, 100.0, 300.0, 600.0)
+    ]
     assert radii[0] == pytest.approx(radii[1], rel=1e-3)
     assert np.all(np.diff(radii[1:]) < 0)
     # with no mismatch at all there remains the circle criterion, at 692
-    assert ball(LITERAL.law, 0.08, slope=680.0).certified
-    assert ball(LITERAL.law, 0.08, slope=700.0).verdict == "inconclusive"
+    assert certify_varying_ratio(LITERAL.law, 0.08, slope=680.0).certified
+    assert certify_varying_ratio(LITERAL.law, 0.08, slope=700.0).verdict == "inconclusive"
 
 
 def test_contains():
-    verdict = ball(LITERAL.law, contains=(0.03, 0.12))
+    verdict = certify_varying_ratio(LITERAL.law, contains=(0.03, 0.12))
     assert verdict.certified
     numbers = verdict.numbers
     assert numbers["low"] < 0.03
@@ -189,18 +192,18 @@ def test_contains():
         numbers["radius"] / max(0.12 - numbers["centre"], numbers["centre"] - 0.03) - 1
     )
     assert "from 0.03 to 0.12" in verdict.claim
-    assert ball(LITERAL.law, contains=(0.05, 0.05)).certified
+    assert certify_varying_ratio(LITERAL.law, contains=(0.05, 0.05)).certified
     # a spread below that of the widest ball, but not around its centre
-    assert ball(LITERAL.law, contains=(0.1, 0.8)).verdict == "inconclusive"
-    assert ball(LITERAL.law, contains=(0.01, 0.2)).verdict == "inconclusive"
-    given = ball(LITERAL.law, 0.08, contains=(0.03, 0.12))
+    assert certify_varying_ratio(LITERAL.law, contains=(0.1, 0.8)).verdict == "inconclusive"
+    assert certify_varying_ratio(LITERAL.law, contains=(0.01, 0.2)).verdict == "inconclusive"
+    given = certify_varying_ratio(LITERAL.law, 0.08, contains=(0.03, 0.12))
     assert given.certified
     assert given.numbers["centre"] == 0.08
 
 
 def test_many_joints_cost_and_give_what_one_does():
-    one = ball(make_law(laws.TDC, 1), slope=50.0)
-    many = ball(make_law(laws.TDC, 30), slope=50.0)
+    one = certify_varying_ratio(make_law(laws.TDC, 1), slope=50.0)
+    many = certify_varying_ratio(make_law(laws.TDC, 30), slope=50.0)
     assert many.numbers == one.numbers
     assert [matrix.shape for matrix in many.matrices.values()] == [matrix.shape for matrix in one.matrices.values()]
 
@@ -209,7 +212,7 @@ def test_one_joint_stands_for_three_with_a_full_inertia():
     """In coordinates M̂^½ q; the mismatch of the full matrices is any symmetric E within the ball."""
     mixed = np.array([[0.3, 0.1, 0.02], [0.1, 0.2, 0.05], [0.02, 0.05, 0.08]])
     law = make_law(laws.TDC, 3, inertia=mixed)
-    found = ball(law, intersample=False).numbers
+    found = certify_varying_ratio(law, intersample=False).numbers
     values, vectors = np.linalg.eigh(mixed)
     root = vectors @ np.diag(np.sqrt(values)) @ vectors.T
     A, B, C, _, _ = whole(law).around(found["centre"])
@@ -225,7 +228,10 @@ def test_one_joint_stands_for_three_with_a_full_inertia():
 
 
 def test_json_round_trip_verifies_and_tampering_shows():
-    for certificate in (ball(LITERAL.law), ball(SYNCHRONISED.law, contains=(0.5, 1.5), slope=50.0)):
+    for certificate in (
+        certify_varying_ratio(LITERAL.law),
+        certify_varying_ratio(SYNCHRONISED.law, contains=(0.5, 1.5), slope=50.0),
+    ):
         read = Certificate.from_json(certificate.to_json())
         assert read.certified
         assert read.verify()
@@ -244,7 +250,7 @@ def test_json_round_trip_verifies_and_tampering_shows():
 
 
 def test_explains_itself_and_draws(tmp_path):
-    certificate = ball(LITERAL.law, slope=100.0)
+    certificate = certify_varying_ratio(LITERAL.law, slope=100.0)
     for part in (
         "Verdict: certified",
         "radius over the centre",
@@ -252,31 +258,39 @@ def test_explains_itself_and_draws(tmp_path):
         "E changes at any time",
     ):
         assert part in certificate.explain()
-    assert "E is constant within each period" in ball(LITERAL.law, intersample=False).explain()
+    assert "E is constant within each period" in certify_varying_ratio(LITERAL.law, intersample=False).explain()
     certificate.plot().savefig(tmp_path / "ball.png")
 
 
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: ball(make_law(laws.TDC, bandwidth=[10.0, 20.0])), "ball: the joints' gains differ or couple"),
         (
-            lambda: ball(make_law(laws.TDC, bandwidth=None, stiffness=[[100.0, 5.0], [5.0, 100.0]], viscosity=20.0)),
+            lambda: certify_varying_ratio(make_law(laws.TDC, natural_frequency=[10.0, 20.0])),
+            "ball: the joints' gains differ or couple",
+        ),
+        (
+            lambda: certify_varying_ratio(
+                make_law(laws.TDC, natural_frequency=None, stiffness=[[100.0, 5.0], [5.0, 100.0]], velocity_gain=20.0)
+            ),
             "gains differ or couple",
         ),
-        (lambda: ball(make_law(laws.TARC, weight=[1.0, 2.0, 1.0, 1.0])), "gains differ or couple"),
-        (lambda: ball(LITERAL.law, 0.0), "centre: got 0"),
-        (lambda: ball(LITERAL.law, np.inf), "centre: got inf"),
-        (lambda: ball(LITERAL.law, slope=-1.0), "slope: got -1"),
-        (lambda: ball(LITERAL.law, contains=(0.2, 0.1)), "contains: got 0.1; needs a finite number of at least 0.2"),
-        (lambda: ball(LITERAL.law, contains=(0.0, 0.1)), "contains: got 0"),
-        (lambda: ball(LITERAL.law, computation_delay=-1), "computation_delay: got -1"),
-        (lambda: ball("TDC"), "law: got str"),  # type: ignore[arg-type]
+        (lambda: certify_varying_ratio(make_law(laws.TARC, weight=[1.0, 2.0, 1.0, 1.0])), "gains differ or couple"),
+        (lambda: certify_varying_ratio(LITERAL.law, 0.0), "centre: got 0"),
+        (lambda: certify_varying_ratio(LITERAL.law, np.inf), "centre: got inf"),
+        (lambda: certify_varying_ratio(LITERAL.law, slope=-1.0), "slope: got -1"),
         (
-            lambda: ball(LawParameters(natural_frequency=200.0).law, computation_delay=60),
+            lambda: certify_varying_ratio(LITERAL.law, contains=(0.2, 0.1)),
+            "contains: got 0.1; needs a finite number of at least 0.2",
+        ),
+        (lambda: certify_varying_ratio(LITERAL.law, contains=(0.0, 0.1)), "contains: got 0"),
+        (lambda: certify_varying_ratio(LITERAL.law, computation_delay=-1), "computation_delay: got -1"),
+        (lambda: certify_varying_ratio("TDC"), "law: got str"),  # type: ignore[arg-type]
+        (
+            lambda: certify_varying_ratio(LawParameters(natural_frequency=200.0).law, computation_delay=60),
             "no inertia ratio makes this loop stable",
         ),
-        (lambda: ball(LITERAL.law, slope=1e6), "a smaller slope"),
+        (lambda: certify_varying_ratio(LITERAL.law, slope=1e6), "a smaller slope"),
     ],
 )
 def test_bad_input(call, message):
@@ -291,14 +305,14 @@ def test_a_norm_that_the_grid_of_frequencies_hides_is_not_too_low():
     """Synchronised, windows of two periods: a narrow peak beside a lightly damped mode at half the sampling rate."""
     checked = 0
     for window in (0, 2):
-        for bandwidth in (2.0, 5.260581486313681, 20.0, 60.0):
+        for natural_frequency in (2.0, 5.260581486313681, 20.0, 60.0):
             design = LawParameters(
-                natural_frequency=bandwidth, damping_ratio=1.0805602401238095, window=window, synchronised=True
+                natural_frequency=natural_frequency, damping_ratio=1.0805602401238095, window=window, synchronised=True
             )
             for centre in (1.5, 2.2, 2.6, 2.8651634841107407, 2.95):
                 if spectral_radius(loop_polynomials(recurrence(design), centre).closed) > 1 - 1e-9:
                     continue
-                found = ball(design.law, centre, intersample=False)
+                found = certify_varying_ratio(design.law, centre, intersample=False)
                 assert found.certified
                 # the polynomials themselves carry rounding beside such a pole
                 assert found.numbers["radius"] <= hand_radius(design, centre) * (1 + 1e-6)
@@ -311,7 +325,7 @@ def test_a_rotating_mismatch_within_the_ball_of_that_design_decays():
     design = LawParameters(
         natural_frequency=5.260581486313681, damping_ratio=1.0805602401238095, window=2, synchronised=True
     )
-    found = ball(design.law, 2.8651634841107407, intersample=False).numbers
+    found = certify_varying_ratio(design.law, 2.8651634841107407, intersample=False).numbers
     inside = growth_of_rotating(
         design, found["centre"] - found["radius"], found["centre"] + found["radius"], 2.0765797453418324
     )
@@ -324,17 +338,17 @@ def test_a_torque_that_alternates_undamped_is_not_certified(periods, actuation):
     law = LawParameters(delay_periods=periods, actuation_delay=actuation).law
     assert stable_intervals(law) == []
     for centre in (0.02, 0.05, 0.1):
-        assert ball(law, centre).verdict == "inconclusive"
+        assert certify_varying_ratio(law, centre).verdict == "inconclusive"
     # rounding decides whether the search for a centre finds eigenvalues on the circle or just inside
     with suppress(TarcError):
-        assert ball(law).verdict == "inconclusive"
+        assert certify_varying_ratio(law).verdict == "inconclusive"
 
 
-@pytest.mark.parametrize("damping", [0.5, 0.7, 2.0])
+@pytest.mark.parametrize("damping_ratio", [0.5, 0.7, 2.0])
 def test_any_damping(damping):
     estimator = estimators.Algebraic(window=0.010)
-    law = laws.TDC(inertia=0.1, bandwidth=10.0, damping=damping, period=PERIOD, estimator=estimator)
-    found = ball(law, 0.08, intersample=False)
+    law = laws.TDC(inertia=0.1, natural_frequency=10.0, damping_ratio=damping, period=PERIOD, estimator=estimator)
+    found = certify_varying_ratio(law, 0.08, intersample=False)
     assert found.numbers["radius"] == pytest.approx(hand_radius(LawParameters(damping_ratio=damping), 0.08), rel=5e-6)
 
 
@@ -536,14 +550,14 @@ def test_damping_acts_between_the_samples_as_their_mean_velocity(design, centre,
 
 
 @pytest.mark.parametrize(
-    ("window", "degree", "bandwidth", "late"), [(10, 2, 5.0, 1), (12, 3, 10.0, 2), (10, 2, 2.0, 1)]
+    ("window", "degree", "natural_frequency", "late"), [(10, 2, 5.0, 1), (12, 3, 10.0, 2), (10, 2, 2.0, 1)]
 )
-def test_a_narrow_peak_at_a_third_of_the_rate_is_not_missed(window, degree, bandwidth, late):
+def test_a_narrow_peak_at_a_third_of_the_rate_is_not_missed(window, degree, natural_frequency, late):
     """A literal law whose torque comes back after three periods rings there, barely damped."""
     design = LawParameters(
         window=window,
         degree=degree,
-        natural_frequency=bandwidth,
+        natural_frequency=natural_frequency,
         delay_periods=3 - late,
         computation_delay=late,
         actuation_delay=late,
@@ -558,7 +572,10 @@ def test_a_narrow_peak_at_a_third_of_the_rate_is_not_missed(window, degree, band
 
 
 def test_numbers_that_are_none_certify_nothing():
-    for certificate in (ball(LITERAL.law), ball(SYNCHRONISED.law, contains=(0.5, 1.5), slope=50.0)):
+    for certificate in (
+        certify_varying_ratio(LITERAL.law),
+        certify_varying_ratio(SYNCHRONISED.law, contains=(0.5, 1.5), slope=50.0),
+    ):
         for name in ("radius", "centre", "needed", "scale"):
             for value in (0.0, np.nan, np.inf, -np.inf):
                 changed = Certificate.from_json(certificate.to_json())

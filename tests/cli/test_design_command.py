@@ -16,7 +16,7 @@ import tarc.design
 from tarc import TarcError, plants
 from tarc.certificates import Certificate
 from tarc.cli.app import app
-from tarc.design import Design, Limit, design
+from tarc.design import Design, Limit, design_controller
 from tarc.design.writer import BESIDE, written
 from tarc.scenario.model import Scenario
 from urdf_text import arm, joint, link
@@ -36,7 +36,7 @@ def few_candidates():
     """Few loops to choose from, so that a design takes a second."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(importlib.import_module("tarc.design.selection"), "WINDOWS", (4, 8))
-        front = importlib.import_module("tarc.design.candidate_loops")
+        front = importlib.import_module("tarc.design.enumerate_candidates")
         patch.setattr(front, "BANDWIDTHS", (4.0, 8.0, 14.0))
         patch.setattr(front, "CENTRES", np.geomspace(0.02, 1.2, 12))
         yield
@@ -67,7 +67,9 @@ def designed_folder(tmp_path_factory):
 def designed_in_python():
     """A design in Python, of a robot without a file."""
     robot = plants.TwoLinkArm(viscous=0.5)
-    return design(robot, law="TDC", payload=(0.0, 0.5), torque_limit=[100.0, 50.0], diagonal=True, samples=60)
+    return design_controller(
+        robot, law="TDC", payload=(0.0, 0.5), torque_limit=[100.0, 50.0], diagonal=True, samples=60
+    )
 
 
 def comments_by_key(text):
@@ -97,7 +99,7 @@ def test_the_table_fits_a_terminal_and_tells_each_choice(designed_folder):
     _, printed = designed_folder
     assert max(cell_len(line.rstrip()) for line in printed.splitlines()[:-1]) <= 80
     first = {line.split("│")[1].strip() for line in printed.splitlines() if line.startswith("│")}
-    assert {"robot", "payload", "weight", "inertia", "window", "bandwidth", "rise, fall", "floor"} <= first
+    assert {"robot", "payload", "weight", "inertia", "window", "natural_frequency", "rise, fall", "min_gain"} <= first
     assert "certified: TARC keeps the robot stable" in printed
     assert re.search(r"margin 0\.\d+, radius of the ball", printed)
     assert re.search(r"predicted torque noise, .*: shoulder [\d.]+ N m \([\d.]+ %\), elbow", printed.replace("\n", " "))
@@ -109,12 +111,14 @@ def test_the_scenario_runs_from_anywhere(designed_folder, tmp_path, monkeypatch)
     shutil.copytree(folder, moved)
     monkeypatch.chdir(tmp_path)
     for place in (folder, moved):
-        scenario = Scenario.load(place / "out.yaml", ["duration=1.2", "measure_from=0.4", "disturbance.0.at=0.6"])
+        scenario = Scenario.load(
+            place / "out.yaml", ["duration=1.2", "metrics_start=0.4", "disturbance.0.start_time=0.6"]
+        )
         assert scenario.robot["file"] == str(place / "arm.urdf")
     (run,) = scenario.run(progress=False).values()
     assert run.status.completed
     assert run.status.saturated == 0
-    assert run.metrics(start=0.4)["rms_error"] < 0.02
+    assert run.metrics(start_time=0.4)["rms_error"] < 0.02
 
 
 def test_speed_is_that_of_the_file_or_as_asked(designed_folder, tmp_path):
@@ -168,7 +172,7 @@ def test_each_choice_stands_above_its_key(designed_folder):
     assert "locked at zero: finger (mimics elbow)" in above["robot.file"]
     assert "no range in the file for shoulder, which is taken to ±π" in above["reference"]
     assert content["robot"] == {"file": "arm.urdf", "armature": 0.1, "payload": 0.0}
-    assert content["law"]["damping"] == 1.0
+    assert content["law"]["damping_ratio"] == 1.0
     assert content["law"]["synchronised"] in (True, False)
     assert "delay" in content["law"]
     assert max(len(line) for line in text.splitlines() if line.lstrip().startswith("#")) <= 112
@@ -206,7 +210,7 @@ def test_the_same_in_python(designed_in_python, tmp_path):
     files = designed_in_python.save(tmp_path / "two" / "links.yml", figures=False)
     assert [file.name for file in files] == ["links.yml", "links-certificates.json"]
     text = designed_in_python.to_yaml()
-    assert text.startswith("# Made by: tarc.design.design\n")
+    assert text.startswith("# Made by: tarc.design.design_controller\n")
     content = yaml.safe_load(text)
     assert content["robot"]["kind"] == "TwoLinkArm"
     assert content["robot"]["viscous"] == [0.5, 0.5]
@@ -215,7 +219,7 @@ def test_the_same_in_python(designed_in_python, tmp_path):
     plant, reference = scenario.build_plant(), scenario.build_reference()
     (law,) = scenario.build_laws(plant, reference).values()
     assert np.allclose(law.M, designed_in_python.law.M, rtol=1e-7)
-    for name in ("bandwidth", "damping", "synchronised", "delay_periods", "period"):
+    for name in ("natural_frequency", "damping_ratio", "synchronised", "delay_periods", "period"):
         assert getattr(law, name) == getattr(designed_in_python.law, name), name
     assert law.estimator.samples == designed_in_python.law.estimator.samples
 
@@ -256,8 +260,8 @@ def test_the_map_has_a_panel_a_kind_and_one_bandwidth_gives_lines(designed_in_py
     assert [axes.get_title() for axes in both.axes[:2]] == [
         f"{word}, degree {designed_in_python.chosen.degree}" for word in ("literal", "synchronised")
     ]
-    speed = designed_in_python.chosen.bandwidth
-    some = tuple(one for one in designed_in_python.candidates if one.bandwidth == speed)
+    speed = designed_in_python.chosen.natural_frequency
+    some = tuple(one for one in designed_in_python.candidates if one.natural_frequency == speed)
     (axes,) = replace(designed_in_python, candidates=some, budget=None).plot("reach").axes
     assert f"{speed:.4g} rad/s" in axes.get_ylabel()
     labels = axes.get_legend_handles_labels()[1]
@@ -269,7 +273,7 @@ def test_the_map_has_a_panel_a_kind_and_one_bandwidth_gives_lines(designed_in_py
 
 def test_figures_of_a_single_joint(tmp_path):
     """Its spread is 1, so that no line of the map is the robot's."""
-    made = design(plants.Pendulum(), torque_limit=30.0, samples=20)
+    made = design_controller(plants.Pendulum(), torque_limit=30.0, samples=20)
     assert isinstance(made, Design)
     for kind in ("front", "reach"):
         made.plot(kind).savefig(tmp_path / f"{kind}.png")
@@ -289,17 +293,17 @@ def test_limits_are_asked_for(designed_folder, monkeypatch):
 
 
 def test_too_fast_for_the_rate_says_both_ways_out(designed_folder, tmp_path):
-    """The bandwidth and the rate that the message names do, and a little more than either does not."""
+    """The natural frequency and the rate that the message names do, and a little more than either does not."""
     folder, _ = designed_folder
     arguments = ["design", str(folder / "arm.urdf"), *ASKED, "--no-figures"]
     message = str(invoke_tarc(*arguments, "--bandwidth", "200", "--rate", "500", folder=tmp_path, status=1).exception)
     assert message.startswith("design: nothing can be certified at 200 rad/s: ")
-    found = re.search(r"a bandwidth of at most ([\d.]+) rad/s; a rate of at least ([\d.]+) Hz", message)
+    found = re.search(r"a natural frequency of at most ([\d.]+) rad/s; a rate of at least ([\d.]+) Hz", message)
     assert found, message
-    bandwidth, rate = float(found[1]), float(found[2])
-    assert 2 < bandwidth < 200
-    # but for gravity, what a loop bears depends on the bandwidth times the period
-    assert bandwidth * rate == pytest.approx(200 * 500, rel=0.2)
+    natural_frequency, rate = float(found[1]), float(found[2])
+    assert 2 < natural_frequency < 200
+    # but for gravity, what a loop bears depends on the natural frequency times the period
+    assert natural_frequency * rate == pytest.approx(200 * 500, rel=0.2)
     for within in (["--bandwidth", found[1], "--rate", "500"], ["--bandwidth", "200", "--rate", found[2]]):
         assert "certified" in invoke_tarc(*arguments, *within, "-o", "slower.yaml", folder=tmp_path).stdout
     assert not (tmp_path / "design.yaml").exists()
@@ -310,8 +314,9 @@ def test_a_bandwidth_and_a_budget_that_exclude_each_other(designed_folder, tmp_p
     arguments = ["design", str(folder / "arm.urdf"), *ASKED, "--no-figures", "--bandwidth", "8", "--noise", "0.00001"]
     message = str(invoke_tarc(*arguments, folder=tmp_path, status=1).exception)
     assert re.match(
-        r"bandwidth, noise: at 8 rad/s the least torque noise is [\d.]+ % of the limit and 0.001 % was asked for; "
-        r"lower the bandwidth, allow [-e\d.]+, or take \d+ more bits",
+        r"natural_frequency, noise: at 8 rad/s the least torque noise is [\d.]+ % of the limit and 0.001 % was asked "
+        r"for; "
+        r"lower the natural frequency, allow [-e\d.]+, or take \d+ more bits",
         message,
     )
 

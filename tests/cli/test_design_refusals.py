@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from tarc import TarcError, plants
 from tarc.cli.app import app
-from tarc.design import design
+from tarc.design import design_controller
 from tarc.design.robot_facts import premises, weight, within
 from tarc.plants import MujocoPlant
 from tarc.signals import Encoder
@@ -177,8 +177,8 @@ def test_noise_without_any_torque_limit():
         (["--reach", 0], r"reach: got 0; needs a finite number above 0"),
         (["--reach", -0.5], r"reach: got -0.5; needs a finite number above 0"),
         (["--rate", 0], r"--rate: got 0; needs a finite number above 0"),
-        (["--bandwidth", -3], r"bandwidth: got -3; needs a finite number above 0"),
-        (["--damping", 0], r"damping: got 0; needs a finite number above 0"),
+        (["--bandwidth", -3], r"natural_frequency: got -3; needs a finite number above 0"),
+        (["--damping", 0], r"damping_ratio: got 0; needs a finite number above 0"),
         (["--noise", 5], r"--noise: got 5; needs a share of the torque limit, such as 0.02 for 2 %"),
         (["--law", "pid"], r"--law: got 'pid'; known are tarc, tdc"),
         (["--computation-delay", -1], r"computation_delay: got -1; needs a whole number of at least 0"),
@@ -207,7 +207,7 @@ def test_a_perfect_encoder_needs_a_bandwidth(folder):
     with pytest.raises(
         TarcError, match="sensor: with a perfect one .* give bits, a resolution or noise, or a bandwidth"
     ):
-        design(MujocoPlant.from_file("arm.urdf"), sensor=Encoder())
+        design_controller(MujocoPlant.from_file("arm.urdf"), sensor=Encoder())
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -220,7 +220,7 @@ class Flywheel(plants.EulerLagrange):
         pass
 
     @property
-    def joints(self):
+    def n_joints(self):
         return 1
 
     def kinetic_energy(self, q, dq, p):
@@ -232,7 +232,7 @@ class Flywheel(plants.EulerLagrange):
 
 def test_a_robot_that_carries_no_payload():
     with pytest.raises(TarcError, match="payload: .* has no such parameter; leave it out, or use a robot from a file"):
-        design(Flywheel(), payload=(0.0, 2.0), torque_limit=30.0)
+        design_controller(Flywheel(), payload=(0.0, 2.0), torque_limit=30.0)
 
 
 # stretched out to the side at home: 1 kg at 0.2 m and at 0.6 m on the shoulder, 1 kg at 0.2 m on the elbow
@@ -280,14 +280,14 @@ def test_what_the_file_leaves_open_is_said(folder):
     plant = MujocoPlant.from_file("arm.urdf", joints=None)
     assert plant.joint_names == ["shoulder", "elbow"]
     box = within(plant)
-    found = {name: (value, why) for name, value, why in premises([plant], box, plant.torque_limit, None, own=True)}
+    found = {name: (value, why) for name, value, why in premises([plant], box, plant.torque_limits, None, own=True)}
     assert found["robot"][0] == "arm.urdf, 2 joints"
     assert "driven: shoulder, elbow; locked at zero: finger (mimics elbow)" in found["robot"][1]
     assert "no rotor inertia is known" in found["robot"][1]
     assert found["workspace"][0] == "all that the joints reach"
     assert "shoulder -3.142 to 3.142; elbow -2 to 2" in found["workspace"][1]
     assert "no range in the file for shoulder, which is taken to ±π, a whole turn" in found["workspace"][1]
-    near = {name: why for name, _, why in premises([plant], within(plant, 0.5), plant.torque_limit, None, own=True)}
+    near = {name: why for name, _, why in premises([plant], within(plant, 0.5), plant.torque_limits, None, own=True)}
     assert "each joint -0.5 to 0.5" in near["workspace"]
 
 
@@ -298,7 +298,7 @@ def test_where_the_payload_hangs_is_said(folder):
         heavy = [plant.with_parameters({"payload": mass}) for mass in (0.0, 3.0)]
         found = {
             name: (value, why)
-            for name, value, why in premises(heavy, within(plant), plant.torque_limit, None, own=True)
+            for name, value, why in premises(heavy, within(plant), plant.torque_limits, None, own=True)
         }
         assert found["payload"][0] == "0 to 3 kg"
         assert found["payload"][1].startswith(f"at {words};")

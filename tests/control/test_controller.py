@@ -61,7 +61,7 @@ def test_says_when_it_gives_up(controller, caplog):
 
 def test_signals_are_readable(controller):
     controller.step(np.zeros(2), np.full(2, 0.1), np.zeros(2), np.zeros(2))
-    assert controller.signals["gain"][0] == controller.law.start
+    assert controller.signals["gain"][0] == controller.law.start_gain
 
 
 def test_misuse_is_told():

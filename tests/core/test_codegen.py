@@ -21,7 +21,7 @@ def own_cache(tmp_path, monkeypatch):
 def test_fused_run_is_the_same(synchronised):
     law = make_law(laws.TARC, inertia=[0.15, 0.05], synchronised=synchronised)
     runs = [
-        simulate(plants.TwoLinkArm(), law, REFERENCE, 0.5, sensor=SENSOR, torque="rest", native=native)
+        simulate(plants.TwoLinkArm(), law, REFERENCE, 0.5, sensor=SENSOR, initial_torque="rest", native=native)
         for native in (False, True)
     ]
     # the compiler may contract products and sums; a stable loop does not amplify that
@@ -33,7 +33,10 @@ def test_mujoco_run_is_the_same():
     arm = plants.MujocoPlant.from_file("panda", armature=0.1, coulomb=1.0)
     law = make_law(laws.TARC, 7, inertia=0.1 * arm.inertia(arm.home))
     reference = signals.Sinusoid(amplitude=0.2, frequency=2.0, offset=arm.home)
-    runs = [simulate(arm, law, reference, 0.3, sensor=SENSOR, torque="rest", native=native) for native in (False, True)]
+    runs = [
+        simulate(arm, law, reference, 0.3, sensor=SENSOR, initial_torque="rest", native=native)
+        for native in (False, True)
+    ]
     np.testing.assert_allclose(runs[1].data["torque"], runs[0].data["torque"], rtol=1e-6, atol=1e-6)
 
 

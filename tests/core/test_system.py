@@ -111,8 +111,8 @@ VALUE = {"force": np.array([0.5, 1.5, -1.0]), "scale": np.array(0.25)}
 
 @pytest.mark.parametrize("symbol", [ca.SX, ca.MX])
 def test_a_traced_step_is_the_numpy_step(symbol: type) -> None:
-    function, example = trace(linear, STATE, VALUE, symbol=symbol, name="linear")
-    assert function.name() == "linear"
+    function, example = trace(linear, STATE, VALUE, symbol=symbol, name="interpolate")
+    assert function.name() == "interpolate"
     state, packed = STATE, pack(STATE)
     for k in range(5):
         value = {"force": VALUE["force"] * k, "scale": VALUE["scale"] - k}

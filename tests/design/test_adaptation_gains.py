@@ -8,10 +8,10 @@ import pytest
 import tarc
 from tarc import TarcError, laws, plants, signals
 from tarc.analysis import Workspace
-from tarc.certificates import ball
-from tarc.design.adaptation_gains import QUANTA, RATIO, Adaptation, adaptation, expected_step
-from tarc.design.candidate_loops import assess, candidates, peak
-from tarc.design.robustness import Demand
+from tarc.certificates import certify_varying_ratio
+from tarc.design.adaptation import QUANTA, RATIO, Adaptation, choose_adaptation, expected_step
+from tarc.design.candidates import assess_candidates, enumerate_candidates, peak
+from tarc.design.robustness import RobustnessSpec
 
 PERIOD = 1e-3
 
@@ -19,8 +19,8 @@ PERIOD = 1e-3
 @pytest.fixture(scope="module")
 def loops():
     """Loops that bear a spread and a slope as steep as K1."""
-    trials = candidates(PERIOD, bandwidths=[5.0, 10.0, 25.0], windows=[4, 10], degrees=[2])
-    return [one for one in assess(trials, Demand.plain(3.0), slope_share=1.0) if one.feasible]
+    trials = enumerate_candidates(PERIOD, natural_frequencies=[5.0, 10.0, 25.0], windows=[4, 10], degrees=[2])
+    return [one for one in assess_candidates(trials, RobustnessSpec.plain(3.0), slope_share=1.0) if one.feasible]
 
 
 def tarc_of_loop(one, values):
@@ -31,68 +31,78 @@ def tarc_of_loop(one, values):
 def test_slope_at_the_cap_is_the_certified_one_and_never_above(loops, expected):
     assert len(loops) > 10
     for one in loops:
-        law = tarc_of_loop(one, adaptation(one, expected))
-        assert law.robust_slope <= one.slope
-        assert law.robust_slope == pytest.approx(one.slope, rel=2e-4)
-        assert law.cap is not None
-        assert law.start < law.cap
+        law = tarc_of_loop(one, choose_adaptation(one, expected))
+        assert law.robust_slope_bound <= one.slope
+        assert law.robust_slope_bound == pytest.approx(one.slope, rel=2e-4)
+        assert law.max_gain is not None
+        assert law.start_gain < law.max_gain
     one = loops[0]
-    law = tarc_of_loop(one, adaptation(one, expected))
-    assert ball(law, contains=(one.scale, 3.0 * one.scale), slope=law.robust_slope).certified
+    law = tarc_of_loop(one, choose_adaptation(one, expected))
+    assert certify_varying_ratio(law, contains=(one.scale, 3.0 * one.scale), slope=law.robust_slope_bound).certified
 
 
 def test_rounding_never_steepens_the_slope():
     rng = np.random.default_rng(0)
     for _ in range(2000):
-        boundary, slope, margin = np.exp(rng.uniform(-12, 3)), np.exp(rng.uniform(0, 10)), rng.uniform(1, 3)
+        boundary_layer, slope, margin = np.exp(rng.uniform(-12, 3)), np.exp(rng.uniform(0, 10)), rng.uniform(1, 3)
         values = Adaptation(
-            rise=1.0, fall=1.0, floor=1e-6, boundary=boundary, cap=slope * boundary / margin, margin=margin
+            rise_rate=1.0,
+            fall_rate=1.0,
+            min_gain=1e-6,
+            boundary_layer=boundary_layer,
+            max_gain=slope * boundary_layer / margin,
+            margin=margin,
         ).options()
-        assert (1 - 3e-4) * slope < values["margin"] * values["cap"] / values["boundary"] <= slope
+        assert (1 - 3e-4) * slope < values["margin"] * values["max_gain"] / values["boundary_layer"] <= slope
 
 
 def test_scaling_laws(loops):
     for one in loops:
-        small, large = adaptation(one, 2.0), adaptation(one, 10.0)
-        for name in ("boundary", "cap", "floor"):
+        small, large = choose_adaptation(one, 2.0), choose_adaptation(one, 10.0)
+        for name in ("boundary_layer", "max_gain", "min_gain"):
             assert getattr(large, name) == pytest.approx(5.0 * getattr(small, name))
-        assert (large.rise, large.fall) == (small.rise, small.fall)  # which are rates over the error's size
-        assert small.rise == pytest.approx(RATIO * small.fall)
-        assert small.cap == pytest.approx(one.slope * small.boundary)
-        assert small.floor == pytest.approx(small.cap / 100)
-        steeper = adaptation(replace(one, slope=2 * one.slope), 2.0)
-        assert steeper.boundary == small.boundary
-        assert steeper.cap == pytest.approx(2 * small.cap)
-        assert steeper.fall == pytest.approx(2 * small.fall)
+        assert (large.rise_rate, large.fall_rate) == (
+            small.rise_rate,
+            small.fall_rate,
+        )  # which are rates over the error's size
+        assert small.rise_rate == pytest.approx(RATIO * small.fall_rate)
+        assert small.max_gain == pytest.approx(one.slope * small.boundary_layer)
+        assert small.min_gain == pytest.approx(small.max_gain / 100)
+        steeper = choose_adaptation(replace(one, slope=2 * one.slope), 2.0)
+        assert steeper.boundary_layer == small.boundary_layer
+        assert steeper.max_gain == pytest.approx(2 * small.max_gain)
+        assert steeper.fall_rate == pytest.approx(2 * small.fall_rate)
 
 
 def test_boundary_is_the_greatest_error_after_the_step_and_above_the_noise(loops):
     for one in loops:
         least = 2.0 * max(peak(one.channel(), ratio * one.scale) for ratio in (1.0, 3.0))
-        assert adaptation(one, 2.0).boundary == pytest.approx(least)
-        assert adaptation(one, 2.0, noise=least / QUANTA / 2).boundary == pytest.approx(least)
-        assert adaptation(one, 2.0, noise=least).boundary == pytest.approx(QUANTA * least)
+        assert choose_adaptation(one, 2.0).boundary_layer == pytest.approx(least)
+        assert choose_adaptation(one, 2.0, noise=least / QUANTA / 2).boundary_layer == pytest.approx(least)
+        assert choose_adaptation(one, 2.0, noise=least).boundary_layer == pytest.approx(QUANTA * least)
 
 
 @pytest.mark.parametrize("spread", [1.1, 1.5, 2.0])
 def test_a_narrow_spread_near_the_upper_end_does_not_widen_the_layer(spread):
     """Ratios beyond the spread, where the loop may be unstable, do not come into it."""
-    trials = candidates(PERIOD, bandwidths=[10.0], windows=[4, 10, 20], degrees=[2])
-    able = [one for one in assess(trials, Demand.plain(spread), slope_share=1.0) if one.feasible]
+    trials = enumerate_candidates(PERIOD, natural_frequencies=[10.0], windows=[4, 10, 20], degrees=[2])
+    able = [one for one in assess_candidates(trials, RobustnessSpec.plain(spread), slope_share=1.0) if one.feasible]
     assert len(able) > 10
     for one in able:
-        values = adaptation(one, 1.0)
+        values = choose_adaptation(one, 1.0)
         # at rest the stiffness that an integrating loop shows is no less than some share of ρ K1
-        assert values.boundary < 20.0 / (one.bandwidth**2 * one.scale)
-        assert np.isfinite(values.cap)
+        assert values.boundary_layer < 20.0 / (one.natural_frequency**2 * one.scale)
+        assert np.isfinite(values.max_gain)
 
 
 @pytest.mark.parametrize("synchronised", [False, True])
 def test_boundary_of_a_simulated_step(synchronised):
     """TDC on a mass, hit by a step of the acceleration expected, errs by the boundary at most."""
-    trials = candidates(PERIOD, bandwidths=[10.0], windows=[8], degrees=[2], synchronised=[synchronised])
-    one = assess(trials, Demand.plain(2.0), slope_share=1.0)[0]
-    values = adaptation(one, 3.0)
+    trials = enumerate_candidates(
+        PERIOD, natural_frequencies=[10.0], windows=[8], degrees=[2], synchronised=[synchronised]
+    )
+    one = assess_candidates(trials, RobustnessSpec.plain(2.0), slope_share=1.0)[0]
+    values = choose_adaptation(one, 3.0)
     still = signals.Sinusoid(amplitude=[0.0], frequency=1.0, offset=[0.0])
     greatest = []
     for mass in (1.0, 0.5):
@@ -101,7 +111,7 @@ def test_boundary_of_a_simulated_step(synchronised):
         step = signals.Step(amplitude=[3.0 * mass])
         run = tarc.simulate(robot, law, still, 3.0, disturbance=step, progress=False)
         greatest.append(np.abs(run.data["position"].values).max())
-    assert max(greatest) == pytest.approx(values.boundary, rel=1e-3)
+    assert max(greatest) == pytest.approx(values.boundary_layer, rel=1e-3)
 
 
 def test_time_to_empty_and_to_fill_the_cap(loops):
@@ -113,23 +123,23 @@ def test_time_to_empty_and_to_fill_the_cap(loops):
         return law.robust(state, tracking)[0]
 
     for one in loops[::5]:
-        values = adaptation(one, 1.0)
+        values = choose_adaptation(one, 1.0)
         law = tarc_of_loop(one, values)
-        assert law.cap is not None
-        periods = round(1 / (one.bandwidth * PERIOD))
-        state = law.robust_init()._replace(gain=np.array(law.cap))
+        assert law.max_gain is not None
+        periods = round(1 / (one.natural_frequency * PERIOD))
+        state = law.robust_init()._replace(gain=np.array(law.max_gain))
         gains = []
         for _ in range(periods + 50):
-            state = step(law, state, values.boundary)  # the first rises, at the cap, and all the others do not
+            state = step(law, state, values.boundary_layer)  # the first rises, at the cap, and all the others do not
             gains.append(float(state.gain))
-        emptied = np.argmax(np.array(gains) < 1.5 * law.floor)
+        emptied = np.argmax(np.array(gains) < 1.5 * law.min_gain)
         assert emptied == pytest.approx(periods, abs=0.03 * periods + 2)
         state = law.robust_init()
         gains = []
         for k in range(periods):
-            state = step(law, state, values.boundary * (1 + 1e-6 * k))
+            state = step(law, state, values.boundary_layer * (1 + 1e-6 * k))
             gains.append(float(state.gain))
-        filled = np.argmax(np.array(gains) > 0.9999 * law.cap)
+        filled = np.argmax(np.array(gains) > 0.9999 * law.max_gain)
         assert filled == pytest.approx(periods / RATIO, abs=0.03 * periods + 2)
 
 
@@ -177,6 +187,6 @@ def test_bad_input(loops):
     one = loops[0]
     for expected in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(TarcError, match="expected"):
-            adaptation(one, expected)
+            choose_adaptation(one, expected)
     with pytest.raises(TarcError, match="slope"):
-        adaptation(replace(one, slope=0.0), 1.0)
+        choose_adaptation(replace(one, slope=0.0), 1.0)

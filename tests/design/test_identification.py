@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tarc import TarcError, plants, signals, simulate
-from tarc.design.identification import Identified, excitation, identify, inertia_from_data, inertia_from_file
+from tarc.design.identification import Identified, excitation_reference, identify, inertia_from_data, inertia_from_file
 from tarc.estimators import Algebraic
 from tarc.laws import TDC
 
@@ -19,7 +19,7 @@ def measured_motion(M, duration=10.0, coulomb: Any = 0.0, motion=None, noise=0.0
     noise moves it, so that only what is measured has any.
     """
     n, count = len(M), round(duration / period)
-    motion = excitation(np.zeros(n), duration=duration) if motion is None else motion
+    motion = excitation_reference(np.zeros(n), duration=duration) if motion is None else motion
     ref, rate, acceleration = motion.sample(np.arange(count) * period)
     inverse, load = np.linalg.inv(M), np.linspace(1.0, -2.0, n)
     q, v, qs, taus = ref[:, 0].copy(), rate[:, 0].copy(), np.zeros((count, n)), np.zeros((count, n))
@@ -85,7 +85,7 @@ def test_error_falls_with_the_length_and_is_what_it_says():
     """Torques read with white noise, which leaves least squares unbiased: a quarter of the variance in four times."""
     errors, said = {}, {}
     for duration in (10.0, 40.0):
-        q, tau = measured_motion(M3, duration, motion=excitation(np.zeros(3), duration=10.0))
+        q, tau = measured_motion(M3, duration, motion=excitation_reference(np.zeros(3), duration=10.0))
         rng = np.random.default_rng(0)
         found = [inertia_from_data(q, tau + rng.standard_normal(tau.shape), T, window=0.03) for _ in range(20)]
         wrong = np.array([np.diag(one.inertia) - np.diag(M3) for one in found])
@@ -109,7 +109,7 @@ def test_window_is_chosen_to_suit_the_encoder(bits):
 @pytest.mark.parametrize("coulomb", [0.0, 2.0])
 def test_two_link_arm(coulomb):
     plant = plants.TwoLinkArm(viscous=1.0, coulomb=coulomb)
-    motion = excitation([0.3, 1.0])
+    motion = excitation_reference([0.3, 1.0])
     found = identify(plant, reference=motion, sensor=signals.Encoder(bits=17), diagonal=False)
     eigenvalues, diagonal = inertia_ratios(plant, found, motion)
     assert np.all((eigenvalues > 0.9) & (eigenvalues < 1.1))
@@ -119,7 +119,7 @@ def test_two_link_arm(coulomb):
 @pytest.mark.parametrize("robot", [ur5e, panda])
 def test_robots_with_friction_and_encoders(robot):
     plant = robot()
-    motion = excitation(plant.home)
+    motion = excitation_reference(plant.home)
     found = identify(plant, reference=motion, sensor=signals.Encoder(bits=17), diagonal=False)
     eigenvalues, diagonal = inertia_ratios(plant, found, motion)
     assert np.all((eigenvalues > 0.9) & (eigenvalues < 1.2))
@@ -153,8 +153,8 @@ def test_from_files(tmp_path):
         np.testing.assert_allclose(found.inertia, direct.inertia, rtol=1e-6)
 
     plant = plants.MassSpringDamper(masses=2.0, springs=0.0, dampers=0.0)
-    law = TDC(inertia=[1.0], bandwidth=10.0, period=T, estimator=Algebraic(window=0.01), synchronised=True)
-    run = simulate(plant, law, excitation([0.0]), 10.0)
+    law = TDC(inertia=[1.0], natural_frequency=10.0, period=T, estimator=Algebraic(window=0.01), synchronised=True)
+    run = simulate(plant, law, excitation_reference([0.0]), 10.0)
     assert inertia_from_file(run.save(tmp_path / "run.nc")).inertia == pytest.approx(2.0, rel=1e-6)
 
 
@@ -180,7 +180,7 @@ def test_files_that_do_not_do(tmp_path, text, message):
 def test_excitation_starts_at_rest_and_stays_within_bounds():
     home = np.array([0.0, -0.5, 1.0])
     low, high = np.array([-0.1, -2.0, 0.95]), np.array([2.0, -0.45, 3.0])
-    motion = excitation(home, low=low, high=high, amplitude=[0.3, 0.3, 0.3], speed=[1.0, 1.0, 0.05])
+    motion = excitation_reference(home, low=low, high=high, amplitude=[0.3, 0.3, 0.3], speed=[1.0, 1.0, 0.05])
     q, v, a = motion.sample(np.arange(0, 40, 1e-3))
     np.testing.assert_allclose([q[:, 0], v[:, 0], a[:, 0]], [home, 0 * home, 0 * home], atol=1e-12)
     np.testing.assert_allclose(motion.sample([20.0])[0][:, 0], home, atol=1e-9)
@@ -193,7 +193,7 @@ def test_excitation_starts_at_rest_and_stays_within_bounds():
 
 
 def test_excitation_gives_each_joint_odd_multiples_of_its_own():
-    motion = excitation(np.zeros(7))
+    motion = excitation_reference(np.zeros(7))
     multiples = np.asarray(motion.frequency) * 20.0 / (2 * np.pi)
     np.testing.assert_allclose(multiples, np.round(multiples))
     assert np.all(np.round(multiples) % 2 == 1)
@@ -219,7 +219,7 @@ def test_excitation_gives_each_joint_odd_multiples_of_its_own():
 )
 def test_excitations_that_cannot_be(options, message):
     with pytest.raises(TarcError, match=message):
-        excitation(**options)
+        excitation_reference(**options)
 
 
 def second_joint_at_rest(q, tau):
@@ -261,7 +261,7 @@ def test_records_that_do_not_show_it_are_refused(spoil, message):
 
 
 def test_motion_that_friction_swallows_is_refused():
-    arm, slow = plants.TwoLinkArm(coulomb=20.0), excitation([0.0, 1.0], amplitude=0.02)
+    arm, slow = plants.TwoLinkArm(coulomb=20.0), excitation_reference([0.0, 1.0], amplitude=0.02)
     with pytest.raises(TarcError, match="does not follow the motion.* larger where friction"):
         identify(arm, reference=slow, sensor=signals.Encoder(bits=17))
 
@@ -269,8 +269,8 @@ def test_motion_that_friction_swallows_is_refused():
 def test_a_robot_that_friction_holds_is_refused():
     """Held, it creeps with the torque, which a large inertia seems to explain to the last."""
     plant = ur5e()
-    law = TDC(inertia=[1e-3] * 6, bandwidth=5.0, period=T, estimator=Algebraic(window=0.01), synchronised=True)
-    run = simulate(plant, law, excitation(plant.home), 20.0, torque="rest")
+    law = TDC(inertia=[1e-3] * 6, natural_frequency=5.0, period=T, estimator=Algebraic(window=0.01), synchronised=True)
+    run = simulate(plant, law, excitation_reference(plant.home), 20.0, initial_torque="rest")
     with pytest.raises(TarcError, match="does not show its inertia"):
         inertia_from_data(run.data["measured"].values, run.data["torque"].values, T)
 
@@ -289,7 +289,8 @@ def test_more_data_than_one_posture():
     plant = plants.TwoLinkArm(viscous=1.0)
     postures = [[0.0, 0.5], [0.0, 1.5], [0.0, 2.5]]
     found: list[Identified] = [
-        identify(plant, reference=excitation(one), sensor=signals.Encoder(bits=17), diagonal=False) for one in postures
+        identify(plant, reference=excitation_reference(one), sensor=signals.Encoder(bits=17), diagonal=False)
+        for one in postures
     ]
     M = plant.mean_inertia(np.array(postures).T)
     np.testing.assert_allclose(np.mean([one.inertia for one in found], axis=0), M, rtol=0.03, atol=0.03)

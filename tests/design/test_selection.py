@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tarc import plants
-from tarc.design import design
+from tarc.design import design_controller
 from tarc.design.selection import NEAR, NOISE
 
 ARM = plants.TwoLinkArm()
@@ -12,12 +12,14 @@ LIMITS = np.array([100.0, 50.0])
 
 
 def design_arm(**options):
-    return design(ARM, payload=(0.0, 1.0), torque_limit=LIMITS, speed=1.0, samples=100, progress=False, **options)
+    return design_controller(
+        ARM, payload=(0.0, 1.0), torque_limit=LIMITS, speed=1.0, samples=100, progress=False, **options
+    )
 
 
 def noise_levels(found):
     """Torque noise over the limit of each loop on the front, where it is greatest, and of the one chosen."""
-    sigma = found.sensor.increment / 12**0.5
+    sigma = found.sensor.step_size / 12**0.5
     share = np.max(np.linalg.norm(found.shape * sigma, axis=1) / LIMITS)
     return np.array([one.noise for one in found.front]) * share, found.chosen.noise * share
 
@@ -50,7 +52,7 @@ def test_a_budget_that_is_given_is_kept_and_used(default_design):
 
 
 def test_a_slower_robot_has_no_worse_a_loop(default_design):
-    slow = design(ARM, payload=(0.0, 1.0), torque_limit=LIMITS, speed=0.2, samples=100, progress=False)
+    slow = design_controller(ARM, payload=(0.0, 1.0), torque_limit=LIMITS, speed=0.2, samples=100, progress=False)
     assert slow.chosen.error <= 1.1 * default_design.chosen.error
     assert slow.certificates["robot"].numbers["rate"] < default_design.certificates["robot"].numbers["rate"]
 

@@ -8,9 +8,9 @@ import pytest
 
 from tarc import TarcError
 from tarc.analysis import Workspace
-from tarc.certificates import robot
-from tarc.design import design
-from tarc.design.stress import FINE, limits
+from tarc.certificates import certify_robot
+from tarc.design import design_controller
+from tarc.design.stress import FINE, stress_test
 from tarc.estimators import Algebraic
 from tarc.plants import TwoLinkArm
 
@@ -23,20 +23,20 @@ def arm_design():
     """A design from few loops, so that it is quick."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(import_module("tarc.design.selection"), "WINDOWS", (12,))
-        patch.setattr(import_module("tarc.design.candidate_loops"), "BANDWIDTHS", (8.0,))
+        patch.setattr(import_module("tarc.design.enumerate_candidates"), "BANDWIDTHS", (8.0,))
         space = Workspace.box([-np.pi, -2.0], [np.pi, 2.0], speed=[1.0, 2.0])
-        return design(TwoLinkArm(), payload=(0, 0.5), workspace=space, torque_limit=LIMIT, samples=SAMPLES)
+        return design_controller(TwoLinkArm(), payload=(0, 0.5), workspace=space, torque_limit=LIMIT, samples=SAMPLES)
 
 
 @pytest.fixture(scope="module")
 def stress_limits(arm_design):
-    return limits(arm_design, duration=2.0)
+    return stress_test(arm_design, duration=2.0)
 
 
 def is_certified(arm_design, law=None, mass=None, delay=0):
     plants = arm_design.plants if mass is None else [TwoLinkArm(), TwoLinkArm(payload=mass)]
     law = arm_design.law if law is None else law
-    return robot(law, plants, arm_design.workspace, computation_delay=delay, samples=SAMPLES).certified
+    return certify_robot(law, plants, arm_design.workspace, computation_delay=delay, samples=SAMPLES).certified
 
 
 def test_payload_lies_between_certified_and_not(arm_design, stress_limits):
@@ -71,13 +71,13 @@ def test_speed_lies_between_certified_and_not(arm_design, stress_limits):
     one = stress_limits["speed"]
     assert 2.0 <= one.value < one.beyond
     for value, answer in ((one.value, True), (one.beyond, False)):
-        space = arm_design.workspace.within(value / 2.0 * np.array([1.0, 2.0]))
-        assert robot(arm_design.law, arm_design.plants, space, samples=SAMPLES).certified == answer
+        space = arm_design.workspace.with_speed_limits(value / 2.0 * np.array([1.0, 2.0]))
+        assert certify_robot(arm_design.law, arm_design.plants, space, samples=SAMPLES).certified == answer
 
 
 def test_no_speed_is_asked_of_a_design_for_any(arm_design):
-    free = replace(arm_design, workspace=arm_design.workspace.within(None))
-    assert "any speed" in limits(free, questions="speed", simulate=False)["speed"].explain()
+    free = replace(arm_design, workspace=arm_design.workspace.with_speed_limits(None))
+    assert "any speed" in stress_test(free, questions="speed", simulate=False)["speed"].explain()
 
 
 def test_delay_is_the_last_certified(arm_design, stress_limits):
@@ -94,13 +94,13 @@ def test_bits_by_the_noise_that_was_predicted(arm_design, stress_limits):
     own = np.max(arm_design.torque_noise / LIMIT)
     allowed = max(0.05, own)
     assert own * 2 ** (17 - one.value) <= allowed < own * 2 ** (17 - one.beyond)
-    looser = limits(arm_design, questions="bits", noise=4.1 * allowed, simulate=False)["bits"]
+    looser = stress_test(arm_design, questions="bits", noise=4.1 * allowed, simulate=False)["bits"]
     assert looser.value == one.value - 2
     assert looser.run is looser.confirmed is None
 
 
 def test_own_noise_is_always_allowed(arm_design):
-    one = limits(arm_design, questions=["bits"], noise=1e-9, simulate=False)["bits"]
+    one = stress_test(arm_design, questions=["bits"], noise=1e-9, simulate=False)["bits"]
     assert one.value == 17
 
 
@@ -117,7 +117,7 @@ def test_simulations_complete(arm_design, stress_limits):
 def test_a_wrong_certificate_is_found_out(arm_design, monkeypatch):
     """One that certifies everything leads to limits at which the simulation goes wrong."""
     monkeypatch.setattr(import_module("tarc.design.stress"), "robot", lambda *_, **__: arm_design.certificates["robot"])
-    one = limits(arm_design, questions="rate", duration=2.0)["rate"]
+    one = stress_test(arm_design, questions="rate", duration=2.0)["rate"]
     assert one.beyond is None
     assert one.confirmed is False
     assert "times the error of the design itself" in one.explain()
@@ -135,7 +135,7 @@ def test_simulated_noise_stays_below_the_predicted(arm_design, stress_limits):
 def test_questions_that_do_not_apply(arm_design, monkeypatch):
     monkeypatch.setattr(TwoLinkArm, "parameters", property(lambda self: {}))
     other = replace(arm_design, plants=arm_design.plants[:1], law=replace(arm_design.law, torque_limit=None))
-    answers = limits(other, questions=["payload", "bits"], simulate=False)
+    answers = stress_test(other, questions=["payload", "bits"], simulate=False)
     assert [one.value for one in answers.values()] == [None, None]
     assert "TwoLinkArm has no such parameter" in answers["payload"].explain()
     assert "torque_limit" in answers["bits"].explain()
@@ -151,9 +151,9 @@ def test_questions_that_do_not_apply(arm_design, monkeypatch):
 )
 def test_bad_input(arm_design, options, message):
     with pytest.raises(TarcError, match=message.replace("?", r"\?")):
-        limits(arm_design, **options)
+        stress_test(arm_design, **options)
 
 
 def test_no_design():
-    with pytest.raises(TarcError, match="got TwoLinkArm; needs what tarc.design.design returns"):
-        limits(TwoLinkArm())  # pyright: ignore[reportArgumentType]
+    with pytest.raises(TarcError, match="got TwoLinkArm; needs what tarc.design.design_controller returns"):
+        stress_test(TwoLinkArm())  # pyright: ignore[reportArgumentType]

@@ -67,7 +67,7 @@ def test_least_squares_are_exact_on_polynomials_up_to_their_degree(estimator: Al
     assert estimate.position == positions[:, -1]
     assert estimate.velocity == pytest.approx(velocity, abs=rounding_bound(estimator.weights(1), positions))
     if estimator.degree == 1:
-        assert estimator.orders == 1
+        assert estimator.max_derivative == 1
         assert estimate.acceleration == 0
     else:
         assert estimate.acceleration == pytest.approx(acceleration, abs=rounding_bound(estimator.weights(2), positions))
@@ -99,7 +99,9 @@ def test_prediction_is_exact_on_polynomials(estimator: Algebraic, data: st.DataO
 def test_weights_are_savitzky_and_golay_s_at_the_end_of_the_window(estimator: Algebraic) -> None:
     n = estimator.samples
     for j in range(estimator.degree + 1):
-        coefficients = savgol_coeffs(n, estimator.degree, deriv=j, delta=estimator.Ts, pos=n - 1, use="dot")
+        coefficients = savgol_coeffs(
+            n, estimator.degree, deriv=j, delta=estimator.sampling_period, pos=n - 1, use="dot"
+        )
         weights = estimator.weights(j)
         # SciPy fits powers of the sample number, up to 40⁵, and loses that many digits
         assert np.allclose(weights, coefficients[::-1], rtol=0, atol=1e-6 * np.max(np.abs(weights)))
@@ -190,14 +192,14 @@ def test_weights_tend_to_the_kernel_with_first_order_in_the_period(degree: int, 
 @pytest.mark.parametrize("degree", [2, 3, 4, 5])
 @pytest.mark.parametrize("intervals", [5, 6, 10, 20, 50])
 def test_synchronous_weights_sum_to_one(degree: int, intervals: int) -> None:
-    weights = Algebraic(window=intervals * T, degree=degree, period=T).torque_average().weights
+    weights = Algebraic(window=intervals * T, degree=degree, period=T).matched_torque_filter().weights
     assert len(weights) == intervals
     assert weights.sum() == pytest.approx(1, abs=1e-9)
 
 
 @pytest.mark.parametrize("intervals", range(2, 51))
 def test_synchronous_weights_of_degree_two_are_positive(intervals: int) -> None:
-    assert np.all(Algebraic(window=intervals * T, period=T).torque_average().weights > 0)
+    assert np.all(Algebraic(window=intervals * T, period=T).matched_torque_filter().weights > 0)
 
 
 def test_synchronous_weights_of_the_second_difference_are_halves() -> None:
@@ -209,7 +211,7 @@ def test_synchronous_weights_of_the_second_difference_are_halves() -> None:
 @given(pulses=arrays(float, (2, 60), elements=st.floats(-5, 5, allow_subnormal=False)))
 def test_torque_average_is_in_step_with_the_acceleration_estimate(estimator: Estimator, pulses: np.ndarray) -> None:
     position, velocity = np.zeros(2), np.zeros(2)
-    average = estimator.torque_average()
+    average = estimator.matched_torque_filter()
     state, memory = estimator.init(position), average.init(np.zeros(2))
     for pulse in pulses.T:  # the acceleration held over each period: a unit mass under zero-order hold
         position, velocity = position + T * velocity + T**2 / 2 * pulse, velocity + T * pulse
@@ -234,7 +236,7 @@ def test_transfer_function_filters_like_the_estimator(estimator: Estimator) -> N
     assert np.array_equal([estimate.position for estimate in estimates], positions.T)
     moved = positions[0] - positions[0, 0]  # from rest at the first sample, which no derivative sees
     for j, name in ((1, "velocity"), (2, "acceleration")):
-        b, a = estimator.transfer(j)
+        b, a = estimator.transfer_function(j)
         found = [getattr(estimate, name)[0] for estimate in estimates]
         assert np.allclose(found, lfilter(b, a, moved), rtol=0, atol=1e-12 * np.sum(np.abs(b)))
 
@@ -243,7 +245,7 @@ def test_transfer_function_filters_like_the_estimator(estimator: Estimator) -> N
 @pytest.mark.parametrize("derivative", [0, 1, 2])
 def test_frequency_response_is_the_transfer_function_s(estimator: Estimator, derivative: int) -> None:
     frequency = np.linspace(1, np.pi / T, 50)
-    b, a = estimator.transfer(derivative)
+    b, a = estimator.transfer_function(derivative)
     expected = freqz(b, a, frequency * T)[1]  # pyright: ignore[reportArgumentType]
     response = estimator.frequency_response(frequency, derivative)
     assert np.allclose(response, expected, rtol=1e-9, atol=1e-12 * np.sum(np.abs(b)))
@@ -378,14 +380,17 @@ def test_an_estimator_at_rest_sees_no_motion() -> None:
     ("attempt", "message"),
     [
         (lambda: Algebraic(window=0.0105, period=T), "window: got 0.0105 s, .* no whole multiple .* nearest is 0.01 s"),
-        (lambda: Algebraic(window=T, degree=2).at(T), "window: 0.001 s holds 2 samples .* needs 3. Use window=0.002"),
+        (
+            lambda: Algebraic(window=T, degree=2).with_period(T),
+            "window: 0.001 s holds 2 samples .* needs 3. Use window=0.002",
+        ),
         (lambda: Algebraic(window=0.0), "window: got 0; needs a finite number above 0"),
         (lambda: Algebraic(window=0.01, degree=0), "degree: got 0; needs a whole number from 1 to 6"),
         (lambda: Algebraic(window=0.01, degree=7), "degree: got 7"),
         (lambda: Algebraic(window=0.01).weights(1), r"Algebraic: it has no period yet; use \.at\(1e-3\)"),
         (lambda: FilteredDifference(cutoff=10.0).pole, "FilteredDifference: it has no period yet"),
-        (lambda: BackwardDifference(period=T).at(2 * T), "period of 0.001 s, the law runs at 0.002 s"),
-        (lambda: BackwardDifference().at(0.0), "period: got 0"),
+        (lambda: BackwardDifference(period=T).with_period(2 * T), "period of 0.001 s, the law runs at 0.002 s"),
+        (lambda: BackwardDifference().with_period(0.0), "period: got 0"),
         (lambda: FilteredDifference(cutoff=-1.0), "cutoff: got -1"),
         (lambda: Algebraic(window=0.01).kernel(0.0, 3), "derivative: got 3; a kernel of degree 2 has 0 to 2"),
         (lambda: EVERY["degree 2"].noise_gain(3), "derivative: got 3; Algebraic estimates orders 0 to 2"),

@@ -13,7 +13,7 @@ from tarc import estimators
 from tarc.core.tracing import Buffered, trace
 from tarc.core.trees import pack, unpack
 
-BOUND = {name: estimator.at(PERIOD) for name, estimator in ESTIMATORS.items()}
+BOUND = {name: estimator.with_period(PERIOD) for name, estimator in ESTIMATORS.items()}
 every_estimator = pytest.mark.parametrize("name", BOUND)
 NO_FILTERS = estimators.RobustDifferentiator, estimators.TrueDerivatives
 LINEAR = [name for name, one in BOUND.items() if not isinstance(one, NO_FILTERS)]
@@ -65,7 +65,7 @@ def test_transfer_function_is_that_of_the_step(name):
         if derivative == 0:
             np.testing.assert_array_equal(column, impulse)  # a measured position is passed as it is
             continue
-        expected = lfilter(*estimator.transfer(derivative), impulse)
+        expected = lfilter(*estimator.transfer_function(derivative), impulse)
         np.testing.assert_allclose(column, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 

@@ -7,7 +7,7 @@ from scipy.signal import lfilter, savgol_coeffs
 from law_catalogue import PERIOD as T
 from tarc import TarcError, estimators, laws, plants, signals, simulate
 from tarc.analysis import stable_interval
-from tarc.certificates import loop
+from tarc.certificates import certify_constant_ratio
 
 
 def estimates_along(estimator, motion):
@@ -21,10 +21,10 @@ def estimates_along(estimator, motion):
 
 
 def kalman(noise, jerk):
-    return estimators.Kalman(noise=noise, jerk=jerk).at(T)
+    return estimators.Kalman(noise=noise, jerk=jerk).with_period(T)
 
 
-@pytest.mark.parametrize("observer", [kalman(1e-5, 100.0), estimators.HighGain(time_constant=0.004).at(T)])
+@pytest.mark.parametrize("observer", [kalman(1e-5, 100.0), estimators.HighGain(time_constant=0.004).with_period(T)])
 def test_observers_settle_on_constant_acceleration(observer):
     t = np.arange(400) * T
     found = estimates_along(observer, 3.0 + 2.0 * t - 5.0 * t**2)
@@ -33,7 +33,7 @@ def test_observers_settle_on_constant_acceleration(observer):
 
 @pytest.mark.parametrize("time_constant", [0.002, 0.004, 0.02])
 def test_high_gain_has_its_poles_where_it_says(time_constant):
-    observer = estimators.HighGain(time_constant=time_constant).at(T)
+    observer = estimators.HighGain(time_constant=time_constant).with_period(T)
     error = (np.eye(3) - np.outer(observer.gain, [1.0, 0.0, 0.0])) @ observer.transition
     p = np.exp(-T / time_constant)
     np.testing.assert_allclose(np.poly(error), np.poly([p, p, p]), atol=1e-9)
@@ -78,7 +78,7 @@ def test_differentiator_is_exact_after_a_finite_time(implicit):
     for period in (1e-3, 5e-4):
         t = np.arange(int(2.0 / period)) * period
         found = estimates_along(
-            estimators.RobustDifferentiator(lipschitz=150.0, implicit=implicit).at(period), np.sin(5 * t)
+            estimators.RobustDifferentiator(lipschitz=150.0, implicit=implicit).with_period(period), np.sin(5 * t)
         )
         truth = np.column_stack([5 * np.cos(5 * t), -25 * np.sin(5 * t)])
         errors.append(np.abs(found - truth)[t > 1.0].max(axis=0))
@@ -90,17 +90,17 @@ def test_differentiator_is_exact_after_a_finite_time(implicit):
 
 def test_implicit_does_not_chatter_and_explicit_does():
     still = np.full(3000, 0.3)
-    quiet = estimates_along(estimators.RobustDifferentiator(lipschitz=150.0).at(T), still + 1e-9)
+    quiet = estimates_along(estimators.RobustDifferentiator(lipschitz=150.0).with_period(T), still + 1e-9)
     np.testing.assert_allclose(quiet[-500:], 0.0, atol=1e-9)
     loud = estimates_along(
-        estimators.RobustDifferentiator(lipschitz=150.0, implicit=False).at(T), np.append(0.0, still)
+        estimators.RobustDifferentiator(lipschitz=150.0, implicit=False).with_period(T), np.append(0.0, still)
     )
     assert np.abs(np.diff(loud[-500:, 1])).max() > 0.05
 
 
 def test_implicit_step_solves_its_inclusion():
     """σ⁺ and its sign satisfy the scheme's own equation."""
-    estimator = estimators.RobustDifferentiator(lipschitz=80.0).at(T)
+    estimator = estimators.RobustDifferentiator(lipschitz=80.0).with_period(T)
     rng = np.random.default_rng(1)
     for scale in (1e-9, 1e-6, 1e-3, 1.0):
         sigma = scale * rng.normal(size=50)
@@ -115,13 +115,13 @@ def test_implicit_step_solves_its_inclusion():
 def test_savitzky_golay_is_algebraic():
     """The same least squares: scipy's coefficients at the newest sample are the estimator's weights."""
     for samples, degree in ((5, 2), (11, 2), (11, 3), (21, 4)):
-        window = estimators.Algebraic(window=(samples - 1) * T, degree=degree).at(T)
+        window = estimators.Algebraic(window=(samples - 1) * T, degree=degree).with_period(T)
         for derivative in (1, 2):
             theirs = savgol_coeffs(samples, degree, deriv=derivative, delta=T, pos=samples - 1, use="dot")[::-1]
             np.testing.assert_allclose(window.weights(derivative), theirs, rtol=1e-6, atol=1e-9 / T**derivative)
 
 
-@pytest.mark.parametrize("observer", [kalman(1e-5, 100.0), estimators.HighGain(time_constant=0.004).at(T)])
+@pytest.mark.parametrize("observer", [kalman(1e-5, 100.0), estimators.HighGain(time_constant=0.004).with_period(T)])
 def test_torque_filter_pairs_with_the_acceleration_estimate(observer):
     """For an acceleration held over each period, the filter of it and the estimate from positions are the same."""
     rng = np.random.default_rng(2)
@@ -129,7 +129,7 @@ def test_torque_filter_pairs_with_the_acceleration_estimate(observer):
     velocity = np.concatenate([[0.0], np.cumsum(held) * T])
     position = np.concatenate([[0.0], np.cumsum(velocity[:-1] * T + held * T**2 / 2)])
     estimate = estimates_along(observer, position)[:, 1]
-    pair = observer.torque_average()
+    pair = observer.matched_torque_filter()
     state, paired = pair.init(np.zeros(1)), [0.0]
     for one in held:
         state, output = pair.step(state, np.array([one]))
@@ -140,18 +140,23 @@ def test_torque_filter_pairs_with_the_acceleration_estimate(observer):
 
 def test_synchronised_with_an_observer_keeps_the_contraction():
     """The loop certificate sees the same gain in range as with a window."""
-    common = {"inertia": 0.1, "bandwidth": 10.0, "period": T, "estimator": estimators.HighGain(time_constant=0.004)}
+    common = {
+        "inertia": 0.1,
+        "natural_frequency": 10.0,
+        "period": T,
+        "estimator": estimators.HighGain(time_constant=0.004),
+    }
     literal = stable_interval(laws.TDC(**common))
     synchronised = stable_interval(laws.TDC(synchronised=True, **common))
     assert synchronised[1] > 5 * literal[1]
-    assert loop(laws.TDC(synchronised=True, **common), 1.0).certified
+    assert certify_constant_ratio(laws.TDC(synchronised=True, **common), 1.0).certified
 
 
 def test_a_loop_with_a_nonlinear_estimator_has_no_certificate_but_runs():
     estimator = estimators.RobustDifferentiator(lipschitz=1000.0)
-    law = laws.TDC(inertia=[0.05], bandwidth=10.0, period=T, estimator=estimator)
+    law = laws.TDC(inertia=[0.05], natural_frequency=10.0, period=T, estimator=estimator)
     with pytest.raises(TarcError, match="no linearisation at rest"):
-        loop(law, 0.1)
+        certify_constant_ratio(law, 0.1)
     run = simulate(plants.Pendulum(), law, signals.Sinusoid(amplitude=[0.3], frequency=2.0), 1.0)
     assert run.status.completed
 
@@ -163,9 +168,15 @@ def test_a_loop_with_a_nonlinear_estimator_has_no_certificate_but_runs():
         (lambda: estimators.Kalman(noise=1.0, jerk=-1.0), "jerk: got -1"),
         (lambda: estimators.HighGain(time_constant=0.0), "time_constant: got 0"),
         (lambda: estimators.RobustDifferentiator(lipschitz=0.0), "lipschitz: got 0"),
-        (lambda: estimators.RobustDifferentiator(lipschitz=1.0).at(T).transfer(1), "no transfer function"),
-        (lambda: estimators.RobustDifferentiator(lipschitz=1.0).at(T).torque_average(), "use synchronised=False"),
-        (lambda: kalman(1.0, 1.0).transfer(3), "derivative: got 3"),
+        (
+            lambda: estimators.RobustDifferentiator(lipschitz=1.0).with_period(T).transfer_function(1),
+            "no transfer function",
+        ),
+        (
+            lambda: estimators.RobustDifferentiator(lipschitz=1.0).with_period(T).matched_torque_filter(),
+            "use synchronised=False",
+        ),
+        (lambda: kalman(1.0, 1.0).transfer_function(3), "derivative: got 3"),
     ],
 )
 def test_bad_input(make, message):

@@ -14,7 +14,7 @@ ARM = signals.Sinusoid(amplitude=[0.5, 0.5], frequency=[1.5, 2.1], offset=[0.0, 
 
 
 def tdc(inertia, period=T, **options):
-    return laws.TDC(inertia=inertia, bandwidth=10.0, period=period, estimator=ORACLE, **options)
+    return laws.TDC(inertia=inertia, natural_frequency=10.0, period=period, estimator=ORACLE, **options)
 
 
 def pendulum_file(folder, integrator):
@@ -38,7 +38,7 @@ def robots(folder):
 @pytest.mark.parametrize("substeps", [1, 3])
 def test_the_law_has_the_true_derivatives_in_both_engines(engine, substeps, tmp_path):
     """The velocity is the recorded one, whatever the encoder shows; the acceleration is the one before the torque."""
-    plant, push = robots(tmp_path)[engine], signals.Step(amplitude=[2.0], at=0.1004)
+    plant, push = robots(tmp_path)[engine], signals.Step(amplitude=[2.0], start_time=0.1004)
     stiffer = signals.Schedule(parameter="viscous", times=[0.2], values=[1.0])
     sensor = signals.Encoder(bits=8, dropout=0.05)
     events, start = [push, stiffer], {"position": [0.2], "velocity": 0.7, "torque": [1.5]}
@@ -58,7 +58,7 @@ def test_the_law_has_the_true_derivatives_in_both_engines(engine, substeps, tmp_
 @pytest.mark.parametrize("delay", [1, 3])
 def test_a_delayed_acceleration_goes_with_its_torque(delay):
     arm, M = TwoLinkArm(viscous=[0.5, 0.2]), np.diag([0.4, 0.1])
-    data = simulate(arm, tdc(M, delay=delay * T), ARM, 0.5, torque="rest").data
+    data = simulate(arm, tdc(M, delay=delay * T), ARM, 0.5, initial_torque="rest").data
     q, v, torque, u = (data[name].values for name in ("position", "velocity", "torque", "auxiliary"))
     made = np.array([arm.evaluate("acceleration", *row) for row in zip(q[1:], v[1:], torque, strict=False)])
     k = np.arange(delay, len(q))
@@ -66,9 +66,9 @@ def test_a_delayed_acceleration_goes_with_its_torque(delay):
 
 
 def test_both_engines_give_the_same_run(tmp_path):
-    push = signals.Step(amplitude=[3.0], at=0.25)
+    push = signals.Step(amplitude=[3.0], start_time=0.25)
     plain, file = (
-        simulate(robots(tmp_path)[engine], tdc(0.9), SWING, 1.0, substeps=4, disturbance=push, torque="rest")
+        simulate(robots(tmp_path)[engine], tdc(0.9), SWING, 1.0, substeps=4, disturbance=push, initial_torque="rest")
         for engine in ("symbolic", "rk4")
     )
     for name, tolerance in (("position", 1e-11), ("velocity_estimate", 1e-10), ("torque", 1e-8)):
@@ -77,7 +77,7 @@ def test_both_engines_give_the_same_run(tmp_path):
 
 def test_with_the_inertia_itself_nothing_is_left_of_the_pendulum():
     """M̂ = M and true derivatives: q̈ = u after every change of the torque."""
-    run = simulate(Pendulum(viscous=0.5, coulomb=1.0), tdc(1.0), SWING, 1.0, position=[0.3])
+    run = simulate(Pendulum(viscous=0.5, coulomb=1.0), tdc(1.0), SWING, 1.0, initial_position=[0.3])
     assert run.metrics()["rms_tde_error"] < 1e-12
 
 
@@ -86,7 +86,7 @@ def test_the_error_falls_as_the_error_equation_says():
     still = signals.Sinusoid(amplitude=[0.0], frequency=1.0)
 
     def miss(period):
-        data = simulate(Pendulum(viscous=0.5), tdc(1.0, period), still, 1.0, position=[0.2]).data
+        data = simulate(Pendulum(viscous=0.5), tdc(1.0, period), still, 1.0, initial_position=[0.2]).data
         wt = 10.0 * data["time"].values
         return np.max(np.abs(data["position"].values[:, 0] - 0.2 * (1 + wt) * np.exp(-wt)))
 
@@ -100,7 +100,7 @@ def test_where_the_inertia_changes_the_error_is_of_first_order():
     M = TwoLinkArm().mean_inertia(ARM.sample(np.linspace(0, 4, 200))[0])
 
     def error(period):
-        return simulate(TwoLinkArm(), tdc(M, period), ARM, 3.0, torque="rest").metrics(1.0)["rms_tde_error"]
+        return simulate(TwoLinkArm(), tdc(M, period), ARM, 3.0, initial_torque="rest").metrics(1.0)["rms_tde_error"]
 
     coarse, fine = error(1e-3), error(5e-4)
     assert coarse < 2e-3
@@ -109,14 +109,14 @@ def test_where_the_inertia_changes_the_error_is_of_first_order():
 
 @pytest.mark.parametrize("kind", [laws.TARC, laws.PID, laws.ADRC, laws.ComputedTorque, laws.SuperTwisting])
 def test_any_law_takes_it(kind):
-    run = simulate(TwoLinkArm(), make_law(kind, estimator=ORACLE), ARM, 0.1, torque="rest")
+    run = simulate(TwoLinkArm(), make_law(kind, estimator=ORACLE), ARM, 0.1, initial_torque="rest")
     assert run.status.completed
     np.testing.assert_array_equal(run.data["velocity_estimate"], run.data["velocity"])
 
 
 def test_a_missing_sample_is_moved_on_by_the_true_velocity():
-    state = ORACLE.at(T).init(np.array([0.5, 0.1]))._replace(velocity=np.array([2.0, 3.0]))
-    state, estimate = ORACLE.at(T).step(state, np.array([np.nan, 0.2]))
+    state = ORACLE.with_period(T).init(np.array([0.5, 0.1]))._replace(velocity=np.array([2.0, 3.0]))
+    state, estimate = ORACLE.with_period(T).step(state, np.array([np.nan, 0.2]))
     np.testing.assert_allclose(estimate.position, [0.502, 0.2])
     np.testing.assert_array_equal(estimate.valid, [0, 1])
     np.testing.assert_array_equal(state.position, estimate.position)
@@ -125,11 +125,11 @@ def test_a_missing_sample_is_moved_on_by_the_true_velocity():
 def test_a_scenario_can_name_it():
     content = {
         "robot": {"kind": "TwoLinkArm"},
-        "law": {"kind": "TDC", "inertia": {"fraction": 1.0}, "bandwidth": 10.0},
+        "law": {"kind": "TDC", "inertia": {"fraction": 1.0}, "natural_frequency": 10.0},
         "estimator": {"kind": "TrueDerivatives"},
         "reference": {"kind": "Sinusoid", "amplitude": [0.2, 0.2], "frequency": 2.0, "phase": 1.57},
         "duration": 0.5,
-        "start": {"torque": "rest"},
+        "initial_torque": "rest",
     }
     scenario = Scenario.parse(content)
     assert scenario.run()["TDC"].metrics()["peak_error"] < 1e-2
@@ -149,15 +149,15 @@ def test_untold_it_has_no_numbers_and_the_torque_is_the_safe_one():
     "use",
     [
         lambda: Controller(tdc([0.1, 0.1])),
-        lambda: certificates.loop(tdc(0.1), 0.5),
+        lambda: certificates.certify_constant_ratio(tdc(0.1), 0.5),
         lambda: analysis.stable_interval(tdc(0.1)),
-        lambda: certificates.ball(tdc(0.1)),
+        lambda: certificates.certify_varying_ratio(tdc(0.1)),
         lambda: simulate(Pendulum(), tdc(1.0, synchronised=True), SWING, 0.1),
-        lambda: ORACLE.at(T).transfer(1),
-        lambda: ORACLE.at(T).torque_average(),
-        lambda: ORACLE.at(T).group_delay(),
-        lambda: ORACLE.at(T).noise_gain(2),
-        lambda: ORACLE.at(T).plot(),
+        lambda: ORACLE.with_period(T).transfer_function(1),
+        lambda: ORACLE.with_period(T).matched_torque_filter(),
+        lambda: ORACLE.with_period(T).group_delay(),
+        lambda: ORACLE.with_period(T).noise_gain(2),
+        lambda: ORACLE.with_period(T).plot(),
     ],
 )
 def test_it_is_refused_where_nothing_tells_the_truth(use):
@@ -167,4 +167,4 @@ def test_it_is_refused_where_nothing_tells_the_truth(use):
 
 def test_orders_are_checked():
     with pytest.raises(TarcError, match="derivative: got 3"):
-        ORACLE.at(T).transfer(3)
+        ORACLE.with_period(T).transfer_function(3)

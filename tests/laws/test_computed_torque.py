@@ -15,10 +15,12 @@ from tarc.laws.model_based import inertia_and_bias
 def largest_departure(period):
     """How far the error is, at most, from the double pole's e0 (1 + ωn t) e^(−ωn t), with the true model."""
     arm, start = plants.TwoLinkArm(viscous=0.3), np.array([0.2, -0.1])
-    law = laws.ComputedTorque(model=arm, bandwidth=10.0, period=period, estimator=estimators.BackwardDifference())
+    law = laws.ComputedTorque(
+        model=arm, natural_frequency=10.0, period=period, estimator=estimators.BackwardDifference()
+    )
     reference = signals.Sinusoid(amplitude=[0.5, 0.4], frequency=[2.0, 3.0], phase=np.pi / 2)
     first = reference.sample(np.zeros(1))[0][:, 0]
-    data = simulate(arm, law, reference, 1.0, position=first + start).data
+    data = simulate(arm, law, reference, 1.0, initial_position=first + start).data
     time = data["time"].values[:, None]
     error = data["position"].values - data["reference"].values
     return np.abs(error - start * (1 + 10 * time) * np.exp(-10 * time)).max()
@@ -33,7 +35,7 @@ def test_error_obeys_the_linear_dynamics():
 
 def test_is_the_torque_of_the_model():
     arm = plants.TwoLinkArm(coulomb=0.2)
-    law = make_law(laws.ComputedTorque, model=arm, damping=[0.7, 1.2], bandwidth=[8.0, 12.0])
+    law = make_law(laws.ComputedTorque, model=arm, damping_ratio=[0.7, 1.2], natural_frequency=[8.0, 12.0])
     rng = np.random.default_rng(1)
     state, value = law.init(rng.normal(size=2)), LawInput(*rng.normal(size=(4, 2)))
     _, estimate = law.estimator.step(state.estimator, value.position)
@@ -90,24 +92,24 @@ def test_scenario_names_its_own_robot():
     content = {
         "robot": {"file": "ur5e", "armature": 0.1},
         "law": [
-            {"kind": "ComputedTorque", "model": "robot", "bandwidth": 20.0},
+            {"kind": "ComputedTorque", "model": "robot", "natural_frequency": 20.0},
             {
                 "kind": "CorlessLeitmann",
                 "model": "robot",
                 "inertia": {"fraction": 1.0},
-                "bandwidth": 20.0,
+                "natural_frequency": 20.0,
                 "bound": 2.0,
             },
         ],
         "estimator": {"kind": "Algebraic", "window": 0.010},
         "reference": {"kind": "Sinusoid", "amplitude": 0.3, "frequency": [2.0, 2.2, 2.4, 2.6, 2.8, 3.0]},
         "duration": 1.0,
-        "start": {"torque": "rest"},
+        "initial_torque": "rest",
     }
     runs = Scenario.parse(content).run()
     assert all(run.status.completed for run in runs.values())
-    assert runs["ComputedTorque"].metrics(start=0.5)["rms_error"] < 2e-3
-    content["law"] = {"kind": "ComputedTorque", "model": "ur5e", "bandwidth": 20.0}
+    assert runs["ComputedTorque"].metrics(start_time=0.5)["rms_error"] < 2e-3
+    content["law"] = {"kind": "ComputedTorque", "model": "ur5e", "natural_frequency": 20.0}
     with pytest.raises(TarcError, match=r"law.model: got 'ur5e'; known are robot"):
         Scenario.parse(content).run()
 
@@ -116,9 +118,9 @@ def test_scenario_names_its_own_robot():
     ("options", "message"),
     [
         ({"model": "robot"}, "model: got 'robot'; needs one of tarc.plants"),
-        ({"bandwidth": 0.0}, "bandwidth: .*above 0"),
-        ({"damping": [1.0, -1.0]}, "damping: .*above 0"),
-        ({"bandwidth": [1.0, 2.0, 3.0]}, r"bandwidth: got shape \(3,\)"),
+        ({"natural_frequency": 0.0}, "natural_frequency: .*above 0"),
+        ({"damping_ratio": [1.0, -1.0]}, "damping_ratio: .*above 0"),
+        ({"natural_frequency": [1.0, 2.0, 3.0]}, r"natural_frequency: got shape \(3,\)"),
     ],
 )
 def test_bad_parameters(options, message):

@@ -11,17 +11,17 @@ MASS = plants.MassSpringDamper(masses=(1.0,), springs=0.0, dampers=0.0)
 
 
 def fast_sampled_law(**options):
-    given = {"inertia": 1.0, "bandwidth": 5.0, "period": 1e-4, "estimator": estimators.BackwardDifference()}
-    return laws.CorlessLeitmann(**{**given, "boundary": 0.01, **options})
+    given = {"inertia": 1.0, "natural_frequency": 5.0, "period": 1e-4, "estimator": estimators.BackwardDifference()}
+    return laws.CorlessLeitmann(**{**given, "boundary_layer": 0.01, **options})
 
 
 @pytest.mark.parametrize("frequency", [0.0, 2.0, 5.0, 12.0])
 def test_error_ends_in_the_known_ball(frequency):
     """Whatever the disturbance within ρ does; one at rest comes near enough to show that the bound means something."""
-    law = fast_sampled_law(bound=6.0)
+    law = fast_sampled_law(uncertainty_bound=6.0)
     wave = signals.Sine(amplitude=6.0, frequency=frequency, phase=np.pi / 2)
     data = simulate(
-        MASS, law, signals.Sinusoid(amplitude=0.0, frequency=1.0), 6.0, position=[0.5], disturbance=wave
+        MASS, law, signals.Sinusoid(amplitude=0.0, frequency=1.0), 6.0, initial_position=[0.5], disturbance=wave
     ).data
     worst = np.abs(data["position"].values[data["time"].values > 4.0]).max()
     assert worst <= law.error_bound
@@ -32,21 +32,28 @@ def test_error_ends_in_the_known_ball(frequency):
 
 
 def test_plain_pole_placement_leaves_the_ball():
-    law = fast_sampled_law(bound=0.0)
+    law = fast_sampled_law(uncertainty_bound=0.0)
     disturbance = signals.Step(amplitude=6.0)
     data = simulate(MASS, law, signals.Sinusoid(amplitude=0.0, frequency=1.0), 4.0, disturbance=disturbance).data
-    assert abs(data["position"].values[-1, 0]) > fast_sampled_law(bound=6.0).error_bound
+    assert abs(data["position"].values[-1, 0]) > fast_sampled_law(uncertainty_bound=6.0).error_bound
 
 
 def test_lyapunov_function():
-    law = make_law(laws.CorlessLeitmann, bandwidth=[12.0, 5.0], damping=0.8)
+    law = make_law(laws.CorlessLeitmann, natural_frequency=[12.0, 5.0], damping_ratio=0.8)
     Q = np.diag([2 * 144.0, 2 * 25.0, 2.0, 2.0])
     np.testing.assert_allclose(law.A.T @ law.P + law.P @ law.A, -Q, atol=1e-9)
 
 
 def test_equation():
     arm = plants.TwoLinkArm()
-    law = make_law(laws.CorlessLeitmann, bound=4.0, boundary=0.01, model=arm, bandwidth=12.0, damping=0.8)
+    law = make_law(
+        laws.CorlessLeitmann,
+        uncertainty_bound=4.0,
+        boundary_layer=0.01,
+        model=arm,
+        natural_frequency=12.0,
+        damping_ratio=0.8,
+    )
     rng = np.random.default_rng(1)
     state, value = law.init(rng.normal(size=2)), LawInput(*rng.normal(size=(4, 2)))
     _, estimate = law.estimator.step(state.estimator, value.position)
@@ -62,23 +69,28 @@ def test_a_model_makes_up_for_gravity():
     errors = []
     for model in (None, plants.TwoLinkArm()):
         inertia = np.array([[3.0, 1.0], [1.0, 1.0]])
-        law = make_law(laws.CorlessLeitmann, bound=3.0, boundary=0.02, inertia=inertia, model=model)
+        law = make_law(laws.CorlessLeitmann, uncertainty_bound=3.0, boundary_layer=0.02, inertia=inertia, model=model)
         run = simulate(plants.TwoLinkArm(), law, reference, 3.0, sensor=signals.Encoder(bits=16))
-        errors.append(run.metrics(start=1.0)["rms_error"])
+        errors.append(run.metrics(start_time=1.0)["rms_error"])
     assert errors[1] < errors[0] / 3
 
 
 def test_certificate_sees_the_slope_inside_the_layer():
-    law = make_law(laws.CorlessLeitmann, bound=5.0, boundary=0.05, model=plants.TwoLinkArm())
-    assert certificates.loop(law, 1.0).verdict == "certified"
-    assert certificates.loop(make_law(laws.CorlessLeitmann, bound=500.0, boundary=0.001), 1.0).verdict == "refuted"
+    law = make_law(laws.CorlessLeitmann, uncertainty_bound=5.0, boundary_layer=0.05, model=plants.TwoLinkArm())
+    assert certificates.certify_constant_ratio(law, 1.0).verdict == "certified"
+    assert (
+        certificates.certify_constant_ratio(
+            make_law(laws.CorlessLeitmann, uncertainty_bound=500.0, boundary_layer=0.001), 1.0
+        ).verdict
+        == "refuted"
+    )
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"bound": -1.0}, "bound"),
-        ({"boundary": 0.0}, "boundary: got 0; needs a finite number above 0"),
+        ({"uncertainty_bound": -1.0}, "uncertainty_bound"),
+        ({"boundary_layer": 0.0}, "boundary_layer: got 0; needs a finite number above 0"),
         ({"model": "robot"}, "model: got 'robot'; needs one of tarc.plants"),
         ({"model": plants.NLinkArm()}, "model: it has 3 joints, the inertia 2"),
     ],

@@ -95,7 +95,7 @@ def test_controller_equals_simulation(kind, options):
     law = make_law(kind, torque_limit=60.0, **options)
     reference = signals.Sinusoid(amplitude=[0.3, 0.4], frequency=[2.0, 3.0])
     sensor = signals.Encoder(bits=14, dropout=0.02)
-    run = simulate(plants.TwoLinkArm(), law, reference, 0.5, sensor=sensor, torque="rest", seed=3)
+    run = simulate(plants.TwoLinkArm(), law, reference, 0.5, sensor=sensor, initial_torque="rest", seed=3)
     assert run.status.completed
     data = run.data
     assert np.isnan(data["measured"].values).any(), "the sensor loses samples here"
@@ -194,10 +194,10 @@ def test_bad_parameters_are_refused(kind, options, message):
         ({"inertia": [[1.0, 2.0], [2.0, 1.0]]}, "inertia: its smallest eigenvalue is -1"),
         ({"inertia": [[1.0, 2.0, 3.0], [2.0, 1.0, 3.0]]}, r"inertia: got shape \(2, 3\)"),
         ({"inertia": [np.nan, 1.0]}, "inertia: .*finite numbers"),
-        ({"bandwidth": None}, "bandwidth: missing"),
-        ({"bandwidth": -3.0}, "bandwidth: .*above 0"),
-        ({"viscosity": [-1.0, 10.0]}, "A = .* is not Hurwitz, an eigenvalue has real part"),
-        ({"stiffness": 100.0}, "bandwidth, stiffness: both are given"),
+        ({"natural_frequency": None}, "natural_frequency: missing"),
+        ({"natural_frequency": -3.0}, "natural_frequency: .*above 0"),
+        ({"velocity_gain": [-1.0, 10.0]}, "A = .* is not Hurwitz, an eigenvalue has real part"),
+        ({"position_gain": 100.0}, "natural_frequency, position_gain: both are given"),
     ],
 )
 def test_bad_poles_are_refused(kind, options, message):
@@ -234,7 +234,7 @@ def test_survives_pickling_and_replacement(kind):
     torques = [one.step(state, value._replace(reference=np.ones(2)))[1].torque for one in (law, twin)]
     np.testing.assert_array_equal(*torques)
     if isinstance(law, PolePlacement):
-        assert replace(law, bandwidth=7.0).K1[0, 0] == pytest.approx(49.0)
+        assert replace(law, natural_frequency=7.0).K1[0, 0] == pytest.approx(49.0)
 
 
 @every_law_on_tde
@@ -281,7 +281,7 @@ def test_keeps_its_own_copy_of_arrays(kind):
     law = make_law(kind, inertia=inertia)
     inertia *= 100
     assert law.M[0, 0] == 0.1
-    assert replace(law, bandwidth=5.0).M[0, 0] == 0.1
+    assert replace(law, natural_frequency=5.0).M[0, 0] == 0.1
 
 
 @every_law_with_poles
@@ -292,8 +292,11 @@ def test_keeps_its_own_copy_of_arrays(kind):
         ({"inertia": [[1.0, 2.0], [3.0]]}, "inertia: .*needs numbers"),
         ({"inertia": []}, "inertia"),
         ({"inertia": None}, "inertia"),
-        ({"bandwidth": None, "stiffness": 100.0, "viscosity": 20.0, "damping": 0.7}, "damping, viscosity: both"),
-        ({"bandwidth": 10**400}, "bandwidth: .*needs numbers"),
+        (
+            {"natural_frequency": None, "position_gain": 100.0, "velocity_gain": 20.0, "damping_ratio": 0.7},
+            "damping_ratio, velocity_gain: both",
+        ),
+        ({"natural_frequency": 10**400}, "natural_frequency: .*needs numbers"),
     ],
 )
 def test_odd_values_are_refused(kind, options, message):

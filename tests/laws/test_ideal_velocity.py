@@ -10,12 +10,12 @@ from tarc.analysis.linearise import decouple
 
 
 def test_without_its_gain_it_is_tdc():
-    assert_equals_tdc(laws.IVF, velocity_gain=0.0, cap=1.0)
+    assert_equals_tdc(laws.IVF, ideal_velocity_gain=0.0, max_correction=1.0)
 
 
 def test_equals_second_writing():
     """The torques of a run again, from its records: the ideal velocity as one sum over all the past."""
-    law = make_law(laws.IVF, inertia=SMALL_INERTIA, velocity_gain=6.0)
+    law = make_law(laws.IVF, inertia=SMALL_INERTIA, ideal_velocity_gain=6.0)
     data = simulate_arm(law, duration=1.0).data
     q, qd, dqd, ddqd, v = (
         data[name].values
@@ -31,9 +31,9 @@ def test_adds_a_pole_at_its_gain():
     """With all but perfect time-delay estimation the poles are −ωn, −ωn and −Γ."""
     law = laws.IVF(
         inertia=0.1,
-        bandwidth=10.0,
-        damping=1.25,  # poles at -5 and -20
-        velocity_gain=12.0,
+        natural_frequency=10.0,
+        damping_ratio=1.25,  # poles at -5 and -20
+        ideal_velocity_gain=12.0,
         period=1e-5,
         synchronised=True,
         estimator=estimators.Algebraic(window=2e-5, degree=2),
@@ -45,7 +45,7 @@ def test_adds_a_pole_at_its_gain():
 
 
 def test_cap_limits_the_term_and_the_integral():
-    law = make_law(laws.IVF, velocity_gain=4.0, cap=2.0)
+    law = make_law(laws.IVF, ideal_velocity_gain=4.0, max_correction=2.0)
     state, corrections = law.robust_init(), []
     for error in [0.5] * 50 + [-0.05] * 50:
         state, correction, _ = law.robust(state, tracking_at([error, 0.0], [0.0, 0.0]))
@@ -61,20 +61,23 @@ def test_tracks_better_than_tdc_under_friction():
         simulate_arm(make_law(laws.IVF, inertia=SMALL_INERTIA)),
     )
     assert robust.status.completed
-    assert robust.metrics(start=1.0)["rms_error"] < 0.6 * plain.metrics(start=1.0)["rms_error"]
+    assert robust.metrics(start_time=1.0)["rms_error"] < 0.6 * plain.metrics(start_time=1.0)["rms_error"]
     assert robust.metrics()["peak_torque"] < 60.0
 
 
 def test_loop_certificate_sees_its_gain():
-    verdicts = [certificates.loop(make_law(laws.IVF, velocity_gain=gain), 0.08).verdict for gain in (10.0, 400.0)]
+    verdicts = [
+        certificates.certify_constant_ratio(make_law(laws.IVF, ideal_velocity_gain=gain), 0.08).verdict
+        for gain in (10.0, 400.0)
+    ]
     assert verdicts == ["certified", "refuted"]
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"velocity_gain": -1.0}, "velocity_gain: got -1; needs a finite number of at least 0"),
-        ({"cap": 0.0}, "cap: got 0; needs a finite number above 0"),
+        ({"ideal_velocity_gain": -1.0}, "ideal_velocity_gain: got -1; needs a finite number of at least 0"),
+        ({"max_correction": 0.0}, "max_correction: got 0; needs a finite number above 0"),
     ],
 )
 def test_bad_parameters(options, message):

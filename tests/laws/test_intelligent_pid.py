@@ -71,19 +71,22 @@ def test_is_synchronised_tdc():
 
 def test_certificate():
     law, twin = make_law(laws.IntelligentPID, window=0.008), make_law(laws.TDC, synchronised=True)
-    assert certificates.loop(law, 1.0).verdict == "certified"
+    assert certificates.certify_constant_ratio(law, 1.0).verdict == "certified"
     intervals = [analysis.stable_interval(one) for one in (law, twin)]
     np.testing.assert_allclose(*intervals, rtol=1e-6)
-    assert certificates.loop(make_law(laws.IntelligentPID, integral=3.0), 1.0).verdict == "certified"
+    assert (
+        certificates.certify_constant_ratio(make_law(laws.IntelligentPID, integral_gain=3.0), 1.0).verdict
+        == "certified"
+    )
 
 
 def test_window_is_its_own():
     """F̂ from a long window and the velocity from a short one."""
-    law = make_law(laws.IntelligentPID, window=0.030, inertia=[1.0, 0.4], integral=2.0)
+    law = make_law(laws.IntelligentPID, window=0.030, inertia=[1.0, 0.4], integral_gain=2.0)
     reference = signals.Sinusoid(amplitude=[0.4, 0.5], frequency=[2.0, 3.0])
-    run = simulate(plants.TwoLinkArm(), law, reference, 3.0, sensor=signals.Encoder(bits=16), torque="rest")
+    run = simulate(plants.TwoLinkArm(), law, reference, 3.0, sensor=signals.Encoder(bits=16), initial_torque="rest")
     assert run.status.completed
-    assert run.metrics(start=1.0)["rms_error"] < 5e-3
+    assert run.metrics(start_time=1.0)["rms_error"] < 5e-3
 
 
 @pytest.mark.parametrize(
@@ -91,7 +94,7 @@ def test_window_is_its_own():
     [
         ({"window": 0.001}, "window: .* holds 2 samples"),
         ({"window": 0.0025}, "window: .*no whole multiple of the period"),
-        ({"integral": -1.0}, "integral"),
+        ({"integral_gain": -1.0}, "integral_gain"),
     ],
 )
 def test_bad_parameters(options, message):

@@ -14,7 +14,7 @@ def test_with_an_endless_filter_it_is_tdc():
 
 @pytest.mark.parametrize("options", [{}, {"delay": 0.003}, {"synchronised": True}])
 def test_without_a_limit_it_is_ideal_velocity_feedback(options):
-    given = {"inertia": SMALL_INERTIA, "bandwidth": 6.0, **options}
+    given = {"inertia": SMALL_INERTIA, "natural_frequency": 6.0, **options}
     model = simulate_arm(make_law(laws.TDCIM, time_constant=0.2, **given), duration=1.0)
     ideal = simulate_arm(make_law(laws.IVF, velocity_gain=5.0, **given), duration=1.0)
     assert model.status.completed
@@ -25,7 +25,7 @@ def test_without_a_limit_it_is_ideal_velocity_feedback(options):
 def overshoot(law):
     """Of the first joint, after a motion that its torque limit does not allow; and whether the run completed."""
     step = signals.Quintic(points=[[-1.5, 0.0], [0.0, 0.0]], times=[0.2, 0.5])
-    data = (run := simulate(plants.TwoLinkArm(), law, step, 3.0, torque="rest")).data
+    data = (run := simulate(plants.TwoLinkArm(), law, step, 3.0, initial_torque="rest")).data
     assert (np.abs(data["torque"].values[:, 0]) == 45.0).any(), "the limit is reached"
     return float((data["position"] - data["reference"]).values[500:, 0].max()), run.status.completed
 
@@ -36,7 +36,7 @@ def test_nothing_winds_up_at_a_limit():
     far, completed = overshoot(make_law(laws.IVF, velocity_gain=10.0, **given))
     assert far > 1.0
     assert not completed
-    for law in (make_law(laws.TDCIM, **given), make_law(laws.IVF, velocity_gain=10.0, cap=5.0, **given)):
+    for law in (make_law(laws.TDCIM, **given), make_law(laws.IVF, ideal_velocity_gain=10.0, max_gain=5.0, **given)):
         far, completed = overshoot(law)
         assert far < 2e-3
         assert completed
@@ -48,14 +48,14 @@ def test_tracks_better_than_tdc_under_friction():
         simulate_arm(make_law(laws.TDCIM, inertia=SMALL_INERTIA)),
     )
     assert robust.status.completed
-    assert robust.metrics(start=1.0)["rms_error"] < 0.6 * plain.metrics(start=1.0)["rms_error"]
+    assert robust.metrics(start_time=1.0)["rms_error"] < 0.6 * plain.metrics(start_time=1.0)["rms_error"]
     assert robust.metrics()["peak_torque"] < 60.0
 
 
 @pytest.mark.parametrize("ratio", [0.08, 0.2])
 def test_loop_certificate_is_that_of_ideal_velocity_feedback(ratio):
-    model = certificates.loop(make_law(laws.TDCIM, time_constant=0.1), ratio)
-    ideal = certificates.loop(make_law(laws.IVF, velocity_gain=10.0), ratio)
+    model = certificates.certify_constant_ratio(make_law(laws.TDCIM, time_constant=0.1), ratio)
+    ideal = certificates.certify_constant_ratio(make_law(laws.IVF, ideal_velocity_gain=10.0), ratio)
     assert model.verdict == ideal.verdict
     assert model.margin == pytest.approx(ideal.margin, abs=1e-8)
 

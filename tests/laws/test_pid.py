@@ -14,23 +14,27 @@ def test_equals_python_control():
     """The response of a mass to a step of the reference, with the loop put together from transfer functions."""
     T, M, gain = 1e-3, 0.8, 4.0
     law = laws.PID(
-        inertia=M, bandwidth=20.0, integral=gain, period=T, estimator=estimators.FilteredDifference(cutoff=300.0)
+        inertia=M,
+        natural_frequency=20.0,
+        integral_gain=gain,
+        period=T,
+        estimator=estimators.FilteredDifference(cutoff=300.0),
     )
     K1, K2 = law.K1[0, 0], law.K2[0, 0]
-    p = law.estimator.at(T).pole  # type: ignore[attr-defined]
+    p = law.estimator.with_period(T).pole  # type: ignore[attr-defined]
     derivative = control.tf((1 - p) * np.array([1.0, -1.0]) / T, [1.0, -p], T)
     proportional = control.ss(control.tf([M * K1 * (1 + gain * T), -M * K1], [1.0, -1.0], T))
     plant = control.sample_system(control.ss(control.tf([1.0], [1.0, 0.0, 0.0])), T)
     inner = control.feedback(plant, control.ss(M * K2 * derivative))  # type: ignore[arg-type]
     response = control.forced_response(control.feedback(inner * proportional, 1), U=np.full(800, 0.1)).outputs
     reference = signals.Sinusoid(amplitude=0.0, frequency=1.0, offset=0.1)
-    run = simulate(MASS, law, reference, 0.8, position=[0.0])
+    run = simulate(MASS, law, reference, 0.8, initial_position=[0.0])
     np.testing.assert_allclose(run.data["position"].values[:, 0], response, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize(("gain", "offset"), [(0.0, (0.01, 0.1)), (5.0, (0.0, 1e-5))])
 def test_integral_takes_up_a_constant_load(gain, offset):
-    law = make_law(laws.PID, integral=gain, inertia=[3.0, 1.0], bandwidth=15.0)
+    law = make_law(laws.PID, integral_gain=gain, inertia=[3.0, 1.0], natural_frequency=15.0)
     reference = signals.Sinusoid(amplitude=0.0, frequency=1.0, offset=[0.4, 0.5])
     data = simulate(plants.TwoLinkArm(), law, reference, 4.0).data
     assert offset[0] <= np.abs(data["position"].values[-1] - [0.4, 0.5]).max() <= offset[1]
@@ -38,20 +42,20 @@ def test_integral_takes_up_a_constant_load(gain, offset):
 
 def test_does_not_wind_up():
     """Held away at a limit, z settles where ż = 0: at the acceleration that the limit allows, and not beyond."""
-    law = make_law(laws.PID, joints=1, inertia=0.1, integral=5.0, torque_limit=2.0)
+    law = make_law(laws.PID, joints=1, inertia=0.1, integral_gain=5.0, torque_limit=2.0)
     state, value = law.init([0.0]), law.example()[1]
     output = None
     for _ in range(4000):
         state, output = law.step(state, value._replace(reference=np.array([1.0])))
     assert output is not None
     np.testing.assert_allclose(output.torque, 2.0)
-    np.testing.assert_allclose(output.signals["integral"], 2.0 / 0.1, rtol=1e-6)
+    np.testing.assert_allclose(output.signals["integral_gain"], 2.0 / 0.1, rtol=1e-6)
 
 
 def test_unwinds_from_the_torque_that_came_late():
     """With a known delay the torque asked for is compared with what became of it, not with a later one."""
-    law = make_law(laws.PID, integral=5.0, actuation_delay=3)
-    free = make_law(laws.PID, integral=5.0)
+    law = make_law(laws.PID, integral_gain=5.0, actuation_delay=3)
+    free = make_law(laws.PID, integral_gain=5.0)
     state, twin, value = law.init(np.zeros(2)), free.init(np.zeros(2)), law.example()[1]
     for k in range(30):
         position = value._replace(position=0.1 * np.sin([0.1 * k, 0.2 * k]))
@@ -61,19 +65,24 @@ def test_unwinds_from_the_torque_that_came_late():
 
 @pytest.mark.parametrize("gain", [0.0, 3.0])
 def test_keeps_the_torque_applied_before_only_with_an_integral(gain):
-    law = make_law(laws.PID, integral=gain)
+    law = make_law(laws.PID, integral_gain=gain)
     _, output = law.step(law.init(np.zeros(2), [3.0, -1.0]), law.example()[1])
     np.testing.assert_allclose(output.torque, [3.0, -1.0] if gain else 0.0, atol=1e-12)
 
 
 def test_certificate_knows_the_continuous_limit():
     """With M̂ = M the loop is stable for integral < K2; the window's delay takes a little of that."""
-    common = {"inertia": 0.1, "bandwidth": 10.0, "joints": 1, "estimator_name": "difference"}
-    assert certificates.loop(make_law(laws.PID, integral=19.0, **common), 1.0).verdict == "certified"
-    assert certificates.loop(make_law(laws.PID, integral=20.5, **common), 1.0).verdict == "refuted"
-    assert certificates.loop(make_law(laws.PID, **common), 1.0).verdict == "certified"
+    common = {"inertia": 0.1, "natural_frequency": 10.0, "joints": 1, "estimator_name": "difference"}
+    assert (
+        certificates.certify_constant_ratio(make_law(laws.PID, integral_gain=19.0, **common), 1.0).verdict
+        == "certified"
+    )
+    assert (
+        certificates.certify_constant_ratio(make_law(laws.PID, integral_gain=20.5, **common), 1.0).verdict == "refuted"
+    )
+    assert certificates.certify_constant_ratio(make_law(laws.PID, **common), 1.0).verdict == "certified"
 
 
 def test_bad_parameters():
-    with pytest.raises(TarcError, match="integral: got -1; needs a finite number of at least 0"):
-        make_law(laws.PID, integral=-1.0)
+    with pytest.raises(TarcError, match="integral_gain: got -1; needs a finite number of at least 0"):
+        make_law(laws.PID, integral_gain=-1.0)

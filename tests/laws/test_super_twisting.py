@@ -15,8 +15,8 @@ TARGET = signals.Sinusoid(amplitude=0.0, frequency=1.0)
 
 def fast_sampled_law(**options):
     """A law that runs so fast that the continuous results hold."""
-    given = {"inertia": 1.0, "bandwidth": 5.0, "period": 1e-4, "estimator": estimators.BackwardDifference()}
-    return laws.SuperTwisting(**{**given, "boundary": 1e-4, **options})
+    given = {"inertia": 1.0, "natural_frequency": 5.0, "period": 1e-4, "estimator": estimators.BackwardDifference()}
+    return laws.SuperTwisting(**{**given, "boundary_layer": 1e-4, **options})
 
 
 def sliding_variable(run, law):
@@ -44,7 +44,7 @@ def reaching_time(law, s, z):
 
 def test_reaches_the_surface_within_the_known_time():
     law = fast_sampled_law(disturbance_rate=40.0)
-    run = simulate(MASS, law, TARGET, 4.0, velocity=1.0, disturbance=signals.Step(amplitude=3.0))
+    run = simulate(MASS, law, TARGET, 4.0, initial_velocity=1.0, disturbance=signals.Step(amplitude=3.0))
     s = sliding_variable(run, law)
     bound = reaching_time(law, 1.0, 3.0)
     late = run.data["time"].values > bound
@@ -88,7 +88,7 @@ def test_integral_does_not_wind_up():
     np.testing.assert_allclose(integrals[-1], expected, rtol=1e-6)
 
 
-@pytest.mark.parametrize("name", ["disturbance_rate", "root_gain", "switch_gain", "boundary"])
+@pytest.mark.parametrize("name", ["disturbance_rate", "root_gain", "switch_gain", "boundary_layer"])
 def test_bad_parameters(name):
     with pytest.raises(TarcError, match=f"{name}: got 0; needs a finite number above 0"):
         replace(make_law(laws.SuperTwisting), **{name: 0.0})

@@ -11,8 +11,8 @@ from tarc import TarcError, certificates, estimators, laws
 
 NO_GAIN: dict[Any, dict[str, Any]] = {
     laws.SlidingMode: {"gain": 0.0},
-    laws.ASMC: {"initial_gain": 0.0, "cap": 0.0},
-    laws.MonotoneASMC: {"initial_gain": 0.0, "cap": 0.0},
+    laws.ASMC: {"initial_gain": 0.0, "max_gain": 0.0},
+    laws.MonotoneASMC: {"initial_gain": 0.0, "max_gain": 0.0},
 }
 every_switching_law = pytest.mark.parametrize("kind", NO_GAIN, ids=lambda kind: kind.__name__)
 
@@ -37,7 +37,7 @@ def test_without_gain_and_estimation_it_is_pole_placement(kind):
 @every_switching_law
 def test_switching_term(kind):
     """Of the size of the gain outside the layer, against s; inside it proportional to s."""
-    law = make_law(kind, boundary=0.1, surface=3.0)
+    law = make_law(kind, boundary_layer=0.1, surface_slope=3.0)
     state = law.robust_init()._replace(gain=np.array(7.0))
     far, near = tracking_at([0.1, -0.2], [1.0, 0.5]), tracking_at([0.01, 0.0], [0.0, 0.02])
     s = np.array([1.3, -0.1])
@@ -47,7 +47,7 @@ def test_switching_term(kind):
 
 @every_switching_law
 def test_default_surface_is_the_double_pole(kind):
-    np.testing.assert_allclose(make_law(kind, bandwidth=[7.0, 9.0]).Lambda, np.diag([7.0, 9.0]))
+    np.testing.assert_allclose(make_law(kind, natural_frequency=[7.0, 9.0]).Lambda, np.diag([7.0, 9.0]))
 
 
 @every_switching_law
@@ -65,17 +65,17 @@ def test_needs_no_acceleration_alone(kind):
 @every_switching_law
 @pytest.mark.parametrize("time_delay", [True, False])
 def test_loop_certificate_has_a_verdict(kind, time_delay):
-    certificate = certificates.loop(make_law(kind, time_delay=time_delay), 0.08)
+    certificate = certificates.certify_constant_ratio(make_law(kind, time_delay=time_delay), 0.08)
     assert certificate.verdict == "certified"
-    plain = certificates.loop(make_law(laws.TDC), 0.08)
+    plain = certificates.certify_constant_ratio(make_law(laws.TDC), 0.08)
     assert not time_delay or certificate.margin == pytest.approx(plain.margin, abs=1e-9)
 
 
 def test_inside_the_layer_it_is_tdc_with_larger_gains():
     """With ϱ/ε on K2 and λ ϱ/ε on K1."""
-    law = make_law(laws.SlidingMode, gain=0.0, boundary=0.25, surface=8.0)
+    law = make_law(laws.SlidingMode, gain=0.0, boundary_layer=0.25, surface_slope=8.0)
     state = law.robust_init()._replace(gain=np.array(5.0))
-    stiff = make_law(laws.TDC, bandwidth=None, stiffness=144.0 + 8.0 * 20.0, viscosity=24.0 + 20.0)
+    stiff = make_law(laws.TDC, natural_frequency=None, stiffness=144.0 + 8.0 * 20.0, velocity_gain=24.0 + 20.0)
     tracking = tracking_at([0.002, -0.001], [0.03, 0.05])
     u = law.feedback(tracking) + law.robust(state, tracking)[1]
     np.testing.assert_allclose(u, stiff.feedback(tracking), rtol=1e-12)
@@ -91,10 +91,15 @@ def test_holds_the_arm_against_gravity_alone(kind):
         laws.ASMC: {"speed": 100.0, "threshold": 0.3},
         laws.MonotoneASMC: {"growth": 100.0, "dead_zone": 0.3},
     }
-    common: dict[str, Any] = {"inertia": 6 * SMALL_INERTIA, "bandwidth": 10.0, "boundary": 2.0, "time_delay": False}
+    common: dict[str, Any] = {
+        "inertia": 6 * SMALL_INERTIA,
+        "natural_frequency": 10.0,
+        "boundary_layer": 2.0,
+        "time_delay": False,
+    }
     runs = [simulate_arm(make_law(kind, **common, **options)) for options in (NO_GAIN[kind], enough[kind])]
     assert all(run.status.completed for run in runs)
-    errors = [run.metrics(start=2.0)["rms_error"] for run in runs]
+    errors = [run.metrics(start_time=2.0)["rms_error"] for run in runs]
     assert errors[1] < errors[0] / 3
     assert runs[1].metrics()["peak_torque"] < 100.0
 
@@ -103,8 +108,8 @@ def test_holds_the_arm_against_gravity_alone(kind):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"boundary": 0.0}, "boundary: got 0; needs a finite number above 0"),
-        ({"surface": -1.0}, "surface: got -1; needs a finite number above 0"),
+        ({"boundary_layer": 0.0}, "boundary_layer: got 0; needs a finite number above 0"),
+        ({"surface_slope": -1.0}, "surface_slope: got -1; needs a finite number above 0"),
     ],
 )
 def test_bad_parameters(kind, options, message):

@@ -11,14 +11,14 @@ from tarc.laws import LawInput
 
 def torques_written_again(law, positions, reference, rates, accelerations):
     """The torques of TARC written again, with lists and loops, from the paper's equations alone."""
-    n, T, m = law.joints, law.period, law.delay_periods
+    n, T, m = law.n_joints, law.period, law.delay_periods
     count = law.estimator.samples
     age = -np.arange(count) * T
     fit = np.linalg.lstsq(np.vander(age, law.estimator.degree + 1, increasing=True), np.eye(count), rcond=None)[0]
     P2 = law.P[n:, :n]
     window = [positions[0]] * count
     torques, past_accelerations, past_norms = [np.zeros(n)] * m, [np.zeros(n)] * m, [0.0] * m
-    gain, result, gains = law.start, [], []
+    gain, result, gains = law.start_gain, [], []
     for q, qd, dqd, ddqd in zip(positions, reference, rates, accelerations, strict=True):
         window = [q, *window[:-1]]
         velocity = sum(fit[1, i] * window[i] for i in range(count))
@@ -26,14 +26,14 @@ def torques_written_again(law, positions, reference, rates, accelerations):
         e, de = q - qd, velocity - dqd
         s = P2 @ e
         size = np.sqrt(s @ s)
-        switching = -law.margin * gain * (s / size if size >= law.boundary else s / law.boundary)
+        switching = -law.gain_factor * gain * (s / size if size >= law.boundary_layer else s / law.boundary_layer)
         u = ddqd - law.K2 @ de - law.K1 @ e + switching
         torque = law.M @ u + (torques[m - 1] - law.M @ past_accelerations[m - 1])
         gains.append(gain)
-        if gain <= law.floor or size - past_norms[m - 1] > 0:
-            gain = gain + T * law.rise * size
+        if gain <= law.min_gain or size - past_norms[m - 1] > 0:
+            gain = gain + T * law.rise_rate * size
         else:
-            gain = max(gain - T * law.fall * size, law.floor)
+            gain = max(gain - T * law.fall_rate * size, law.min_gain)
         torques, past_accelerations = [torque, *torques[:-1]], [acceleration, *past_accelerations[:-1]]
         past_norms = [size, *past_norms[:-1]]
         result.append(torque)
@@ -43,7 +43,15 @@ def torques_written_again(law, positions, reference, rates, accelerations):
 @pytest.mark.parametrize("delay", [None, 0.003])
 def test_equals_second_writing(delay):
     inertia = 0.05 * np.array([[3.0, 1.0], [1.0, 1.0]])
-    law = make_law(laws.TARC, inertia=inertia, delay=delay, boundary=0.002, rise=4000.0, fall=3000.0, margin=1.5)
+    law = make_law(
+        laws.TARC,
+        inertia=inertia,
+        delay=delay,
+        boundary_layer=0.002,
+        rise_rate=4000.0,
+        fall_rate=3000.0,
+        gain_factor=1.5,
+    )
     reference = signals.Sinusoid(amplitude=[0.4, 0.5], frequency=[2.0, 3.0])
     run = simulate(plants.TwoLinkArm(coulomb=0.5), law, reference, 1.0, sensor=signals.Encoder(bits=15))
     data = run.data
@@ -51,14 +59,14 @@ def test_equals_second_writing(delay):
     torques, gains = torques_written_again(law, *columns)
     assert run.status.completed
     assert 0 < data["rising"].values.mean() < 1, "both branches run"
-    assert (data["sliding"].values > law.boundary).any(), "both sides of the boundary run"
-    assert (data["sliding"].values < law.boundary).any()
+    assert (data["sliding"].values > law.boundary_layer).any(), "both sides of the boundary run"
+    assert (data["sliding"].values < law.boundary_layer).any()
     np.testing.assert_allclose(data["torque"].values, torques, rtol=1e-7, atol=1e-6)
     np.testing.assert_allclose(data["gain"].values, gains, rtol=1e-9)
 
 
 def test_differs_from_tdc_by_the_switching_term_alone():
-    tdc, tarc = make_law(laws.TDC), make_law(laws.TARC, boundary=0.02, initial_gain=3.0)
+    tdc, tarc = make_law(laws.TDC), make_law(laws.TARC, boundary_layer=0.02, initial_gain=3.0)
     value = LawInput(np.array([0.1, -0.2]), np.zeros(2), np.ones(2), np.ones(2))
     plain, robust = (law.step(law.init(np.zeros(2)), value)[1].torque for law in (tdc, tarc))
     s = tarc.P2 @ value.position
@@ -67,10 +75,10 @@ def test_differs_from_tdc_by_the_switching_term_alone():
 
 def test_default_weight_makes_s_the_error():
     """P2 = I and P3 = 1/(ζ ωn) for K = scalar·I; with Q = I, P2 = 1/(2 ωn²)."""
-    law = make_law(laws.TARC, bandwidth=12.0, damping=0.8)
+    law = make_law(laws.TARC, natural_frequency=12.0, damping_ratio=0.8)
     np.testing.assert_allclose(law.P2, np.eye(2), atol=1e-9)
     np.testing.assert_allclose(law.P3, np.eye(2) / (0.8 * 12.0), atol=1e-9)
-    identity = make_law(laws.TARC, weight=1.0)
+    identity = make_law(laws.TARC, lyapunov_weight=1.0)
     np.testing.assert_allclose(identity.P2, np.eye(2) / (2 * 12.0**2), atol=1e-12)
 
 
@@ -78,7 +86,7 @@ def test_lyapunov_equation_by_quadrature():
     """P = ∫ e^{Aᵀt} Q e^{At} dt, an independent route to AᵀP + PA = −Q."""
     from scipy.linalg import expm
 
-    law = make_law(laws.TARC, weight=[1.0, 2.0, 3.0, 4.0], bandwidth=[3.0, 5.0])
+    law = make_law(laws.TARC, lyapunov_weight=[1.0, 2.0, 3.0, 4.0], natural_frequency=[3.0, 5.0])
     entry = [
         [quad(lambda t, i=i, j=j: (expm(law.A.T * t) @ law.Q @ expm(law.A * t))[i, j], 0, 12)[0] for j in range(4)]
         for i in range(4)
@@ -87,7 +95,7 @@ def test_lyapunov_equation_by_quadrature():
 
 
 def test_gain_stays_above_floor_and_below_cap():
-    law = make_law(laws.TARC, inertia=[0.1, 0.05], rise=2e5, fall=3e5, floor=0.5, cap=4.0)
+    law = make_law(laws.TARC, inertia=[0.1, 0.05], rise_rate=2e5, fall_rate=3e5, min_gain=0.5, max_gain=4.0)
     reference = signals.Sinusoid(amplitude=[0.4, 0.5], frequency=[2.0, 3.0])
     gain = simulate(plants.TwoLinkArm(coulomb=1.0), law, reference, 2.0).data["gain"].values
     assert gain.min() == 0.5
@@ -95,7 +103,7 @@ def test_gain_stays_above_floor_and_below_cap():
 
 
 def test_rises_at_rate_and_falls_at_rate():
-    law = make_law(laws.TARC, rise=100.0, fall=40.0, initial_gain=5.0)
+    law = make_law(laws.TARC, rise_rate=100.0, fall_rate=40.0, initial_gain=5.0)
     state = law.init(np.zeros(2))
     value = LawInput(np.zeros(2), np.zeros(2), np.zeros(2), np.zeros(2))
     gains, sizes = [], [0.3, 0.4, 0.2, 0.1, 0.1, 0.5]
@@ -110,13 +118,13 @@ def test_rises_at_rate_and_falls_at_rate():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"initial_gain": 0.5, "floor": 0.5}, "initial_gain: got 0.5, which is not above the floor 0.5"),
-        ({"margin": 0.9}, "margin: got 0.9; needs a finite number of at least 1"),
-        ({"rise": 0.0}, "rise"),
-        ({"fall": -1.0}, "fall"),
-        ({"boundary": 0.0}, "boundary: got 0; needs a finite number above 0"),
-        ({"cap": 0.001}, "cap: got 0.001; needs at least the initial gain"),
-        ({"weight": [1.0, 1.0, -1.0, 1.0]}, "weight: .*positive definite"),
+        ({"initial_gain": 0.5, "min_gain": 0.5}, "initial_gain: got 0.5, which is not above the floor 0.5"),
+        ({"gain_factor": 0.9}, "gain_factor: got 0.9; needs a finite number of at least 1"),
+        ({"rise_rate": 0.0}, "rise_rate"),
+        ({"fall_rate": -1.0}, "fall_rate"),
+        ({"boundary_layer": 0.0}, "boundary_layer: got 0; needs a finite number above 0"),
+        ({"max_gain": 0.001}, "max_gain: got 0.001; needs at least the initial gain"),
+        ({"lyapunov_weight": [1.0, 1.0, -1.0, 1.0]}, "lyapunov_weight: .*positive definite"),
     ],
 )
 def test_bad_parameters(options, message):
@@ -131,14 +139,19 @@ def test_condition_c2_is_checked():
     refused = 0
     for _ in range(200):
         root = rng.normal(size=(4, 4))
-        weight = root @ root.T + 1e-3 * np.eye(4)
+        lyapunov_weight = root @ root.T + 1e-3 * np.eye(4)
         A = np.block([[np.zeros((2, 2)), np.eye(2)], [-K1, -K2]])
         from scipy.linalg import solve_continuous_lyapunov
 
-        P = solve_continuous_lyapunov(A.T, -weight)
+        P = solve_continuous_lyapunov(A.T, -lyapunov_weight)
         product = P[2:, 2:] @ P[2:, :2].T
         fails = np.linalg.eigvalsh(product + product.T)[0] <= 0
-        options = {"bandwidth": None, "stiffness": K1, "viscosity": K2, "weight": weight}
+        options = {
+            "natural_frequency": None,
+            "position_gain": K1,
+            "velocity_gain": K2,
+            "lyapunov_weight": lyapunov_weight,
+        }
         if fails:
             refused += 1
             with pytest.raises(TarcError, match=r"condition \(c2\) fails"):
@@ -152,11 +165,11 @@ def test_payload_is_survived_on_position_alone():
     """The claim in one run: unknown payload, encoder alone, and the error stays in the millirads."""
     law = laws.TARC(
         inertia=0.05 * np.array([[3.0, 1.0], [1.0, 1.0]]),
-        bandwidth=10.0,
+        natural_frequency=10.0,
         period=1e-3,
         estimator=estimators.Algebraic(window=0.010, degree=2),
-        rise=2000.0,
-        fall=1000.0,
+        rise_rate=2000.0,
+        fall_rate=1000.0,
     )
     reference = signals.Sinusoid(amplitude=0.6, frequency=[2.0, 2.5], phase=np.pi / 2)
     run = simulate(
@@ -165,8 +178,8 @@ def test_payload_is_survived_on_position_alone():
         reference,
         6.0,
         sensor=signals.Encoder(bits=16),
-        disturbance=[signals.Payload(mass=0.5, at=3.0)],
-        torque="rest",
+        disturbance=[signals.Payload(mass=0.5, start_time=3.0)],
+        initial_torque="rest",
     )
     assert run.status.completed
-    assert run.metrics(start=1.0)["rms_error"] < 5e-3
+    assert run.metrics(start_time=1.0)["rms_error"] < 5e-3

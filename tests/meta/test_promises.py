@@ -87,10 +87,17 @@ def test_symbols_exist():
 
     known |= set(VARIABLES) | set(Tracking._fields)
     law = tarc.laws.TDC(
-        inertia=0.5, bandwidth=10.0, period=1e-3, estimator=tarc.estimators.Algebraic(window=0.01), synchronised=True
+        inertia=0.5,
+        natural_frequency=10.0,
+        period=1e-3,
+        estimator=tarc.estimators.Algebraic(window=0.01),
+        synchronised=True,
     )
     space = tarc.analysis.Workspace.box([-0.3], [0.3], speed=1.0)
-    for one in (tarc.certificates.ball(law, rate=5.0), tarc.certificates.robot(law, tarc.plants.Pendulum(), space)):
+    for one in (
+        tarc.certificates.certify_varying_ratio(law, rate=5.0),
+        tarc.certificates.certify_robot(law, tarc.plants.Pendulum(), space),
+    ):
         known |= set(one.numbers) | set(one.matrices)
     assert words <= known, words - known
 
@@ -98,7 +105,10 @@ def test_symbols_exist():
 def test_docs_build_strictly(tmp_path):
     done = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")],
-        cwd=ROOT, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     assert "network" not in done.stderr

@@ -7,7 +7,7 @@ import pytest
 
 import tarc
 from tarc import TarcError
-from tarc.paper.bounds_on_gain import Constants, Rise, evaluate, gain_bounds
+from tarc.paper.gain_bounds import Constants, Rise, evaluate, evaluate_gain_bounds
 from tarc.simulation.run import Run
 
 ARM = tarc.plants.TwoLinkArm()
@@ -17,25 +17,25 @@ REFERENCE = tarc.signals.Sinusoid(amplitude=[0.6, 0.6], frequency=[2.0, 2.5])
 def make_tarc(**options):
     common = {
         "inertia": 0.05 * np.array([[3.0, 1.0], [1.0, 1.0]]),
-        "bandwidth": 10.0,
+        "natural_frequency": 10.0,
         "period": 1e-3,
         "estimator": tarc.estimators.Algebraic(window=0.010, degree=2),
-        "boundary": 0.01,
+        "boundary_layer": 0.01,
     }
-    return tarc.laws.TARC(**{"rise": 2e3, "fall": 1e3, **common, **options})
+    return tarc.laws.TARC(**{"rise_rate": 2e3, "fall_rate": 1e3, **common, **options})
 
 
 def simulate_law(law, duration=3.0, **options):
     return tarc.simulate(ARM, law, REFERENCE, duration, **options)
 
 
-LAW = make_tarc(delay=0.002, rise=500.0)
+LAW = make_tarc(delay=0.002, rise_rate=500.0)
 RUN = simulate_law(LAW)
 
 
 def test_formulas_by_hand():
     """Υ+c = 3, ‖ι1‖ = 1, λ−z = 1, Γ = 16: μ1 = 3, ϖ0 = 3 + √(16+9) = 8 and l(0) = 3·8 + 8 = 32."""
-    law = make_tarc(rise=4.0, margin=2.0, boundary=0.5)
+    law = make_tarc(rise_rate=4.0, margin=2.0, boundary_layer=0.5)
     constants = Constants(tde_error=2.0, jump=1.0, forcing=16.0, size=1.0, decay=2.0, share=0.5, stretch=3.0)
     outside = Rise(least=2.0, longest=0.1, excess=np.e, peak=5.0)
     inside = Rise(least=0.25, longest=0.2, excess=np.e**2, peak=6.0)
@@ -56,7 +56,7 @@ def test_formulas_by_hand():
 
 def test_as_printed_there_is_no_bound():
     """λmin(Θ) is never positive."""
-    found = gain_bounds(RUN, LAW)
+    found = evaluate_gain_bounds(RUN, LAW)
     values = [bound.value for bound in found.bounds.values()]
     assert not np.isfinite(values).any()
     text = str(found)
@@ -71,7 +71,7 @@ def test_tde_error_is_what_the_law_did_not_ask_for():
     got = (data["acceleration"] - data["acceleration_reference"]).values
     m = LAW.delay_periods
     known = np.linalg.norm(got[m:] - asked[:-m], axis=1).max()
-    assert gain_bounds(RUN, LAW).constants.tde_error == pytest.approx(known, rel=1e-9)
+    assert evaluate_gain_bounds(RUN, LAW).constants.tde_error == pytest.approx(known, rel=1e-9)
 
 
 def test_jump_is_that_of_the_switching_term():
@@ -81,13 +81,13 @@ def test_jump_is_that_of_the_switching_term():
     nominal = data["acceleration_reference"].values - estimated @ LAW.K2.T - error @ LAW.K1.T
     correction = data["auxiliary"].values - nominal
     known = np.linalg.norm(correction[2:] - correction[:-2], axis=1).max()
-    assert gain_bounds(RUN, LAW).constants.jump == pytest.approx(known, rel=1e-6)
+    assert evaluate_gain_bounds(RUN, LAW).constants.jump == pytest.approx(known, rel=1e-6)
 
 
 def test_forcing_is_the_largest_integral():
     """Γ with D/β = diag(d), by a sum over each stretch of two periods."""
     d = np.array([1.0, 2.0, 3.0, 4.0])
-    found = gain_bounds(RUN, LAW, weight=d, decay=1.0)
+    found = evaluate_gain_bounds(RUN, LAW, weight=d, decay=1.0)
     data, m = RUN.data, 2
     rate = (data["velocity"] - data["velocity_reference"]).values
     estimated = (data["velocity_estimate"] - data["velocity_reference"]).values
@@ -99,23 +99,23 @@ def test_forcing_is_the_largest_integral():
     known = max(0.002 * 0.001 * power[k : k + m].sum() for k in range(len(power) - m + 1))
     assert found.constants.forcing == pytest.approx(known, rel=1e-9)
     assert not any("left out" in note for note in found.notes)
-    assert found.bounds["level"].value > gain_bounds(RUN, LAW, decay=1.0).bounds["level"].value
+    assert found.bounds["level"].value > evaluate_gain_bounds(RUN, LAW, decay=1.0).bounds["level"].value
 
 
 def test_rises_are_those_of_the_run():
-    found = gain_bounds(RUN, LAW, decay=1.0)
+    found = evaluate_gain_bounds(RUN, LAW, decay=1.0)
     rising, sliding = RUN.data["rising"].values[2:] > 0, RUN.data["sliding"].values[2:]
-    far = sliding >= LAW.boundary
+    far = sliding >= LAW.boundary_layer
     for side, rise in ((far, found.outside), (~far, found.inside)):
         stretches = [len(list(group)) for up, group in groupby(rising & side) if up]
         assert rise.longest == pytest.approx(1e-3 * max(stretches))
         assert rise.least == sliding[rising & side].min()
         assert rise.peak == RUN.data["gain"].values[2:][side].max()
-    assert found.outside.least >= LAW.boundary > found.inside.least
+    assert found.outside.least >= LAW.boundary_layer > found.inside.least
 
 
 def test_bounds_hold_for_the_run_and_explode_where_s_passes_zero():
-    found = gain_bounds(RUN, LAW, decay=1.0)
+    found = evaluate_gain_bounds(RUN, LAW, decay=1.0)
     for name in ("rise outside", "rise inside", "gain outside", "gain inside", "gain"):
         assert found.bounds[name].run <= found.bounds[name].value < np.inf
     assert found.bounds["gain inside"].value > 1e6 * found.bounds["gain inside"].run
@@ -123,7 +123,7 @@ def test_bounds_hold_for_the_run_and_explode_where_s_passes_zero():
 
 
 def test_a_run_that_never_leaves_the_layer():
-    found = gain_bounds(RUN, LAW, decay=1.0, start=2.0)
+    found = evaluate_gain_bounds(RUN, LAW, decay=1.0, start=2.0)
     assert np.isnan(found.bounds["gain outside"].value)
     assert found.bounds["gain"].value == found.bounds["gain inside"].value
     assert "outside the boundary layer the gain never rises" in str(found)
@@ -132,7 +132,7 @@ def test_a_run_that_never_leaves_the_layer():
 
 def test_a_saved_run(tmp_path):
     loaded = Run.load(RUN.save(tmp_path / "run.nc"))
-    assert gain_bounds(loaded, LAW).constants == gain_bounds(RUN, LAW).constants
+    assert evaluate_gain_bounds(loaded, LAW).constants == evaluate_gain_bounds(RUN, LAW).constants
 
 
 def test_a_gain_that_runs_away():
@@ -140,7 +140,7 @@ def test_a_gain_that_runs_away():
     law = make_tarc(delay=0.003)
     run = simulate_law(law)
     assert not run.status.completed
-    found = gain_bounds(run, law, decay=1.0)
+    found = evaluate_gain_bounds(run, law, decay=1.0)
     assert found.bounds["gain"].run == run.data["gain"].values.max() > 1000
 
 
@@ -148,20 +148,20 @@ def test_a_gain_that_runs_away():
     ("call", "message"),
     [
         (
-            lambda: gain_bounds(RUN, make_tarc(delay=0.002, rise=1e3)),
+            lambda: evaluate_gain_bounds(RUN, make_tarc(delay=0.002, rise_rate=1e3)),
             r"law: its rise is 1000\.0, and that of the run's law 500",
         ),
-        (lambda: gain_bounds(RUN, make_tarc(rise=500.0)), "law: its delay"),
+        (lambda: evaluate_gain_bounds(RUN, make_tarc(rise_rate=500.0)), "law: its delay"),
         (
-            lambda: gain_bounds(RUN, make_tarc(delay=0.002, rise=500.0, weight=1.0)),
+            lambda: evaluate_gain_bounds(RUN, make_tarc(delay=0.002, rise_rate=500.0, weight=1.0)),
             "its P2 is not that of the run's law",
         ),
-        (lambda: gain_bounds(RUN, make_tarc(inertia=0.1)), "law: its joints is 1"),
-        (lambda: gain_bounds(RUN, "TARC"), "law: got str"),  # type: ignore[arg-type]
-        (lambda: gain_bounds(RUN, LAW, decay=0.0), "decay: got 0; .* above 0"),
-        (lambda: gain_bounds(RUN, LAW, share=1.0), "share: got 1; z must lie"),
-        (lambda: gain_bounds(RUN, LAW, weight=-1.0), "weight: its smallest eigenvalue"),
-        (lambda: gain_bounds(RUN, LAW, start=5.0), "run: 0 samples of it can be used after 5 s"),
+        (lambda: evaluate_gain_bounds(RUN, make_tarc(inertia=0.1)), "law: its joints is 1"),
+        (lambda: evaluate_gain_bounds(RUN, "TARC"), "law: got str"),  # type: ignore[arg-type]
+        (lambda: evaluate_gain_bounds(RUN, LAW, decay=0.0), "decay: got 0; .* above 0"),
+        (lambda: evaluate_gain_bounds(RUN, LAW, share=1.0), "share: got 1; z must lie"),
+        (lambda: evaluate_gain_bounds(RUN, LAW, weight=-1.0), "weight: its smallest eigenvalue"),
+        (lambda: evaluate_gain_bounds(RUN, LAW, start=5.0), "run: 0 samples of it can be used after 5 s"),
     ],
 )
 def test_bad_input(call, message):

@@ -9,14 +9,14 @@ from hypothesis import strategies as st
 from law_catalogue import make_law, make_tdc
 from tarc import TarcError, laws
 from tarc.analysis.workspace import Workspace
-from tarc.certificates import loop
+from tarc.certificates import certify_constant_ratio
 from tarc.certificates.base import FORMS, JUDGES, Certificate
 from tarc.numerics.ball_arithmetic import balls, positive
-from tarc.paper.lemma1 import _lemma1_form, condition_c2, lemma1
+from tarc.paper.lemma1 import _lemma1_form, check_condition_c2, check_lemma1
 from tarc.plants import MassSpringDamper, MujocoPlant, NLinkArm, TwoLinkArm
 
 ARM = TwoLinkArm()
-ALL = Workspace.of(ARM)
+ALL = Workspace.from_joint_limits(ARM)
 
 
 def largest_norm(plant, nominal):
@@ -29,7 +29,7 @@ def largest_norm(plant, nominal):
 @pytest.mark.parametrize("scale", [0.05, 0.5, 1.0, 1.5])
 def test_norm_is_the_peak_of_a_dense_sweep(scale):
     nominal = scale * np.diag([1.0, 0.5])
-    certificate = lemma1(make_tdc(inertia=nominal), ARM, ALL)
+    certificate = check_lemma1(make_tdc(inertia=nominal), ARM, ALL)
     known = largest_norm(ARM, nominal)
     assert certificate.numbers["norm"] == pytest.approx(known, rel=1e-5)
     assert certificate.margin == pytest.approx(1 - known, abs=1e-5 * known)
@@ -50,7 +50,7 @@ def test_form_and_norm_are_the_same_condition(seed, size):
 
 
 def test_refuted_with_a_posture_that_shows_it():
-    certificate = lemma1(make_tdc(inertia=np.diag([3.0, 1.0])), ARM, ALL)
+    certificate = check_lemma1(make_tdc(inertia=np.diag([3.0, 1.0])), ARM, ALL)
     assert certificate.verdict == "refuted"
     assert certificate.proof_grade
     assert certificate.witness is not None
@@ -65,22 +65,22 @@ def test_at_the_edge_the_verdict_is_open():
     """One joint with M̂ = 2 M: the norm is one, and the form zero."""
     mass = MassSpringDamper(masses=[1.5], springs=[0.0], dampers=[0.0])
     place = Workspace.box([0.0], [1.0])
-    verdicts = [lemma1(make_tdc(inertia=m), mass, place).verdict for m in (3.0 - 1e-12, 3.0, 3.0 + 1e-12)]
+    verdicts = [check_lemma1(make_tdc(inertia=m), mass, place).verdict for m in (3.0 - 1e-12, 3.0, 3.0 + 1e-12)]
     assert verdicts == ["certified", "inconclusive", "refuted"]
 
 
 def test_payloads_between_two_that_pass_pass():
     """The condition is affine in M, which is affine in the payload."""
     law = make_tdc(inertia=0.3 * np.eye(2))
-    both = lemma1(law, [ARM, TwoLinkArm(payload=3.0)], ALL)
+    both = check_lemma1(law, [ARM, TwoLinkArm(payload=3.0)], ALL)
     assert both.certified
     for payload in (0.5, 1.0, 2.0):
-        assert lemma1(law, TwoLinkArm(payload=payload), ALL).certified
+        assert check_lemma1(law, TwoLinkArm(payload=payload), ALL).certified
 
 
 def test_norm_in_coordinates_without_units():
     """The lemma's norm depends on the coordinates: here it exceeds one with all ratios inside (0, 2)."""
-    certificate = lemma1(make_tdc(inertia=[0.5, 0.2]), ARM, ALL)
+    certificate = check_lemma1(make_tdc(inertia=[0.5, 0.2]), ARM, ALL)
     assert certificate.numbers["norm for M̂"] < 1 < certificate.numbers["norm"]
     ends = certificate.numbers["low"], certificate.numbers["high"]
     assert certificate.numbers["norm for M̂"] == max(abs(1 - end) for end in ends)
@@ -90,21 +90,21 @@ def test_a_certified_lemma_does_not_certify_the_loop():
     """M̂ = M satisfies the lemma with norm zero, and with a window of ten periods the loop is unstable."""
     mass = MassSpringDamper(masses=[1.5], springs=[0.0], dampers=[0.0])
     law = make_tdc(inertia=1.5)
-    certificate = lemma1(law, mass, Workspace.box([0.0], [1.0]))
+    certificate = check_lemma1(law, mass, Workspace.box([0.0], [1.0]))
     assert certificate.margin == pytest.approx(1.0)
-    assert loop(law, 1.0).verdict == "refuted"
+    assert certify_constant_ratio(law, 1.0).verdict == "refuted"
     assert any("left out" in assumption and "loop" in assumption for assumption in certificate.assumptions)
 
 
 def test_a_real_robot():
     robot = MujocoPlant.from_file("ur5e", armature=0.1)
-    certificate = lemma1(make_tdc(inertia=np.full(6, 0.1)), robot, Workspace.of(robot))
+    certificate = check_lemma1(make_tdc(inertia=np.full(6, 0.1)), robot, Workspace.from_joint_limits(robot))
     assert certificate.certified
     assert Certificate.from_json(certificate.to_json()).verify()
 
 
 def test_tampering_shows():
-    certificate = lemma1(make_tdc(inertia=[0.2, 0.2]), ARM, ALL)
+    certificate = check_lemma1(make_tdc(inertia=[0.2, 0.2]), ARM, ALL)
     assert certificate.certified
     certificate.matrices["inertia"][0, 0] = 50.0
     assert not certificate.verify()
@@ -114,7 +114,7 @@ def test_tampering_shows():
 @pytest.mark.parametrize("weight", [None, 1.0])
 def test_c2_for_scalar_gains_in_closed_form(joints, weight):
     """P2 = q1/(2ωn²), P3 = (q3 + q1/ωn²)/(4ζωn), for ωn = 12, ζ = 1; Δsᵀs at a unit e1 is −P2 P3."""
-    certificate = condition_c2(make_law(laws.TARC, joints, weight=weight))
+    certificate = check_condition_c2(make_law(laws.TARC, joints, weight=weight))
     q1, q3 = (2 * 144.0, 2.0) if weight is None else (1.0, 1.0)
     P2, P3 = q1 / 288, (q3 + q1 / 144) / 48
     assert certificate.certified
@@ -131,7 +131,7 @@ def test_c2_gives_no_sign_even_where_the_error_grows():
     rng = np.random.default_rng(0)
     root = rng.normal(size=(4, 4))
     law = make_law(laws.TARC, 2, weight=np.diag([288.0, 288.0, 2.0, 2.0]) + root @ root.T)
-    certificate = condition_c2(law)
+    certificate = check_condition_c2(law)
     assert certificate.certified
     f1, df1, e1 = (certificate.matrices[name] for name in ("f1", "df1", "e1"))
     assert (law.P2 @ f1) @ (law.P2 @ df1) > 0
@@ -143,7 +143,7 @@ def test_c2_gives_no_sign_even_where_the_error_grows():
 
 def test_c2_refuted_and_open_from_stored_matrices():
     """The law itself refuses such a P, so the evidence is changed by hand."""
-    certificate = condition_c2(make_law(laws.TARC, 2))
+    certificate = check_condition_c2(make_law(laws.TARC, 2))
     certificate.matrices["P"][2:, :2] *= -1
     assert not certificate.verify()
     verdict, margin, witness = JUDGES["c2"](certificate.matrices, {})
@@ -155,7 +155,10 @@ def test_c2_refuted_and_open_from_stored_matrices():
 
 
 def test_figures_of_the_forms(tmp_path):
-    for certificate in (lemma1(make_tdc(inertia=[0.2, 0.2]), ARM, ALL), condition_c2(make_law(laws.TARC, 2))):
+    for certificate in (
+        check_lemma1(make_tdc(inertia=[0.2, 0.2]), ARM, ALL),
+        check_condition_c2(make_law(laws.TARC, 2)),
+    ):
         for form in FORMS[certificate.kind](certificate.matrices, certificate.numbers).values():
             assert np.linalg.eigvalsh(form)[0] > 0
         certificate.plot().savefig(tmp_path / "forms.png")
@@ -164,11 +167,14 @@ def test_figures_of_the_forms(tmp_path):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: lemma1("TDC", ARM, ALL), "law: got str"),  # type: ignore[arg-type]
-        (lambda: lemma1(make_tdc(), NLinkArm(), ALL), "law: it drives 1 joints and the robot has 3"),
-        (lambda: lemma1(make_tdc(inertia=[1, 1]), "arm", ALL), "plant: got str"),  # type: ignore[arg-type]
-        (lambda: lemma1(make_tdc(inertia=[1, 1]), ARM, Workspace.box([0], [1])), "it has 1 joints and the robot 2"),
-        (lambda: condition_c2(make_tdc()), "law: got TDC; condition"),
+        (lambda: check_lemma1("TDC", ARM, ALL), "law: got str"),  # type: ignore[arg-type]
+        (lambda: check_lemma1(make_tdc(), NLinkArm(), ALL), "law: it drives 1 joints and the robot has 3"),
+        (lambda: check_lemma1(make_tdc(inertia=[1, 1]), "arm", ALL), "plant: got str"),  # type: ignore[arg-type]
+        (
+            lambda: check_lemma1(make_tdc(inertia=[1, 1]), ARM, Workspace.box([0], [1])),
+            "it has 1 joints and the robot 2",
+        ),
+        (lambda: check_condition_c2(make_tdc()), "law: got TDC; condition"),
     ],
 )
 def test_bad_input(call, message):

@@ -12,16 +12,16 @@ from hypothesis import strategies as st
 
 from law_catalogue import make_tdc
 from tarc import TarcError, estimators, laws
-from tarc.certificates import Certificate, loop
-from tarc.paper.nominal_loop import _Program, nominal, nominal_delay, nominal_window
+from tarc.certificates import Certificate, certify_constant_ratio
+from tarc.paper.nominal_loop import _Program, check_nominal_loop, nominal_max_delay, nominal_max_window
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(20)
 
 
-def tdc(bandwidth: Any = 1.0, degree=2, joints=1, **options) -> laws.TDC:
-    """With h = 0.01 and ς = 0.1 over a bandwidth of one."""
+def tdc(natural_frequency: Any = 1.0, degree=2, joints=1, **options) -> laws.TDC:
+    """With h = 0.01 and ς = 0.1 over a natural frequency of one."""
     estimator = estimators.Algebraic(window=0.1, degree=degree)
-    gains = {"bandwidth": bandwidth} if bandwidth else {}
+    gains = {"natural_frequency": natural_frequency} if natural_frequency else {}
     return laws.TDC(inertia=0.1 * np.eye(joints), period=0.01, estimator=estimator, **gains, **options)
 
 
@@ -85,27 +85,27 @@ def test_known_windows(degree, window):
     found = _Program(np.eye(1), 2 * np.eye(1), numbers).longest("window", numbers)
     assert found == pytest.approx(window, abs=5e-4)
     if degree > 1:
-        assert nominal_window(tdc(degree=degree)) == pytest.approx(found, rel=1e-5)
+        assert nominal_max_window(tdc(degree=degree)) == pytest.approx(found, rel=1e-5)
 
 
 def test_window_and_delay_scale_with_the_bandwidth():
-    assert 10 * nominal_window(tdc(10.0), delay=0.001) == pytest.approx(nominal_window(tdc()), rel=1e-5)
-    assert 10 * nominal_delay(tdc(10.0), window=0.01) == pytest.approx(nominal_delay(tdc()), rel=1e-5)
+    assert 10 * nominal_max_window(tdc(10.0), delay=0.001) == pytest.approx(nominal_max_window(tdc()), rel=1e-5)
+    assert 10 * nominal_max_delay(tdc(10.0), window=0.01) == pytest.approx(nominal_max_delay(tdc()), rel=1e-5)
 
 
 @settings(deadline=None, max_examples=15)
 @given(
-    bandwidth=st.floats(0.5, 50.0),
-    damping=st.floats(0.3, 2.0),
+    natural_frequency=st.floats(0.5, 50.0),
+    damping_ratio=st.floats(0.3, 2.0),
     degree=st.integers(2, 4),
     delay=st.floats(1e-3, 0.3),
     window=st.floats(0.01, 1.2),
     decay=st.sampled_from([0.0, 0.05, 0.2, 0.4]),
 )
-def test_certified_is_stable_as_fast_and_as_quiet_as_claimed(bandwidth, damping, degree, delay, window, decay):
-    law = tdc(bandwidth, degree, damping=damping)
-    h, length, rate = delay / bandwidth, window / bandwidth, decay * bandwidth
-    certificate = nominal(law, delay=h, window=length, decay=rate)
+def test_certified_is_stable_as_fast_and_as_quiet_as_claimed(natural_frequency, damping, degree, delay, window, decay):
+    law = tdc(natural_frequency, degree, damping_ratio=damping)
+    h, length, rate = delay / natural_frequency, window / natural_frequency, decay * natural_frequency
+    certificate = check_nominal_loop(law, delay=h, window=length, decay=rate)
     assert certificate.verify()
     assert Certificate.from_json(certificate.to_json()).verify()
     assert certificate.proof_grade == certificate.certified
@@ -118,7 +118,7 @@ def test_certified_is_stable_as_fast_and_as_quiet_as_claimed(bandwidth, damping,
 
 
 def test_gain_is_close_to_the_true_one_for_a_small_delay_and_window():
-    certificate = nominal(tdc(), delay=0.001, window=0.01)
+    certificate = check_nominal_loop(tdc(), delay=0.001, window=0.01)
     truth = peak_gain(tdc().K1, tdc().K2, 0.001, 0.01, 2)
     assert truth <= certificate.numbers["mean square gain"] < 1.01 * truth
 
@@ -126,26 +126,26 @@ def test_gain_is_close_to_the_true_one_for_a_small_delay_and_window():
 @pytest.mark.parametrize("decay", [0.0, 0.3])
 def test_the_longest_window_certifies_and_a_longer_one_does_not(decay):
     law = tdc()
-    window = nominal_window(law, decay=decay)
-    assert nominal(law, window=window, decay=decay).certified
-    assert nominal(law, window=1.001 * window, decay=decay).verdict == "inconclusive"
+    window = nominal_max_window(law, decay=decay)
+    assert check_nominal_loop(law, window=window, decay=decay).certified
+    assert check_nominal_loop(law, window=1.001 * window, decay=decay).verdict == "inconclusive"
     assert rightmost_root(law.K1, law.K2, 0.01, window, 2) < -decay
-    delay = nominal_delay(law, decay=decay)
-    assert nominal(law, delay=delay, decay=decay).certified
-    assert nominal(law, delay=1.001 * delay, decay=decay).verdict == "inconclusive"
+    delay = nominal_max_delay(law, decay=decay)
+    assert check_nominal_loop(law, delay=delay, decay=decay).certified
+    assert check_nominal_loop(law, delay=1.001 * delay, decay=decay).verdict == "inconclusive"
     assert rightmost_root(law.K1, law.K2, delay, 0.1, 2) < -decay
 
 
 def test_no_window_for_a_decay_that_is_too_fast():
-    assert nominal_window(tdc(), decay=1.5) == 0.0
-    assert nominal_delay(tdc(), decay=1.5) == 0.0
+    assert nominal_max_window(tdc(), decay=1.5) == 0.0
+    assert nominal_max_delay(tdc(), decay=1.5) == 0.0
 
 
 @pytest.mark.parametrize("decay", [0.0, 1.0])
 def test_coupled_gains(decay):
     K1, K2 = np.array([[100.0, 20.0], [-20.0, 80.0]]), np.array([[20.0, 1.0], [3.0, 25.0]])
-    law = tdc(None, joints=2, stiffness=K1, viscosity=K2)
-    certificate = nominal(law, delay=0.005, window=0.03, decay=decay)
+    law = tdc(None, joints=2, stiffness=K1, velocity_gain=K2)
+    certificate = check_nominal_loop(law, delay=0.005, window=0.03, decay=decay)
     assert certificate.certified
     assert certificate.matrices["P_0"].shape == (4, 4)
     assert rightmost_root(K1, K2, 0.005, 0.03, 2) < -decay
@@ -157,9 +157,9 @@ def test_decoupled_equals_the_full_program():
     K1, K2 = np.diag([100.0, 144.0]), np.diag([20.0, 24.0])
     numbers = {"delay": 0.005, "degree": 2.0, "decay": 0.0}
     full = _Program(K1, K2, numbers).longest("window", numbers)
-    law = tdc(None, joints=2, stiffness=K1, viscosity=K2)
-    assert nominal_window(law, delay=0.005) == pytest.approx(full, rel=1e-4)
-    one, many = nominal(tdc()), nominal(tdc(joints=30))
+    law = tdc(None, joints=2, stiffness=K1, velocity_gain=K2)
+    assert nominal_max_window(law, delay=0.005) == pytest.approx(full, rel=1e-4)
+    one, many = check_nominal_loop(tdc()), check_nominal_loop(tdc(joints=30))
     assert one.numbers == many.numbers
     assert many.matrices["P_0"].shape == (2, 2)
 
@@ -167,10 +167,10 @@ def test_decoupled_equals_the_full_program():
 def test_it_is_not_stability_of_the_loop_that_runs():
     """Feasible by far, while the literal loop at the very same numbers diverges; and the verdict says so."""
     law = make_tdc()
-    certificate = nominal(law)
+    certificate = check_nominal_loop(law)
     assert certificate.certified
-    assert certificate.numbers["window"] < 0.1 * nominal_window(law)
-    running = loop(law, 1.0)
+    assert certificate.numbers["window"] < 0.1 * nominal_max_window(law)
+    running = certify_constant_ratio(law, 1.0)
     assert running.verdict == "refuted"
     assert running.numbers["spectral radius"] == pytest.approx(1.152, abs=5e-4)
     assert "not stability of the loop that runs" in certificate.claim
@@ -182,11 +182,11 @@ def test_a_solver_that_fails_certifies_nothing(monkeypatch):
         raise cvxpy.SolverError("no")
 
     monkeypatch.setattr(cvxpy.Problem, "solve", fail)
-    certificate = nominal(tdc())
+    certificate = check_nominal_loop(tdc())
     assert certificate.verdict == "inconclusive"
     assert certificate.verify()
     assert "NaN" not in certificate.to_json()
-    assert nominal_window(tdc()) == 0.0
+    assert nominal_max_window(tdc()) == 0.0
 
 
 @pytest.mark.parametrize(
@@ -205,7 +205,7 @@ def test_a_solver_that_fails_certifies_nothing(monkeypatch):
     ],
 )
 def test_tampering_shows(place, value):
-    content = json.loads(nominal(tdc()).to_json())
+    content = json.loads(check_nominal_loop(tdc()).to_json())
     within = content
     for key in place[:-1]:
         within = within[key]
@@ -216,16 +216,16 @@ def test_tampering_shows(place, value):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: nominal("TDC"), "law: got str"),  # type: ignore[arg-type]
+        (lambda: check_nominal_loop("TDC"), "law: got str"),  # type: ignore[arg-type]
         (
-            lambda: nominal(replace(make_tdc(), estimator=estimators.BackwardDifference())),
+            lambda: check_nominal_loop(replace(make_tdc(), estimator=estimators.BackwardDifference())),
             "its estimator is BackwardDifference",
         ),
-        (lambda: nominal(tdc(), window=-1.0), "window: got -1"),
-        (lambda: nominal(tdc(), delay=np.nan), "delay: got nan"),
-        (lambda: nominal(tdc(), decay=-1.0), "decay: got -1"),
-        (lambda: nominal_window(tdc(), delay=0.0), "delay: got 0"),
-        (lambda: nominal_delay(tdc(), window=0.0), "window: got 0"),
+        (lambda: check_nominal_loop(tdc(), window=-1.0), "window: got -1"),
+        (lambda: check_nominal_loop(tdc(), delay=np.nan), "delay: got nan"),
+        (lambda: check_nominal_loop(tdc(), decay=-1.0), "decay: got -1"),
+        (lambda: nominal_max_window(tdc(), delay=0.0), "delay: got 0"),
+        (lambda: nominal_max_delay(tdc(), window=0.0), "window: got 0"),
     ],
 )
 def test_bad_input(call, message):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tarc import TarcError
-from tarc.paper.procedure import exact_delay, paper_procedure
+from tarc.paper.procedure import exact_delay, run_procedure
 
 
 def steps_by_symbol(procedure):
@@ -12,21 +12,21 @@ def steps_by_symbol(procedure):
 
 
 def test_known_delays_at_one_radian_per_second():
-    found = steps_by_symbol(paper_procedure(1.0))["h"].found
+    found = steps_by_symbol(run_procedure(1.0))["h"].found
     assert found["largest by Theorem 1 [s]"] == pytest.approx(0.2454, abs=5e-5)
     assert found["largest that the equation bears [s]"] == pytest.approx(0.6474, abs=5e-5)
 
 
-@pytest.mark.parametrize(("bandwidth", "scaled"), [(0.1, 0.0587), (10.0, 0.2705), (100.0, 0.2708)])
-def test_delay_over_bandwidth(bandwidth, scaled):
-    """As printed the condition does not scale with the bandwidth; the equation does."""
-    found = steps_by_symbol(paper_procedure(bandwidth, delay=1e-3 / bandwidth))["h"].found
-    assert bandwidth * found["largest by Theorem 1 [s]"] == pytest.approx(scaled, abs=6e-5)
-    assert bandwidth * found["largest that the equation bears [s]"] == pytest.approx(0.6474, abs=5e-5)
+@pytest.mark.parametrize(("natural_frequency", "scaled"), [(0.1, 0.0587), (10.0, 0.2705), (100.0, 0.2708)])
+def test_delay_over_bandwidth(natural_frequency, scaled):
+    """As printed the condition does not scale with the natural frequency; the equation does."""
+    found = steps_by_symbol(run_procedure(natural_frequency, delay=1e-3 / natural_frequency))["h"].found
+    assert natural_frequency * found["largest by Theorem 1 [s]"] == pytest.approx(scaled, abs=6e-5)
+    assert natural_frequency * found["largest that the equation bears [s]"] == pytest.approx(0.6474, abs=5e-5)
 
 
 def test_exact_delay_is_where_a_root_reaches_the_axis():
-    law = paper_procedure(7.0, damping=0.6).law
+    law = run_procedure(7.0, damping_ratio=0.6).law
     h, k1, k2 = exact_delay(law), 49.0, 8.4
     w = np.linspace(0.1, 60, 600001)
     distance = np.abs(-(w**2) + (1j * k2 * w + k1) * np.exp(-1j * w * h))
@@ -35,7 +35,7 @@ def test_exact_delay_is_where_a_root_reaches_the_axis():
 
 
 def test_usual_choice():
-    procedure = paper_procedure(10.0)
+    procedure = run_procedure(10.0)
     found = steps_by_symbol(procedure)
     np.testing.assert_allclose(found["K1"].found["K1 [1/s²]"], 100.0)
     np.testing.assert_allclose(found["K1"].found["K2 [1/s]"], 20.0)
@@ -58,7 +58,7 @@ def test_usual_choice():
 
 def test_values_found_meet_psi():
     """Ψ rebuilt here from the equation, at the values of the step."""
-    procedure = paper_procedure(3.0, damping=0.8, delay=0.01)
+    procedure = run_procedure(3.0, damping_ratio=0.8, delay=0.01)
     found, K1, K2, h = steps_by_symbol(procedure)["P"].found, 9.0, 4.8, 0.01
     P, D, beta, xi = (found[name] for name in ("P_0", "D_0", "β", "ξ"))
     A1, B1 = np.array([[0.0, 1], [0, 0]]), np.array([[0.0, 0], [-K1, -K2]])
@@ -70,9 +70,9 @@ def test_values_found_meet_psi():
 
 
 @pytest.mark.parametrize("delay", [1e-3, 0.01, 0.05])
-@pytest.mark.parametrize(("bandwidth", "damping"), [(1.0, 1.0), (20.0, 0.5), (5.0, 3.0)])
-def test_theorem_2_is_refuted_always_and_all_certificates_verify(bandwidth, damping, delay):
-    procedure = paper_procedure(bandwidth, damping=damping, delay=delay)
+@pytest.mark.parametrize(("natural_frequency", "damping_ratio"), [(1.0, 1.0), (20.0, 0.5), (5.0, 3.0)])
+def test_theorem_2_is_refuted_always_and_all_certificates_verify(natural_frequency, damping, delay):
+    procedure = run_procedure(natural_frequency, damping_ratio=damping, delay=delay)
     assert procedure.certificates["theorem2"].verdict == "refuted"
     assert procedure.certificates["theorem2"].witness
     assert steps_by_symbol(procedure)["L"].found["Θ at (e, −e, 0)"] < 0
@@ -81,19 +81,19 @@ def test_theorem_2_is_refuted_always_and_all_certificates_verify(bandwidth, damp
 
 
 def test_too_large_a_delay_is_said_with_the_largest():
-    procedure = paper_procedure(1.0, delay=0.3)
+    procedure = run_procedure(1.0, delay=0.3)
     step = steps_by_symbol(procedure)["h"]
     assert step.verdict == "too large"
     assert "h is too large: Theorem 1 certifies up to 0.2454 s" in procedure.explain()
     assert "stable still" in step.meaning
     assert procedure.certificates["theorem1"].verdict == "inconclusive"
     share = step.found["bandwidths by Theorem 1, of these"]
-    assert paper_procedure(share, delay=0.3).certificates["theorem1"].certified
-    assert not paper_procedure(share + 0.005, delay=0.3).certificates["theorem1"].certified
+    assert run_procedure(share, delay=0.3).certificates["theorem1"].certified
+    assert not run_procedure(share + 0.005, delay=0.3).certificates["theorem1"].certified
 
 
 def test_beyond_the_equations_own_margin():
-    procedure = paper_procedure(1.0, delay=0.7)
+    procedure = run_procedure(1.0, delay=0.7)
     assert "unstable as well" in steps_by_symbol(procedure)["h"].meaning
     assert "no bandwidth" in steps_by_symbol(procedure)["h"].meaning
     assert "No M̂ makes it stable" in steps_by_symbol(procedure)["M̂"].meaning
@@ -101,15 +101,15 @@ def test_beyond_the_equations_own_margin():
 
 
 def test_too_long_a_window_is_said_with_the_longest():
-    step = steps_by_symbol(paper_procedure(1.0, delay=0.1, window=2.0))["ς"]
+    step = steps_by_symbol(run_procedure(1.0, delay=0.1, window=2.0))["ς"]
     assert step.verdict == "inconclusive"
     assert f"The window is too long: {step.found['largest ς [s]']:.4g} s is the longest" in step.meaning
-    assert steps_by_symbol(paper_procedure(1.0, delay=0.1, window=1.0))["ς"].verdict == "certified"
+    assert steps_by_symbol(run_procedure(1.0, delay=0.1, window=1.0))["ς"].verdict == "certified"
 
 
 def test_joints_with_gains_of_their_own():
-    procedure = paper_procedure([5.0, 10.0], joints=2)
-    slower = paper_procedure(10.0)
+    procedure = run_procedure([5.0, 10.0], n_joints=2)
+    slower = run_procedure(10.0)
     assert {f"{name}_{i}" for name in "PD" for i in (0, 1)} <= set(steps_by_symbol(procedure)["P"].found)
     for name in ("largest by Theorem 1 [s]", "largest that the equation bears [s]"):
         assert steps_by_symbol(procedure)["h"].found[name] == pytest.approx(
@@ -119,7 +119,7 @@ def test_joints_with_gains_of_their_own():
 
 
 def test_explain_has_every_step_and_how_it_ends():
-    procedure = paper_procedure(10.0)
+    procedure = run_procedure(10.0)
     text = procedure.explain()
     for number, step in enumerate(procedure.steps, 1):
         assert f"{number}. {step.name}: {step.verdict}" in text
@@ -130,16 +130,16 @@ def test_explain_has_every_step_and_how_it_ends():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"bandwidth": -1.0}, "bandwidth: got"),
-        ({"bandwidth": 1.0, "damping": 0.0}, "damping: got"),
-        ({"bandwidth": 1.0, "delay": 0.0}, "delay: got"),
-        ({"bandwidth": 1.0, "degree": 1}, "degree: got"),
-        ({"bandwidth": 1.0, "window": 0.0015}, "no whole multiple"),
-        ({"bandwidth": 1.0, "joints": 0}, "joints: got"),
-        ({"bandwidth": [1.0, 2.0], "joints": 3}, "one a joint"),
-        ({"bandwidth": 1.0, "ratio": 0.0}, "ratio: got"),
+        ({"natural_frequency": -1.0}, "natural_frequency: got"),
+        ({"natural_frequency": 1.0, "damping_ratio": 0.0}, "damping_ratio: got"),
+        ({"natural_frequency": 1.0, "delay": 0.0}, "delay: got"),
+        ({"natural_frequency": 1.0, "degree": 1}, "degree: got"),
+        ({"natural_frequency": 1.0, "window": 0.0015}, "no whole multiple"),
+        ({"natural_frequency": 1.0, "joints": 0}, "joints: got"),
+        ({"natural_frequency": [1.0, 2.0], "joints": 3}, "one a joint"),
+        ({"natural_frequency": 1.0, "ratio": 0.0}, "ratio: got"),
     ],
 )
 def test_bad_numbers(options, message):
     with pytest.raises(TarcError, match=message):
-        paper_procedure(**options)
+        run_procedure(**options)

@@ -15,15 +15,15 @@ from tarc import TarcError, laws
 from tarc.certificates import Certificate
 from tarc.numerics.ball_arithmetic import FLOATS
 from tarc.paper.law_parts import gains, gather
-from tarc.paper.theorem1 import SHAPES, _Program, psi, theorem1, theorem1_delay, ultimate_bound
+from tarc.paper.theorem1 import SHAPES, _Program, check_theorem1, psi, theorem1_max_delay, ultimate_bound
 
 
-def tdc(bandwidth: Any = 1.0, joints=1, **options):
-    return make_tdc(bandwidth=bandwidth, inertia=0.1 * np.eye(joints), **options)
+def tdc(natural_frequency: Any = 1.0, joints=1, **options):
+    return make_tdc(natural_frequency=natural_frequency, inertia=0.1 * np.eye(joints), **options)
 
 
 def coupled_tdc(K1, K2) -> laws.TDC:
-    return make_tdc(bandwidth=None, inertia=0.1 * np.eye(len(K1)), stiffness=K1, viscosity=K2)
+    return make_tdc(natural_frequency=None, inertia=0.1 * np.eye(len(K1)), stiffness=K1, velocity_gain=K2)
 
 
 def rightmost_root(K1, K2, h, points=20):
@@ -42,9 +42,9 @@ def rightmost_root(K1, K2, h, points=20):
     return float(np.max(np.linalg.eigvals(generator).real))
 
 
-def exact_delay_margin(bandwidth, damping):
+def exact_delay_margin(natural_frequency, damping):
     """The delay at which s² + (k2 s + k1) e^(−sh) has its first roots ± jω: ω⁴ = k1² + k2²ω², ωh = arctan(k2ω/k1)."""
-    k1, k2 = bandwidth**2, 2 * damping * bandwidth
+    k1, k2 = natural_frequency**2, 2 * damping * natural_frequency
     omega = np.sqrt((k2**2 + np.sqrt(k2**4 + 4 * k1**2)) / 2)
     return np.arctan2(k2 * omega, k1) / omega
 
@@ -77,32 +77,32 @@ def test_oracles_agree_on_the_exact_margin():
 
 
 def test_known_delays():
-    assert theorem1_delay(tdc()) == pytest.approx(0.24543, abs=1e-5)
-    assert theorem1_delay(tdc(), disturbance_term=False) == pytest.approx(0.27081, abs=1e-5)
+    assert theorem1_max_delay(tdc()) == pytest.approx(0.24543, abs=1e-5)
+    assert theorem1_max_delay(tdc(), disturbance_term=False) == pytest.approx(0.27081, abs=1e-5)
 
 
 def test_without_the_disturbance_term_the_delay_scales_with_the_bandwidth_and_as_printed_it_does_not():
     """As printed, D⁻¹ adds a term with another unit of time."""
-    free = [theorem1_delay(tdc(w), disturbance_term=False) * w for w in (0.1, 1.0, 30.0)]
+    free = [theorem1_max_delay(tdc(w), disturbance_term=False) * w for w in (0.1, 1.0, 30.0)]
     np.testing.assert_allclose(free, free[1], rtol=1e-6)
-    printed = [theorem1_delay(tdc(w)) * w for w in (0.1, 1.0, 30.0)]
+    printed = [theorem1_max_delay(tdc(w)) * w for w in (0.1, 1.0, 30.0)]
     assert printed[0] < 0.06
     assert 0.9 * free[1] < printed[1] < printed[2] < free[1]
 
 
 @settings(deadline=None, max_examples=10)
 @given(st.floats(0.5, 100.0), st.floats(0.1, 3.0), st.booleans())
-def test_certified_is_stable(bandwidth, damping, term):
+def test_certified_is_stable(natural_frequency, damping, term):
     """The longest certified delay is below the exact margin, and certifies; a little more does not."""
-    law = tdc(bandwidth, damping=damping)
-    h = theorem1_delay(law, disturbance_term=term)
-    assert 0 < h < exact_delay_margin(bandwidth, damping)
+    law = tdc(natural_frequency, damping_ratio=damping)
+    h = theorem1_max_delay(law, disturbance_term=term)
+    assert 0 < h < exact_delay_margin(natural_frequency, damping)
     assert rightmost_root(law.K1, law.K2, h) < 0
-    certificate = theorem1(law, delay=h, disturbance_term=term)
+    certificate = check_theorem1(law, delay=h, disturbance_term=term)
     assert certificate.certified
     assert certificate.proof_grade
     assert certificate.verify()
-    beyond = theorem1(law, delay=1.001 * h, disturbance_term=term)
+    beyond = check_theorem1(law, delay=1.001 * h, disturbance_term=term)
     assert beyond.verdict == "inconclusive"
     assert beyond.verify()
     assert "P_0" not in beyond.matrices
@@ -113,7 +113,7 @@ def test_decoupled_equals_the_full_program():
     law = coupled_tdc(stiffness, 2 * np.sqrt(stiffness))
     assert len(gains(law)) == 2
     full = _Program(law.K1, law.K2, None, True).longest()
-    assert theorem1_delay(law) == pytest.approx(full, rel=1e-5)
+    assert theorem1_max_delay(law) == pytest.approx(full, rel=1e-5)
 
 
 def test_rotated_gains_give_what_they_give_unrotated():
@@ -122,19 +122,19 @@ def test_rotated_gains_give_what_they_give_unrotated():
     omega = np.diag([8.0, 10.0, 15.0])
     law = coupled_tdc(turn @ omega**2 @ turn.T, 2 * turn @ omega @ turn.T)
     assert len(gains(law)) == 1
-    assert theorem1_delay(law) == pytest.approx(theorem1_delay(tdc(15.0)), rel=1e-3)
-    certificate = theorem1(law)
+    assert theorem1_max_delay(law) == pytest.approx(theorem1_max_delay(tdc(15.0)), rel=1e-3)
+    certificate = check_theorem1(law)
     assert certificate.certified
     assert Certificate.from_json(certificate.to_json()).verify()
 
 
 def test_many_joints_cost_and_give_what_one_does():
-    theorem1(tdc(10.0))
+    check_theorem1(tdc(10.0))
     begin = time.perf_counter()
-    certificate = theorem1(tdc(10.0, joints=30))
+    certificate = check_theorem1(tdc(10.0, joints=30))
     assert time.perf_counter() - begin < 1.0
     assert certificate.matrices["P_0"].shape == (2, 2)
-    assert certificate.margin == theorem1(tdc(10.0)).margin
+    assert certificate.margin == check_theorem1(tdc(10.0)).margin
 
 
 def test_psi_is_the_printed_one():
@@ -155,10 +155,10 @@ def test_psi_is_the_printed_one():
 
 
 def test_given_numbers_are_certified_or_refuted_with_a_vector():
-    good = theorem1(tdc(), delay=0.01, weight=1.0, D=100.0)
+    good = check_theorem1(tdc(), delay=0.01, weight=1.0, D=100.0)
     assert good.certified
     assert good.verify()
-    bad = theorem1(tdc(), delay=0.26, weight=1.0, D=1.0, xi=1.1, beta=2.0)
+    bad = check_theorem1(tdc(), delay=0.26, weight=1.0, D=1.0, xi=1.1, beta=2.0)
     assert bad.verdict == "refuted"
     assert bad.proof_grade
     assert "the given Q and D" in bad.claim
@@ -173,18 +173,18 @@ def test_given_numbers_are_certified_or_refuted_with_a_vector():
 
 
 def test_given_weight_alone_leaves_D_to_be_found():
-    certificate = theorem1(tdc(), delay=0.05, weight=[1.0, 2.0])
+    certificate = check_theorem1(tdc(), delay=0.05, weight=[1.0, 2.0])
     assert certificate.certified
     P, A = certificate.matrices["P_0"], tdc().A
     np.testing.assert_allclose(A.T @ P + P @ A, -np.diag([1.0, 2.0]), atol=1e-12)
-    assert theorem1(tdc(), delay=0.24, weight=1.0).verdict == "inconclusive"
+    assert check_theorem1(tdc(), delay=0.24, weight=1.0).verdict == "inconclusive"
 
 
 @pytest.mark.parametrize("term", [True, False])
 def test_ultimate_bound_holds_against_the_worst_disturbance(term):
     """Bang-bang after the impulse response reaches the largest error that any |σ1| ≤ c can; so does not feedback."""
     h, c, steps, duration = 0.1, 0.5, 20, 20.0
-    certificate = theorem1(tdc(), delay=h, disturbance_term=term)
+    certificate = check_theorem1(tdc(), delay=h, disturbance_term=term)
     bound = ultimate_bound(certificate, c)
     impulse = simulate_delay_equation(h, [0.0, 1.0], lambda i, e: 0.0, duration)
     signs = np.sign(impulse[::-1])
@@ -206,14 +206,14 @@ def test_ultimate_bound_holds_against_the_worst_disturbance(term):
 
 
 def test_ultimate_bound_of_identical_joints_is_that_of_one():
-    one, many = (ultimate_bound(theorem1(tdc(10.0, joints=n)), 1.0) for n in (1, 5))
+    one, many = (ultimate_bound(check_theorem1(tdc(10.0, joints=n)), 1.0) for n in (1, 5))
     assert one == many
-    mixed = ultimate_bound(theorem1(tdc([10.0, 20.0], joints=2)), 1.0)
+    mixed = ultimate_bound(check_theorem1(tdc([10.0, 20.0], joints=2)), 1.0)
     assert mixed.position >= 0.8 * one.position
 
 
 def test_says_that_it_is_conditional():
-    text = theorem1(tdc()).explain()
+    text = check_theorem1(tdc()).explain()
     for part in ("‖σ1‖ ≤ c for all time", "neither the sampled loop", "sufficient only", "decided in ball arithmetic"):
         assert part in text
 
@@ -223,11 +223,11 @@ def test_a_solver_that_fails_certifies_nothing(monkeypatch):
         raise cvxpy.SolverError("no")
 
     monkeypatch.setattr(cvxpy.Problem, "solve", fail)
-    certificate = theorem1(tdc())
+    certificate = check_theorem1(tdc())
     assert certificate.verdict == "inconclusive"
     assert certificate.verify()
     assert "NaN" not in certificate.to_json()
-    assert theorem1_delay(tdc()) == 0.0
+    assert theorem1_max_delay(tdc()) == 0.0
 
 
 @pytest.mark.parametrize(
@@ -247,7 +247,7 @@ def test_a_solver_that_fails_certifies_nothing(monkeypatch):
     ],
 )
 def test_tampering_shows(place, value):
-    content = json.loads(theorem1(tdc(), delay=0.2).to_json())
+    content = json.loads(check_theorem1(tdc(), delay=0.2).to_json())
     within = content
     for key in place[:-1]:
         within = within[key]
@@ -258,21 +258,21 @@ def test_tampering_shows(place, value):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: theorem1("TDC"), "law: got str; needs a law on time-delay estimation"),  # type: ignore[arg-type]
-        (lambda: theorem1_delay(3), "law: got int"),  # type: ignore[arg-type]
-        (lambda: theorem1(tdc(), delay=0.0), "delay: got 0"),
-        (lambda: theorem1(tdc(), weight=[[1.0, 2.0], [2.0, 1.0]]), "weight: its smallest eigenvalue is -1"),
-        (lambda: theorem1(tdc(), weight=1.0, D=[1.0, np.nan]), "D: got nan"),
-        (lambda: theorem1(tdc(), weight=1.0, D=-1.0), "D: its smallest eigenvalue is -1"),
-        (lambda: theorem1(tdc(), weight=1.0, D=1.0, xi=1.0), "xi: got 1; needs a finite number above 1"),
-        (lambda: theorem1(tdc(), weight=1.0, D=1.0, beta=0.0), "beta: got 0"),
-        (lambda: theorem1(tdc(), D=1.0), "weight: missing"),
-        (lambda: theorem1(tdc(), xi=1.5), "beta, xi: given without D"),
+        (lambda: check_theorem1("TDC"), "law: got str; needs a law on time-delay estimation"),  # type: ignore[arg-type]
+        (lambda: theorem1_max_delay(3), "law: got int"),  # type: ignore[arg-type]
+        (lambda: check_theorem1(tdc(), delay=0.0), "delay: got 0"),
+        (lambda: check_theorem1(tdc(), weight=[[1.0, 2.0], [2.0, 1.0]]), "weight: its smallest eigenvalue is -1"),
+        (lambda: check_theorem1(tdc(), weight=1.0, D=[1.0, np.nan]), "D: got nan"),
+        (lambda: check_theorem1(tdc(), weight=1.0, D=-1.0), "D: its smallest eigenvalue is -1"),
+        (lambda: check_theorem1(tdc(), weight=1.0, D=1.0, xi=1.0), "xi: got 1; needs a finite number above 1"),
+        (lambda: check_theorem1(tdc(), weight=1.0, D=1.0, beta=0.0), "beta: got 0"),
+        (lambda: check_theorem1(tdc(), D=1.0), "weight: missing"),
+        (lambda: check_theorem1(tdc(), xi=1.5), "beta, xi: given without D"),
         (
-            lambda: ultimate_bound(theorem1(tdc(), delay=0.5), 1.0),
+            lambda: ultimate_bound(check_theorem1(tdc(), delay=0.5), 1.0),
             "certificate: got one of theorem1 that is inconclusive",
         ),
-        (lambda: ultimate_bound(theorem1(tdc(), delay=0.1), -1.0), "bound: got -1"),
+        (lambda: ultimate_bound(check_theorem1(tdc(), delay=0.1), -1.0), "bound: got -1"),
     ],
 )
 def test_bad_input(call, message):
@@ -282,7 +282,7 @@ def test_bad_input(call, message):
 
 def test_constants_of_the_ultimate_bound_are_the_papers():
     """ι = ‖BᵀP‖ and Γ1 = h²c²‖BᵀDB‖/β from the stored matrices; with them the printed radius."""
-    certificate = theorem1(make_tdc(bandwidth=5.0), delay=0.02)
+    certificate = check_theorem1(make_tdc(natural_frequency=5.0), delay=0.02)
     found = ultimate_bound(certificate, 2.0)
     P, D = certificate.matrices["P_0"], certificate.matrices["D_0"]
     assert found.iota == pytest.approx(np.linalg.norm(P[1:]), rel=1e-12)

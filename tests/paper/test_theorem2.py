@@ -15,7 +15,7 @@ from tarc import TarcError, estimators
 from tarc.certificates import Certificate
 from tarc.numerics.ball_arithmetic import FLOATS
 from tarc.paper.law_parts import store
-from tarc.paper.theorem2 import NAMES, judge, printed, theorem2, theta
+from tarc.paper.theorem2 import NAMES, check_theorem2, judge, printed, theta
 
 NUMBERS = {"delay": 0.01, "window": 0.1, "degree": 2.0, "beta": 1.0, "xi": 3.0}
 
@@ -101,9 +101,9 @@ def test_trace_argument():
 
 
 @pytest.mark.parametrize("weights", [{}, {"weight": 1.0}, {"D": 3.0, "L": [0.1, 2.0], "beta": 0.5, "xi": 2.0}])
-@pytest.mark.parametrize("bandwidth", [1.0, 10.0, 100.0])
-def test_refuted_for_a_law(bandwidth, weights):
-    certificate = theorem2(make_tdc(bandwidth=bandwidth), **weights)
+@pytest.mark.parametrize("natural_frequency", [1.0, 10.0, 100.0])
+def test_refuted_for_a_law(natural_frequency, weights):
+    certificate = check_theorem2(make_tdc(natural_frequency=natural_frequency), **weights)
     assert certificate.verdict == "refuted"
     assert certificate.proof_grade
     assert certificate.verify()
@@ -117,17 +117,19 @@ def test_the_program_finds_a_better_least_eigenvalue_than_plain_weights():
         part = tuple(certificate.matrices[f"{name}_0"] for name in NAMES)
         return np.linalg.eigvalsh(theta(part, certificate.numbers, FLOATS) / np.trace(part[2]))[0]
 
-    law = make_tdc(bandwidth=1.0)
-    best, plain = worst(theorem2(law, window=1.0)), worst(theorem2(law, window=1.0, D=1.0))
+    law = make_tdc(natural_frequency=1.0)
+    best, plain = worst(check_theorem2(law, window=1.0)), worst(check_theorem2(law, window=1.0, D=1.0))
     assert plain < best < 0
 
 
 def test_a_coupled_law_and_many_joints():
-    law = make_tdc(bandwidth=None, inertia=np.eye(2), stiffness=[[9.0, 5.0], [-1.0, 4.0]], viscosity=[6.0, 4.0])
-    certificate = theorem2(law)
+    law = make_tdc(
+        natural_frequency=None, inertia=np.eye(2), stiffness=[[9.0, 5.0], [-1.0, 4.0]], velocity_gain=[6.0, 4.0]
+    )
+    certificate = check_theorem2(law)
     assert certificate.verdict == "refuted"
     assert certificate.matrices["P_0"].shape == (4, 4)
-    many = theorem2(make_tdc(bandwidth=10.0, inertia=0.1 * np.eye(30)))
+    many = check_theorem2(make_tdc(natural_frequency=10.0, inertia=0.1 * np.eye(30)))
     assert many.matrices["P_0"].shape == (2, 2)
     assert many.numbers["size of JᵀLJ"] == 120
     assert many.numbers["rank of JᵀLJ"] == 60
@@ -138,11 +140,11 @@ def test_a_solver_that_fails_changes_nothing(monkeypatch):
         raise cvxpy.SolverError("no")
 
     monkeypatch.setattr(cvxpy.Problem, "solve", fail)
-    assert theorem2(make_tdc()).verdict == "refuted"
+    assert check_theorem2(make_tdc()).verdict == "refuted"
 
 
 def test_json_round_trip_verifies_and_tampering_shows():
-    text = theorem2(make_tdc()).to_json()
+    text = check_theorem2(make_tdc()).to_json()
     assert "NaN" not in text
     assert Certificate.from_json(text).verify()
     for place, value in [
@@ -163,16 +165,16 @@ def test_json_round_trip_verifies_and_tampering_shows():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: theorem2("TDC"), "law: got str"),  # type: ignore[arg-type]
+        (lambda: check_theorem2("TDC"), "law: got str"),  # type: ignore[arg-type]
         (
-            lambda: theorem2(replace(make_tdc(), estimator=estimators.BackwardDifference())),
+            lambda: check_theorem2(replace(make_tdc(), estimator=estimators.BackwardDifference())),
             "its estimator is BackwardDifference; this certificate is about the kernel of tarc.estimators.Algebraic",
         ),
-        (lambda: theorem2(make_tdc(), window=0.0), "window: got 0"),
-        (lambda: theorem2(make_tdc(), L=-1.0), "L: its smallest eigenvalue is -1"),
-        (lambda: theorem2(make_tdc(), D=np.inf), "D: got inf"),
-        (lambda: theorem2(make_tdc(), xi=0.9), "xi: got 0.9"),
-        (lambda: theorem2(make_tdc(), beta=-1.0), "beta: got -1"),
+        (lambda: check_theorem2(make_tdc(), window=0.0), "window: got 0"),
+        (lambda: check_theorem2(make_tdc(), L=-1.0), "L: its smallest eigenvalue is -1"),
+        (lambda: check_theorem2(make_tdc(), D=np.inf), "D: got inf"),
+        (lambda: check_theorem2(make_tdc(), xi=0.9), "xi: got 0.9"),
+        (lambda: check_theorem2(make_tdc(), beta=-1.0), "beta: got -1"),
     ],
 )
 def test_bad_input(call, message):

@@ -36,7 +36,7 @@ def data_at_rest(robot: MujocoPlant, position: np.ndarray) -> mujoco.MjData:
 def synchronised_tdc(inertia: Any) -> tarc.laws.TDC:
     """A law that tolerates M̂ = M, so that any robot may be tried."""
     estimator = tarc.estimators.Algebraic(window=0.010)
-    return tarc.laws.TDC(inertia=inertia, bandwidth=10.0, period=1e-3, synchronised=True, estimator=estimator)
+    return tarc.laws.TDC(inertia=inertia, natural_frequency=10.0, period=1e-3, synchronised=True, estimator=estimator)
 
 
 LAW = synchronised_tdc([[1.0, 0.2], [0.2, 0.2]])
@@ -64,13 +64,13 @@ def test_linearised_about_a_motion_as_from_bias_and_inertia(robot: MujocoPlant, 
     """Inverse dynamics with rotor inertia, friction and a load, against the way that serves every plant."""
     loaded = robot.with_parameters({"payload": 3.0, "armature": 0.1, "viscous": 2.0, "coulomb": 1.0})
     q = random_posture(robot, data)
-    motion = st.lists(st.floats(-3.0, 3.0), min_size=robot.joints, max_size=robot.joints).map(np.array)
+    motion = st.lists(st.floats(-3.0, 3.0), min_size=robot.n_joints, max_size=robot.n_joints).map(np.array)
     dq, ddq = data.draw(motion), data.draw(motion)
     for rates in ((), (dq, ddq)):
         ours, general = loaded.linearised(q, *rates), Plant.linearised(loaded, q, *rates)
         for one, other in zip(ours, general, strict=True):
             assert np.allclose(one, other, rtol=1e-5, atol=1e-6 * (1 + np.abs(other).max()))
-    assert np.allclose(loaded.linearised(q)[1], 2.0 * np.eye(robot.joints), atol=1e-9)
+    assert np.allclose(loaded.linearised(q)[1], 2.0 * np.eye(robot.n_joints), atol=1e-9)
     assert np.allclose(loaded.damping(q, dq), loaded.linearised(q, dq, ddq)[1], atol=1e-9)
 
 
@@ -83,7 +83,7 @@ def test_reading_leaves_inertia_home_and_limits_as_in_the_file(robot: MujocoPlan
     mujoco.mj_fullM(model, data, M)
     assert np.allclose(robot.inertia(robot.home), M, rtol=1e-12, atol=1e-14)
     assert np.array_equal(robot.home, data.qpos)
-    assert np.array_equal(robot.torque_limit, model.jnt_actfrcrange[:, 1])
+    assert np.array_equal(robot.torque_limits, model.jnt_actfrcrange[:, 1])
     assert robot.joint_names == [model.joint(i).name for i in range(model.njnt)]
     assert set(robot.joint_units) == {"rad"}
 
@@ -102,7 +102,7 @@ def test_gravity_is_the_gradient_of_mujoco_s_potential(robot: MujocoPlant, data:
         mujoco.mj_energyPos(model, scratch)
         return scratch.energy[0]
 
-    slope = [(potential(q + h * e) - potential(q - h * e)) / (2 * h) for e in np.eye(robot.joints)]
+    slope = [(potential(q + h * e) - potential(q - h * e)) / (2 * h) for e in np.eye(robot.n_joints)]
     # ε·100 J/h of rounding and h²/6·100 J of curvature
     assert np.allclose(robot.gravity_torque(q), slope, rtol=0, atol=1e-7)
 
@@ -134,7 +134,7 @@ def test_free_fall_keeps_its_energy_to_the_order_of_the_integrator(robot: Mujoco
 def test_payload_is_a_ball_of_that_mass_at_the_tool(robot: MujocoPlant, data: st.DataObject, mass: float) -> None:
     q = random_posture(robot, data)
     rest = data_at_rest(robot, q)
-    move, turn = np.zeros((3, robot.joints)), np.zeros((3, robot.joints))
+    move, turn = np.zeros((3, robot.n_joints)), np.zeros((3, robot.n_joints))
     mujoco.mj_jacSite(robot.model, rest, move, turn, robot.model.site("tool").id)
     ball = mass * move.T @ move + 0.4 * mass * 0.05**2 * turn.T @ turn
     loaded = MujocoPlant.from_file(robot.label, payload=mass)
@@ -145,11 +145,11 @@ def test_payload_is_a_ball_of_that_mass_at_the_tool(robot: MujocoPlant, data: st
 
 @every_robot
 def test_armature_and_friction_are_set_joint_by_joint(robot: MujocoPlant) -> None:
-    rotor = np.linspace(0.1, 0.5, robot.joints)
+    rotor = np.linspace(0.1, 0.5, robot.n_joints)
     other = MujocoPlant.from_file(robot.label, armature=rotor, viscous=2 * rotor, coulomb=3 * rotor)
     M = robot.inertia(robot.home) + np.diag(rotor)
     assert np.allclose(other.inertia(robot.home), M, rtol=1e-12, atol=1e-14)
-    speed = np.linspace(-1, 1, robot.joints)
+    speed = np.linspace(-1, 1, robot.n_joints)
     data = data_at_rest(other, robot.home)
     data.qvel[:] = speed
     mujoco.mj_forward(other.model, data)
@@ -248,9 +248,10 @@ def test_a_two_link_file_is_the_symbolic_arm(
 @pytest.mark.parametrize("payload", [0.0, 2.0])
 def test_both_engines_give_the_same_run(payload: float, tmp_path: Path) -> None:
     robot, arm = arms(mjcf_arm(tmp_path, RODS), RODS, payload)
-    push = tarc.signals.Step(amplitude=[3.0, -2.0], at=0.25)
+    push = tarc.signals.Step(amplitude=[3.0, -2.0], start_time=0.25)
     mine, other = (
-        tarc.simulate(plant, LAW, REFERENCE, 1.0, substeps=4, disturbance=push, torque="rest") for plant in (arm, robot)
+        tarc.simulate(plant, LAW, REFERENCE, 1.0, substeps=4, disturbance=push, initial_torque="rest")
+        for plant in (arm, robot)
     )
     assert mine.metrics()["peak_error"] < 0.05
     # Both take the same Runge–Kutta steps under the same held torque, so only rounding tells them apart: 1e-16 rad,
@@ -261,10 +262,10 @@ def test_both_engines_give_the_same_run(payload: float, tmp_path: Path) -> None:
 
 def test_mujoco_s_first_order_step_tends_to_the_symbolic_run(tmp_path: Path) -> None:
     robot, arm = arms(urdf_arm(tmp_path, RODS), RODS, 0.0)
-    exact = tarc.simulate(arm, LAW, REFERENCE, 0.5, substeps=4, torque="rest").data["position"].values
+    exact = tarc.simulate(arm, LAW, REFERENCE, 0.5, substeps=4, initial_torque="rest").data["position"].values
 
     def error(substeps: int) -> float:
-        run = tarc.simulate(robot, LAW, REFERENCE, 0.5, substeps=substeps, torque="rest")
+        run = tarc.simulate(robot, LAW, REFERENCE, 0.5, substeps=substeps, initial_torque="rest")
         return float(np.max(np.abs(run.data["position"].values - exact)))
 
     assert error(4) == pytest.approx(2 * error(8), rel=0.1)  # a URDF states no integrator, MuJoCo's own is Euler's
@@ -272,7 +273,7 @@ def test_mujoco_s_first_order_step_tends_to_the_symbolic_run(tmp_path: Path) -> 
 
 def test_recorded_acceleration_is_the_one_just_after_the_torque_was_set(tmp_path: Path) -> None:
     robot, arm = arms(urdf_arm(tmp_path, RODS), RODS, 0.0)
-    data = tarc.simulate(robot, LAW, REFERENCE, 0.5, torque="rest").data
+    data = tarc.simulate(robot, LAW, REFERENCE, 0.5, initial_torque="rest").data
     rows = zip(*(data[name].values for name in ("position", "velocity", "torque")), strict=True)
     expected = [arm.evaluate("acceleration", *row) for row in rows]
     assert np.allclose(data["acceleration"].values, expected, rtol=0, atol=1e-9)
@@ -316,7 +317,7 @@ def test_tdc_runs_on_real_urdfs(file: Path) -> None:
     middle = np.where(robot.model.jnt_limited, robot.model.jnt_range.mean(axis=1), 0.0)
     amplitude = [0.1 if unit == "rad" else 0.01 for unit in robot.joint_units]  # the Panda's finger slides
     reference = tarc.signals.Sinusoid(amplitude=amplitude, frequency=3.0, phase=np.pi / 2, offset=middle.tolist())
-    run = tarc.simulate(robot, synchronised_tdc(robot.inertia(middle)), reference, 0.3, torque="rest")
+    run = tarc.simulate(robot, synchronised_tdc(robot.inertia(middle)), reference, 0.3, initial_torque="rest")
     assert run.status.completed
     assert run.status.saturated == 0
     assert run.metrics()["peak_error"] < 5e-3  # a tenth of what the arm moves
@@ -401,7 +402,7 @@ def test_force_limits_of_motors_become_torque_limits(tmp_path: Path) -> None:
     motor = '<actuator><motor joint="hinge" forcerange="-7 7"/></actuator>'
     file.write_text(one_joint_model(BALL, motor))
     robot = MujocoPlant.from_file(file)
-    assert robot.torque_limit.tolist() == [7.0]
+    assert robot.torque_limits.tolist() == [7.0]
     assert robot.model.nu == 0
 
 
@@ -420,13 +421,13 @@ def test_actuators_are_replaced_by_the_torque(actuator: str, limit: float, tmp_p
     file.write_text(one_joint_model(BALL).replace("</mujoco>", f"<actuator>{actuator}</actuator></mujoco>"))
     robot = MujocoPlant.from_file(file)
     assert robot.model.nu == 0
-    assert robot.torque_limit == limit
+    assert robot.torque_limits == limit
 
 
 def test_the_narrower_side_of_a_lopsided_range_is_the_limit(tmp_path: Path) -> None:
     file = tmp_path / "robot.xml"
     file.write_text(one_joint_model(BALL, joint='<joint name="hinge" actuatorfrcrange="-9 5"/>'))
-    assert MujocoPlant.from_file(file).torque_limit == 5.0
+    assert MujocoPlant.from_file(file).torque_limits == 5.0
 
 
 @pytest.mark.parametrize(
@@ -491,16 +492,19 @@ def test_missing_textures_and_pictures_of_the_room_do_no_harm(tmp_path: Path) ->
     room = '<worldbody><geom type="mesh" mesh="room"/>'
     file = tmp_path / "robot.xml"
     file.write_text(one_joint_model('<geom size="0.1" material="m"/>', assets).replace("<worldbody>", room))
-    assert MujocoPlant.from_file(file).joints == 1
+    assert MujocoPlant.from_file(file).n_joints == 1
 
 
 def test_divergence_leaves_no_log_file_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     robot, _ = arms(urdf_arm(tmp_path, RODS), RODS, 0.0)
     law = tarc.laws.TDC(
-        inertia=[50.0, 50.0], bandwidth=50.0, period=1e-3, estimator=tarc.estimators.Algebraic(window=0.01),
+        inertia=[50.0, 50.0],
+        natural_frequency=50.0,
+        period=1e-3,
+        estimator=tarc.estimators.Algebraic(window=0.01),
         torque_limit=1e9,
-    )  # fmt: skip
+    )
     run = tarc.simulate(robot, law, REFERENCE, 1.0)
     assert not run.status.completed
     assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
@@ -527,6 +531,9 @@ def test_negative_masses_cannot_be_scheduled() -> None:
     reference = tarc.signals.Sinusoid(amplitude=0.1, frequency=1.0, offset=robot.home)
     with pytest.raises(TarcError, match="schedule of 'payload': got -5.0; must be at least 0"):
         tarc.simulate(
-            robot, synchronised_tdc(robot.inertia(robot.home)), reference, 0.1,
+            robot,
+            synchronised_tdc(robot.inertia(robot.home)),
+            reference,
+            0.1,
             disturbance=tarc.signals.Schedule(parameter="payload", times=[0.0], values=[-5.0]),
-        )  # fmt: skip
+        )

@@ -55,7 +55,7 @@ def integrate(
     plant: EulerLagrange, q: np.ndarray, dq: np.ndarray, torque: np.ndarray, dt: float, steps: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions and velocities at 0, dt, …, steps·dt, one row an instant."""
-    n, start = plant.joints, np.concatenate([q, dq])
+    n, start = plant.n_joints, np.concatenate([q, dq])
     x = ca.SX.sym("x", 2 * n)
     step = ca.Function("step", [x], [ca.vertcat(*runge_kutta(plant, x[:n], x[n:], torque, dt)[:2])])
     path = np.vstack([start, np.array(step.mapaccum(steps)(start)).T])
@@ -66,7 +66,7 @@ def integrate(
 @sampled
 @given(data=st.data())
 def test_inertia_is_symmetric_positive_definite(plant: EulerLagrange, data: st.DataObject) -> None:
-    M = plant.inertia(data.draw(vectors(plant.joints)))
+    M = plant.inertia(data.draw(vectors(plant.n_joints)))
     assert np.allclose(M, M.T, rtol=0, atol=1e-14 * np.max(np.abs(M)))
     assert np.linalg.eigvalsh(M)[0] > 0
 
@@ -75,7 +75,7 @@ def test_inertia_is_symmetric_positive_definite(plant: EulerLagrange, data: st.D
 @sampled
 @given(data=st.data())
 def test_inertia_rate_minus_twice_coriolis_is_skew_symmetric(plant: EulerLagrange, data: st.DataObject) -> None:
-    q, dq = data.draw(vectors(plant.joints)), data.draw(vectors(plant.joints))
+    q, dq = data.draw(vectors(plant.n_joints)), data.draw(vectors(plant.n_joints))
     dt = 1e-5
     rate = (plant.inertia(q + dt * dq) - plant.inertia(q - dt * dq)) / (2 * dt)
     skew = rate - 2 * plant.evaluate("coriolis", q, dq)
@@ -87,7 +87,7 @@ def test_inertia_rate_minus_twice_coriolis_is_skew_symmetric(plant: EulerLagrang
 @sampled
 @given(data=st.data())
 def test_acceleration_solves_the_equation_of_motion(plant: EulerLagrange, data: st.DataObject) -> None:
-    q, dq, torque = (data.draw(vectors(plant.joints)) for _ in range(3))
+    q, dq, torque = (data.draw(vectors(plant.n_joints)) for _ in range(3))
     acceleration = plant.evaluate("acceleration", q, dq, torque)
     N = plant.evaluate("bias", q, dq)
     parts = plant.evaluate("coriolis", q, dq) @ dq + plant.gravity_torque(q) + plant.evaluate("friction", q, dq)
@@ -100,7 +100,7 @@ def test_acceleration_solves_the_equation_of_motion(plant: EulerLagrange, data: 
 @given(data=st.data())
 def test_linearised_about_a_motion_it_is_the_slope_of_the_torque(plant: EulerLagrange, data: st.DataObject) -> None:
     """M, D and G against differences of M(q) q̈ + N(q, q̇) along a random direction."""
-    q, dq, ddq, way = (data.draw(vectors(plant.joints)) for _ in range(4))
+    q, dq, ddq, way = (data.draw(vectors(plant.n_joints)) for _ in range(4))
     M, D, G = plant.linearised(q, dq, ddq)
     assert np.allclose(M, plant.inertia(q))
     assert np.allclose(D, plant.damping(q, dq), rtol=1e-9, atol=1e-9)
@@ -122,12 +122,12 @@ def test_linearised_about_a_motion_it_is_the_slope_of_the_torque(plant: EulerLag
 @sampled
 @given(data=st.data())
 def test_gravity_is_the_gradient_of_the_potential(plant: EulerLagrange, data: st.DataObject) -> None:
-    q, still, h = data.draw(vectors(plant.joints)), np.zeros(plant.joints), 1e-4
+    q, still, h = data.draw(vectors(plant.n_joints)), np.zeros(plant.n_joints), 1e-4
 
     def potential(x: np.ndarray) -> float:
         return plant.evaluate("energy", x, still)
 
-    slope = [(potential(q + h * e) - potential(q - h * e)) / (2 * h) for e in np.eye(plant.joints)]
+    slope = [(potential(q + h * e) - potential(q - h * e)) / (2 * h) for e in np.eye(plant.n_joints)]
     # h²/6·|V'''| + ε|V|/h, with V and its derivatives at most some 1000 J
     assert np.allclose(plant.gravity_torque(q), slope, rtol=0, atol=2e-6)
 
@@ -136,8 +136,8 @@ def test_gravity_is_the_gradient_of_the_potential(plant: EulerLagrange, data: st
 @sampled
 @given(data=st.data())
 def test_kinetic_energy_is_the_quadratic_form_of_the_inertia(plant: EulerLagrange, data: st.DataObject) -> None:
-    q, dq = data.draw(vectors(plant.joints)), data.draw(vectors(plant.joints))
-    kinetic = plant.evaluate("energy", q, dq) - plant.evaluate("energy", q, np.zeros(plant.joints))
+    q, dq = data.draw(vectors(plant.n_joints)), data.draw(vectors(plant.n_joints))
+    kinetic = plant.evaluate("energy", q, dq) - plant.evaluate("energy", q, np.zeros(plant.n_joints))
     assert kinetic == pytest.approx(dq @ plant.inertia(q) @ dq / 2, rel=1e-9, abs=1e-10)
 
 
@@ -145,13 +145,13 @@ def test_kinetic_energy_is_the_quadratic_form_of_the_inertia(plant: EulerLagrang
 @sampled
 @given(data=st.data())
 def test_friction_never_feeds_energy_in(plant: EulerLagrange, data: st.DataObject) -> None:
-    q, dq = data.draw(vectors(plant.joints)), data.draw(vectors(plant.joints))
+    q, dq = data.draw(vectors(plant.n_joints)), data.draw(vectors(plant.n_joints))
     assert dq @ plant.evaluate("friction", q, dq) >= 0
 
 
 @every_plant
 def test_energy_gained_is_work_done_with_the_error_of_a_fourth_order_method(plant: EulerLagrange) -> None:
-    n, duration = plant.joints, 1.0
+    n, duration = plant.n_joints, 1.0
     torque = np.linspace(1.0, -0.5, n)
 
     def imbalance(steps: int) -> float:
@@ -195,7 +195,7 @@ def test_two_point_masses_at_a_right_angle() -> None:
 @given(data=st.data())
 def test_many_links_are_the_sum_of_bodies(name: str, data: st.DataObject) -> None:
     arm = PLANTS[name]
-    n = arm.joints
+    n = arm.n_joints
     q = data.draw(vectors(n))
     link = np.exp(1j * np.cumsum(q))  # directions in the complex plane
     M, gravity = np.zeros((n, n)), np.zeros(n)
@@ -293,7 +293,7 @@ def test_wheeled_robot_stays_on_a_circle_under_the_torque_that_it_needs() -> Non
 
 @every_plant
 def test_posture_columns_average_to_the_mean_inertia(plant: EulerLagrange) -> None:
-    postures = np.linspace(-1, 1, 3 * plant.joints).reshape(plant.joints, 3)
+    postures = np.linspace(-1, 1, 3 * plant.n_joints).reshape(plant.n_joints, 3)
     mean = (plant.inertia(postures[:, 0]) + plant.inertia(postures[:, 1]) + plant.inertia(postures[:, 2])) / 3
     assert np.allclose(plant.mean_inertia(postures), mean, rtol=1e-14)
     with pytest.raises(TarcError, match=r"positions: got shape .* a position a column"):

@@ -45,8 +45,8 @@ class LawParameters:
         """The law of the package with these numbers: TARC where there is a robust term."""
         options: dict[str, Any] = {
             "inertia": 0.1,
-            "bandwidth": self.natural_frequency,
-            "damping": self.damping_ratio,
+            "natural_frequency": self.natural_frequency,
+            "damping_ratio": self.damping_ratio,
             "period": PERIOD,
             "estimator": self.estimator,
             "synchronised": self.synchronised,
@@ -56,8 +56,8 @@ class LawParameters:
         if not self.slope:
             return laws.TDC(**options)
         weight = [2 * self.natural_frequency**2 * self.P2, 2.0]  # P2 = q1 / (2 K1)
-        options |= {"weight": weight, "boundary": self.boundary_layer, "margin": self.gain_factor}
-        return laws.TARC(rise=100.0, fall=100.0, **options)
+        options |= {"weight": weight, "boundary_layer": self.boundary_layer, "margin": self.gain_factor}
+        return laws.TARC(rise_rate=100.0, fall_rate=100.0, **options)
 
     @property
     def alternates(self) -> bool:

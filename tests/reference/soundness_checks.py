@@ -31,7 +31,7 @@ from reference.soundness_tally import (
 from reference.uncertain_case import UncertainCase
 from tarc.analysis.linearise import decouple
 from tarc.analysis.uncertain_loop import parts_of
-from tarc.certificates import ball, loop, slope
+from tarc.certificates import certify_constant_ratio, certify_sector, certify_varying_ratio
 from tarc.certificates.varying_ratio import best_scales, widest
 from tarc.core.progress import Progress
 
@@ -41,7 +41,7 @@ N_STEPS = 4000
 def check_ratio(design: LawParameters, rng: np.random.Generator, tally: Tally) -> None:
     """One ratio, simulated after a kick."""
     ratio = float(draw_ratios(design, rng, 1)[0])
-    verdict = loop(design.law, ratio, computation_delay=design.computation_delay).verdict
+    verdict = certify_constant_ratio(design.law, ratio, computation_delay=design.computation_delay).verdict
     tally.count(verdict)
     if verdict == "inconclusive":
         return
@@ -63,7 +63,7 @@ def check_range(design: LawParameters, rng: np.random.Generator, tally: Tally) -
     """A range of ratios, by roots at ratios that it holds."""
     hand = recurrence(design)
     low, high = (float(end) for end in np.sort(draw_ratios(design, rng, 2)))
-    found = loop(design.law, (low, high), computation_delay=design.computation_delay)
+    found = certify_constant_ratio(design.law, (low, high), computation_delay=design.computation_delay)
     tally.count(found.verdict)
     if found.verdict == "inconclusive":
         return
@@ -97,7 +97,7 @@ def check_balls(
         if rng.random() < 0.4:
             spread = np.exp(10 ** rng.uniform(-2, 0.3))
             options["contains"] = centre / spread, centre * spread
-        found = ball(design.law, None if "contains" in options else centre, **options)
+        found = certify_varying_ratio(design.law, None if "contains" in options else centre, **options)
         tally.count(found.verdict)
         if found.certified:
             numbers = found.numbers
@@ -169,7 +169,9 @@ def check_slow_balls(
             parts = parts_of(decouple(design.law, design.computation_delay)[0], steep, intersample=True)
             reach = widest(parts, centre, weight, step=rate * PERIOD, stiffness=stiffness)[1]
         else:
-            found = ball(design.law, centre, slope=steep, rate=rate, computation_delay=design.computation_delay)
+            found = certify_varying_ratio(
+                design.law, centre, slope=steep, rate=rate, computation_delay=design.computation_delay
+            )
             reach = found.numbers["radius"] if found.certified else 0.0
         tally.count("certified" if reach > 0 else "inconclusive")
         if reach > 0:
@@ -194,7 +196,9 @@ def check_slopes(
         reach = most_negative_real_part(known.w_to_q, known.closed)[0] if spectral_radius(known.closed) < 1 else 1e-2
         kappa = float(np.exp(rng.uniform(-0.7, 1.2)) / max(reach, 1e-9))
         robust = replace(design, slope=kappa, ratio=ratio)
-        found = slope(robust.law, ratio, cap=robust.frozen_gain, computation_delay=design.computation_delay)
+        found = certify_sector(
+            robust.law, ratio, max_gain=robust.frozen_gain, computation_delay=design.computation_delay
+        )
         tally.count(found.verdict)
         if found.witness:
             shown = found.witness["gain [rad/s²]"] * design.gain_factor * design.P2 / design.boundary_layer

@@ -12,7 +12,7 @@ from tarc.scenario.schema import SECTIONS, catalogue, parameters
 
 PLAIN = {
     "robot": {"kind": "TwoLinkArm"},
-    "law": {"kind": "TDC", "inertia": [0.15, 0.05], "bandwidth": 10.0},
+    "law": {"kind": "TDC", "inertia": [0.15, 0.05], "natural_frequency": 10.0},
     "estimator": {"kind": "Algebraic", "window": 0.010},
     "reference": {"kind": "Sinusoid", "amplitude": [0.2, 0.2], "frequency": 2.0},
     "duration": 0.2,
@@ -35,7 +35,7 @@ def test_runs_and_equals_the_library():
 
     run = Scenario.parse(scenario_content()).run()["TDC"]
     law = tarc.laws.TDC(
-        inertia=[0.15, 0.05], bandwidth=10.0, period=1e-3, estimator=tarc.estimators.Algebraic(window=0.010)
+        inertia=[0.15, 0.05], natural_frequency=10.0, period=1e-3, estimator=tarc.estimators.Algebraic(window=0.010)
     )
     reference = tarc.signals.Sinusoid(amplitude=[0.2, 0.2], frequency=2.0)
     same = tarc.simulate(tarc.plants.TwoLinkArm(), law, reference, 0.2)
@@ -43,7 +43,9 @@ def test_runs_and_equals_the_library():
 
 
 def test_yaml_round_trip(tmp_path):
-    content = scenario_content(sensor={"bits": 16}, disturbance=[{"kind": "Payload", "mass": 1.0, "at": 0.1}], seed=7)
+    content = scenario_content(
+        sensor={"bits": 16}, disturbance=[{"kind": "Payload", "mass": 1.0, "start_time": 0.1}], seed=7
+    )
     first = Scenario.parse(content)
     (tmp_path / "a.yaml").write_text(first.to_yaml())
     again = Scenario.load(tmp_path / "a.yaml")
@@ -52,16 +54,19 @@ def test_yaml_round_trip(tmp_path):
 
 @pytest.mark.parametrize("name", shipped_scenarios())
 def test_shipped_scenarios_run(name):
-    runs = Scenario.load(name, ["duration=0.3", "measure_from=0.0"]).run()
+    runs = Scenario.load(name, ["duration=0.3", "metrics_start=0.0"]).run()
     assert all(run.status.completed for run in runs.values())
 
 
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        (["law.bandwith=10"], r"law.bandwith: unknown key; TDC has .*bandwidth.* Did you mean 'bandwidth'\?"),
+        (
+            ["law.bandwith=10"],
+            r"law.bandwith: unknown key; TDC has .*natural_frequency.* Did you mean 'natural_frequency'\?",
+        ),
         (["robot.mases=[1, 2]"], r"robot.mases: unknown key; .* Did you mean 'masses'\?"),
-        (["law.bandwidth=fast"], r"law.bandwidth: got 'fast'; needs a number or a list of numbers"),
+        (["law.natural_frequency=fast"], r"law.natural_frequency: got 'fast'; needs a number or a list of numbers"),
         (["law.synchronised=7"], "law.synchronised: got 7; needs true or false"),
         (["law.kind=TDCC"], r"law.kind: got 'TDCC'; known are .*TDC.*Did you mean 'TDC'\?"),
         (["robot.kind=TwoLink"], r"robot.kind: got 'TwoLink'; .* Did you mean 'TwoLinkArm'\?"),
@@ -92,10 +97,14 @@ def test_bad_keys_and_values(settings, message):
 
 
 def test_all_faults_of_a_part_are_told_at_once():
-    content = scenario_content(law={"kind": "TARC", "inertia": [0.1, 0.1], "bandwidht": 1.0, "fall": "x"})
+    content = scenario_content(law={"kind": "TARC", "inertia": [0.1, 0.1], "bandwidht": 1.0, "fall_rate": "x"})
     with pytest.raises(TarcError) as caught:
         Scenario.parse(content)
-    assert {line.split(":")[0] for line in str(caught.value).splitlines()} == {"law.bandwidht", "law.fall", "law.rise"}
+    assert {line.split(":")[0] for line in str(caught.value).splitlines()} == {
+        "law.bandwidht",
+        "law.fall_rate",
+        "law.rise_rate",
+    }
 
 
 def test_missing_sections_are_named():
@@ -105,13 +114,15 @@ def test_missing_sections_are_named():
 
 def test_settings_reach_every_law_or_one():
     content = scenario_content(law=[dict(PLAIN["law"]), dict(PLAIN["law"])])
-    apply_setting(content, "law.bandwidth=15")
-    apply_setting(content, "law.1.bandwidth=20.5")
-    assert [law["bandwidth"] for law in content["law"]] == [15, 20.5]
+    apply_setting(content, "law.natural_frequency=15")
+    apply_setting(content, "law.1.natural_frequency=20.5")
+    assert [law["natural_frequency"] for law in content["law"]] == [15, 20.5]
     assert list(Scenario.parse(content).laws) == ["TDC", "TDC 2"]
 
 
-@pytest.mark.parametrize("setting", ["law.bandwidth", "=3", "law.5.bandwidth=1", "law.kind.deep=1", "law.x=[1"])
+@pytest.mark.parametrize(
+    "setting", ["law.natural_frequency", "=3", "law.5.natural_frequency=1", "law.kind.deep=1", "law.x=[1"]
+)
 def test_bad_settings(setting):
     content = scenario_content(law=[dict(PLAIN["law"])])
     with pytest.raises(TarcError, match="--set: "):

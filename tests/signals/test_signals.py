@@ -40,9 +40,9 @@ CLOSED = {
     "sinusoid": SINUSOID,
     "multisine": Multisine(amplitude=[0.3, 0.1], frequency=[1.0, 2.0, 3.5], offset=[0.2, 0.0]),
     "multisine, all given": Multisine(amplitude=[[0.3, 0.1]], frequency=[1.0, 4.0], phase=[[0.5, -1.0]]),
-    "chirp": Chirp(amplitude=[0.3, 0.2], start=1.0, stop=6.0, sweep=2.0, offset=0.1),
+    "chirp": Chirp(amplitude=[0.3, 0.2], start_frequency=1.0, stop_frequency=6.0, sweep_time=2.0, offset=0.1),
     "quintic": Quintic(points=POINTS, times=PASSED),
-    "quintic with stops": Quintic(points=POINTS, times=PASSED, stop=True),
+    "quintic with stops": Quintic(points=POINTS, times=PASSED, stop_at_points=True),
 }
 every_reference = pytest.mark.parametrize("reference", CLOSED.values(), ids=CLOSED.keys())
 
@@ -64,7 +64,7 @@ def test_derivatives_are_what_central_differences_converge_to(reference: Referen
 @every_reference
 def test_samples_have_a_row_a_joint_and_a_column_a_time(reference: Reference) -> None:
     for values in reference.sample(np.linspace(0, 1, 7)):
-        assert values.shape == (reference.joints, 7)
+        assert values.shape == (reference.n_joints, 7)
 
 
 def test_sinusoid_is_its_formula_and_one_number_stands_for_all_joints() -> None:
@@ -97,7 +97,7 @@ def test_schroeder_s_phases_keep_the_crest_below_that_of_equal_phases(tones: int
 
 
 def test_chirp_sweeps_its_frequency_linearly_and_then_stays() -> None:
-    chirp = Chirp(amplitude=1.0, start=1.0, stop=6.0, sweep=2.0)
+    chirp = Chirp(amplitude=1.0, start_frequency=1.0, stop_frequency=6.0, sweep_time=2.0)
     t = np.linspace(0, 4, 2001)
     position, velocity, _ = (values[0] for values in chirp.sample(t))
     expected = 1.0 + 5.0 * np.minimum(t, 2.0) / 2.0
@@ -109,7 +109,7 @@ def test_chirp_sweeps_its_frequency_linearly_and_then_stays() -> None:
 
 @pytest.mark.parametrize("stop", [False, True])
 def test_quintic_passes_its_points_and_rests_at_both_ends(stop: bool) -> None:
-    reference = Quintic(points=POINTS, times=PASSED, stop=stop)
+    reference = Quintic(points=POINTS, times=PASSED, stop_at_points=stop)
     position, velocity, acceleration = reference.sample(PASSED)
     assert np.allclose(position.T, POINTS, rtol=0, atol=1e-12)
     resting = slice(None) if stop else [0, -1]
@@ -121,7 +121,9 @@ def test_quintic_passes_its_points_and_rests_at_both_ends(stop: bool) -> None:
 
 @pytest.mark.parametrize("stop", [False, True])
 def test_quintic_holds_its_ends_before_and_after(stop: bool) -> None:
-    position, velocity, acceleration = Quintic(points=POINTS, times=PASSED, stop=stop).sample([-1.0, 0.4, 3.1, 9.0])
+    position, velocity, acceleration = Quintic(points=POINTS, times=PASSED, stop_at_points=stop).sample(
+        [-1.0, 0.4, 3.1, 9.0]
+    )
     assert np.allclose(position.T, [POINTS[0], POINTS[0], POINTS[-1], POINTS[-1]], rtol=0, atol=1e-12)
     assert not velocity.any()
     assert not acceleration.any()
@@ -130,7 +132,7 @@ def test_quintic_holds_its_ends_before_and_after(stop: bool) -> None:
 def test_quintic_between_two_points_is_the_minimum_jerk_curve() -> None:
     s = np.linspace(0, 1, 11)
     for stop in (False, True):
-        position = Quintic(points=[[1.0], [3.0]], times=[0, 2], stop=stop).sample(2 * s)[0][0]
+        position = Quintic(points=[[1.0], [3.0]], times=[0, 2], stop_at_points=stop).sample(2 * s)[0][0]
         assert np.allclose(position, 1 + 2 * (10 * s**3 - 15 * s**4 + 6 * s**5), rtol=1e-12)
 
 
@@ -166,7 +168,7 @@ def test_recorded_reproduces_a_smooth_trajectory_from_any_file(
     t = np.linspace(0.5, 2.5, 201)
     table = np.vstack([t, SINUSOID.sample(t)[0]]).T
     reference = Recorded(path=write_table(tmp_path / name, table, header, delimiter))
-    assert reference.joints == 2
+    assert reference.n_joints == 2
     between = np.linspace(0.5, 2.5, 333)
     errors = [np.max(np.abs(a - b)) for a, b in zip(reference.sample(between), SINUSOID.sample(between), strict=True)]
     # h⁶, h⁵ and h⁴ of h = 0.01 s times 5⁶ and the amplitude, larger by a factor at the two ends
@@ -204,16 +206,16 @@ positions_of_three = arrays(float, (3, 5), elements=st.floats(-20, 20, allow_sub
 @given(bits=st.integers(4, 20), positions=positions_of_three)
 def test_encoder_rounds_to_the_nearest_of_its_steps(bits: int, positions: np.ndarray) -> None:
     encoder, step = Encoder(bits=bits), 2 * np.pi / 2**bits
-    assert encoder.increment == step
+    assert encoder.step_size == step
     readings = encoder_readings(encoder, positions)
     assert np.allclose(readings / step, np.round(readings / step), rtol=0, atol=1e-9)
     assert np.max(np.abs(readings - positions)) <= step / 2 * (1 + 1e-9)
 
 
 def test_encoder_steps_cover_its_span_or_are_given() -> None:
-    assert Encoder(bits=10, span=0.3).increment == 0.3 / 1024
-    assert Encoder(resolution=0.01).increment == 0.01
-    assert Encoder().increment == 0
+    assert Encoder(bits=10, span=0.3).step_size == 0.3 / 1024
+    assert Encoder(resolution=0.01).step_size == 0.01
+    assert Encoder().step_size == 0
 
 
 @sampled
@@ -271,23 +273,23 @@ def disturbance_torque(
 
 
 def test_step_acts_from_its_start_up_to_before_its_end() -> None:
-    values = disturbance_torque(Step(amplitude=[2.0, -1.0], at=0.3, until=0.7))
+    values = disturbance_torque(Step(amplitude=[2.0, -1.0], start_time=0.3, stop_time=0.7))
     on = (np.arange(1000) >= 300) & (np.arange(1000) < 700)
     assert np.array_equal(values, np.outer([2.0, -1.0], on))
     assert np.array_equal(disturbance_torque(Step(amplitude=3.0)), np.full((2, 1000), 3.0))
 
 
 def test_sine_starts_at_its_instant_on_the_clock_s_phase() -> None:
-    values = disturbance_torque(Sine(amplitude=2.0, frequency=30.0, phase=0.5, at=0.1), joints=1)[0]
+    values = disturbance_torque(Sine(amplitude=2.0, frequency=30.0, phase=0.5, start_time=0.1), joints=1)[0]
     assert not values[:100].any()
     assert np.allclose(values[100:], 2 * np.sin(30 * TIMES[100:] + 0.5))
 
 
 @sampled
-@given(at=st.floats(0, 0.99), step=st.floats(1e-5, 0.1), amplitude=st.floats(-10, 10))
+@given(start_time=st.floats(0, 0.99), step=st.floats(1e-5, 0.1), amplitude=st.floats(-10, 10))
 def test_impulse_is_the_same_whatever_the_step(at: float, step: float, amplitude: float) -> None:
     times = np.arange(int(np.ceil(1 / step))) * step
-    values = disturbance_torque(Impulse(amplitude=amplitude, at=at), times, joints=1)[0]
+    values = disturbance_torque(Impulse(amplitude=amplitude, start_time=at), times, joints=1)[0]
     assert np.sum(values) * step == pytest.approx(amplitude, rel=1e-9)
     assert np.count_nonzero(values) == (1 if amplitude else 0)
     if amplitude:
@@ -296,7 +298,7 @@ def test_impulse_is_the_same_whatever_the_step(at: float, step: float, amplitude
 
 
 def test_band_noise_has_its_standard_deviation_and_follows_the_seed() -> None:
-    noise = BandNoise(amplitude=[2.0, 0.5], low=20.0, high=60.0)
+    noise = BandNoise(amplitude=[2.0, 0.5], min_frequency=20.0, max_frequency=60.0)
     values = disturbance_torque(noise)
     long = disturbance_torque(noise, np.arange(200_000) * 1e-3)  # some 8000 independent samples: 1 % standard error
     assert np.allclose(long.std(axis=1), [2.0, 0.5], rtol=0.04)
@@ -308,7 +310,9 @@ def test_band_noise_has_its_standard_deviation_and_follows_the_seed() -> None:
 def test_band_noise_keeps_its_size_on_a_record_shorter_than_its_waves() -> None:
     """Over a whole ensemble of short records: neither scaled up nor down by its own length."""
     times = np.arange(50) * 1e-3
-    values = [disturbance_torque(BandNoise(amplitude=1.0, high=5.0), times, 1, seed=seed)[0] for seed in range(400)]
+    values = [
+        disturbance_torque(BandNoise(amplitude=1.0, max_frequency=5.0), times, 1, seed=seed)[0] for seed in range(400)
+    ]
     assert np.sqrt(np.mean(np.square(values))) == pytest.approx(1.0, rel=0.15)  # 400 samples: 3.5 % standard error
     assert np.max(np.abs(values)) < 5.0
 
@@ -335,8 +339,11 @@ def test_what_is_under_way_at_the_start_is_quantised_too() -> None:
             r"schedule of 'viscous', values: got shape \(3,\); needs one number or 2",
         ),
         (lambda: Sine(amplitude=1.0, frequency=np.nan), "frequency: got nan"),
-        (lambda: Step(amplitude=1.0, at="x"), "at: got 'x'; needs one number"),  # type: ignore[arg-type]
-        (lambda: Step(amplitude=1.0, at=2.0, until=1.0), "until: got 1.0; needs a time after at = 2"),
+        (lambda: Step(amplitude=1.0, start_time="x"), "start_time: got 'x'; needs one number"),  # type: ignore[arg-type]
+        (
+            lambda: Step(amplitude=1.0, start_time=2.0, stop_time=1.0),
+            "stop_time: got 1.0; needs a time after start_time = 2",
+        ),
         (lambda: Encoder(bits=12.5), "bits: got 12.5; needs a whole number from 1 to 52"),  # type: ignore[arg-type]
         (lambda: Encoder(delay="a"), "delay: got 'a'; needs a whole number"),  # type: ignore[arg-type]
     ],
@@ -349,7 +356,14 @@ def test_bad_numbers_are_refused(schedule: Callable[[], object], message: str) -
 @pytest.mark.parametrize(("low", "high"), [(0.0, 50.0), (100.0, 300.0), (30.0, 40.0)])
 def test_band_noise_keeps_its_energy_inside_the_band(low: float, high: float) -> None:
     times = np.arange(2**15) * 1e-3
-    spectrum = np.abs(np.fft.rfft(disturbance_torque(BandNoise(amplitude=1.0, low=low, high=high), times, 1)[0])) ** 2
+    spectrum = (
+        np.abs(
+            np.fft.rfft(
+                disturbance_torque(BandNoise(amplitude=1.0, min_frequency=low, max_frequency=high), times, 1)[0]
+            )
+        )
+        ** 2
+    )
     frequency = 2 * np.pi * np.fft.rfftfreq(len(times), 1e-3)
     width = (high - low) / 2
     near = (frequency >= low - width) & (frequency <= high + width)
@@ -366,7 +380,7 @@ def test_schedule_steps_from_the_plant_s_own_value() -> None:
 
 
 def test_linear_schedule_joins_its_values_and_then_stays() -> None:
-    schedule = Schedule(parameter="payload", times=[0.2, 0.6], values=[1.0, 3.0], linear=True)
+    schedule = Schedule(parameter="payload", times=[0.2, 0.6], values=[1.0, 3.0], interpolate=True)
     values = schedule.sample(TIMES, np.array(0.5))[0]
     assert np.array_equal(values[:200], np.full(200, 0.5))
     # 1e-9 s of tolerance in time, at 5 units a second
@@ -375,7 +389,7 @@ def test_linear_schedule_joins_its_values_and_then_stays() -> None:
 
 
 def test_payload_is_a_schedule_of_the_payload() -> None:
-    values = Payload(mass=2.0, at=0.4).schedule.sample(TIMES, np.array(0.5))
+    values = Payload(mass=2.0, start_time=0.4).schedule.sample(TIMES, np.array(0.5))
     assert Payload(mass=2.0).schedule.parameter == "payload"
     assert np.array_equal(values, [np.where(np.arange(1000) < 400, 0.5, 2.0)])
 
@@ -387,8 +401,16 @@ def test_payload_is_a_schedule_of_the_payload() -> None:
         (lambda: Sinusoid(amplitude=np.nan, frequency=1.0), "amplitude: .* finite numbers"),
         (lambda: Multisine(amplitude=[[1.0, 2.0]], frequency=[1.0]), r"amplitude: got shape \(1, 2\)"),
         (lambda: Multisine(amplitude=1.0, frequency=[1.0], phase=[[1.0, 2.0]]), "phase: got shape"),
-        (lambda: Chirp(amplitude=1.0, start=1.0, stop=2.0, sweep=0.0), "sweep: got 0; .* above 0"),
-        (lambda: Chirp(amplitude=[1.0, 2.0], start=1.0, stop=2.0, sweep=1.0, offset=[1.0] * 3), "offset: got shape"),
+        (
+            lambda: Chirp(amplitude=1.0, start_frequency=1.0, stop_frequency=2.0, sweep_time=0.0),
+            "sweep: got 0; .* above 0",
+        ),
+        (
+            lambda: Chirp(
+                amplitude=[1.0, 2.0], start_frequency=1.0, stop_frequency=2.0, sweep_time=1.0, offset=[1.0] * 3
+            ),
+            "offset: got shape",
+        ),
         (lambda: Quintic(points=[[0.0], [1.0]], times=[0.0]), r"points: got shape \(2, 1\) with 1 times"),
         (lambda: Quintic(points=[0.0, 1.0], times=[0.0, 1.0]), "one row a time"),  # pyright: ignore[reportArgumentType]
         (lambda: Quintic(points=[[0.0], [1.0]], times=[1.0, 0.5]), r"times: got \[1.0, 0.5\]; must increase"),
@@ -403,9 +425,12 @@ def test_payload_is_a_schedule_of_the_payload() -> None:
             lambda: disturbance_torque(Step(amplitude=[1.0, 2.0, 3.0])),
             "disturbance amplitude: .* needs one number or 2",
         ),
-        (lambda: BandNoise(amplitude=1.0, low=5.0, high=2.0), "low, high: got 5 and 2; needs 0 ≤ low < high"),
         (
-            lambda: disturbance_torque(BandNoise(amplitude=1.0, high=4000.0)),
+            lambda: BandNoise(amplitude=1.0, min_frequency=5.0, max_frequency=2.0),
+            "low, high: got 5 and 2; needs 0 ≤ low < high",
+        ),
+        (
+            lambda: disturbance_torque(BandNoise(amplitude=1.0, max_frequency=4000.0)),
             "high: got 4000 rad/s; .* allows up to 3142",
         ),
         (lambda: Schedule(parameter="payload", times=[1.0, 0.5], values=[1, 2]), "'payload': .* increasing times"),

@@ -31,7 +31,7 @@ def test_names_posture_range_and_remedy():
     [
         ({"share": 1e-3}, 0, "Use a larger inertia or a lower bandwidth"),
         ({"share": 4.0, "synchronised": True}, 0, "a shorter window or less bandwidth"),
-        ({"share": 0.05, "bandwidth": 200.0}, 60, "No ratio is stable: lower the bandwidth"),
+        ({"share": 0.05, "natural_frequency": 200.0}, 60, "No ratio is stable: lower the natural frequency"),
     ],
 )
 def test_the_remedy_fits_the_fault(options, delay, message):
@@ -61,7 +61,7 @@ def test_variants_are_the_robot_as_it_is_from_each_instant():
     from tarc.simulation.sampled_inputs import variants
 
     events = [
-        tarc.signals.Payload(mass=2.0, at=1.0),
+        tarc.signals.Payload(mass=2.0, start_time=1.0),
         tarc.signals.Schedule(parameter="viscous", times=[0.0, 3.0], values=[1.0, 2.0]),
     ]
     robot = tarc.plants.MujocoPlant.from_file("ur5e", armature=0.1)

@@ -22,7 +22,7 @@ def run_by_hand(error, torque, gain=None, sliding=None, limit=np.inf, diverged=n
         variables |= {"gain": ("time", gain, {"units": "rad/s²"}), "sliding": ("time", sliding)}
     joints = [f"joint{i + 1}" for i in range(np.shape(error)[1])]
     variables["torque_limit"] = ("joint", np.full(len(joints), limit))
-    attrs = {"period": period, "diverged_at": diverged, "title": "X on Y"}
+    attrs = {"period": period, "divergence_time": diverged, "title": "X on Y"}
     return Run(xr.Dataset(variables, {"time": np.arange(count) * period, "joint": joints}, attrs))
 
 
@@ -35,7 +35,7 @@ def test_errors_and_variation_by_hand():
     assert metrics["torque_variation"] == pytest.approx((3 + 3 + 4) / 0.03)
     assert metrics["peak_torque"] == 4.0
     assert metrics["saturated"] == 2 / 8
-    assert run_by_hand(error, torque).metrics(start=0.01)["rms_error"] == pytest.approx(np.sqrt(5 / 6))
+    assert run_by_hand(error, torque).metrics(start_time=0.01)["rms_error"] == pytest.approx(np.sqrt(5 / 6))
 
 
 def test_high_frequency_share_is_parsevals():
@@ -67,7 +67,7 @@ def test_smoothing_finds_the_share_under_noise(shift, share):
     count = 40_000
     noise = 0.02 * np.random.default_rng(0).standard_normal(count)  # four times what the gain moves in a sample
     run = run_by_hand(np.zeros((count, 1)), np.zeros((count, 1)), 5 + triangle(count) + noise, triangle(count, shift))
-    plain, smooth = run.metrics(), run.metrics(smooth=0.4)
+    plain, smooth = run.metrics(), run.metrics(averaging_time=0.4)
     for name in ("overestimation", "underestimation"):
         assert plain[name] == pytest.approx(0.25, abs=0.04), "noise decides, whatever the share"
         assert smooth[name] == pytest.approx(share, abs=0.02)
@@ -77,7 +77,7 @@ def test_smoothing_is_a_moving_average():
     gain, sliding = np.random.default_rng(1).standard_normal((2, 200))
     zero = np.zeros((200, 1))
     change, growth = (np.diff(np.convolve(x, np.ones(7) / 7, "valid")) for x in (gain, sliding))
-    found = run_by_hand(zero, zero, gain, sliding).metrics(smooth=0.07)
+    found = run_by_hand(zero, zero, gain, sliding).metrics(averaging_time=0.07)
     assert found["overestimation"] == np.mean((change > 0) & (growth < 0))
     assert found["underestimation"] == np.mean((change < 0) & (growth > 0))
 
@@ -86,7 +86,7 @@ def test_a_gain_that_chatters_at_its_floor_counts_as_still():
     gain, sliding = np.tile([1.0, 1.001], 50), np.linspace(0.0, 1.0, 100)
     run = run_by_hand(np.zeros((100, 1)), np.zeros((100, 1)), gain, sliding)
     assert run.metrics()["underestimation"] == pytest.approx(0.5, abs=0.01)
-    assert run.metrics(smooth=0.1)["underestimation"] == 0
+    assert run.metrics(averaging_time=0.1)["underestimation"] == 0
 
 
 @pytest.mark.parametrize(
@@ -101,12 +101,12 @@ def test_a_gain_that_chatters_at_its_floor_counts_as_still():
 def test_bad_smoothing_is_refused(smooth, message):
     zero = np.zeros((100, 1))
     with pytest.raises(TarcError, match=message):
-        run_by_hand(zero, zero, zero[:, 0], zero[:, 0]).metrics(smooth=smooth)
+        run_by_hand(zero, zero, zero[:, 0], zero[:, 0]).metrics(averaging_time=smooth)
 
 
 def pendulum_law(inertia=0.05, **options):
     return laws.TDC(
-        inertia=inertia, bandwidth=10.0, period=1e-3, estimator=estimators.Algebraic(window=0.01), **options
+        inertia=inertia, natural_frequency=10.0, period=1e-3, estimator=estimators.Algebraic(window=0.01), **options
     )
 
 
@@ -117,10 +117,10 @@ def test_divergence_ends_early_with_status():
     run = simulate(Pendulum(), pendulum_law(3.0), REFERENCE, 5.0)
     assert not run.status.completed
     assert run.data.sizes["time"] < 5000
-    assert str(run.status).startswith(f"diverged at {run.status.diverged_at:.3f} s")
+    assert str(run.status).startswith(f"diverged at {run.status.divergence_time:.3f} s")
     assert np.all(np.isfinite(run.data["torque"]))
     with pytest.raises(TarcError, match=r"start: got 4 s; the run ends at .* \(diverged at"):
-        run.metrics(start=4.0)
+        run.metrics(start_time=4.0)
 
 
 @pytest.mark.parametrize("plant", ["symbolic", "mujoco"])
@@ -130,8 +130,8 @@ def test_divergence_in_both_engines(plant, tmp_path):
         "diaginertia='1e-6 1e-6 1e-6'/></body></worldbody></mujoco>"
     )
     robot = Pendulum() if plant == "symbolic" else plants.MujocoPlant.from_file(tmp_path / "p.xml")
-    run = simulate(robot, pendulum_law(3.0), REFERENCE, 2.0, divergence=50.0)
-    assert run.status.diverged_at is not None
+    run = simulate(robot, pendulum_law(3.0), REFERENCE, 2.0, divergence_threshold=50.0)
+    assert run.status.divergence_time is not None
     assert np.all(np.abs(run.data["position"] - run.data["reference"]) <= 50.0)
 
 
@@ -140,9 +140,9 @@ def test_saturation_share_and_fault():
     assert 0 < run.status.saturated < 1
     assert np.max(np.abs(run.data["torque"])) == 2.0
     lost = simulate(Pendulum(), pendulum_law(max_missing=0), REFERENCE, 1.0, sensor=signals.Encoder(dropout=0.01))
-    assert lost.status.fault_at is not None
+    assert lost.status.fault_time is not None
     assert "safe torque from" in str(lost.status)
-    after = lost.data.sel(time=slice(lost.status.fault_at, None))
+    after = lost.data.sel(time=slice(lost.status.fault_time, None))
     assert np.all(after["torque"] == 0)
 
 
@@ -193,7 +193,7 @@ def test_same_seed_same_run():
 
 def test_computation_delay_holds_the_torque_back():
     """With a delay of d periods the joints get the law's torque d periods later."""
-    run = simulate(Pendulum(), pendulum_law(), REFERENCE, 0.05, computation_delay=3, torque=1.5)
+    run = simulate(Pendulum(), pendulum_law(), REFERENCE, 0.05, computation_delay=3, initial_torque=1.5)
     np.testing.assert_array_equal(run.data["torque"].values[:3], 1.5)
     assert run.data["torque"].values[3] != 1.5
 
@@ -239,14 +239,18 @@ def two_joint_file(path, limits=("", ""), kinds=("hinge", "hinge")):
 
 def two_joint_run(robot, **options):
     law = laws.TDC(
-        inertia=[0.02, 0.02], bandwidth=20.0, period=1e-3, estimator=estimators.Algebraic(window=0.01), **options
+        inertia=[0.02, 0.02],
+        natural_frequency=20.0,
+        period=1e-3,
+        estimator=estimators.Algebraic(window=0.01),
+        **options,
     )
     return simulate(robot, law, signals.Sinusoid(amplitude=[1.0, 1.0], frequency=9.0), 0.5)
 
 
 def test_a_limit_on_one_joint_of_two_holds(tmp_path):
     robot = two_joint_file(tmp_path / "r.xml", limits=("actuatorfrcrange='-0.5 0.5'", ""))
-    assert robot.torque_limit.tolist() == [0.5, np.inf]
+    assert robot.torque_limits.tolist() == [0.5, np.inf]
     run = two_joint_run(robot)
     peak = np.abs(run.data["torque"].values).max(axis=0)
     assert peak[0] == 0.5
@@ -273,13 +277,18 @@ def test_chatter_at_every_sample_counts_by_its_energy():
 
 def test_a_fault_stops_the_gain_and_the_tde_error():
     law = laws.TARC(
-        inertia=0.05, bandwidth=10.0, period=1e-3, estimator=estimators.Algebraic(window=0.01), max_missing=0,
-        rise=2000.0, fall=1000.0,
-    )  # fmt: skip
+        inertia=0.05,
+        natural_frequency=10.0,
+        period=1e-3,
+        estimator=estimators.Algebraic(window=0.01),
+        max_missing=0,
+        rise_rate=2000.0,
+        fall_rate=1000.0,
+    )
     run = simulate(Pendulum(), law, REFERENCE, 1.0, sensor=signals.Encoder(dropout=0.02))
-    at = run.status.fault_at
-    assert at is not None
-    after = run.data.sel(time=slice(at, None))
+    start_time = run.status.fault_time
+    assert start_time is not None
+    after = run.data.sel(time=slice(start_time, None))
     assert np.ptp(after["gain"].values[1:]) == 0
     assert np.all(np.isnan(after["tde_error"]))
     assert np.isfinite(run.metrics()["rms_tde_error"])
@@ -288,9 +297,13 @@ def test_a_fault_stops_the_gain_and_the_tde_error():
 def test_numpy_numbers_are_described_and_saved(tmp_path):
     law = pendulum_law(float(np.float32(0.05)), max_missing=np.int64(3), torque_limit=[np.inf])
     run = simulate(
-        Pendulum(), law, REFERENCE, 0.1, sensor=signals.Encoder(bits=np.int64(12)),  # type: ignore[arg-type]
+        Pendulum(),
+        law,
+        REFERENCE,
+        0.1,
+        sensor=signals.Encoder(bits=np.int64(12)),  # type: ignore[arg-type]
         disturbance=signals.Schedule(parameter="payload", times=range(1), values=[np.array([1.0])]),
-    )  # fmt: skip
+    )
     assert json.loads(Run.load(run.save(tmp_path / "a.nc")).data.attrs["law"])["max_missing"] == 3
 
 
@@ -302,10 +315,12 @@ def test_numpy_numbers_are_described_and_saved(tmp_path):
         ({"sensor": signals.Encoder}, "sensor: got .*constructed"),
         ({"sensor": signals.Encoder(resolution=[0.1, 0.1])}, "sensor: its resolution has 2 numbers"),
         ({"duration": 1e9}, "duration: got 1e.09; needs a finite number"),
-        ({"disturbance": signals.Schedule(parameter="mass", times=[0.0], values=[-1.0])},
-         "mass: got -1; needs a finite number above 0"),
+        (
+            {"disturbance": signals.Schedule(parameter="mass", times=[0.0], values=[-1.0])},
+            "mass: got -1; needs a finite number above 0",
+        ),
     ],
-)  # fmt: skip
+)
 def test_more_bad_arguments(options, message):
     given = {"plant": Pendulum(), "law": pendulum_law(), "reference": REFERENCE, "duration": 0.1, **options}
     with pytest.raises(TarcError, match=message):

@@ -24,7 +24,7 @@ def convergence_order(solutions: list[np.ndarray]) -> float:
 @pytest.mark.parametrize("plant", SMOOTH_PLANTS, ids=lambda plant: type(plant).__name__)
 def test_runge_kutta_is_of_fourth_order(plant: EulerLagrange) -> None:
     def end(steps: int) -> np.ndarray:
-        n = plant.joints
+        n = plant.n_joints
         q, dq = np.linspace(0.5, -0.3, n), np.linspace(1, -1, n)
         for _ in range(steps):
             q, dq, _ = runge_kutta(plant, q, dq, np.linspace(2, -1, n), 1.0 / steps)
@@ -40,11 +40,11 @@ def test_runge_kutta_reports_the_acceleration_at_the_start_of_the_step() -> None
 
 
 ESTIMATOR = tarc.estimators.Algebraic(window=0.05)
-COMMON: dict[str, Any] = {"bandwidth": 5.0, "period": 0.01, "estimator": ESTIMATOR}
+COMMON: dict[str, Any] = {"natural_frequency": 5.0, "period": 0.01, "estimator": ESTIMATOR}
 LAWS = [
     tarc.laws.TDC(inertia=[0.1, 0.1], **COMMON),
     tarc.laws.TDC(inertia=[0.5, 0.5], synchronised=True, **COMMON),
-    tarc.laws.TARC(inertia=[0.5, 0.5], synchronised=True, rise=5.0, fall=1.0, **COMMON),
+    tarc.laws.TARC(inertia=[0.5, 0.5], synchronised=True, rise_rate=5.0, fall_rate=1.0, **COMMON),
 ]
 
 
@@ -53,7 +53,7 @@ def test_a_loop_with_its_torque_held_converges_with_fourth_order_in_the_substep(
     reference = tarc.signals.Sinusoid(amplitude=[0.5, 0.3], frequency=2.0, phase=np.pi / 2)
 
     def motion(substeps: int) -> np.ndarray:
-        run = tarc.simulate(TwoLinkArm(viscous=0.5), law, reference, 1.0, substeps=substeps, torque="rest")
+        run = tarc.simulate(TwoLinkArm(viscous=0.5), law, reference, 1.0, substeps=substeps, initial_torque="rest")
         assert run.status.completed
         return run.data["position"].values
 
@@ -64,7 +64,7 @@ def test_a_loop_with_its_torque_held_converges_with_fourth_order_in_the_substep(
 def test_a_loop_around_a_linear_plant_is_the_exact_sampled_system(computation_delay: int) -> None:
     mass, spring, damper, period = 2.0, 30.0, 1.0, 0.01
     law = tarc.laws.TDC(inertia=[0.2], **COMMON)
-    chirp = tarc.signals.Chirp(amplitude=[0.2], start=1.0, stop=5.0, sweep=1.0, offset=0.1)
+    chirp = tarc.signals.Chirp(amplitude=[0.2], start_frequency=1.0, stop_frequency=5.0, sweep_time=1.0, offset=0.1)
     plant = MassSpringDamper(masses=(mass,), springs=(spring,), dampers=(damper,))
     run = tarc.simulate(plant, law, chirp, 1.0, substeps=16, computation_delay=computation_delay)
 

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 import tarc
-from tarc.study import compare, spaces, tuned_laws
+from tarc.study import compare, search_spaces, tuned_laws
 
 TARC = str(Path(sys.executable).parent / "tarc")
-SHORT = ["duration=1.2", "measure_from=0.4"]
+SHORT = ["duration=1.2", "metrics_start=0.4"]
 
 
 def short_scenario(name="two_link_payload", *settings):
@@ -27,7 +27,7 @@ def test_runs_are_those_of_the_scenario_with_that_law():
     found = compare(short_scenario(), ["tdc"], jobs=1)
     alone = short_scenario("two_link_payload", "law=" + json.dumps(tuned_laws()["tdc"])).run()
     np.testing.assert_array_equal(found.runs["tdc"].data["torque"], alone["TDC"].data["torque"])
-    assert found.measures["tdc"]["rms_error"] == alone["TDC"].metrics(start=0.4)["rms_error"]
+    assert found.measures["tdc"]["rms_error"] == alone["TDC"].metrics(start_time=0.4)["rms_error"]
 
 
 def test_processes_give_what_one_process_gives():
@@ -46,14 +46,17 @@ def test_front_holds_those_that_no_other_beats_in_both():
 
 
 def test_what_cannot_run_is_said_and_the_others_run():
-    parts = {"fine": tuned_laws()["tdc"], "odd": {"kind": "TDC", "inertia": [1.0, 1.0, 1.0], "bandwidth": 10.0}}
+    parts = {"fine": tuned_laws()["tdc"], "odd": {"kind": "TDC", "inertia": [1.0, 1.0, 1.0], "natural_frequency": 10.0}}
     found = compare(short_scenario(), parts, jobs=1)
     assert list(found.runs) == ["fine"]
     assert "joints" in found.failures["odd"]
 
 
 def test_a_diverged_law_is_a_result():
-    parts = {"wild": {"kind": "TDC", "inertia": {"fraction": 1.0}, "bandwidth": 10.0}, "tdc": tuned_laws()["tdc"]}
+    parts = {
+        "wild": {"kind": "TDC", "inertia": {"fraction": 1.0}, "natural_frequency": 10.0},
+        "tdc": tuned_laws()["tdc"],
+    }
     found = compare(short_scenario(), parts, jobs=1)
     assert not found.runs["wild"].status.completed
     assert found.measures["wild"] == {}
@@ -66,8 +69,14 @@ def test_writes_what_it_says(tmp_path):
     found = compare(short_scenario(), ["tarc", "tdc"], jobs=1)
     files = found.save(tmp_path / "deep" / "folder")
     assert {file.name for file in files} == {
-        "comparison.csv", "comparison.tex", "tarc.nc", "tdc.nc", "plane.png", "side.png", "gain.png"
-    }  # fmt: skip
+        "comparison.csv",
+        "comparison.tex",
+        "tarc.nc",
+        "tdc.nc",
+        "plane.png",
+        "side.png",
+        "gain.png",
+    }
     rows = {row["law"]: row for row in csv.DictReader(files[0].read_text().splitlines())}
     assert float(rows["tdc"]["rms_error"]) == found.measures["tdc"]["rms_error"]
     assert tarc.Run.load(files[2]).status.completed
@@ -83,8 +92,8 @@ def test_units_are_those_of_the_joints():
 
 def test_every_space_has_tuned_gains_and_every_gain_lies_in_its_space():
     known = tuned_laws()
-    assert set(known) == set(spaces())
-    for name, space in spaces().items():
+    assert set(known) == set(search_spaces())
+    for name, space in search_spaces().items():
         for key, (low, high) in space.free.items():
             node: Any = known[name]
             for step in key.split("."):
@@ -102,7 +111,7 @@ def test_every_tuned_law_is_bounded_on_the_two_link_arm(name):
 
 
 def test_command(tmp_path):
-    arguments = ["two_link_payload", "--laws", "tarc,tdc", "--set", "duration=1.2", "--set", "measure_from=0.4"]
+    arguments = ["two_link_payload", "--laws", "tarc,tdc", "--set", "duration=1.2", "--set", "metrics_start=0.4"]
     call = [TARC, "compare", *arguments, "--out", "here", "--jobs", "1"]
     done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True, check=True)
     assert "tarc *" in done.stdout or "tdc *" in done.stdout

@@ -10,14 +10,14 @@ import yaml
 
 import tarc
 from tarc import TarcError
-from tarc.study import Space, tune, variation_limit
+from tarc.study import SearchSpace, tune, variation_limit
 from tarc.study.tuning import LOST, objective
 
 TARC = str(Path(sys.executable).parent / "tarc")
-SHORT = ["duration=1.0", "measure_from=0.3"]
-TDC = Space(
+SHORT = ["duration=1.0", "metrics_start=0.3"]
+TDC = SearchSpace(
     {"kind": "TDC", "inertia": {"fraction": 0.08}, "estimator": {"kind": "Algebraic", "degree": 2, "window": 0.01}},
-    {"bandwidth": (3.0, 40.0)},
+    {"natural_frequency": (3.0, 40.0)},
 )
 
 
@@ -28,7 +28,7 @@ def training_scenario(name="train_two_link"):
 def test_finds_what_a_sweep_finds():
     one = training_scenario()
     limit = variation_limit(one, 15.0)
-    sweep = [objective(one, TDC.law({"bandwidth": b}, 1e-3), limit) for b in np.geomspace(3.0, 40.0, 40)]
+    sweep = [objective(one, TDC.law({"natural_frequency": b}, 1e-3), limit) for b in np.geomspace(3.0, 40.0, 40)]
     law, score = tune(TDC, [one], [limit], trials=25, progress=False)
     assert score <= min(sweep) + 0.1
     assert objective(one, law, limit) == pytest.approx(score, abs=0.02)
@@ -42,25 +42,28 @@ def test_is_the_same_every_time():
 
 def test_the_limit_keeps_torque_variation_down():
     one = training_scenario()
-    quiet, loud = (tune(TDC, [one], [limit], trials=15, progress=False)[0]["bandwidth"] for limit in (400.0, 1e6))
+    quiet, loud = (
+        tune(TDC, [one], [limit], trials=15, progress=False)[0]["natural_frequency"] for limit in (400.0, 1e6)
+    )
     assert quiet < loud
 
 
 def test_a_law_that_diverges_or_cannot_be_made_scores_worst():
     one = training_scenario()
-    assert objective(one, {"kind": "TDC", "inertia": {"fraction": 1.2}, "bandwidth": 10.0}, 1e3) > LOST - 2
-    assert objective(one, {"kind": "TDC", "inertia": {"fraction": 0.1}, "bandwidth": -1.0}, 1e3) == LOST
+    assert objective(one, {"kind": "TDC", "inertia": {"fraction": 1.2}, "natural_frequency": 10.0}, 1e3) > LOST - 2
+    assert objective(one, {"kind": "TDC", "inertia": {"fraction": 0.1}, "natural_frequency": -1.0}, 1e3) == LOST
 
 
 def test_windows_are_whole_periods():
-    space = Space({"kind": "TDC"}, {"estimator.window": (0.002, 0.03)})
+    space = SearchSpace({"kind": "TDC"}, {"estimator.window": (0.002, 0.03)})
     assert space.law({"estimator.window": 0.01234}, 1e-3)["estimator"]["window"] == pytest.approx(0.012)
     assert space.fixed == {"kind": "TDC"}
 
 
 def test_scenarios_that_a_law_cannot_run_in_are_left_out():
-    model = Space(
-        {"kind": "ProjectionARC", "model": "robot", "bounds": {"payload": [0.0, 3.0]}}, {"bandwidth": (5.0, 20.0)}
+    model = SearchSpace(
+        {"kind": "ProjectionARC", "model": "robot", "bounds": {"payload": [0.0, 3.0]}},
+        {"natural_frequency": (5.0, 20.0)},
     )
     law, score = tune(
         model, [training_scenario(), training_scenario("train_ur5e")], [1e3, 1e3], trials=2, progress=False

@@ -34,7 +34,7 @@ class Extremum(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Spread:
+class InertiaSpread:
     """Least and greatest eigenvalue of M(q)⁻¹M̂ over a workspace, as found by samples and local search.
 
     Attributes
@@ -51,23 +51,23 @@ class Spread:
         Number of sampled postures.
     """
 
-    low: float
-    high: float
-    where_low: np.ndarray
-    where_high: np.ndarray
-    plant_low: int
-    plant_high: int
-    sampled_low: float
-    sampled_high: float
+    min_ratio: float
+    max_ratio: float
+    min_posture: np.ndarray
+    max_posture: np.ndarray
+    min_plant: int
+    max_plant: int
+    sampled_min: float
+    sampled_max: float
     samples: int
 
     @property
     def ratio(self) -> float:
         """The greatest by the least."""
-        return self.high / self.low
+        return self.max_ratio / self.min_ratio
 
 
-def spread(
+def inertia_spread(
     plant: Plant | Sequence[Plant],
     inertia: Matrix,
     workspace: Workspace,
@@ -75,7 +75,7 @@ def spread(
     samples: int = 2000,
     seed: int = 0,
     refine: int = REFINE,
-) -> Spread:
+) -> InertiaSpread:
     """Least and greatest eigenvalue of M(q)⁻¹M̂, those of the symmetric E(q) = M̂^½ M(q)⁻¹ M̂^½, over a workspace.
 
     Parameters
@@ -101,17 +101,17 @@ def spread(
         finite somewhere.
     """
     plants = plants_of(plant)
-    nominal = check.definite("inertia", inertia, plants[0].joints)
+    nominal = check.definite("inertia", inertia, plants[0].n_joints)
     low, high = extremes(ends_of(nominal), plants, workspace, samples=samples, seed=seed, refine=refine)
-    return Spread(
-        low=1 / low.value,
-        high=-1 / high.value,
-        where_low=low.posture,
-        where_high=high.posture,
-        plant_low=low.plant,
-        plant_high=high.plant,
-        sampled_low=1 / low.sampled,
-        sampled_high=-1 / high.sampled,
+    return InertiaSpread(
+        min_ratio=1 / low.value,
+        max_ratio=-1 / high.value,
+        min_posture=low.posture,
+        max_posture=high.posture,
+        min_plant=low.plant,
+        max_plant=high.plant,
+        sampled_min=1 / low.sampled,
+        sampled_max=-1 / high.sampled,
         samples=samples,
     )
 
@@ -162,12 +162,13 @@ class Grid:
     def __init__(self, workspace: Workspace, plants: Sequence[Plant], samples: int, seed: int):
         if not isinstance(workspace, Workspace):
             raise TarcError(
-                f"workspace: got {type(workspace).__name__}; needs Workspace.of(plant), Workspace.box(low, high) or "
-                "Workspace.path(reference, duration)"
+                f"workspace: got {type(workspace).__name__}; needs Workspace.from_joint_limits(plant), "
+                f"Workspace.box(low, high) or "
+                "Workspace.from_reference(reference, duration)"
             )
-        if workspace.joints != plants[0].joints:
+        if workspace.n_joints != plants[0].n_joints:
             raise TarcError(
-                f"workspace: it has {workspace.joints} joints and the robot {plants[0].joints}; give as many"
+                f"workspace: it has {workspace.n_joints} joints and the robot {plants[0].n_joints}; give as many"
             )
         self.workspace = workspace
         self.width = workspace.high - workspace.low
@@ -238,7 +239,7 @@ def _climb(
 
 def inertias(plant: Plant, postures: np.ndarray) -> np.ndarray:
     """M(q) at the rows of postures (k, n), shape (k, n, n), each positive definite."""
-    n = plant.joints
+    n = plant.n_joints
     if isinstance(plant, EulerLagrange):  # one call of CasADi costs as much as a thousand postures
         M = plant.evaluate("inertia", postures.T).T.reshape(-1, n, n)
     else:
@@ -262,6 +263,6 @@ def plants_of(plant: Plant | Sequence[Plant]) -> list[Plant]:
     if not plants or not all(isinstance(one, Plant) for one in plants):
         kinds = ", ".join(type(one).__name__ for one in plants) or "none"
         raise TarcError(f"plant: got {kinds}; needs a robot, or several in a list")
-    if len({one.joints for one in plants}) > 1:
-        raise TarcError(f"plant: got robots of {[one.joints for one in plants]} joints; needs as many in each")
+    if len({one.n_joints for one in plants}) > 1:
+        raise TarcError(f"plant: got robots of {[one.n_joints for one in plants]} joints; needs as many in each")
     return plants

@@ -23,7 +23,7 @@ SLACK = 1.2
 """Factor from the outermost eigenvalue beyond which `best_shape` drops a posture that it had added."""
 
 
-def best_shape(
+def best_inertia_shape(
     plant: Plant | Sequence[Plant],
     workspace: Workspace,
     *,

@@ -110,7 +110,7 @@ _CHANNELS: WeakKeyDictionary[Law, dict[float, list[Channel]]] = WeakKeyDictionar
 
 def whole(law: PolePlacement, computation_delay: int = 0) -> Channel:
     """The loop of all joints at once, for a mismatch that is no multiple of the identity; the gain at zero."""
-    return _linearise(law, 0.0, tuple(range(law.joints))).delayed(computation_delay)
+    return _linearise(law, 0.0, tuple(range(law.n_joints))).delayed(computation_delay)
 
 
 def alike(law: Law) -> bool:
@@ -128,17 +128,17 @@ def _decouple(law: PolePlacement, gain: float) -> list[Channel]:
     P2 = getattr(law, "P2", np.zeros_like(law.K1)) if gain else np.zeros_like(law.K1)
     scalar = all(_scalar(K) for K in (law.K1, law.K2, P2))
     if not (scalar or (diagonal and not gain)):
-        return [_linearise(law, gain, tuple(range(law.joints)))]
+        return [_linearise(law, gain, tuple(range(law.n_joints)))]
     groups: dict[tuple[float, float], list[int]] = {}
-    for joint in range(law.joints):
+    for joint in range(law.n_joints):
         groups.setdefault((float(law.K1[joint, joint]), float(law.K2[joint, joint])), []).append(joint)
-    plain: dict[str, Any] = {"inertia": 1.0, "torque_limit": None, "bandwidth": None, "damping": 1.0}
+    plain: dict[str, Any] = {"inertia": 1.0, "torque_limit": None, "natural_frequency": None, "damping_ratio": 1.0}
     plain["safe_torque"] = "zero"
-    if gain and hasattr(law, "weight"):
-        plain["weight"] = [2 * law.K1[0, 0] * P2[0, 0], 2.0]  # the weight Q of one joint that has this P2
-    elif hasattr(law, "weight"):
-        plain["weight"] = None
-    ones = {gains: replace(law, **plain, stiffness=gains[0], viscosity=gains[1]) for gains in groups}
+    if gain and hasattr(law, "lyapunov_weight"):
+        plain["lyapunov_weight"] = [2 * law.K1[0, 0] * P2[0, 0], 2.0]  # the weight Q of one joint that has this P2
+    elif hasattr(law, "lyapunov_weight"):
+        plain["lyapunov_weight"] = None
+    ones = {gains: replace(law, **plain, position_gain=gains[0], velocity_gain=gains[1]) for gains in groups}
     return [_linearise(ones[gains], gain, tuple(joints)) for gains, joints in groups.items()]
 
 
@@ -149,7 +149,7 @@ def _linearise(law: PolePlacement, gain: float, joints: tuple[int, ...]) -> Chan
     """
     refuse_oracle(law.estimator)
     drive = Drive(Encoder(), law)
-    n = law.joints
+    n = law.n_joints
     rest = np.zeros(n)
     state = drive.init(rest)
     labels = [label.split(".")[-1] for label in names(state)]

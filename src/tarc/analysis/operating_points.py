@@ -46,7 +46,7 @@ class Instant(NamedTuple):
     @classmethod
     def at_rest(cls, plant: Plant, position: Array) -> "Instant":
         """Without velocity and acceleration."""
-        still = np.zeros(plant.joints)
+        still = np.zeros(plant.n_joints)
         return cls(plant, np.asarray(position, dtype=float), still, still)
 
     @property
@@ -142,7 +142,7 @@ def sampled(plants: Sequence[Plant], workspace: Workspace, samples: int, seed: i
     result = [Instant.at_rest(plant, posture) for posture in postures for plant in plants]
     if workspace.speed is None or workspace.acceleration is None or not np.any(workspace.speed):
         return result
-    ways = np.random.default_rng(seed).choice([-1.0, 1.0], size=(len(postures), 2, workspace.joints))
+    ways = np.random.default_rng(seed).choice([-1.0, 1.0], size=(len(postures), 2, workspace.n_joints))
     return result + [
         Instant(plant, posture, way[0] * workspace.speed, way[1] * workspace.acceleration)
         for posture, way in zip(postures, ways, strict=True)
@@ -151,9 +151,15 @@ def sampled(plants: Sequence[Plant], workspace: Workspace, samples: int, seed: i
 
 
 def searched(
-    instants: list[Instant], found: Mismatches, workspace: Workspace, units: Array, nominal: Array,
-    centre: float, weight: float, lead: float,
-) -> tuple[list[Instant], Mismatches]:  # fmt: skip
+    instants: list[Instant],
+    found: Mismatches,
+    workspace: Workspace,
+    units: Array,
+    nominal: Array,
+    centre: float,
+    weight: float,
+    lead: float,
+) -> tuple[list[Instant], Mismatches]:
     """Instants and their `mismatches`, and those that a local search for the greatest joint norm adds to them.
 
     It starts from the worst of them, the stiffest, and the first two, taken for the ends of the ratios.
@@ -219,9 +225,9 @@ def greatest_rate(plants: Sequence[Plant], nominal: Array, workspace: Workspace,
 
 def inertia_slopes(plant: Plant, posture: Array) -> Array:
     """∂M/∂q_i, shape (n, n, n), the joint i first."""
-    nudges = NUDGE * np.eye(plant.joints)
+    nudges = NUDGE * np.eye(plant.n_joints)
     ahead, behind = inertias(plant, np.concatenate([posture + nudges, posture - nudges])).reshape(
-        2, *[plant.joints] * 3
+        2, *[plant.n_joints] * 3
     )
     return (ahead - behind) / (2 * NUDGE)
 
@@ -249,16 +255,18 @@ def _turned(start: Instant, workspace: Workspace, value: Value) -> Instant:
     """
     if not start.moves or workspace.speed is None or workspace.acceleration is None:
         return start
-    limits, joints = np.concatenate([workspace.speed, workspace.acceleration]), start.plant.joints
+    limits, joints = np.concatenate([workspace.speed, workspace.acceleration]), start.plant.n_joints
     best, height = start, float(value([start])[0])
     for _ in range(TURNS):
         motion = np.concatenate([best.velocity, best.acceleration])
-        ways = np.array([
-            np.where(np.arange(2 * joints) == i, way * limits, motion)
-            for i in range(2 * joints)
-            for way in (-1, 0, 1)
-            if way * limits[i] != motion[i]
-        ])  # fmt: skip
+        ways = np.array(
+            [
+                np.where(np.arange(2 * joints) == i, way * limits, motion)
+                for i in range(2 * joints)
+                for way in (-1, 0, 1)
+                if way * limits[i] != motion[i]
+            ]
+        )
         others = [best._replace(velocity=way[:joints], acceleration=way[joints:]) for way in ways]
         found = value(others)
         if not found.max() > (1 + 1e-9) * height:
@@ -298,9 +306,13 @@ def _climb(start: Instant, workspace: Workspace, units: Array, value: Value, sca
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Values in x were outside bounds")  # by rounding; they are clipped
         end = minimize(
-            downhill, unit[free], jac=True, method="SLSQP", bounds=[(0.0, 1.0)] * len(free),
+            downhill,
+            unit[free],
+            jac=True,
+            method="SLSQP",
+            bounds=[(0.0, 1.0)] * len(free),
             options={"ftol": 1e-5, "maxiter": 30},
-        )  # fmt: skip
+        )
     return place(np.clip(end.x, 0, 1)[None])[0]
 
 

@@ -78,7 +78,7 @@ def remedy(law: Law, witness: Witness, computation_delay: int = 0) -> str:
     )
     ranges = stable_intervals(law, computation_delay=computation_delay)
     if not ranges:
-        return f"{text}. No ratio is stable: lower the bandwidth, shorten the window, or take out computation delay"
+        return f"{text}. No ratio is stable: lower the natural frequency, shorten the window or delay less"
     low, high = max(ranges, key=lambda ends: ends[1] / max(ends[0], 1e-300))
     text += f"; the loop is stable from {low:.4g} to {high:.4g}. "
     if ratio < low:

@@ -61,7 +61,8 @@ def stable_interval(law: Law, *, computation_delay: int = 0, gain: float = 0.0) 
     found = stable_intervals(law, computation_delay=computation_delay, gain=gain)
     if not found:
         raise TarcError(
-            "stable_interval: no inertia ratio makes this loop stable; use a shorter window, a lower bandwidth or less "
+            "stable_interval: no inertia ratio makes this loop stable; use a shorter window, a lower natural "
+            "frequency or less "
             "computation delay"
         )
     return max(found, key=lambda ends: ends[1] / max(ends[0], 1e-300))

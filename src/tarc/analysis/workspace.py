@@ -54,9 +54,9 @@ class Workspace:
                 f"low, high: number {i + 1} goes from {self.low[i]:g} to {self.high[i]:g}; needs low ≤ high"
             )
         if self.speed is not None:
-            object.__setattr__(self, "speed", check.vector("speed", self.speed, self.joints, 0))
+            object.__setattr__(self, "speed", check.vector("speed", self.speed, self.n_joints, 0))
             given = self.speed / START if self.acceleration is None else self.acceleration
-            object.__setattr__(self, "acceleration", check.vector("acceleration", given, self.joints, 0))
+            object.__setattr__(self, "acceleration", check.vector("acceleration", given, self.n_joints, 0))
         elif self.acceleration is not None:
             raise TarcError(
                 "acceleration: it bounds nothing without a speed; give the greatest speed of the joints too"
@@ -71,13 +71,18 @@ class Workspace:
         The greatest speed [rad/s or m/s] is one number or one a joint, or None for any; the acceleration alike.
         """
         first, last = (np.atleast_1d(check.array(name, one)) for name, one in (("low", low), ("high", high)))
-        return cls(low=first, high=last).within(speed, acceleration)
+        return cls(low=first, high=last).with_speed_limits(speed, acceleration)
 
     @classmethod
-    def path(
-        cls, reference: Reference, duration: float, *, tube: Numbers = 0.0, speed: Numbers | None = None,
+    def from_reference(
+        cls,
+        reference: Reference,
+        duration: float,
+        *,
+        tube: Numbers = 0.0,
+        speed: Numbers | None = None,
         acceleration: Numbers | None = None,
-    ) -> "Workspace":  # fmt: skip
+    ) -> "Workspace":
         """The positions of a reference in its first seconds, each joint off by at most ±tube [rad or m].
 
         The duration is in [s]; the tube and the greatest speed [rad/s or m/s] are one number or one a joint, the speed
@@ -86,12 +91,14 @@ class Workspace:
         if not isinstance(reference, Reference):
             raise TarcError(f"reference: got {type(reference).__name__}; needs one of tarc.signals, such as Sinusoid")
         end = check.number("duration", duration, 0)
-        width = check.vector("tube", tube, reference.joints, 0)
+        width = check.vector("tube", tube, reference.n_joints, 0)
         low, high = np.array([0.0, *-width]), np.array([end, *width])
-        return cls(low=low, high=high, reference=reference).within(speed, acceleration)
+        return cls(low=low, high=high, reference=reference).with_speed_limits(speed, acceleration)
 
     @classmethod
-    def of(cls, plant: Plant, *, speed: Numbers | None = None, acceleration: Numbers | None = None) -> "Workspace":
+    def from_joint_limits(
+        cls, plant: Plant, *, speed: Numbers | None = None, acceleration: Numbers | None = None
+    ) -> "Workspace":
         """All that the joints of a robot reach: their ranges in its file, and ±π for a hinge without one.
 
         The greatest speed [rad/s or m/s] is one number or one a joint, or None for any; the acceleration alike.
@@ -103,8 +110,8 @@ class Workspace:
         """
         from tarc.plants.mujoco import MujocoPlant
 
-        low, high = np.full(plant.joints, -np.pi), np.full(plant.joints, np.pi)
-        limited = np.zeros(plant.joints, dtype=bool)
+        low, high = np.full(plant.n_joints, -np.pi), np.full(plant.n_joints, np.pi)
+        limited = np.zeros(plant.n_joints, dtype=bool)
         if isinstance(plant, MujocoPlant):
             limited = plant.model.jnt_limited.astype(bool)
             low, high = np.where(limited[:, None], plant.model.jnt_range, np.column_stack([low, high])).T
@@ -114,9 +121,9 @@ class Workspace:
                     f"workspace: joint {name} slides [m] and has no range; give the ranges of all joints with "
                     "Workspace.box(low, high)"
                 )
-        return cls(low=low, high=high).within(speed, acceleration)
+        return cls(low=low, high=high).with_speed_limits(speed, acceleration)
 
-    def within(self, speed: Numbers | None, acceleration: Numbers | None = None) -> "Workspace":
+    def with_speed_limits(self, speed: Numbers | None, acceleration: Numbers | None = None) -> "Workspace":
         """The same postures, no joint faster than its speed [rad/s or m/s], one number or one a joint.
 
         Any speed for None and where one is infinite. The acceleration [rad/s² or m/s²] likewise; None for that which
@@ -125,19 +132,19 @@ class Workspace:
         if speed is None or np.isposinf(np.asarray(speed, dtype=float)).any():
             speed = None
         else:
-            speed = check.vector("speed", speed, self.joints, 0)
+            speed = check.vector("speed", speed, self.n_joints, 0)
         if acceleration is not None:
-            acceleration = check.vector("acceleration", acceleration, self.joints, 0)
+            acceleration = check.vector("acceleration", acceleration, self.n_joints, 0)
         return replace(self, speed=speed, acceleration=acceleration)
 
-    def paced(self, factor: float) -> "Workspace":
+    def scale_speed(self, factor: float) -> "Workspace":
         """The same postures, speeds and accelerations times a factor."""
         if self.speed is None or self.acceleration is None:
             return self
-        return self.within(factor * self.speed, factor * self.acceleration)
+        return self.with_speed_limits(factor * self.speed, factor * self.acceleration)
 
     @property
-    def joints(self) -> int:
+    def n_joints(self) -> int:
         """How many joints n."""
         return len(self.low) - (self.reference is not None)
 

@@ -5,9 +5,9 @@ from tarc.core.optional import require
 require("certify", "tarc.certificates")
 
 from tarc.certificates.base import Certificate
-from tarc.certificates.constant_ratio import loop
-from tarc.certificates.robot import robot
-from tarc.certificates.sector import slope
-from tarc.certificates.varying_ratio import ball
+from tarc.certificates.constant_ratio import certify_constant_ratio
+from tarc.certificates.robot import certify_robot
+from tarc.certificates.sector import certify_sector
+from tarc.certificates.varying_ratio import certify_varying_ratio
 
-__all__ = ["Certificate", "ball", "loop", "robot", "slope"]
+__all__ = ["Certificate", "certify_constant_ratio", "certify_robot", "certify_sector", "certify_varying_ratio"]

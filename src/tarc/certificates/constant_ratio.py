@@ -14,7 +14,7 @@ from tarc.numerics.matrix_tests import schur
 from tarc.numerics.norms import h2_norm, hinf_norm
 
 
-def loop(
+def certify_constant_ratio(
     law: Law, ratio: float | tuple[float, float] = 1.0, *, computation_delay: int = 0, gain: float = 0.0
 ) -> Certificate:
     """Certify the loop that the law makes, for a constant inertia ratio.

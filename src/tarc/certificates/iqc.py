@@ -66,9 +66,14 @@ def cost(decays: Array, step: float, most: float) -> Array:
 
 
 def bears(
-    parts: Parts, centre: float, radius: float, step: float, multiplier: Multiplier,
-    weight: float = 0.0, stiffness: float = 0.0,
-) -> bool:  # fmt: skip
+    parts: Parts,
+    centre: float,
+    radius: float,
+    step: float,
+    multiplier: Multiplier,
+    weight: float = 0.0,
+    stiffness: float = 0.0,
+) -> bool:
     """Whether the multiplier shows that the loop bears the ball; on all frequencies, from the matrices alone.
 
     The form is the sum of these inequalities, and of |k s/2|² ≥ |w|² for the slope, with their weights.
@@ -84,9 +89,14 @@ def bears(
 
 
 def dissipation(
-    parts: Parts, centre: float, radius: float, step: float, multiplier: Multiplier,
-    weight: float = 0.0, stiffness: float = 0.0,
-) -> tuple[Array, ...]:  # fmt: skip
+    parts: Parts,
+    centre: float,
+    radius: float,
+    step: float,
+    multiplier: Multiplier,
+    weight: float = 0.0,
+    stiffness: float = 0.0,
+) -> tuple[Array, ...]:
     """A, B, Q, S, R of the form that `bears` asks to be negative, each input scaled to have −1 of its own square."""
     A, B, C, D = system(parts, centre, weight)
     p, c = multiplier.decays, multiplier.coefficients
@@ -129,9 +139,16 @@ def dissipation(
 
 
 def best_multiplier(
-    parts: Parts, centre: float, step: float, *, weight: float = 0.0, stiffness: float = 0.0,
-    responses: Responses | None = None, enough: float = np.inf, close: float = CLOSE,
-) -> tuple[Multiplier, float, float]:  # fmt: skip
+    parts: Parts,
+    centre: float,
+    step: float,
+    *,
+    weight: float = 0.0,
+    stiffness: float = 0.0,
+    responses: Responses | None = None,
+    enough: float = np.inf,
+    close: float = CLOSE,
+) -> tuple[Multiplier, float, float]:
     """The multiplier with which the loop bears the largest ball, its radius, and a bound on any such radius.
 
     Up to a grid of frequencies.
@@ -147,7 +164,7 @@ def best_multiplier(
     step
         Most that E⁻¹ changes in one period.
     weight, stiffness
-        η and the greatest ‖H‖ [1/s²], as in `tarc.certificates.robot`.
+        η and the greatest ‖H‖ [1/s²], as in `tarc.certificates.certify_robot`.
     responses
         Those of the parts, where they are known already.
     enough
@@ -211,9 +228,14 @@ class _Forms:
     """
 
     def __init__(
-        self, parts: Parts, responses: Responses, centre: float, step: float, weight: float,
+        self,
+        parts: Parts,
+        responses: Responses,
+        centre: float,
+        step: float,
+        weight: float,
         stiffness: float,
-    ):  # fmt: skip
+    ):
         G = responses.at(centre)
         self.wide, self.half = parts.acceleration.shape[1], responses.half
         self.sloping, self.stiff = bool(self.half), bool(weight and stiffness)

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tarc.analysis.inertia_ratio import Spread, spread
+from tarc.analysis.inertia_ratio import InertiaSpread, inertia_spread
 from tarc.analysis.linearise import Channel, alike, decouple, whole
 from tarc.analysis.operating_points import (
     NEGLIGIBLE,
@@ -38,7 +38,7 @@ from tarc.numerics.matrix_tests import schur
 from tarc.plants.base import Plant
 
 
-def robot(
+def certify_robot(
     law: Law,
     plant: Plant | Sequence[Plant],
     workspace: Workspace,
@@ -94,14 +94,14 @@ def robot(
     if not isinstance(law, PolePlacement):
         raise TarcError(f"law: got {type(law).__name__}; the robot certificate needs a law with an inertia M̂")
     plants = [plant] if isinstance(plant, Plant) else list(plant)
-    found = spread(plants, law.M, workspace, samples=samples, seed=seed)
-    ends = (plants[found.plant_low], found.where_low), (plants[found.plant_high], found.where_high)
+    found = inertia_spread(plants, law.M, workspace, samples=samples, seed=seed)
+    ends = (plants[found.min_plant], found.min_posture), (plants[found.max_plant], found.max_posture)
     units = workspace.units(min(samples, STIFF_SAMPLES), seed)
     instants = [Instant.at_rest(*one) for one in ends]
     instants += sampled(plants, workspace, min(samples, STIFF_SAMPLES), seed)
     mismatch = mismatches(law.M, instants)
-    bounded = bool(np.isfinite(law.robust_slope))
-    slope = law.robust_slope if bounded else 0.0
+    bounded = bool(np.isfinite(law.robust_slope_bound))
+    slope = law.robust_slope_bound if bounded else 0.0
     matrices = {"nominal": law.M}
     numbers = {"period": law.period, "alike": float(alike(law)), "bounded": float(bounded)}
     step, lead, weight, centre = None, 0.0, 0.0, 1.0
@@ -113,7 +113,7 @@ def robot(
             moving = {"posture_fast": fast.position, "slopes_fast": slopes, "speed": workspace.speed}
             step = law.period * float(rates(law.M, slopes[None], workspace.speed)[0])
         plain = parts_of(channel, slope, intersample=True)
-        tries = {best_centre(plain, (found.low, found.high), step), (found.low + found.high) / 2}
+        tries = {best_centre(plain, (found.min_ratio, found.max_ratio), step), (found.min_ratio + found.max_ratio) / 2}
         instants, mismatch = hardest(min(tries), instants, mismatch, law.M, workspace, units)
         best, evidence, radius = best_ball(channel, slope, tries, mismatch, step)
         step, lead, weight, centre = best.step, best.lead, best.weight, best.centre
@@ -131,14 +131,22 @@ def robot(
     resting, swift = ([one.moves == way for one in instants] for way in (False, True))
     sizes, norms = mismatch.sizes(lead), mismatch.joint_norms(centre, weight, lead) if weight else mismatch.sizes(lead)
     for name, which, values in (
-        ("stiff", resting, sizes), ("joint", resting, norms), ("swift", swift, sizes), ("moving", swift, norms)
-    ):  # fmt: skip
+        ("stiff", resting, sizes),
+        ("joint", resting, norms),
+        ("swift", swift, sizes),
+        ("moving", swift, norms),
+    ):
         if any(which):
             matrices |= _described(name, instants[int(np.argmax(np.where(which, values, -1.0)))])
     for name, one in zip(("low", "high"), instants, strict=False):
         matrices |= _described(name, one)
     verdict, margin, witness = judge(matrices, numbers)
-    numbers |= {"least ratio": found.low, "greatest ratio": found.high, "spread": found.ratio, "slope": slope}
+    numbers |= {
+        "least ratio": found.min_ratio,
+        "greatest ratio": found.max_ratio,
+        "spread": found.ratio,
+        "slope": slope,
+    }
     numbers["samples"] = float(found.samples)
     return Certificate(
         kind="robot",
@@ -172,15 +180,16 @@ def _described(name: str, one: Instant) -> dict[str, Array]:
 
 
 def _assumptions(
-    law: PolePlacement, found: Spread, numbers: dict[str, float], workspace: Workspace, computation_delay: int
+    law: PolePlacement, found: InertiaSpread, numbers: dict[str, float], workspace: Workspace, computation_delay: int
 ) -> tuple[str, ...]:
     def listed(values: Array) -> str:
         return "(" + ", ".join(f"{one:.3g}" for one in values) + ")"
 
     speed, acceleration = workspace.speed, workspace.acceleration
     lines = [
-        f"the eigenvalues of M(q)⁻¹M̂ lie between {found.low:.4g}, found at q = {listed(found.where_low)}, and "
-        f"{found.high:.4g}, at {listed(found.where_high)}; {found.samples} samples and local search found no others",
+        f"the eigenvalues of M(q)⁻¹M̂ lie between {found.min_ratio:.4g}, found at q = {listed(found.min_posture)}, and "
+        f"{found.max_ratio:.4g}, at {listed(found.max_posture)}; {found.samples} samples and local search found "
+        f"no others",
         f"gravity and springs{'' if speed is None else ', and the motion itself,'} have a stiffness, in these "
         f"coordinates, of at most {numbers['stiffness']:.3g} 1/s², which with the inertia is taken from "
         f"{min(found.samples, STIFF_SAMPLES)} samples, the two postures above and local search",
@@ -197,17 +206,21 @@ def _assumptions(
         )
     else:
         rate = numbers.get("rate")
-        changes = "" if rate is None else (
-            f"; so M̂^−½ M M̂^−½ changes by at most {rate:.3g} 1/s, the greatest that samples and local search found"
-        )  # fmt: skip
+        changes = (
+            ""
+            if rate is None
+            else (
+                f"; so M̂^−½ M M̂^−½ changes by at most {rate:.3g} 1/s, the greatest that samples and local search found"
+            )
+        )
         lines.append(
             f"no joint is faster than {listed(speed)} rad/s or m/s, or accelerates by more than {listed(acceleration)} "
             f"rad/s² or m/s²{changes}; the payload stays the same, or changes so seldom that the loop has settled in "
             "between"
         )
-    if isinstance(law, TARC) and law.cap is None:
+    if isinstance(law, TARC) and law.max_gain is None:
         lines.append("the gain has no cap, so that nothing bounds the robust term; give one to have it certified")
-    elif not np.isfinite(law.robust_slope):
+    elif not np.isfinite(law.robust_slope_bound):
         lines.append("left out: the robust term, which is no bounded slope over the error; without it the rest holds")
     if not alike(law):
         lines.append("gains that differ between the joints: only the loop at rest in the worst postures was tested")
@@ -283,7 +296,7 @@ class Trial(NamedTuple):
 
 def hardest(
     centre: float, instants: list[Instant], found: Mismatches, nominal: Array, workspace: Workspace, units: Array
-) -> tuple[list[Instant], Mismatches]:  # fmt: skip
+) -> tuple[list[Instant], Mismatches]:
     """Instants with their `mismatches`, and those that local searches add; the worst one moves with the weight."""
     for factor in LEADS if float(found.sizes(0.0).max()) > NEGLIGIBLE or found.lead() else ():
         lead = factor * found.lead()

@@ -18,7 +18,9 @@ from tarc.numerics.matrix_tests import schur
 from tarc.numerics.norms import hinf_norm
 
 
-def slope(law: Law, ratio: float = 1.0, *, cap: float | None = None, computation_delay: int = 0) -> Certificate:
+def certify_sector(
+    law: Law, ratio: float = 1.0, *, max_gain: float | None = None, computation_delay: int = 0
+) -> Certificate:
     """Certify the robust term Δu = −κ(t) s of a law, for one constant inertia ratio and any time-varying slope κ.
 
     Inside the boundary layer κ = α ĉ/ε, outside it κ = α ĉ/‖s‖, with ĉ adapting: a sector 0 ≤ κ(t) ≤ k, and not a
@@ -32,7 +34,7 @@ def slope(law: Law, ratio: float = 1.0, *, cap: float | None = None, computation
         A law on time-delay estimation. Without a P2 of its own, s is the error.
     ratio
         ρ, the eigenvalue of M⁻¹M̂.
-    cap
+    max_gain
         Largest gain ĉ [rad/s²] to certify; None for the law's own cap.
     computation_delay
         Periods between a measurement and its torque.
@@ -41,7 +43,7 @@ def slope(law: Law, ratio: float = 1.0, *, cap: float | None = None, computation
     -------
     Certificate
         Of the slope at the cap. Its numbers: ``circle limit`` and ``frozen limit`` of ‖P2‖ κ [1/s²], infinite if
-        there is none; for TARC ``cap``, ``slope at the cap`` and ``largest cap`` = ε κ/α [rad/s²], that the circle
+        there is none; for TARC ``max_gain``, ``slope at the cap`` and ``largest cap`` = ε κ/α [rad/s²], that the circle
         criterion admits. The margin is the circle limit over the slope at the cap, less 1. Without a cap, the verdict
         is inconclusive for TARC, whose gain then has no bound; a law without a robust term is certified for what the
         circle criterion admits.
@@ -59,28 +61,35 @@ def slope(law: Law, ratio: float = 1.0, *, cap: float | None = None, computation
         raise TarcError(f"law: got {type(law).__name__}; the slope certificate needs a law with an inertia M̂")
     ratio = check.number("ratio", ratio, 0, strict=True)
     adaptive = isinstance(law, TARC)
-    cap = law.cap if isinstance(law, TARC) and cap is None else cap
-    cap = None if cap is None else check.number("cap", cap, 0, strict=True)
-    per_gain = law.margin / law.boundary if isinstance(law, TARC) else 1.0
-    weight = law.P2 if isinstance(law, TARC) else np.eye(law.joints)
+    max_gain = law.max_gain if isinstance(law, TARC) and max_gain is None else max_gain
+    max_gain = None if max_gain is None else check.number("max_gain", max_gain, 0, strict=True)
+    per_gain = law.gain_factor / law.boundary_layer if isinstance(law, TARC) else 1.0
+    weight = law.P2 if isinstance(law, TARC) else np.eye(law.n_joints)
     size = float(np.linalg.norm(weight, 2))
     loops = [_from_input(channel, ratio, weight) for channel in decouple(law, computation_delay)]
     matrices = {f"{letter}{i}": part for i, loop in enumerate(loops) for letter, part in zip("ABC", loop, strict=True)}
     circle = min(circle_limit(*loop) for loop in loops)
     frozen = min(frozen_limit(*loop) for loop in loops)
-    asked = circle if cap is None else cap * per_gain
-    numbers = {"ratio": ratio, "kappa": asked, "period": law.period, "bounded": float(cap is not None or not adaptive)}
+    asked = circle if max_gain is None else max_gain * per_gain
+    numbers = {
+        "ratio": ratio,
+        "kappa": asked,
+        "period": law.period,
+        "bounded": float(max_gain is not None or not adaptive),
+    }
     numbers["loops"] = float(len(loops))
     verdict, _, witness = judge(matrices, numbers)
     numbers |= {"circle limit": circle * size, "frozen limit": frozen * size}
-    if adaptive or cap is not None:
+    if adaptive or max_gain is not None:
         numbers["largest cap"] = circle / per_gain
-    if cap is not None:
-        numbers |= {"cap": cap, "slope at the cap": asked * size}
+    if max_gain is not None:
+        numbers |= {"max_gain": max_gain, "slope at the cap": asked * size}
     if witness and adaptive:
         witness["gain [rad/s²]"] = float(witness["slope"]) / per_gain
-    what = f"every gain ĉ(t) up to {cap:g} rad/s²" if cap is not None else "every gain ĉ(t), which has no cap,"
-    what = what if adaptive or cap is not None else f"every time-varying slope up to {circle * size:.4g} 1/s²"
+    what = (
+        f"every gain ĉ(t) up to {max_gain:g} rad/s²" if max_gain is not None else "every gain ĉ(t), which has no cap,"
+    )
+    what = what if adaptive or max_gain is not None else f"every time-varying slope up to {circle * size:.4g} 1/s²"
     return Certificate(
         kind="slope",
         claim=f"The loop of {type(law).__name__} around q̈ = {ratio:g} M̂⁻¹τ is stable for {what}.",

@@ -19,7 +19,7 @@ from tarc.numerics.norms import hinf_norm
 DIGITS = 1e-6
 
 
-def ball(
+def certify_varying_ratio(
     law: Law,
     centre: float | None = None,
     *,
@@ -89,7 +89,8 @@ def ball(
     channels = decouple(law, computation_delay)
     if not alike(law):
         raise TarcError(
-            "ball: the joints' gains differ or couple, and the ball needs the same on every joint; give one bandwidth "
+            "ball: the joints' gains differ or couple, and the ball needs the same on every joint; give one "
+            "natural frequency "
             "and one damping for all"
         )
     parts = parts_of(channels[0], slope, intersample)
@@ -254,7 +255,8 @@ def best_centre(parts: Parts, contains: tuple[float, float] | None, step: float 
     best = refined(logs, False, 1e-4)
     if contains is None and worth(best) <= 1e-3:
         raise TarcError(
-            "ball: no inertia ratio makes this loop stable; use a shorter window, a lower bandwidth, a smaller slope "
+            "ball: no inertia ratio makes this loop stable; use a shorter window, a lower natural frequency, a "
+            "smaller slope "
             "or less computation delay"
         )
     if step is not None and contains is None:  # it is a little higher than at any speed

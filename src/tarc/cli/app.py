@@ -24,7 +24,9 @@ app = typer.Typer(
 
 Set = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Change a key of the scenario, e.g. law.bandwidth=15. Repeatable."),
+    typer.Option(
+        "--set", metavar="KEY=VALUE", help="Change a key of the scenario, e.g. law.natural_frequency=15. Repeatable."
+    ),
 ]
 Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the results; default runs/NAME.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the results as JSON instead of a table.")]
@@ -42,7 +44,7 @@ def run(
 ) -> None:
     """Simulate a scenario: metrics, trajectories as netCDF, figures.
 
-    Example: tarc run ur5e --set law.bandwidth=15 --set duration=5
+    Example: tarc run ur5e --set law.natural_frequency=15 --set duration=5
     """
     from tarc.scenario.model import Scenario
 
@@ -183,11 +185,11 @@ def design(
         float | None,
         typer.Option(
             help="Torque noise allowed: its RMS as a share of the torque limit, 0.02 for 2 %. Default: 0.01, or as "
-            "little as can be certified, or as a given bandwidth allows.",
+            "little as can be certified, or as a given natural frequency allows.",
             rich_help_panel=ASKED,
         ),
     ] = None,
-    bandwidth: Annotated[
+    natural_frequency: Annotated[
         float | None, typer.Option(help="In rad/s; default: as high as the noise allows.", rich_help_panel=ASKED)
     ] = None,
     damping: Annotated[float, typer.Option(help="Damping ratio of the error.", rich_help_panel=ASKED)] = 1.0,
@@ -212,7 +214,7 @@ def design(
     """From a robot's file and its encoders to certified gains: a scenario ready to run, each choice with its reason.
 
     The inertia M̂ is shaped so that M(q)⁻¹M̂ varies least over all postures and
-    payloads. Window, bandwidth and the rest are chosen so that the loop bears
+    payloads. Window, natural frequency and the rest are chosen so that the loop bears
     this, with as little error as the torque noise allowed permits. What cannot
     be certified is refused, with what to relax and by how much. Takes a minute
     or so.
@@ -224,8 +226,8 @@ def design(
     from tarc.cli import tables
     from tarc.core import validation as check
     from tarc.core.errors import TarcError
-    from tarc.design import design as choose
-    from tarc.design import limits as stands
+    from tarc.design import design_controller as choose
+    from tarc.design import stress_test as stands
     from tarc.design.robot_facts import rated, within
     from tarc.design.writer import save, target
     from tarc.plants import MujocoPlant
@@ -244,7 +246,7 @@ def design(
     asked = {
         "period": 1 / check.number("--rate", rate, 0, strict=True),
         "sensor": Encoder(bits=check.whole("--encoder-bits", encoder_bits, 1, 52)),
-        "workspace": within(plant, reach).within(rated(plant)),
+        "workspace": within(plant, reach).with_speed_limits(rated(plant)),
         "speed": _numbers("--speed", speed),
         "acceleration": _numbers("--acceleration", acceleration),
         "torque_limit": _numbers("--torque-limit", torque_limit),
@@ -252,9 +254,17 @@ def design(
     }
     here = target(out)
     result = choose(
-        plant, payload=payload, bandwidth=bandwidth, damping=damping, noise=noise, diagonal=diagonal,
-        computation_delay=computation_delay, samples=samples, seed=seed, **asked,
-    )  # fmt: skip
+        plant,
+        payload=payload,
+        natural_frequency=natural_frequency,
+        damping_ratio=damping,
+        noise=noise,
+        diagonal=diagonal,
+        computation_delay=computation_delay,
+        samples=samples,
+        seed=seed,
+        **asked,
+    )
     drawn = {}
     if figures:
         from rich.console import Console
@@ -340,9 +350,11 @@ def tune(
 
     from tarc.core.errors import TarcError
     from tarc.scenario.model import Scenario
-    from tarc.study import spaces, tune_all, variation_limit
+    from tarc.study import search_spaces, tune_all, variation_limit
 
-    names = list(spaces()) if laws.strip() == "all" else [name.strip() for name in laws.split(",") if name.strip()]
+    names = (
+        list(search_spaces()) if laws.strip() == "all" else [name.strip() for name in laws.split(",") if name.strip()]
+    )
     training = [Scenario.load(name) for name in scenarios]
     limits = [variation_limit(one, budget) for one in training]
     found = tune_all(names, training, limits, trials=trials, seed=seed, jobs=jobs)

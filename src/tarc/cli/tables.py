@@ -45,9 +45,9 @@ MEASURES = {
 
 def measures(scenario: Scenario, run: Run) -> dict[str, float]:
     """The run's metrics, or none where it ended before they begin."""
-    if run.data.sizes["time"] < 2 or float(run.data["time"].values[-2]) < scenario.measure_from:
+    if run.data.sizes["time"] < 2 or float(run.data["time"].values[-2]) < scenario.metrics_start:
         return {}
-    return run.metrics(start=scenario.measure_from)
+    return run.metrics(start_time=scenario.metrics_start)
 
 
 def summary(scenario: Scenario, runs: dict[str, Run], files: list[Path]) -> dict[str, Any]:
@@ -57,8 +57,8 @@ def summary(scenario: Scenario, runs: dict[str, Run], files: list[Path]) -> dict
         status = run.status
         results[name] = {
             "status": "completed" if status.completed else "diverged",
-            "diverged_at": status.diverged_at,
-            "fault_at": status.fault_at,
+            "divergence_time": status.divergence_time,
+            "fault_time": status.fault_time,
             "saturated": status.saturated,
             "metrics": {key: value if math.isfinite(value) else None for key, value in measures(scenario, run).items()},
         }
@@ -68,7 +68,7 @@ def summary(scenario: Scenario, runs: dict[str, Run], files: list[Path]) -> dict
 def print_runs(scenario: Scenario, runs: dict[str, Run], files: list[Path]) -> None:
     """A table of metrics, a column a run, and where the files are."""
     console = Console()
-    since = f", measured after {scenario.measure_from:g} s" if scenario.measure_from else ""
+    since = f", measured after {scenario.metrics_start:g} s" if scenario.metrics_start else ""
     table = Table(title=f"{scenario.name}, {scenario.duration:g} s{since}", title_justify="left")
     table.add_column("measure")
     for name in runs:
@@ -85,7 +85,7 @@ def print_runs(scenario: Scenario, runs: dict[str, Run], files: list[Path]) -> N
     table.add_row("status", *[s if s.startswith("completed") else f"[bold red]{s}[/bold red]" for s in statuses], "")
     console.print(table)
     if not any(results.values()):
-        console.print(f"no measures: no run lasts beyond measure_from, {scenario.measure_from:g} s")
+        console.print(f"no measures: no run lasts beyond metrics_start, {scenario.metrics_start:g} s")
     console.print("written: " + ", ".join(escape(str(file)) for file in files), soft_wrap=True)
 
 
@@ -197,7 +197,7 @@ def print_comparison(comparison: Comparison, files: list[Path]) -> None:
     console = Console()
     scenario = comparison.scenario
     table = Table(
-        title=f"{scenario.name}, {scenario.duration:g} s, after {scenario.measure_from:g} s", title_justify="left"
+        title=f"{scenario.name}, {scenario.duration:g} s, after {scenario.metrics_start:g} s", title_justify="left"
     )
     table.add_column("law")
     shown = {key: one for key, one in comparison.columns.items() if console.width >= WIDE or key in FEW}
@@ -230,7 +230,7 @@ def design_summary(design: "Design", files: list[Path], limits: dict[str, "Limit
         "margin": verdict.margin,
         "margin_meaning": verdict.margin_meaning,
         "spread": design.spread,
-        "choices": {one.name: {"value": one.value, "why": one.why} for one in design.choices},
+        "choices": {one.name: {"value": one.value, "why": one.reason} for one in design.choices},
         "law": content["law"],
         "estimator": content["estimator"],
         "torque_noise": {name: {"rms": rms, "share": share} for name, rms, share in _noise(design)},
@@ -259,8 +259,8 @@ def print_design(design: "Design", files: list[Path]) -> None:
     table.add_column("value", max_width=24)
     table.add_column("why")
     for one in design.choices:
-        style = "yellow" if one.why.startswith("WARNING") else None
-        table.add_row(*(escape(text) for text in (one.name, one.value, one.why)), style=style)
+        style = "yellow" if one.reason.startswith("WARNING") else None
+        table.add_row(*(escape(text) for text in (one.name, one.value, one.reason)), style=style)
     console.print(table)
     verdict = design.certificates["robot"]
     console.print(f"[green]{verdict.verdict}[/]: {escape(verdict.claim)}", highlight=False)

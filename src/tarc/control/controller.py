@@ -38,7 +38,7 @@ class Controller:
     Examples
     --------
     >>> import numpy as np, tarc
-    >>> law = tarc.laws.TDC(inertia=[0.1, 0.1], bandwidth=10.0, period=1e-3,
+    >>> law = tarc.laws.TDC(inertia=[0.1, 0.1], natural_frequency=10.0, period=1e-3,
     ...                     estimator=tarc.estimators.Algebraic(window=0.010))
     >>> controller = tarc.Controller(law)
     >>> controller.reset(np.zeros(2))
@@ -54,7 +54,7 @@ class Controller:
         state, value = law.example()
         function, example = trace(law.step, state, value)
         self._call = Buffered(compiled(function) if native else function)
-        n = law.joints
+        n = law.n_joints
         self._sizes = n, n, n, n
         vector = self._call.value
         self._position, self._reference = vector[:n], vector[n : 2 * n]
@@ -68,12 +68,12 @@ class Controller:
         self._warned = False
         self._ready = False
 
-    def reset(self, position: Any, torque: Any = 0.0) -> None:
+    def reset(self, initial_position: Any, initial_torque: Any = 0.0) -> None:
         """Start at rest at a measured position (n,) with a torque (n,) already applied.
 
         Raises `TarcError` for a position that is not finite: wait for a valid sample first.
         """
-        self._call.reset(pack(self.law.init(position, torque)))
+        self._call.reset(pack(self.law.init(initial_position, initial_torque)))
         self._call.output[:] = 0
         self._warned, self._ready = False, True
 
@@ -97,7 +97,7 @@ class Controller:
         except (TypeError, ValueError, OverflowError):
             shapes = [np.shape(x) for x in (position, reference, velocity_reference, acceleration_reference)]
             raise TarcError(
-                f"Controller.step: got shapes {shapes} for position and references; needs ({self.law.joints},) each"
+                f"Controller.step: got shapes {shapes} for position and references; needs ({self.law.n_joints},) each"
             ) from None
         self._call.step()
         if self._fault[0] and not self._warned:

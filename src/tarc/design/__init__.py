@@ -4,34 +4,34 @@ from tarc.core.optional import require
 
 require("cli", "tarc.design")
 
-from tarc.design.adaptation_gains import Adaptation, adaptation, expected_step
-from tarc.design.candidate_loops import Candidate, assess, candidates, front
-from tarc.design.identification import Identified, excitation, identify, inertia_from_data, inertia_from_file
-from tarc.design.model_free import BlindDesign, design_from_inertia
-from tarc.design.robustness import Demand
-from tarc.design.selection import Choice, Design, design
-from tarc.design.stress import Limit, Outcome, limits
+from tarc.design.adaptation import Adaptation, choose_adaptation, expected_step
+from tarc.design.candidates import Candidate, assess_candidates, enumerate_candidates, pareto_front
+from tarc.design.identification import Identified, excitation_reference, identify, inertia_from_data, inertia_from_file
+from tarc.design.model_free import ModelFreeDesign, design_without_model
+from tarc.design.robustness import RobustnessSpec
+from tarc.design.selection import Choice, Design, design_controller
+from tarc.design.stress import Limit, Outcome, stress_test
 
 __all__ = [
     "Adaptation",
-    "BlindDesign",
     "Candidate",
     "Choice",
-    "Demand",
     "Design",
     "Identified",
     "Limit",
+    "ModelFreeDesign",
     "Outcome",
-    "adaptation",
-    "assess",
-    "candidates",
-    "design",
-    "design_from_inertia",
-    "excitation",
+    "RobustnessSpec",
+    "assess_candidates",
+    "choose_adaptation",
+    "design_controller",
+    "design_without_model",
+    "enumerate_candidates",
+    "excitation_reference",
     "expected_step",
-    "front",
     "identify",
     "inertia_from_data",
     "inertia_from_file",
-    "limits",
+    "pareto_front",
+    "stress_test",
 ]

@@ -209,7 +209,7 @@ def inertia_from_file(path: str | Path, period: float | None = None, **options: 
     return inertia_from_data(q, tau, period, **options)
 
 
-def excitation(
+def excitation_reference(
     home: Numbers,
     *,
     duration: float = 20.0,
@@ -295,7 +295,8 @@ def identify(
 ) -> Identified:
     """M̂ of a robot that is simulated, from its encoders and torques alone: what one would do with a real one.
 
-    The motion needs a law and the law an M̂. Synchronised time-delayed control with a low bandwidth errs mildly where
+    The motion needs a law and the law an M̂. Synchronised time-delayed control with a low natural frequency errs
+    mildly where
     M̂ is too small: the joint drifts off slowly, and the run is stopped. So all joints start from a tiny M̂, and those
     that do not follow get four times theirs, until the record shows M. A last run with the ratio `RATIO` moves as the
     reference asks, and is the one that counts.
@@ -309,7 +310,8 @@ def identify(
     sensor
         Its encoders; None for perfect ones.
     reference
-        The motion; None for `excitation` about home, within the ranges that `tarc.analysis.Workspace.of` knows.
+        The motion; None for `excitation` about home, within the ranges that
+        `tarc.analysis.Workspace.from_joint_limits` knows.
     duration
         [s]; None for 20, or more for more than eight joints.
     torque
@@ -334,20 +336,22 @@ def identify(
     if not isinstance(plant, Plant):
         raise TarcError(f"plant: got {plant!r}; needs one of tarc.plants")
     period = check.number("period", period, 0, strict=True)
-    length = max(20.0, 2.5 * plant.joints) if duration is None else duration
+    length = max(20.0, 2.5 * plant.n_joints) if duration is None else duration
     motion = _motion(plant, length) if reference is None else reference
     path = motion.sample(np.arange(0, length, period))[0]
     reach, size = float(np.max(np.ptp(path, axis=1))), np.std(path, axis=1)
     if not np.all(size > 0):
         raise TarcError("reference: it leaves a joint at rest; give all of them a motion, as excitation(…) does")
-    inertia = np.full(plant.joints, check.number("guess", guess, 0, strict=True))
+    inertia = np.full(plant.n_joints, check.number("guess", guess, 0, strict=True))
     estimator = Algebraic(window=10 * period)
 
     def move(inertia: Array) -> "Run":
-        law = TDC(inertia=inertia, bandwidth=5.0, period=period, estimator=estimator, synchronised=True)
+        law = TDC(inertia=inertia, natural_frequency=5.0, period=period, estimator=estimator, synchronised=True)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DesignWarning)
-            return simulate(plant, law, motion, length, sensor=sensor, torque=torque, divergence=reach, seed=seed)
+            return simulate(
+                plant, law, motion, length, sensor=sensor, initial_torque=torque, divergence_threshold=reach, seed=seed
+            )
 
     def shown(run: "Run") -> Identified:
         return inertia_from_data(run.data["measured"].values, run.data["torque"].values, period, diagonal=False)
@@ -383,11 +387,11 @@ def _motion(plant: "Plant", duration: float) -> Multisine:
     """The excitation about home, within the ranges where they are known."""
     from tarc.analysis.workspace import Workspace
 
-    low, high = np.full((2, plant.joints), [[-np.inf], [np.inf]])
+    low, high = np.full((2, plant.n_joints), [[-np.inf], [np.inf]])
     with suppress(TarcError):
-        space = Workspace.of(plant)
+        space = Workspace.from_joint_limits(plant)
         low, high = space.low, space.high
-    return excitation(plant.home, duration=duration, low=low, high=high)
+    return excitation_reference(plant.home, duration=duration, low=low, high=high)
 
 
 def _record(position: Table, torque: Table) -> tuple[Array, Array]:
@@ -411,7 +415,7 @@ class _Fit:
 
     def __init__(self, q: Array, tau: Array, T: float, periods: int, degree: int) -> None:
         self.window, n = periods * T, q.shape[1]
-        w = Algebraic(window=self.window, degree=degree).at(T).weights(2)
+        w = Algebraic(window=self.window, degree=degree).with_period(T).weights(2)
         c = synchronous_weights(w, T)
         velocity, half = np.diff(q, axis=0) / T, max(periods // 2, 2)
         smooth = _filter(np.pad(velocity, ((half, half), (0, 0)), mode="edge"), np.ones(2 * half + 1))

@@ -5,20 +5,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from tarc.certificates.base import Certificate
-from tarc.certificates.varying_ratio import ball
+from tarc.certificates.varying_ratio import certify_varying_ratio
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
 from tarc.core.validation import Matrix
-from tarc.design.adaptation_gains import adaptation
-from tarc.design.candidate_loops import Candidate, assess, candidates, front
-from tarc.design.robustness import Demand
+from tarc.design.adaptation import choose_adaptation
+from tarc.design.candidates import Candidate, assess_candidates, enumerate_candidates, pareto_front
+from tarc.design.robustness import RobustnessSpec
 from tarc.laws.tarc import TARC
 from tarc.laws.tdc import TDC
 from tarc.signals.sensors import Encoder
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class BlindDesign:
+class ModelFreeDesign:
     """A law for a robot without a model, and what it bears.
 
     Attributes
@@ -43,10 +43,10 @@ class BlindDesign:
     torque_noise: np.ndarray
 
 
-def design_from_inertia(
+def design_without_model(
     inertia: Matrix,
     spread: float,
-    bandwidth: float,
+    natural_frequency: float,
     *,
     period: float = 1e-3,
     sensor: Encoder | None = None,
@@ -54,7 +54,7 @@ def design_from_inertia(
     expected: float | None = None,
     computation_delay: int = 0,
     room: float = 0.1,
-) -> BlindDesign:
+) -> ModelFreeDesign:
     """Choose window, synchronisation, scale of M̂ and adaptation for a measured inertia, and certify the loop.
 
     The eigenvalues of M(q)⁻¹M, with M the inertia measured, are taken to lie between 1/√spread and √spread. Of the
@@ -67,7 +67,7 @@ def design_from_inertia(
     spread
         Greatest over least eigenvalue of M(q)⁻¹M to be borne: about 10 for an arm of six joints with rotor inertia,
         twice that with a payload; what several measurements show, squared, if in doubt.
-    bandwidth, damping
+    natural_frequency, damping_ratio
         ωn [rad/s] and ζ.
     period
         Control period [s].
@@ -84,38 +84,43 @@ def design_from_inertia(
     Raises
     ------
     TarcError
-        When no loop of this bandwidth bears the spread: says which spread one does.
+        When no loop of this natural frequency bears the spread: says which spread one does.
     """
     joints = max((1, *np.shape(check.numbers("inertia", inertia))))
     M = check.definite("inertia", inertia, joints)
-    demand = Demand.plain(spread)
+    demand = RobustnessSpec.plain(spread)
     sensor = Encoder(bits=17) if sensor is None else sensor
-    bandwidth = check.number("bandwidth", bandwidth, 0, strict=True)
-    check.number("damping", damping, 0, strict=True)
-    trials = candidates(
-        period, bandwidths=[bandwidth], windows=range(2, 31), damping=damping,
+    natural_frequency = check.number("natural_frequency", natural_frequency, 0, strict=True)
+    check.number("damping_ratio", damping, 0, strict=True)
+    trials = enumerate_candidates(
+        period,
+        natural_frequencies=[natural_frequency],
+        windows=range(2, 31),
+        damping_ratio=damping,
         computation_delay=check.whole("computation_delay", computation_delay),
-    )  # fmt: skip
-    looked = assess(trials, demand, slope_share=0.0 if expected is None else 1.0, room=room)
-    able = front(looked)
+    )
+    looked = assess_candidates(trials, demand, slope_share=0.0 if expected is None else 1.0, room=room)
+    able = pareto_front(looked)
     if not able:
         reach = max((one.reach for one in looked), default=1.0)
         raise TarcError(
-            f"spread: no loop of {bandwidth:g} rad/s at {1 / period:g} Hz bears a spread of {spread:g}; one of "
-            f"{reach / (1 + room):.3g} is borne. Lower the bandwidth, or raise the rate"
+            f"spread: no loop of {natural_frequency:g} rad/s at {1 / period:g} Hz bears a spread of {spread:g}; one of "
+            f"{reach / (1 + room):.3g} is borne. Lower the natural frequency, or raise the rate"
         )
     best, shape = able[0], M * spread**0.5
-    sigma = np.broadcast_to(np.sqrt(sensor.noise**2 + sensor.increment**2 / 12), (joints,))
+    sigma = np.broadcast_to(np.sqrt(sensor.noise**2 + sensor.step_size**2 / 12), (joints,))
     common = {**best.options(), "inertia": best.scale * shape, "estimator": best.estimator}
     if expected is None:
         law: TDC | TARC = TDC(**common)
     else:
-        law = TARC(**{**common, **adaptation(best, expected, noise=float(np.linalg.norm(sigma))).options()})
+        law = TARC(**{**common, **choose_adaptation(best, expected, noise=float(np.linalg.norm(sigma))).options()})
     ends = best.scale, best.scale * spread
-    certificate = ball(law, contains=ends, slope=law.robust_slope, computation_delay=computation_delay)
+    certificate = certify_varying_ratio(
+        law, contains=ends, slope=law.robust_slope_bound, computation_delay=computation_delay
+    )
     if not certificate.certified:
         raise TarcError(
             f"spread: the loop chosen is {certificate.verdict}, margin {certificate.margin:.3g}; raise room"
         )
     noise = best.noise * np.linalg.norm(shape * sigma, axis=1)
-    return BlindDesign(law=law, certificate=certificate, spread=spread, chosen=best, torque_noise=noise)
+    return ModelFreeDesign(law=law, certificate=certificate, spread=spread, chosen=best, torque_noise=noise)

@@ -6,18 +6,18 @@ from functools import partial
 
 import numpy as np
 
-from tarc.analysis.inertia_ratio import spread
-from tarc.analysis.inertia_shape import best_shape
+from tarc.analysis.inertia_ratio import inertia_spread
+from tarc.analysis.inertia_shape import best_inertia_shape
 from tarc.analysis.workspace import Workspace
 from tarc.core.errors import TarcError
-from tarc.design.candidate_loops import Candidate, assess, candidates
-from tarc.design.robustness import Demand
+from tarc.design.candidates import Candidate, assess_candidates, enumerate_candidates
+from tarc.design.robustness import RobustnessSpec
 from tarc.plants.base import Plant
 
 STEPS = 6
 """Bisections: to one part in 64 of the range."""
 STRIDE = 1.5
-"""Ratio of bandwidths tried one after the other."""
+"""Ratio of natural frequencies tried one after the other."""
 MOST = 50
 """Loops tried again where a requirement is relaxed."""
 QUICK = 200
@@ -28,21 +28,21 @@ def remedies(
     plants: Sequence[Plant],
     workspace: Workspace,
     shape: np.ndarray,
-    demand: Demand,
+    demand: RobustnessSpec,
     looked: Sequence[Candidate],
-    bandwidth: float | None,
+    natural_frequency: float | None,
     room: float,
 ) -> str:
     """Sentences: each requirement that would do if it alone were relaxed, with its number."""
     fits = partial(_bearable, looked, room)
     lines = []
-    if bandwidth is not None and looked:
-        possible = largest_bandwidth(looked[0], demand, bandwidth, room)
+    if natural_frequency is not None and looked:
+        possible = largest_bandwidth(looked[0], demand, natural_frequency, room)
         if possible:
-            lines.append(f"a bandwidth of at most {_down(possible):g} rad/s")
-        elif needed := least_bandwidth(looked[0], demand, bandwidth, room):
-            lines.append(f"a bandwidth of at least {-_down(-needed):g} rad/s")
-        rate = slowest_rate(looked[0], demand, bandwidth, room)
+            lines.append(f"a natural frequency of at most {_down(possible):g} rad/s")
+        elif needed := least_bandwidth(looked[0], demand, natural_frequency, room):
+            lines.append(f"a natural frequency of at least {-_down(-needed):g} rad/s")
+        rate = slowest_rate(looked[0], demand, natural_frequency, room)
         if rate:
             lines.append(f"a rate of at least {-_down(-rate, 4):g} Hz")
     if part := slower(plants, workspace, shape, looked, room):
@@ -53,21 +53,26 @@ def remedies(
     return "Any one of these would do: " + "; ".join(lines)
 
 
-def largest_bandwidth(like: Candidate, demand: Demand, above: float, room: float) -> float | None:
-    """The largest bandwidth [rad/s] below one that is too large at which a loop bears a robot; None if none does.
+def largest_bandwidth(like: Candidate, demand: RobustnessSpec, above: float, room: float) -> float | None:
+    """The largest natural frequency [rad/s] below one that is too large at which a loop bears a robot; None if none
+    does.
 
     One that is far lower does not do either, where gravity asks for stiffness: so the steps down are small.
     """
     return _first(like, demand, above, room, [STRIDE**-k for k in range(1, 15)])
 
 
-def least_bandwidth(like: Candidate, demand: Demand, below: float, room: float) -> float | None:
-    """The least bandwidth [rad/s] above one that is too small at which a loop bears a robot; None if none does."""
+def least_bandwidth(like: Candidate, demand: RobustnessSpec, below: float, room: float) -> float | None:
+    """The least natural frequency [rad/s] above one that is too small at which a loop bears a robot; None if none
+    does."""
     return _first(like, demand, below, room, [STRIDE**k for k in range(1, 8)])
 
 
-def _first(like: Candidate, demand: Demand, asked: float, room: float, factors: Sequence[float]) -> float | None:
-    """The bandwidth nearest to the one asked for, in the direction of the factors, at which a loop bears a robot."""
+def _first(
+    like: Candidate, demand: RobustnessSpec, asked: float, room: float, factors: Sequence[float]
+) -> float | None:
+    """The natural frequency nearest to the one asked for, in the direction of the factors, at which a loop bears a
+    robot."""
 
     def fits(log: float) -> bool:
         return _bears(like, demand, float(np.exp(log)), like.period, room)
@@ -81,11 +86,11 @@ def _first(like: Candidate, demand: Demand, asked: float, room: float, factors: 
     return None
 
 
-def slowest_rate(like: Candidate, demand: Demand, bandwidth: float, room: float) -> float | None:
-    """The slowest rate [Hz] above one that is too slow at which a loop of this bandwidth bears a robot."""
+def slowest_rate(like: Candidate, demand: RobustnessSpec, natural_frequency: float, room: float) -> float | None:
+    """The slowest rate [Hz] above one that is too slow at which a loop of this natural frequency bears a robot."""
 
     def fits(log: float) -> bool:
-        return _bears(like, demand, bandwidth, float(np.exp(log)), room)
+        return _bears(like, demand, natural_frequency, float(np.exp(log)), room)
 
     low, high = np.log(like.period / 64), np.log(like.period)
     return float(np.exp(-_bisect(fits, low, high))) if fits(low) else None
@@ -99,25 +104,30 @@ def slower(
     """
     if workspace.speed is None or not looked:
         return None
-    share = looked[0].slope / looked[0].bandwidth ** 2
-    found = spread(plants, shape, workspace, samples=QUICK)
+    share = looked[0].slope / looked[0].natural_frequency ** 2
+    found = inertia_spread(plants, shape, workspace, samples=QUICK)
     trials = [replace(one, scale=0.0, room=0.0) for one in looked[:: -(-len(looked) // MOST)]]
 
     def fits(log: float) -> bool:
-        demand = Demand.of_robot(plants, workspace.paced(float(np.exp(log))), shape, found, search=False)
-        return any(one.feasible for one in assess(trials, demand, room=room, slope_share=share))
+        demand = RobustnessSpec.of_robot(plants, workspace.scale_speed(float(np.exp(log))), shape, found, search=False)
+        return any(one.feasible for one in assess_candidates(trials, demand, room=room, slope_share=share))
 
     low = np.log(0.01)
     return float(np.exp(_bisect(fits, low, 0.0))) if fits(low) else None
 
 
-def _bears(like: Candidate, demand: Demand, bandwidth: float, period: float, room: float) -> bool:
-    trials = candidates(
-        period, bandwidths=[bandwidth], windows=(2, 3, 4, 5), damping=like.damping,
+def _bears(like: Candidate, demand: RobustnessSpec, natural_frequency: float, period: float, room: float) -> bool:
+    trials = enumerate_candidates(
+        period,
+        natural_frequencies=[natural_frequency],
+        windows=(2, 3, 4, 5),
+        damping_ratio=like.damping_ratio,
         computation_delay=like.computation_delay,
-    )  # fmt: skip
-    share = like.slope / like.bandwidth**2
-    return any(one.feasible for trial in trials for one in assess([trial], demand, room=room, slope_share=share))
+    )
+    share = like.slope / like.natural_frequency**2
+    return any(
+        one.feasible for trial in trials for one in assess_candidates([trial], demand, room=room, slope_share=share)
+    )
 
 
 def _bisect(fits: Callable[[float], bool], good: float, bad: float) -> float:
@@ -142,19 +152,23 @@ Fits = Callable[[Sequence[Plant], Workspace], bool]
 
 def _bearable(looked: Sequence[Candidate], room: float, plants: Sequence[Plant], workspace: Workspace) -> bool:
     try:
-        shape, ratio = best_shape(plants, workspace, samples=QUICK, tolerance=0.1)
+        shape, ratio = best_inertia_shape(plants, workspace, samples=QUICK, tolerance=0.1)
     except TarcError:
         return False
     trials = [one for one in looked if one.reach >= (1 + room) * ratio]
     if not trials:
         return False
-    found = spread(plants, shape, workspace, samples=QUICK)
-    shape = shape / found.low
-    demand = Demand.of_robot(plants, workspace, shape, spread(plants, shape, workspace, samples=QUICK), search=False)
-    share = trials[0].slope / trials[0].bandwidth ** 2
+    found = inertia_spread(plants, shape, workspace, samples=QUICK)
+    shape = shape / found.min_ratio
+    demand = RobustnessSpec.of_robot(
+        plants, workspace, shape, inertia_spread(plants, shape, workspace, samples=QUICK), search=False
+    )
+    share = trials[0].slope / trials[0].natural_frequency ** 2
     # where the spread is small most of them will do
     some = trials[:: -(-len(trials) // MOST)]
-    return any(one.feasible for trial in some for one in assess([trial], demand, room=room, slope_share=share))
+    return any(
+        one.feasible for trial in some for one in assess_candidates([trial], demand, room=room, slope_share=share)
+    )
 
 
 def _payload(plants: Sequence[Plant], workspace: Workspace, bears: Fits) -> str | None:

@@ -45,13 +45,13 @@ def within(plant: Plant, reach: float | None = None) -> Workspace:
 
 def rated(plant: Plant) -> np.ndarray | None:
     """The velocity limits of a robot's file [rad/s or m/s], shape (n,); None where a joint has none."""
-    found = np.broadcast_to(getattr(plant, "speed_limit", np.inf), (plant.joints,))
+    found = np.broadcast_to(getattr(plant, "velocity_limits", np.inf), (plant.n_joints,))
     return found if np.isfinite(found).all() else None
 
 
 def _ranges(plant: Plant) -> tuple[np.ndarray, np.ndarray]:
     """Ends of the joints' ranges [rad or m], infinite where the robot has none."""
-    low, high = np.full(plant.joints, -np.inf), np.full(plant.joints, np.inf)
+    low, high = np.full(plant.n_joints, -np.inf), np.full(plant.n_joints, np.inf)
     if isinstance(plant, MujocoPlant):
         limited = plant.model.jnt_limited.astype(bool)
         low[limited], high[limited] = plant.model.jnt_range[limited].T
@@ -120,10 +120,15 @@ def weight(plants: Sequence[Plant], workspace: Workspace, limits: np.ndarray, se
     number, joint, posture = where
     plant = plants[int(number)]
     return Weight(
-        load=greatest, joint=first.joint_names[int(joint)], torque=greatest * float(limits[joint]),
-        limit=float(limits[joint]), posture=posture, payload=_payload(plant), at_home=at_home,
+        load=greatest,
+        joint=first.joint_names[int(joint)],
+        torque=greatest * float(limits[joint]),
+        limit=float(limits[joint]),
+        posture=posture,
+        payload=_payload(plant),
+        at_home=at_home,
         beyond=beyond / len(postures),
-    )  # fmt: skip
+    )
 
 
 def _loads(plant: Plant, posture: np.ndarray, limits: np.ndarray) -> np.ndarray:
@@ -166,9 +171,7 @@ def premises(
     if max(masses) > 0:
         where = f"at {plant.carrier}" if isinstance(plant, MujocoPlant) else "as the robot's parameter"
         both = f"{masses[0]:g} to {masses[-1]:g} kg" if len(masses) > 1 else f"{masses[0]:g} kg"
-        found.append(
-            ("payload", both, f"{where}; M(q) grows with it, so that the two ends stand for all between")
-        )  # fmt: skip
+        found.append(("payload", both, f"{where}; M(q) grows with it, so that the two ends stand for all between"))
     if held is not None:
         found += [_torque_limit(plant, limits, own), _weight(plant, held)]
     return found
@@ -186,7 +189,7 @@ def _robot(plant: Plant) -> tuple[str, str, str]:
             "; no rotor inertia is known, and behind a gear it is most of a light link's: give armature if the motors "
             "have gears"
         )
-    return "robot", f"{name}, {plant.joints} joint{'s' if plant.joints > 1 else ''}", text
+    return "robot", f"{name}, {plant.n_joints} joint{'s' if plant.n_joints > 1 else ''}", text
 
 
 def _workspace(plant: Plant, workspace: Workspace) -> tuple[str, str, str]:
@@ -200,7 +203,7 @@ def _workspace(plant: Plant, workspace: Workspace) -> tuple[str, str, str]:
         f"{name} {a:.4g} to {b:.4g}"
         for name, a, b in zip(plant.joint_names, workspace.low, workspace.high, strict=True)
     )
-    if plant.joints > 1 and np.ptp(workspace.low) == 0 == np.ptp(workspace.high):
+    if plant.n_joints > 1 and np.ptp(workspace.low) == 0 == np.ptp(workspace.high):
         ends = f"each joint {workspace.low[0]:.4g} to {workspace.high[0]:.4g}"
     text = f"{ends}: certified for these postures and no others"
     if endless and isinstance(plant, MujocoPlant):
@@ -219,7 +222,7 @@ def _speed(plant: Plant, workspace: Workspace) -> tuple[str, str, str]:
     source = "the limits in the robot's file" if own is not None and np.allclose(own, speed) else "as given"
     swift = ""
     if workspace.acceleration is not None and speed.any():
-        usual = workspace.within(speed).acceleration
+        usual = workspace.with_speed_limits(speed).acceleration
         taken = usual is not None and np.allclose(usual, workspace.acceleration)
         swift = f", or accelerate by more than {_alike(workspace.acceleration)} {unit.replace('/s', '/s²')}"
         swift += ", which reaches this speed in a quarter of a second" if taken else ""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tarc.analysis.inertia_ratio import Spread
+from tarc.analysis.inertia_ratio import InertiaSpread
 from tarc.analysis.operating_points import (
     NEGLIGIBLE,
     Instant,
@@ -25,7 +25,7 @@ LEAD = 1.0
 
 
 @dataclass(frozen=True)
-class Demand:
+class RobustnessSpec:
     """What a robot asks of a loop.
 
     Attributes
@@ -34,7 +34,8 @@ class Demand:
         Greatest over least eigenvalue of M(q)⁻¹X.
     shares
         With weights η: radius over centre of the ball that holds [E − ρ0 I, H/η] for all postures, for M̂ = X and
-        ρ0 = (1 + spread)/2, beside the damping; E and H as in `tarc.certificates.robot`. Just one share, without
+        ρ0 = (1 + spread)/2, beside the damping; E and H as in `tarc.certificates.certify_robot`. Just one share,
+        without
         weight, for a robot of neither.
     weights
         The η [1/s²].
@@ -54,13 +55,13 @@ class Demand:
     lead: float = 0.0
 
     @classmethod
-    def plain(cls, spread: float, rate: float = np.inf) -> "Demand":
+    def plain(cls, spread: float, rate: float = np.inf) -> "RobustnessSpec":
         """Of a robot without stiffness and damping of its own."""
         spread = check.number("spread", spread, 1)
         return cls(spread, np.array([share_of(spread)]), np.zeros(1), rate)
 
     @classmethod
-    def of(cls, spread: float, found: Mismatches, rate: float = np.inf) -> "Demand":
+    def of(cls, spread: float, found: Mismatches, rate: float = np.inf) -> "RobustnessSpec":
         """Of a robot with these mismatches and this greatest rate, for M̂ = X."""
         lead = LEAD * found.lead()
         stiffness, centre = float(found.sizes(lead).max()), (1 + spread) / 2
@@ -72,9 +73,15 @@ class Demand:
 
     @classmethod
     def of_robot(
-        cls, plants: Sequence[Plant], workspace: Workspace, shape: np.ndarray, found: Spread, *, seed: int = 0,
+        cls,
+        plants: Sequence[Plant],
+        workspace: Workspace,
+        shape: np.ndarray,
+        found: InertiaSpread,
+        *,
+        seed: int = 0,
         search: bool = True,
-    ) -> "Demand":  # fmt: skip
+    ) -> "RobustnessSpec":
         """Of a robot, for M̂ = X.
 
         Parameters
@@ -84,11 +91,11 @@ class Demand:
         shape
             X [kg m² or kg], shape (n, n).
         found
-            The spread of M(q)⁻¹X, as `tarc.analysis.spread` finds it, from as many samples as are taken here.
+            The spread of M(q)⁻¹X, as `tarc.analysis.inertia_spread` finds it, from as many samples as are taken here.
         search
             Look for worse instants than the samples, as the certificate does.
         """
-        ends = (plants[found.plant_low], found.where_low), (plants[found.plant_high], found.where_high)
+        ends = (plants[found.min_plant], found.min_posture), (plants[found.max_plant], found.max_posture)
         instants = [Instant.at_rest(*one) for one in ends] + sampled(plants, workspace, found.samples, seed)
         mismatch = mismatches(shape, instants)
         lead = LEAD * mismatch.lead()

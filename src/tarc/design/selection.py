@@ -7,20 +7,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tarc.analysis.inertia_ratio import spread
-from tarc.analysis.inertia_shape import best_shape
+from tarc.analysis.inertia_ratio import inertia_spread
+from tarc.analysis.inertia_shape import best_inertia_shape
 from tarc.analysis.workspace import Workspace
 from tarc.certificates.base import Certificate
-from tarc.certificates.robot import robot
-from tarc.certification import certify
+from tarc.certificates.robot import certify_robot
+from tarc.certification import certify_law
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
 from tarc.core.progress import Progress
 from tarc.core.validation import Numbers
-from tarc.design.adaptation_gains import Adaptation, adaptation, expected_step
-from tarc.design.candidate_loops import WINDOWS, Candidate, assess, candidates, front
+from tarc.design.adaptation import Adaptation, choose_adaptation, expected_step
+from tarc.design.candidates import WINDOWS, Candidate, assess_candidates, enumerate_candidates, pareto_front
 from tarc.design.robot_facts import premises, rated, weight
-from tarc.design.robustness import Demand
+from tarc.design.robustness import RobustnessSpec
 from tarc.laws.tarc import TARC
 from tarc.laws.tdc import TDC
 from tarc.plants.base import Plant
@@ -51,7 +51,7 @@ class Choice:
 
     name: str
     value: str
-    why: str
+    reason: str
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,7 +69,7 @@ class Design:
     sensor
         The encoder.
     certificates
-        As `tarc.certify` gives them; that of the robot is certified.
+        As `tarc.certify_law` gives them; that of the robot is certified.
     choices
         What was chosen and why, in order.
     shape, spread
@@ -83,7 +83,7 @@ class Design:
     payload
         Least and greatest payload [kg].
     budget
-        Torque noise allowed, as a share of the torque limit; None where a bandwidth was given and no budget.
+        Torque noise allowed, as a share of the torque limit; None where a natural frequency was given and no budget.
     """
 
     law: TDC | TARC
@@ -103,11 +103,11 @@ class Design:
     @property
     def front(self) -> list[Candidate]:
         """Loops that bear the spread and that no other beats in both torque noise and error, by noise."""
-        return front(self.candidates)
+        return pareto_front(self.candidates)
 
     def explain(self) -> str:
         """Every choice with its reason, then the verdict."""
-        lines = [f"{one.name}: {one.value}\n    {one.why}" for one in self.choices]
+        lines = [f"{one.name}: {one.value}\n    {one.reason}" for one in self.choices]
         return "\n".join([*lines, "", self.certificates["robot"].explain()])
 
     def scenario(self, duration: float = 10.0) -> "Scenario":
@@ -142,14 +142,14 @@ class Design:
 
     def plot(self, kind: str = "front") -> "Figure":
         """``front``: torque noise against error of all loops, with the choice; ``reach``: the spread that windows and
-        bandwidths bear.
+        natural frequencies bear.
         """
         from tarc.plotting.design import FIGURES
 
         return FIGURES[check.one_of("kind", kind, FIGURES)](self)
 
 
-def design(
+def design_controller(
     plant: Plant,
     *,
     period: float = 1e-3,
@@ -158,8 +158,8 @@ def design(
     workspace: Workspace | None = None,
     speed: Numbers | None = None,
     acceleration: Numbers | None = None,
-    bandwidth: float | None = None,
-    damping: float = 1.0,
+    natural_frequency: float | None = None,
+    damping_ratio: float = 1.0,
     noise: float | None = None,
     torque_limit: Numbers | None = None,
     law: str = "TARC",
@@ -169,11 +169,11 @@ def design(
     seed: int = 0,
     progress: bool | None = None,
 ) -> Design:
-    """Choose M̂, window, degree, bandwidth, delay, synchronisation and adaptation for a robot, and certify them.
+    """Choose M̂, window, degree, natural frequency, delay, synchronisation and adaptation for a robot, and certify them.
 
     The shape of M̂ spreads the eigenvalues of M(q)⁻¹M̂ least over workspace and payload. Of the loops that bear
     this spread, with room, the one that rejects disturbances best within a budget of torque noise is taken; without a
-    budget, at a given bandwidth, the one with the least noise.
+    budget, at a given natural frequency, the one with the least noise.
 
     Parameters
     ----------
@@ -194,13 +194,13 @@ def design(
     acceleration
         Greatest acceleration of the joints [rad/s² or m/s²], likewise; None for that of the workspace, or that which
         reaches the speed in a quarter of a second.
-    bandwidth
+    natural_frequency
         ωn [rad/s]; None to have it chosen.
-    damping
+    damping_ratio
         ζ.
     noise
         Budget: RMS of the torque that measurement noise makes, as a share of the torque limit of each joint; None for
-        one per cent, or as little as can be certified, or as a given bandwidth allows.
+        one per cent, or as little as can be certified, or as a given natural frequency allows.
     torque_limit
         [N m or N], one number or one a joint; None for the robot's own.
     law
@@ -230,70 +230,86 @@ def design(
     low, high = (check.number("payload", one, 0) for one in payload)
     if high < low:
         raise TarcError(f"payload: got {low:g} to {high:g} kg; needs the least one first")
-    check.number("damping", damping, 0, strict=True)
+    check.number("damping_ratio", damping_ratio, 0, strict=True)
     share = SLOPE if law == "TARC" else 0.0
     plants = _with_payloads(plant, low, high)
-    workspace = Workspace.of(plant).within(rated(plant)) if workspace is None else workspace
+    workspace = Workspace.from_joint_limits(plant).with_speed_limits(rated(plant)) if workspace is None else workspace
     if speed is not None or acceleration is not None:
-        workspace = workspace.within(workspace.speed if speed is None else speed, acceleration)
+        workspace = workspace.with_speed_limits(workspace.speed if speed is None else speed, acceleration)
     limits = _limits(plant, torque_limit)
-    sigma = _deviation(sensor, plant.joints)
-    _check_budget(plant.joint_names, bandwidth, noise, limits, sigma)
-    if bandwidth is not None:
-        bandwidth = check.number("bandwidth", bandwidth, 0, strict=True)
+    sigma = _deviation(sensor, plant.n_joints)
+    _check_budget(plant.joint_names, natural_frequency, noise, limits, sigma)
+    if natural_frequency is not None:
+        natural_frequency = check.number("natural_frequency", natural_frequency, 0, strict=True)
     held = weight(plants, workspace, limits, seed)
-    trials = candidates(
-        period, bandwidths=None if bandwidth is None else [bandwidth], damping=damping,
+    trials = enumerate_candidates(
+        period,
+        natural_frequencies=None if natural_frequency is None else [natural_frequency],
+        damping_ratio=damping_ratio,
         computation_delay=check.whole("computation_delay", computation_delay),
-        windows=WINDOWS if bandwidth is None else range(2, 31),
-    )  # fmt: skip
+        windows=WINDOWS if natural_frequency is None else range(2, 31),
+    )
     trials = [one for one in trials if one.synchronised or one.degree == 2]  # literal ones of 3 are beaten by others
     with Progress("designing", len(trials) + 60, progress) as bar:
-        shape, _ = best_shape(plants, workspace, samples=samples, diagonal=diagonal, tolerance=0.03, seed=seed)
-        found = spread(plants, shape, workspace, samples=samples, seed=seed)
-        shape, ratio = shape / found.low, found.ratio  # so that the eigenvalues of M(q)⁻¹X are 1 and above
-        demand = Demand.of_robot(plants, workspace, shape, found, seed=seed)
+        shape, _ = best_inertia_shape(plants, workspace, samples=samples, diagonal=diagonal, tolerance=0.03, seed=seed)
+        found = inertia_spread(plants, shape, workspace, samples=samples, seed=seed)
+        shape, ratio = shape / found.min_ratio, found.ratio  # so that the eigenvalues of M(q)⁻¹X are 1 and above
+        demand = RobustnessSpec.of_robot(plants, workspace, shape, found, seed=seed)
         bar.advance(20)
-        looked = assess(trials, demand, slope_share=share, room=ROOM, done=bar.advance)
-        need = _Need(plants, workspace, shape, demand, sigma, limits, bandwidth, noise, looked)
+        looked = assess_candidates(trials, demand, slope_share=share, room=ROOM, done=bar.advance)
+        need = _Need(plants, workspace, shape, demand, sigma, limits, natural_frequency, noise, looked)
         best = need.pick()
         seen: set[Candidate] = set()
         for _ in range(STEPS):
-            near = [one for one in _near(best, bandwidth is None) if one not in seen]
+            near = [one for one in _near(best, natural_frequency is None) if one not in seen]
             seen.update(near)
-            looked = [*looked, *assess(near, demand, slope_share=share, room=ROOM, closely=True)]
+            looked = [*looked, *assess_candidates(near, demand, slope_share=share, room=ROOM, closely=True)]
             before, best = best, replace(need, looked=looked).pick()
             if best == before:
                 break
         bar.advance(20)
         made, adapted = _law(law, best, shape, plants, workspace, sensor, limits)
-        verdict = robot(made, plants, workspace, computation_delay=computation_delay, samples=samples, seed=seed)
+        verdict = certify_robot(
+            made, plants, workspace, computation_delay=computation_delay, samples=samples, seed=seed
+        )
         for more in (0.03, 0.06, 0.12, 0.25):  # what local searches found beyond the postures above
             if verdict.certified:
                 break
-            near = _near(best, bandwidth is None)
-            roomier = assess(near, demand, slope_share=share, room=ROOM + more, closely=True)
+            near = _near(best, natural_frequency is None)
+            roomier = assess_candidates(near, demand, slope_share=share, room=ROOM + more, closely=True)
             roomier += [one for one in looked if one.room >= ROOM + more]
             if not any(one.feasible for one in roomier):
                 break
             best = replace(need, looked=roomier).pick()
             made, adapted = _law(law, best, shape, plants, workspace, sensor, limits)
-            verdict = robot(made, plants, workspace, computation_delay=computation_delay, samples=samples, seed=seed)
+            verdict = certify_robot(
+                made, plants, workspace, computation_delay=computation_delay, samples=samples, seed=seed
+            )
         if not verdict.certified:
             raise TarcError(
                 f"design: the loop that bears the spread on paper is {verdict.verdict} on the robot, margin "
                 f"{verdict.margin:.3g}; use more samples, or a smaller workspace"
             )
-        certificates = certify(
+        certificates = certify_law(
             made, plants, workspace, computation_delay=computation_delay, samples=samples, seed=seed, known=verdict
         )
         bar.advance(20)
     predicted = best.noise * np.linalg.norm(shape * sigma, axis=1)
     result = Design(
-        law=made, plants=tuple(plants), workspace=workspace, sensor=sensor, certificates=certificates, choices=(),
-        shape=shape, spread=ratio, candidates=tuple(looked), chosen=best, torque_noise=predicted, payload=(low, high),
-        budget=None if bandwidth is not None and noise is None else need.budget,
-    )  # fmt: skip
+        law=made,
+        plants=tuple(plants),
+        workspace=workspace,
+        sensor=sensor,
+        certificates=certificates,
+        choices=(),
+        shape=shape,
+        spread=ratio,
+        candidates=tuple(looked),
+        chosen=best,
+        torque_noise=predicted,
+        payload=(low, high),
+        budget=None if natural_frequency is not None and noise is None else need.budget,
+    )
     given = [Choice(*one) for one in premises(plants, workspace, limits, held, own=torque_limit is None)]
     return replace(result, choices=(*given, *_choices(result, found, adapted, limits, need)))
 
@@ -310,45 +326,56 @@ def _with_payloads(plant: Plant, low: float, high: float) -> list[Plant]:
 def _limits(plant: Plant, given: Numbers | None) -> np.ndarray:
     """Torque limits, infinite where there is none; a limit of zero in a file stands for none."""
     if given is not None:
-        return check.vector("torque_limit", given, plant.joints, 0, strict=True)
-    own = np.broadcast_to(getattr(plant, "torque_limit", np.inf), (plant.joints,)).astype(float)
+        return check.vector("torque_limit", given, plant.n_joints, 0, strict=True)
+    own = np.broadcast_to(getattr(plant, "torque_limits", np.inf), (plant.n_joints,)).astype(float)
     return np.where(own > 0, own, np.inf)
 
 
 def _deviation(sensor: Encoder, joints: int) -> np.ndarray:
     """Standard deviation of the measurement [rad or m], shape (n,): that of rounding is a step over √12."""
-    return np.broadcast_to(np.sqrt(sensor.noise**2 + sensor.increment**2 / 12), (joints,))
+    return np.broadcast_to(np.sqrt(sensor.noise**2 + sensor.step_size**2 / 12), (joints,))
 
 
 def _check_budget(
-    names: Sequence[str], bandwidth: float | None, noise: float | None, limits: np.ndarray, sigma: np.ndarray
+    names: Sequence[str], natural_frequency: float | None, noise: float | None, limits: np.ndarray, sigma: np.ndarray
 ) -> None:
     if noise is not None:
         check.number("noise", noise, 0, strict=True)
     limited = np.isfinite(limits)
-    if bandwidth is None and not limited.all():
+    if natural_frequency is None and not limited.all():
         missing = ", ".join(name for name, known in zip(names, limited, strict=True) if not known)
         raise TarcError(
             f"torque_limit: none is known for joint {missing}, so that there is no budget for torque noise; give "
-            "torque_limit, or a bandwidth, at which the least noise is taken"
+            "torque_limit, or a natural frequency, at which the least noise is taken"
         )
     if noise is not None and not limited.any():
         raise TarcError("noise: it is a share of the torque limit, and none is known; give torque_limit too")
-    if bandwidth is None and not np.any(sigma):
+    if natural_frequency is None and not np.any(sigma):
         raise TarcError(
-            "sensor: with a perfect one torque noise sets no limit to the bandwidth; give bits, a resolution or noise, "
+            "sensor: with a perfect one torque noise sets no limit to the natural frequency; give bits, a "
+            "resolution or noise, "
             "or a bandwidth"
         )
 
 
 def _near(best: Candidate, free: bool) -> list[Candidate]:
     """The neighbours of a candidate, closer than the grid."""
-    speeds = [float(f"{one * best.bandwidth:.3g}") for one in (0.85, 1.0, 1.18)] if free else [best.bandwidth]
+    speeds = (
+        [float(f"{one * best.natural_frequency:.3g}") for one in (0.85, 1.0, 1.18)]
+        if free
+        else [best.natural_frequency]
+    )
     windows = {w for w in (best.window - 1, best.window, best.window + 1) if w >= best.degree}
-    return candidates(
-        best.period, bandwidths=speeds, windows=sorted(windows), degrees=[best.degree], delays=[best.delay],
-        synchronised=[best.synchronised], damping=best.damping, computation_delay=best.computation_delay,
-    )  # fmt: skip
+    return enumerate_candidates(
+        best.period,
+        natural_frequencies=speeds,
+        windows=sorted(windows),
+        degrees=[best.degree],
+        delays=[best.delay],
+        synchronised=[best.synchronised],
+        damping_ratio=best.damping_ratio,
+        computation_delay=best.computation_delay,
+    )
 
 
 @dataclass(frozen=True)
@@ -358,10 +385,10 @@ class _Need:
     plants: Sequence[Plant]
     workspace: Workspace
     shape: np.ndarray
-    demand: Demand
+    demand: RobustnessSpec
     sigma: np.ndarray
     limits: np.ndarray
-    bandwidth: float | None
+    natural_frequency: float | None
     noise: float | None
     looked: Sequence[Candidate]
 
@@ -375,7 +402,7 @@ class _Need:
         """Torque noise that is taken without a second thought: the budget, or the least there is if none is given."""
         if self.noise is not None:
             return self.noise
-        return max(self.budget, self.level(front(self.looked)[0]))
+        return max(self.budget, self.level(pareto_front(self.looked)[0]))
 
     def level(self, one: Candidate) -> float:
         """Torque noise over the limit, of the joint where it is greatest."""
@@ -383,16 +410,16 @@ class _Need:
 
     def pick(self) -> Candidate:
         """The choice; `TarcError` says what to relax where there is none."""
-        able = front(self.looked)
+        able = pareto_front(self.looked)
         if not able:
             raise TarcError(self._out_of_reach())
-        if self.bandwidth is not None:
+        if self.natural_frequency is not None:
             best = able[0]
             if self.noise is not None and self.level(best) > self.noise:
                 raise TarcError(
-                    f"bandwidth, noise: at {self.bandwidth:g} rad/s the least torque noise is "
+                    f"natural_frequency, noise: at {self.natural_frequency:g} rad/s the least torque noise is "
                     f"{100 * self.level(best):.3g} % of the limit and {100 * self.noise:.3g} % was asked for; lower "
-                    f"the bandwidth, allow {self.level(best):.3g}, or take {self._bits(best):.0f} more bits"
+                    f"the natural frequency, allow {self.level(best):.3g}, or take {self._bits(best):.0f} more bits"
                 )
             return best
         least, free = able[0], self.free
@@ -414,10 +441,12 @@ class _Need:
 
         widest = max(self.looked, key=lambda one: one.reach, default=None)
         reach = 1.0 if widest is None else widest.reach
-        asked = "" if self.bandwidth is None else f" at {self.bandwidth:g} rad/s"
+        asked = "" if self.natural_frequency is None else f" at {self.natural_frequency:g} rad/s"
         enough = reach >= (1 + ROOM) * self.demand.spread
         gravity = "; those that bear this are not stiff enough for gravity and motion" if enough else ""
-        advice = remedies(self.plants, self.workspace, self.shape, self.demand, self.looked, self.bandwidth, ROOM)
+        advice = remedies(
+            self.plants, self.workspace, self.shape, self.demand, self.looked, self.natural_frequency, ROOM
+        )
         return (
             f"design: nothing can be certified{asked}: the eigenvalues of M(q)⁻¹M̂ spread by {self.demand.spread:.3g}, "
             f"and the loops bear at most {reach:.3g} (of which {100 * ROOM:.0f} % is kept as room){gravity}. {advice}"
@@ -425,9 +454,14 @@ class _Need:
 
 
 def _law(
-    kind: str, best: Candidate, shape: np.ndarray, plants: Sequence[Plant], workspace: Workspace, sensor: Encoder,
+    kind: str,
+    best: Candidate,
+    shape: np.ndarray,
+    plants: Sequence[Plant],
+    workspace: Workspace,
+    sensor: Encoder,
     limits: np.ndarray,
-) -> tuple[TDC | TARC, tuple[Adaptation, float] | None]:  # fmt: skip
+) -> tuple[TDC | TARC, tuple[Adaptation, float] | None]:
     common = {**best.options(), "inertia": best.scale * shape, "estimator": best.estimator}
     if np.isfinite(limits).any():
         common["torque_limit"] = limits
@@ -435,13 +469,13 @@ def _law(
         return TDC(**common), None
     expected = expected_step(plants, workspace)
     noise = float(np.linalg.norm(_deviation(sensor, len(shape))))
-    adapted = adaptation(best, expected, noise=noise)
+    adapted = choose_adaptation(best, expected, noise=noise)
     return TARC(**{**common, **adapted.options()}), (adapted, expected)
 
 
 def _choices(
     made: Design, found: Any, adapted: tuple[Adaptation, float] | None, limits: np.ndarray, need: _Need
-) -> list[Choice]:  # fmt: skip
+) -> list[Choice]:
     best, T = made.chosen, made.chosen.period
     diagonal = np.count_nonzero(made.shape - np.diag(np.diag(made.shape))) == 0
     level = need.level(best)
@@ -449,8 +483,10 @@ def _choices(
     loudest = int(np.argmax(made.torque_noise / limits if np.isfinite(limits).all() else made.torque_noise))
     name = made.plants[0].joint_names[loudest]
     above, scarce = level > need.budget, need.free > need.budget
-    least = "the least noise of all that do" if need.bandwidth is not None else "the least error within the budget"
-    if above and need.bandwidth is None:
+    least = (
+        "the least noise of all that do" if need.natural_frequency is not None else "the least error within the budget"
+    )
+    if above and need.natural_frequency is None:
         least = f"the least error times noise squared within {NEAR:g} times the "
         least += "noise of the quietest" if scarce else "budget"
     result = [
@@ -469,26 +505,32 @@ def _choices(
             f"{sum(one.feasible for one in need.looked)} bear it, and this one has {least}",
         ),
         Choice(
-            "bandwidth",
-            f"{best.bandwidth:.4g} rad/s, damping {best.damping:g}",
-            "as asked for" if need.bandwidth is not None
+            "natural_frequency",
+            f"{best.natural_frequency:.4g} rad/s, damping {best.damping_ratio:g}",
+            "as asked for"
+            if need.natural_frequency is not None
             else "no loop that bears the spread, gravity and motion makes as little torque noise as "
-            f"{100 * need.budget:.3g} % of the limit" if scarce
+            f"{100 * need.budget:.3g} % of the limit"
+            if scarce
             else f"more torque noise than {100 * need.budget:.3g} % of the limit pays here: the error falls by more "
-            "than the square of it" if above
+            "than the square of it"
+            if above
             else f"the highest that pays within torque noise of {100 * need.budget:.3g} % of the limit",
         ),
         Choice(
             "synchronised",
             "yes" if best.synchronised else "no",
             "the averaged torque of the past pairs with the averaged acceleration, so that a far larger M̂ is stable"
-            if best.synchronised else "at this window the literal law bears the spread and makes less torque noise",
+            if best.synchronised
+            else "at this window the literal law bears the spread and makes less torque noise",
         ),
         Choice(
             "delay",
             "that of the window" if best.synchronised else f"{1e3 * best.delay * T:g} ms",
-            "the torque is averaged over the window" if best.synchronised
-            else "the shortest that the rate allows" if best.delay == 1
+            "the torque is averaged over the window"
+            if best.synchronised
+            else "the shortest that the rate allows"
+            if best.delay == 1
             else "with the delay of the actuation one period would leave an alternating torque undamped",
         ),
         Choice(
@@ -496,22 +538,23 @@ def _choices(
             f"{made.torque_noise[loudest]:.3g} N m RMS at {name}, {share}",
             "white noise of the encoder's resolution through the loop that runs; the greatest over the spread",
         ),
-    ]  # fmt: skip
+    ]
     if adapted is not None:
         values, expected = adapted
         result += [
             Choice(
                 "boundary, cap",
-                f"{values.boundary:.3g} rad, {values.cap:.3g} rad/s²",
+                f"{values.boundary_layer:.3g} rad, {values.max_gain:.3g} rad/s²",
                 f"a step of {expected:.3g} rad/s², the largest of payload or friction, leaves this error without the "
                 f"switching term; the cap keeps its slope at {best.slope:.4g} 1/s², which is certified",
             ),
             Choice(
                 "rise, fall",
-                f"{values.rise:.3g}, {values.fall:.3g} 1/s³",
-                "an error as wide as the layer moves the gain between floor and cap within the time of the bandwidth; "
+                f"{values.rise_rate:.3g}, {values.fall_rate:.3g} 1/s³",
+                "an error as wide as the layer moves the gain between floor and cap within the time of the "
+                "natural frequency; "
                 "with no more rise than fall it would stay low, and with far more at its cap",
             ),
-            Choice("floor", f"{values.floor:.3g} rad/s²", "a hundredth of the cap: above zero, and no more"),
+            Choice("min_gain", f"{values.min_gain:.3g} rad/s²", "a hundredth of the cap: above zero, and no more"),
         ]
     return result

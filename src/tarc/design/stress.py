@@ -9,7 +9,7 @@ import numpy as np
 
 from tarc.analysis.workspace import Workspace
 from tarc.certificates.base import Certificate
-from tarc.certificates.robot import robot
+from tarc.certificates.robot import certify_robot
 from tarc.core import validation as check
 from tarc.core.array_ops import HUGE
 from tarc.core.errors import DesignWarning, TarcError
@@ -130,7 +130,7 @@ class Limit:
         return "; ".join([*parts, self.note] if self.note else parts)
 
 
-def limits(
+def stress_test(
     design: Design,
     *,
     questions: Sequence[str] = tuple(QUESTIONS),
@@ -147,13 +147,14 @@ def limits(
     others, and the accelerations, in proportion; simulated with sines as quick as that allows. Each by steps until the
     certificate
     fails and bisection between, with at most ten certificates; what lies between the values tried was not looked at.
-    ``bits``: the fewest over the encoder's span with which the torque noise, predicted as in `tarc.design.design`,
+    ``bits``: the fewest over the encoder's span with which the torque noise, predicted as in
+    `tarc.design.design_controller`,
     stays within a share of the torque limit, for the certificate does not depend on the encoder.
 
     Parameters
     ----------
     design
-        From `tarc.design.design`.
+        From `tarc.design.design_controller`.
     questions
         Which of ``payload``, ``bits``, ``rate``, ``computation_delay`` and ``speed`` to answer.
     noise
@@ -176,7 +177,7 @@ def limits(
         For unknown questions, numbers out of range, and what is no design.
     """
     if not isinstance(design, Design):
-        raise TarcError(f"design: got {type(design).__name__}; needs what tarc.design.design returns")
+        raise TarcError(f"design: got {type(design).__name__}; needs what tarc.design.design_controller returns")
     asked = [questions] if isinstance(questions, str) else list(questions)
     for name in asked:
         check.one_of("questions", name, QUESTIONS)
@@ -224,7 +225,7 @@ class _Case:
         if self.mass is not None:
             plants.append(plants[0].with_parameters({"payload": self.mass}))
         samples = int(self.design.certificates["robot"].numbers["samples"])
-        return robot(self.law, plants, self.workspace, computation_delay=self.delay, samples=samples)
+        return certify_robot(self.law, plants, self.workspace, computation_delay=self.delay, samples=samples)
 
     def simulate(self, value: float, duration: float, usual: float = np.inf) -> Outcome:
         """The motion of `Design.scenario`, or the workspace's own reference; the payload comes at half-time.
@@ -244,15 +245,22 @@ class _Case:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DesignWarning)  # beyond the limit it is no news
             made = simulate(
-                self.design.plants[0], free, reference, duration, sensor=self.sensor, torque="rest",
-                disturbance=() if self.mass is None else Payload(mass=self.mass, at=duration / 2),
-                computation_delay=self.delay, substeps=None if longer == 1 else 2 * longer, progress=False,
-            )  # fmt: skip
+                self.design.plants[0],
+                free,
+                reference,
+                duration,
+                sensor=self.sensor,
+                initial_torque="rest",
+                disturbance=() if self.mass is None else Payload(mass=self.mass, start_time=duration / 2),
+                computation_delay=self.delay,
+                substeps=None if longer == 1 else 2 * longer,
+                progress=False,
+            )
         torque = made.data["torque"].values
         error, noise = np.nan, np.full(torque.shape[1], np.nan)
         if made.status.completed:
             error, noise = made.metrics(min(1.0, duration / 4))["rms_error"], _rough(torque)
-        excess = float(np.mean(np.abs(torque) > self.law.limit))
+        excess = float(np.mean(np.abs(torque) > self.law.torque_limits))
         return Outcome(value, bool(error <= TENFOLD * usual), str(made.status), error, noise, excess)
 
 
@@ -284,7 +292,7 @@ def _changed(base: _Case, name: str, value: float) -> _Case:
     if name == "bits":
         return replace(base, sensor=replace(base.sensor, bits=int(value), resolution=None))
     if name == "speed" and base.workspace.speed is not None:
-        return replace(base, workspace=base.workspace.paced(value / base.workspace.speed.max()), fast=True)
+        return replace(base, workspace=base.workspace.scale_speed(value / base.workspace.speed.max()), fast=True)
     if name == "computation_delay":
         return replace(base, delay=base.delay + int(value))
     chosen, period = base.design.chosen, 1 / value
@@ -349,7 +357,7 @@ def _payload(base: _Case, bar: Progress) -> Limit:
     found = _search(base, bar, "payload", start, float(0.1 * np.trace(M) / max(more, 1e-3)))
     heavy = first.with_parameters({"payload": found.value})
     held = np.array([heavy.gravity_torque(posture) for posture in base.design.workspace.sample(200)], dtype=float)
-    share = float(np.max(np.abs(held) / base.law.limit))
+    share = float(np.max(np.abs(held) / base.law.torque_limits))
     return replace(found, note=f"to hold it takes up to {share:.0%} of a torque limit" if share > 1 else "")
 
 
@@ -363,14 +371,14 @@ def _speed(base: _Case, bar: Progress) -> Limit:
 
 
 def _bits(base: _Case, noise: float) -> Limit:
-    """Fewest bits with the predicted torque noise, as `tarc.design.design` predicts it, within the share."""
-    if not np.any(base.law.limit < HUGE):
+    """Fewest bits with the predicted torque noise, as `tarc.design.design_controller` predicts it, within the share."""
+    if not np.any(base.law.torque_limits < HUGE):
         return Limit(name="bits", note="torque noise has no torque limit to be held against; design with torque_limit")
 
     def share(sensor: Encoder) -> float:
-        sigma = np.sqrt(sensor.noise**2 + sensor.increment**2 / 12)
+        sigma = np.sqrt(sensor.noise**2 + sensor.step_size**2 / 12)
         predicted = base.design.chosen.noise * np.linalg.norm(base.design.shape * sigma, axis=1)
-        return float(np.max(predicted / base.law.limit))
+        return float(np.max(predicted / base.law.torque_limits))
 
     shares = {bits: share(_changed(base, "bits", bits).sensor) for bits in range(1, 53)}
     allowed = max(noise, share(base.sensor))

@@ -45,13 +45,13 @@ BESIDE = {
     "weight": ("law", "torque_limit"),
     "inertia": ("law", "inertia"),
     "window": ("estimator", "window"),
-    "bandwidth": ("law", "bandwidth"),
+    "natural_frequency": ("law", "natural_frequency"),
     "synchronised": ("law", "synchronised"),
     "delay": ("law", "delay"),
     "torque noise": ("sensor",),
-    "boundary, cap": ("law", "boundary"),
-    "rise, fall": ("law", "rise"),
-    "floor": ("law", "floor"),
+    "boundary, cap": ("law", "boundary_layer"),
+    "rise, fall": ("law", "rise_rate"),
+    "min_gain": ("law", "min_gain"),
 }
 """The key of the scenario beside which a choice is explained, by the choice's name."""
 
@@ -83,11 +83,11 @@ def sections(design: "Design", duration: float = DURATION) -> dict[str, Any]:
         },
         "reference": reference_section(design),
         "sensor": _plain({key: value for key, value in _given(design.sensor).items() if value is not None}),
-        "start": {"torque": "rest"},
+        "initial_torque": "rest",
         "period": design.law.period,
         "computation_delay": design.chosen.computation_delay,
         "duration": duration,
-        "measure_from": min(1.0, duration / 4),
+        "metrics_start": min(1.0, duration / 4),
     }
     if high > low:
         content["disturbance"] = [{"kind": "Payload", "mass": high, "at": duration / 2}]
@@ -128,7 +128,7 @@ def reference_section(design: "Design") -> dict[str, Any]:
     At most a quarter of the workspace's width, and smaller where the weight alone would take most of the torque; slower
     where a joint would be near its greatest speed or acceleration.
     """
-    n, speed, acceleration = design.law.joints, design.workspace.speed, design.workspace.acceleration
+    n, speed, acceleration = design.law.n_joints, design.workspace.speed, design.workspace.acceleration
     if design.workspace.reference is not None:
         given = design.workspace.reference
         return {"kind": type(given).__name__, **_plain(_given(given))}
@@ -157,7 +157,7 @@ def _holds(design: "Design", section: dict[str, Any]) -> bool:
     """Whether holding the heaviest robot along the sines leaves torque to move with."""
     from tarc.signals.references import Sinusoid
 
-    limit, plant = design.law.limit, design.plants[-1]
+    limit, plant = design.law.torque_limits, design.plants[-1]
     path = Sinusoid(**{key: value for key, value in section.items() if key != "kind"})
     postures = path.sample(np.linspace(0, DURATION, 100))[0].T
     return all(np.all(np.abs(np.asarray(plant.gravity_torque(one))) <= HELD * limit) for one in postures)
@@ -205,7 +205,7 @@ def written(design: "Design", *, command: str = "", file: Path | None = None) ->
         where = BESIDE.get(one.name, ())
         while where and not _holds_key(content, where):
             where = where[:-1]
-        notes.setdefault(where, []).append(f"{one.name}: {one.value}; {one.why}")
+        notes.setdefault(where, []).append(f"{one.name}: {one.value}; {one.reason}")
     order = ("name", "robot", "law", "estimator", "sensor", "reference", "disturbance")
     content = {key: content[key] for key in (*(one for one in order if one in content), *content)}
     head = [*_verdict(design, command, file), *notes.pop((), [])]
@@ -220,11 +220,11 @@ def _whole(design: "Design", law: dict[str, Any]) -> dict[str, Any]:
     content = {
         **law,
         "inertia": _plain(np.diag(M) if np.count_nonzero(M - np.diag(np.diag(M))) == 0 else M),
-        "damping": design.chosen.damping,
+        "damping_ratio": design.chosen.damping_ratio,
         "synchronised": made.synchronised,
         "delay": late,
     }
-    first = ("kind", "inertia", "bandwidth", "damping", "synchronised", "delay")
+    first = ("kind", "inertia", "natural_frequency", "damping_ratio", "synchronised", "delay")
     return {key: content[key] for key in (*first, *content)}
 
 
@@ -239,7 +239,7 @@ def _holds_key(content: Any, where: Sequence[str]) -> bool:
 def _verdict(design: "Design", command: str, file: Path | None) -> list[str]:
     """What stands on top of the file."""
     verdict = design.certificates["robot"]
-    lines = [f"Made by: {command or 'tarc.design.design'}", verdict.claim]
+    lines = [f"Made by: {command or 'tarc.design.design_controller'}", verdict.claim]
     lines.append(f"Verdict: {verdict.verdict}; {verdict.margin_meaning}: {verdict.margin:.4g}. Assumed:")
     lines += [f"- {one}" for one in verdict.assumptions]
     if file is not None:
@@ -262,7 +262,7 @@ def again(design: "Design") -> str:
     pace = ""
     if workspace.speed is not None and workspace.acceleration is not None:
         pace = f" --speed {_short(workspace.speed)}"
-        usual = workspace.within(workspace.speed).acceleration
+        usual = workspace.with_speed_limits(workspace.speed).acceleration
         if usual is not None and not np.allclose(usual, workspace.acceleration):
             pace += f" --acceleration {_short(workspace.acceleration)}"
     if workspace.reference is not None:
@@ -285,9 +285,13 @@ def _comments(texts: Sequence[str], indent: int) -> list[str]:
     lines = []
     for text in texts:
         lines += textwrap.wrap(
-            text, WIDTH - indent, initial_indent="# ", subsequent_indent="#   " if text.startswith("- ") else "# ",
-            break_long_words=False, break_on_hyphens=False,
-        )  # fmt: skip
+            text,
+            WIDTH - indent,
+            initial_indent="# ",
+            subsequent_indent="#   " if text.startswith("- ") else "# ",
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
     return [" " * indent + line for line in lines]
 
 

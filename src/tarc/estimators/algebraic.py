@@ -60,10 +60,10 @@ class Algebraic(WindowedEstimator):
     @property
     def samples(self) -> int:
         """N + 1, how many samples the window holds, both ends counted."""
-        return check.multiple("window", self.window, self.Ts) + 1
+        return check.multiple("window", self.window, self.sampling_period) + 1
 
     @property
-    def orders(self) -> int:
+    def max_derivative(self) -> int:
         """Up to the degree."""
         return self.degree
 

@@ -44,7 +44,7 @@ class Estimator(Parametric, System):
         if self.period is not None:
             check.number("period", self.period, 0, strict=True)
 
-    def at(self, period: float) -> Self:
+    def with_period(self, period: float) -> Self:
         """The same estimator, running at this period [s]."""
         period = check.number("period", period, 0, strict=True)
         if self.period is not None and abs(self.period - period) > 1e-9 * period:
@@ -55,7 +55,7 @@ class Estimator(Parametric, System):
         return replace(self, period=period)
 
     @property
-    def Ts(self) -> float:
+    def sampling_period(self) -> float:
         """The period [s]; `TarcError` if it is not known yet."""
         if self.period is None:
             raise TarcError(
@@ -65,15 +65,15 @@ class Estimator(Parametric, System):
 
     @property
     @abstractmethod
-    def orders(self) -> int:
+    def max_derivative(self) -> int:
         """Highest derivative that it estimates."""
 
     @abstractmethod
-    def transfer(self, derivative: int) -> tuple[np.ndarray, np.ndarray]:
+    def transfer_function(self, derivative: int) -> tuple[np.ndarray, np.ndarray]:
         """Numerator and denominator in powers of z⁻¹ from position to the derivative."""
 
     @abstractmethod
-    def torque_average(self) -> System:
+    def matched_torque_filter(self) -> System:
         """The filter that a torque must pass to be in step with the acceleration estimate (synchronised TDE)."""
 
     @abstractmethod
@@ -86,9 +86,9 @@ class Estimator(Parametric, System):
 
     def _order(self, derivative: int) -> int:
         """The derivative, if it is one of those estimated."""
-        if derivative not in range(self.orders + 1):
+        if derivative not in range(self.max_derivative + 1):
             kind = type(self).__name__
-            raise TarcError(f"derivative: got {derivative!r}; {kind} estimates orders 0 to {self.orders}")
+            raise TarcError(f"derivative: got {derivative!r}; {kind} estimates orders 0 to {self.max_derivative}")
         return derivative
 
     def frequency_response(self, frequency: Any, derivative: int = 1) -> np.ndarray:
@@ -99,8 +99,8 @@ class Estimator(Parametric, System):
         frequency
             ω [rad/s], any shape. The ideal is (jω)^derivative.
         """
-        b, a = self.transfer(derivative)
-        back = np.exp(-1j * np.asarray(frequency, dtype=float) * self.Ts)
+        b, a = self.transfer_function(derivative)
+        back = np.exp(-1j * np.asarray(frequency, dtype=float) * self.sampling_period)
         return np.polynomial.polynomial.polyval(back, b) / np.polynomial.polynomial.polyval(back, a)
 
     def group_delay(self, derivative: int = 1) -> float:
@@ -111,11 +111,11 @@ class Estimator(Parametric, System):
         """
         from math import factorial
 
-        b, a = self.transfer(derivative)
+        b, a = self.transfer_function(derivative)
         i = np.arange(len(b))
         gain = b / a.sum()
-        delay = (-1) ** derivative * self.Ts ** (derivative + 1) * np.sum(i ** (derivative + 1) * gain)
-        return float(delay / factorial(derivative + 1) - self.Ts * np.sum(np.arange(len(a)) * a) / a.sum())
+        delay = (-1) ** derivative * self.sampling_period ** (derivative + 1) * np.sum(i ** (derivative + 1) * gain)
+        return float(delay / factorial(derivative + 1) - self.sampling_period * np.sum(np.arange(len(a)) * a) / a.sum())
 
     def noise_gain(self, derivative: int = 1) -> float:
         """Standard deviation of the derivative for white position noise of standard deviation one.
@@ -125,7 +125,7 @@ class Estimator(Parametric, System):
         from scipy.linalg import solve_discrete_lyapunov
         from scipy.signal import tf2ss
 
-        b, a = self.transfer(derivative)
+        b, a = self.transfer_function(derivative)
         width = max(len(a), len(b))
         A, B, C, D = tf2ss(np.pad(b, (0, width - len(b))), np.pad(a, (0, width - len(a))))
         energy = (C @ solve_discrete_lyapunov(A, B @ B.T) @ C.T + D @ D.T).item() if A.size else (D @ D.T).item()
@@ -158,13 +158,13 @@ class WindowedEstimator(Estimator):
     def prediction(self) -> np.ndarray:
         """Weights over the past window that predict the sample to come."""
 
-    def transfer(self, derivative: int) -> tuple[np.ndarray, np.ndarray]:
+    def transfer_function(self, derivative: int) -> tuple[np.ndarray, np.ndarray]:
         """Numerator (the weights) and denominator one; a position is passed on as it was measured."""
         return (self.weights(derivative) if derivative else np.ones(1)), np.ones(1)
 
-    def torque_average(self) -> "TorqueAverage":
+    def matched_torque_filter(self) -> "TorqueAverage":
         """Synchronous weights c_j = T² Σ_{i≤j} w_i (j − i + ½) of the torques before this instant."""
-        return TorqueAverage(synchronous_weights(self.weights(2), self.Ts))
+        return TorqueAverage(synchronous_weights(self.weights(2), self.sampling_period))
 
     def init(self, position: Any) -> WindowState:
         """State with the window full of the first position, shape (n,)."""
@@ -182,7 +182,7 @@ class WindowedEstimator(Estimator):
     @cached_property
     def _table(self) -> np.ndarray:
         """Columns: weights of the prediction, the velocity and the acceleration, zero where there is none."""
-        acceleration = self.weights(2) if self.orders > 1 else np.zeros(len(self.prediction))
+        acceleration = self.weights(2) if self.max_derivative > 1 else np.zeros(len(self.prediction))
         return np.stack([self.prediction, self.weights(1), acceleration], axis=1)
 
 

@@ -22,13 +22,16 @@ class BackwardDifference(WindowedEstimator):
     """
 
     @property
-    def orders(self) -> int:
+    def max_derivative(self) -> int:
         """Velocity and acceleration."""
         return 2
 
     def weights(self, derivative: int) -> np.ndarray:
         """Weights [s^−j] of the three newest samples, newest first."""
-        return np.array([[1.0, 0, 0], [1.0, -1, 0], [1.0, -2, 1]])[self._order(derivative)] / self.Ts**derivative
+        return (
+            np.array([[1.0, 0, 0], [1.0, -1, 0], [1.0, -2, 1]])[self._order(derivative)]
+            / self.sampling_period**derivative
+        )
 
     @property
     def prediction(self) -> np.ndarray:
@@ -68,30 +71,30 @@ class FilteredDifference(Estimator):
         check.number("cutoff", self.cutoff, 0, strict=True)
 
     @property
-    def orders(self) -> int:
+    def max_derivative(self) -> int:
         """Velocity and acceleration."""
         return 2
 
     @property
     def pole(self) -> float:
         """The filter's pole p = exp(−ω_c T)."""
-        return float(np.exp(-self.cutoff * self.Ts))
+        return float(np.exp(-self.cutoff * self.sampling_period))
 
     @property
     def difference(self) -> BackwardDifference:
         """The differences before the filter."""
-        return BackwardDifference(period=self.Ts)
+        return BackwardDifference(period=self.sampling_period)
 
-    def transfer(self, derivative: int) -> tuple[np.ndarray, np.ndarray]:
+    def transfer_function(self, derivative: int) -> tuple[np.ndarray, np.ndarray]:
         """Difference times (1 − p)/(1 − p z⁻¹); the position is passed as it is."""
         weights = self.difference.weights(derivative)
         if derivative == 0:
             return weights, np.ones(1)
         return (1 - self.pole) * weights, np.array([1.0, -self.pole])
 
-    def torque_average(self) -> TorqueAverage:
+    def matched_torque_filter(self) -> TorqueAverage:
         """The second difference's synchronous weights (½, ½), behind the same low-pass."""
-        return TorqueAverage(synchronous_weights(self.difference.weights(2), self.Ts), self.pole)
+        return TorqueAverage(synchronous_weights(self.difference.weights(2), self.sampling_period), self.pole)
 
     def init(self, position: Any) -> FilteredState:
         """State at rest at the first position, shape (n,)."""

@@ -57,11 +57,11 @@ class RobustDifferentiator(Estimator):
         check.number("lipschitz", self.lipschitz, 0, strict=True)
 
     @property
-    def orders(self) -> int:
+    def max_derivative(self) -> int:
         """Velocity and acceleration."""
         return 2
 
-    def transfer(self, derivative: int) -> tuple[np.ndarray, np.ndarray]:
+    def transfer_function(self, derivative: int) -> tuple[np.ndarray, np.ndarray]:
         """None: the differentiator is nonlinear."""
         if self._order(derivative) == 0:
             return np.ones(1), np.ones(1)
@@ -69,7 +69,7 @@ class RobustDifferentiator(Estimator):
             "RobustDifferentiator: it is nonlinear and has no transfer function; simulate it, or use Kalman or HighGain"
         )
 
-    def torque_average(self) -> TorqueAverage:
+    def matched_torque_filter(self) -> TorqueAverage:
         """None: there is no linear filter that pairs with it."""
         raise TarcError("RobustDifferentiator: it has no averaged torque to go with it; use synchronised=False")
 
@@ -82,7 +82,7 @@ class RobustDifferentiator(Estimator):
         """One step of either scheme; a missing sample leaves the Taylor prediction."""
         valid = ops.finite(value)
         z0, z1, z2 = (state.motion[:, i] for i in range(3))
-        T = self.Ts
+        T = self.sampling_period
         ahead = z0 + T * z1 + T**2 / 2 * z2
         if self.implicit:
             c0, c1, c2 = self._implicit(ops.only(valid, ahead - value))
@@ -108,7 +108,7 @@ class RobustDifferentiator(Estimator):
 
     def _implicit(self, sigma: Any) -> tuple[Any, Any, Any]:
         """Injections at the σ after the step, from the σ without them: x³ + a2 x² + a1 x = |σ| − a0, x = |σ⁺|^{1/3}."""
-        T = self.Ts
+        T = self.sampling_period
         k0, k1, k2 = self._injections
         a2, a1, a0 = T * k0, T**2 * k1, T**3 / 2 * k2
         rest = ops.maximum(ops.magnitude(sigma) - a0, 0.0)

@@ -34,5 +34,5 @@ class HighGain(Observer):
     @property
     def gain(self) -> np.ndarray:
         """L, shape (3,), in closed form: the fading-memory polynomial filter of degree 2 with p = exp(−T/ε)."""
-        p = np.exp(-self.Ts / self.time_constant)
-        return np.array([1 - p**3, 1.5 * (1 - p) ** 2 * (1 + p), (1 - p) ** 3]) / self.Ts ** np.arange(3)
+        p = np.exp(-self.sampling_period / self.time_constant)
+        return np.array([1 - p**3, 1.5 * (1 - p) ** 2 * (1 + p), (1 - p) ** 3]) / self.sampling_period ** np.arange(3)

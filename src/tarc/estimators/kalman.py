@@ -47,6 +47,6 @@ class Kalman(Observer):
         step = np.array([1 / 6, 1 / 2, 1.0])
         transition = np.array([[1.0, 1.0, 0.5], [0.0, 1.0, 1.0], [0.0, 0.0, 1.0]])
         c = np.array([[1.0, 0.0, 0.0]])
-        walk = (self.jerk * self.Ts**2.5 / self.noise) ** 2 * np.outer(step, step)
+        walk = (self.jerk * self.sampling_period**2.5 / self.noise) ** 2 * np.outer(step, step)
         P = solve_discrete_are(transition.T, c.T, walk, np.eye(1))
-        return (P @ c.T / (c @ P @ c.T + 1))[:, 0] / self.Ts ** np.arange(3)
+        return (P @ c.T / (c @ P @ c.T + 1))[:, 0] / self.sampling_period ** np.arange(3)

@@ -34,21 +34,21 @@ class Observer(Estimator):
         """L [1, 1/s, 1/s²], shape (3,)."""
 
     @property
-    def orders(self) -> int:
+    def max_derivative(self) -> int:
         """Velocity and acceleration."""
         return 2
 
     @property
     def transition(self) -> np.ndarray:
         """Φ, shape (3, 3)."""
-        T = self.Ts
+        T = self.sampling_period
         return np.array([[1.0, T, T**2 / 2], [0.0, 1.0, T], [0.0, 0.0, 1.0]])
 
     @cached_property
     def _gain(self) -> np.ndarray:
         return self.gain
 
-    def transfer(self, derivative: int) -> tuple[np.ndarray, np.ndarray]:
+    def transfer_function(self, derivative: int) -> tuple[np.ndarray, np.ndarray]:
         """Row of (I − (I − L c) Φ z⁻¹)⁻¹ L; the position is passed on as it was measured."""
         from scipy.signal import ss2tf
 
@@ -59,15 +59,15 @@ class Observer(Estimator):
         numerator, denominator = ss2tf(A, B, C, C @ self._gain[:, None])
         return np.asarray(numerator)[0], np.asarray(denominator)
 
-    def torque_average(self) -> "TorqueFilter":
+    def matched_torque_filter(self) -> "TorqueFilter":
         """What the observer makes of an acceleration, as a filter from torques before this instant.
 
         z H(z) T² (z + 1)/(2 (z − 1)²) for the H of the acceleration, whose two zeros at z = 1 cancel; the z since the
         newest torque acted in the period before this instant.
         """
-        numerator, denominator = self.transfer(2)
+        numerator, denominator = self.transfer_function(2)
         divided, _ = np.polydiv(numerator, [1.0, -2.0, 1.0])
-        late = self.Ts**2 / 2 * np.polymul(divided, [1.0, 1.0])
+        late = self.sampling_period**2 / 2 * np.polymul(divided, [1.0, 1.0])
         return TorqueFilter(np.append(late, np.zeros(len(denominator) - len(late))), denominator)
 
     def init(self, position: Any) -> ObserverState:

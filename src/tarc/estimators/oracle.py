@@ -35,11 +35,11 @@ class TrueDerivatives(Estimator):
     """
 
     @property
-    def orders(self) -> int:
+    def max_derivative(self) -> int:
         """Velocity and acceleration."""
         return 2
 
-    def transfer(self, derivative: int) -> tuple[np.ndarray, np.ndarray]:
+    def transfer_function(self, derivative: int) -> tuple[np.ndarray, np.ndarray]:
         """None: the truth is not made from positions."""
         if self._order(derivative) == 0:
             return np.ones(1), np.ones(1)
@@ -47,7 +47,7 @@ class TrueDerivatives(Estimator):
             "TrueDerivatives: it exists in simulation alone, makes nothing from positions and has no transfer function"
         )
 
-    def torque_average(self) -> TorqueAverage:
+    def matched_torque_filter(self) -> TorqueAverage:
         """None: the truth is of one period, with nothing to average."""
         raise TarcError(
             "TrueDerivatives: it exists in simulation alone, where the literal law is in step with it already; "
@@ -62,7 +62,7 @@ class TrueDerivatives(Estimator):
     def step(self, state: OracleState, value: Any) -> tuple[OracleState, Estimate]:
         """What the simulation told; a missing sample is the last position moved on by the true velocity."""
         valid = ops.finite(value)
-        position = ops.where(valid, value, state.position + self.Ts * state.velocity)
+        position = ops.where(valid, value, state.position + self.sampling_period * state.velocity)
         return state._replace(position=position), Estimate(position, state.velocity, state.acceleration, valid)
 
 

@@ -31,7 +31,7 @@ class ADRC(PolePlacement):
     Parameters
     ----------
     observer_bandwidth
-        ωo [rad/s], where all poles of the observer lie. Three to ten times the bandwidth ωn is usual; more
+        ωo [rad/s], where all poles of the observer lie. Three to ten times the natural frequency ωn is usual; more
         passes more noise to the torque, and bears less delay and less M̂.
 
     Notes
@@ -44,7 +44,8 @@ class ADRC(PolePlacement):
 
     References
     ----------
-    J. Han, IEEE Trans. Ind. Electron. 56(3), 2009; Z. Gao, Scaling and bandwidth-parameterization based controller
+    J. Han, IEEE Trans. Ind. Electron. 56(3), 2009; Z. Gao, Scaling and natural frequency-parameterization based
+    controller
     tuning, American Control Conference, 2003; R. Miklosovic, A. Radke and Z. Gao, Discrete implementation and
     generalization of the extended state observer, American Control Conference, 2006.
     """
@@ -62,7 +63,7 @@ class ADRC(PolePlacement):
         return np.array([1 - beta**3, 1.5 * (1 - beta) ** 2 * (1 + beta) / T, (1 - beta) ** 3 / T**2])
 
     @property
-    def robust_slope(self) -> float:
+    def robust_slope_bound(self) -> float:
         """Zero: the law is linear."""
         return 0.0
 
@@ -73,7 +74,7 @@ class ADRC(PolePlacement):
 
     def memory(self, torque: np.ndarray) -> ObserverState:
         """At rest, where the disturbance balances the torque applied."""
-        rest = np.zeros(self.joints)
+        rest = np.zeros(self.n_joints)
         return ObserverState(rest, rest, -np.linalg.solve(self.M, torque))
 
     def control(self, memory: ObserverState, tracking: Tracking) -> tuple[ObserverState, Any, dict[str, Any]]:

@@ -21,20 +21,20 @@ class ASMC(Switching):
 
     Parameters
     ----------
-    speed
-        ϱ̄ [rad/s³], how fast the gain moves, up and down alike; [rad/s³ for each rad/s of ‖s‖] if ``scaled``.
+    adaptation_rate
+        ϱ̄ [rad/s³], how fast the gain moves, up and down alike; [rad/s³ for each rad/s of ‖s‖] if ``scale_by_error``.
     threshold
         δ [rad/s or m/s], above the noise of s and above what ‖s‖ can be held to. Too small a threshold is never
         reached and the gain only rises, too large a one leaves the error at its size; that it must be found for each
         robot and task is the reason for TARC.
-    floor
+    min_gain
         γ̄ [rad/s²] as the value of the gain below which it rises regardless, and [rad/s³] as the rate at which it
         then does: one number with two units, as printed.
     initial_gain
         ϱ(0) [rad/s²]; None for twice the floor. From below the floor the gain comes up at the rate γ̄ alone, slowly.
-    cap
+    max_gain
         Largest gain [rad/s²]; None for none.
-    scaled
+    scale_by_error
         Multiply ϱ̄ by ‖s‖, as in the law's origin, instead of leaving it constant, as in the TARC paper.
 
     Raises
@@ -57,29 +57,31 @@ class ASMC(Switching):
     no boundary layer.
     """
 
-    speed: float
+    adaptation_rate: float
     threshold: float
-    floor: float = 0.01
+    min_gain: float = 0.01
     initial_gain: float | None = None
-    cap: float | None = None
-    scaled: bool = False
+    max_gain: float | None = None
+    scale_by_error: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("speed", "threshold", "floor"):
+        for name in ("adaptation_rate", "threshold", "min_gain"):
             check.number(name, getattr(self, name), 0, strict=True)
-        if self.cap is not None and not check.number("cap", self.cap) >= self.start:
-            raise TarcError(f"cap: got {self.cap:g}; needs at least the initial gain {self.start:g}")
+        if self.max_gain is not None and not check.number("max_gain", self.max_gain) >= self.start_gain:
+            raise TarcError(f"max_gain: got {self.max_gain:g}; needs at least the initial gain {self.start_gain:g}")
 
     @property
-    def start(self) -> float:
+    def start_gain(self) -> float:
         """The initial gain ϱ(0) [rad/s²]."""
-        return check.number("initial_gain", 2 * self.floor if self.initial_gain is None else self.initial_gain, 0)
+        return check.number("initial_gain", 2 * self.min_gain if self.initial_gain is None else self.initial_gain, 0)
 
     def adapt(self, gain: Any, size: Any) -> Any:
         """ϱ + T ϱ', between the floor and the cap."""
-        rate = self.speed * ops.where(size >= self.threshold, 1.0, -1.0) * (size if self.scaled else 1.0)
-        moved = ops.maximum(gain + self.period * rate, self.floor)
-        lifted = gain + self.period * self.floor
-        highest = ops.HUGE if self.cap is None else self.cap
-        return ops.clip(ops.where(gain > self.floor, moved, lifted), 0.0, highest)
+        rate = (
+            self.adaptation_rate * ops.where(size >= self.threshold, 1.0, -1.0) * (size if self.scale_by_error else 1.0)
+        )
+        moved = ops.maximum(gain + self.period * rate, self.min_gain)
+        lifted = gain + self.period * self.min_gain
+        highest = ops.HUGE if self.max_gain is None else self.max_gain
+        return ops.clip(ops.where(gain > self.min_gain, moved, lifted), 0.0, highest)

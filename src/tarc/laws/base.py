@@ -103,9 +103,9 @@ class Law(Parametric, System):
                 f"estimator: got {self.estimator!r}; needs one of tarc.estimators, such as "
                 "tarc.estimators.Algebraic(window=0.010, degree=2)"
             )
-        object.__setattr__(self, "estimator", self.estimator.at(self.period))
+        object.__setattr__(self, "estimator", self.estimator.with_period(self.period))
         check.whole("actuation_delay", self.actuation_delay)
-        _ = self.limit
+        _ = self.torque_limits
         if callable(self.safe_torque):
             self._try_safe_torque(self.safe_torque)
         else:
@@ -116,7 +116,7 @@ class Law(Parametric, System):
 
     @property
     @abstractmethod
-    def joints(self) -> int:
+    def n_joints(self) -> int:
         """How many joints n it drives."""
 
     @abstractmethod
@@ -128,24 +128,24 @@ class Law(Parametric, System):
         """The law's equation: next memory, torque before limits, signals to record."""
 
     @cached_property
-    def limit(self) -> np.ndarray:
+    def torque_limits(self) -> np.ndarray:
         """Torque limit a joint, shape (n,); `tarc.core.array_ops.HUGE` where there is none."""
         given = ops.HUGE if self.torque_limit is None else self.torque_limit
         finite = [ops.HUGE if np.isposinf(one) else one for one in np.ravel(check.numbers("torque_limit", given))]
-        return check.vector("torque_limit", finite if np.ndim(given) else finite[0], self.joints, 0, strict=True)
+        return check.vector("torque_limit", finite if np.ndim(given) else finite[0], self.n_joints, 0, strict=True)
 
     def init(self, position: Any, torque: Any = 0.0) -> LawState:
         """State at rest at a first position [rad or m], shape (n,), with a torque already applied [N m or N]."""
-        position = check.vector("position", position, self.joints)
-        torque = check.vector("torque", torque, self.joints)
-        torque = np.clip(torque, -self.limit, self.limit)
+        position = check.vector("position", position, self.n_joints)
+        torque = check.vector("torque", torque, self.n_joints)
+        torque = np.clip(torque, -self.torque_limits, self.torque_limits)
         zero = np.zeros(())
         past = np.repeat(torque[:, None], self.actuation_delay + 1, axis=1)
         return LawState(self.estimator.init(position), self.memory(torque), past, position, position, zero, zero)
 
     def example(self) -> tuple[LawState, LawInput]:
         """A state and an input of the right shapes, all zero but valid: what tracing starts from."""
-        rest = np.zeros(self.joints)
+        rest = np.zeros(self.n_joints)
         return self.init(rest), LawInput(rest, rest, rest, rest)
 
     def step(self, state: LawState, value: LawInput) -> tuple[LawState, LawOutput]:
@@ -174,7 +174,7 @@ class Law(Parametric, System):
         safe = self._safe(position, state.torque[:, 0])
         torque = ops.where(sound, wanted, ops.only(ops.all_finite(safe), safe))
         if self.torque_limit is not None:
-            torque = ops.clip(torque, -self.limit, self.limit)
+            torque = ops.clip(torque, -self.torque_limits, self.torque_limits)
         signals = {"velocity_estimate": estimate.velocity, "missing": missing, "fault": fault, **signals}
         past = ops.push(state.torque, torque)
         next_state = LawState(estimator, memory, past, position, reference, missing, fault)
@@ -187,10 +187,12 @@ class Law(Parametric, System):
 
     def _try_safe_torque(self, function: Callable[[Any], Any]) -> None:
         """Refuse a function that does not give n torques, from numbers and from symbols."""
-        needs = f"needs a function of a position ({self.joints},) that gives as many torques, also from CasADi symbols"
+        needs = (
+            f"needs a function of a position ({self.n_joints},) that gives as many torques, also from CasADi symbols"
+        )
         try:
-            numbers, symbols = function(np.zeros(self.joints)), function(ca.SX.sym("q", self.joints))
-            fits = np.shape(numbers) == (self.joints,) and ca.SX(symbols).shape == (self.joints, 1)
+            numbers, symbols = function(np.zeros(self.n_joints)), function(ca.SX.sym("q", self.n_joints))
+            fits = np.shape(numbers) == (self.n_joints,) and ca.SX(symbols).shape == (self.n_joints, 1)
         except Exception as error:  # whatever a user's function may raise
             raise TarcError(
                 f"safe_torque: it fails with {type(error).__name__}, {str(error).splitlines()[0]}; {needs}"

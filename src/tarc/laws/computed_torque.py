@@ -24,7 +24,7 @@ class ComputedTorque(ModelBased):
     model
         The robot that M and N are taken from: any of `tarc.plants`, such as the true one with another payload. In a
         scenario, ``robot`` is the scenario's own.
-    bandwidth, damping
+    natural_frequency, damping_ratio
         ωn [rad/s] and ζ, one number or one a joint.
 
     Notes
@@ -45,11 +45,11 @@ class ComputedTorque(ModelBased):
     Resolved-acceleration control of mechanical manipulators, IEEE Trans. Autom. Control 25(3), 1980.
     """
 
-    damping: Numbers = 1.0
+    damping_ratio: Numbers = 1.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check.vector("damping", self.damping, self.joints, 0, strict=True)
+        check.vector("damping_ratio", self.damping_ratio, self.n_joints, 0, strict=True)
 
     def memory(self, torque: np.ndarray) -> tuple[()]:
         """None."""
@@ -57,7 +57,7 @@ class ComputedTorque(ModelBased):
 
     def control(self, memory: tuple[()], tracking: Tracking) -> tuple[tuple[()], Any, dict[str, Any]]:
         """τ = M(q) u + N(q, v̂)."""
-        estimate, zeta = tracking.estimate, np.asarray(self.damping)
+        estimate, zeta = tracking.estimate, np.asarray(self.damping_ratio)
         M, N = inertia_and_bias(self.model, estimate.position, estimate.velocity)
         proportional, derivative = self.omega**2, 2 * zeta * self.omega
         u = tracking.acceleration_reference - derivative * tracking.error_rate - proportional * tracking.error

@@ -27,9 +27,9 @@ class CorlessLeitmann(PolePlacement):
 
     Parameters
     ----------
-    bound
+    uncertainty_bound
         ρ [rad/s² or m/s²], above the norm of the acceleration that M̂ and N̂ leave unexplained.
-    boundary
+    boundary_layer
         ε [unit of s, for scalar gains that of e1], the layer in which Δu is linear with the slope ρ/ε.
     model
         N̂: a nominal robot, whose Coriolis, gravity and friction torque are added; None for N̂ = 0. In a scenario,
@@ -40,7 +40,8 @@ class CorlessLeitmann(PolePlacement):
     This is TARC's robust term with a gain that is known beforehand instead of adapted, and a velocity in s. The
     paper's layer is ρ ‖s‖ ≤ ε', so ε = ε'/ρ; its ρ may depend on state and time, ours is constant. Use it where a
     bound is at hand and time-delay estimation is not wanted. Sampled, and with a velocity that is late, too large a
-    ρ/ε chatters; `tarc.certificates.loop` tells whether the loop inside the layer is stable (without N̂).
+    ρ/ε chatters; `tarc.certificates.certify_constant_ratio` tells whether the loop inside the layer is stable
+    (without N̂).
 
     Raises
     ------
@@ -53,20 +54,20 @@ class CorlessLeitmann(PolePlacement):
     dynamic systems, IEEE Trans. Autom. Control 26(5), 1981.
     """
 
-    bound: float
-    boundary: float = 0.01
+    uncertainty_bound: float
+    boundary_layer: float = 0.01
     model: Plant | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check.number("bound", self.bound, 0)
-        check.number("boundary", self.boundary, 0, strict=True)
+        check.number("uncertainty_bound", self.uncertainty_bound, 0)
+        check.number("boundary_layer", self.boundary_layer, 0, strict=True)
         if self.model is not None and not isinstance(self.model, Plant):
             raise TarcError(f"model: got {self.model!r}; needs one of tarc.plants, or None")
         # the certificates make a law of one joint out of this one, where N̂ has no place
-        if self.model is not None and self.joints > 1 and self.model.joints != self.joints:
+        if self.model is not None and self.n_joints > 1 and self.model.n_joints != self.n_joints:
             raise TarcError(
-                f"model: it has {self.model.joints} joints, the inertia {self.joints}; they must be the same"
+                f"model: it has {self.model.n_joints} joints, the inertia {self.n_joints}; they must be the same"
             )
 
     @cached_property
@@ -81,9 +82,9 @@ class CorlessLeitmann(PolePlacement):
         With V = eᵀPe, M̂ = M and an uncertainty within ρ, V̇ ≤ −eᵀQe + ρε/2, so that V ends below
         ρ ε λmax(Q⁻¹P)/2 and ‖e1‖² below that over the least eigenvalue of (the e1 block of P⁻¹)⁻¹.
         """
-        n, P = self.joints, self.P
+        n, P = self.n_joints, self.P
         Q = -(self.A.T @ P + P @ self.A)
-        level = self.bound * self.boundary / 2 * np.max(np.linalg.eigvals(np.linalg.solve(Q, P)).real)
+        level = self.uncertainty_bound * self.boundary_layer / 2 * np.max(np.linalg.eigvals(np.linalg.solve(Q, P)).real)
         return float(np.sqrt(level * np.linalg.eigvalsh(np.linalg.inv(P)[:n, :n])[-1]))
 
     def memory(self, torque: np.ndarray) -> tuple[()]:
@@ -92,11 +93,11 @@ class CorlessLeitmann(PolePlacement):
 
     def control(self, memory: tuple[()], tracking: Tracking) -> tuple[tuple[()], Any, dict[str, Any]]:
         """τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + Δu) + N̂(q, v̂)."""
-        n = self.joints
+        n = self.n_joints
         s = self.P[n:, :n] @ tracking.error + self.P[n:, n:] @ tracking.error_rate
-        correction = -self.bound * s / ops.norm(s, self.boundary)
+        correction = -self.uncertainty_bound * s / ops.norm(s, self.boundary_layer)
         torque = self.M @ (self.feedback(tracking) + correction)
-        if self.model is not None and self.model.joints == n:
+        if self.model is not None and self.model.n_joints == n:
             _, bias = inertia_and_bias(self.model, tracking.estimate.position, tracking.estimate.velocity)
             torque = torque + bias
-        return memory, torque, {"surface": s}
+        return memory, torque, {"surface_slope": s}

@@ -32,14 +32,14 @@ class AdaptiveFuzzy(PolePlacement):
 
     Parameters
     ----------
-    rate
+    adaptation_rate
         Adaptation gain [1/s³]. While the joint stays within one rule it acts as an integral: with M̂ = M and ζ = 1 the
-        poles are −ωn and those of σ² + ωn σ + rate/ωn, which ring above rate = ωn³/4.
-    cap
+        poles are −ωn and those of σ² + ωn σ + rate/ωn, which ring above adaptation_rate = ωn³/4.
+    max_consequent
         Greatest consequent [rad/s² or m/s²], and so the greatest |f̂|: above the acceleration to be learnt.
     memberships
         How many for each of position and velocity; the rules are all their pairs.
-    span, speed
+    position_span, velocity_span
         The memberships' centres lie evenly over ±span [rad or m] and ±speed [rad/s or m/s]; beyond, the outermost
         holds. Choose what the reference covers.
 
@@ -59,15 +59,15 @@ class AdaptiveFuzzy(PolePlacement):
 
     frozen: ClassVar[tuple[str, ...]] = (*PolePlacement.frozen, "consequents")
 
-    rate: float
-    cap: float
+    adaptation_rate: float
+    max_consequent: float
     memberships: int = 5
-    span: float = np.pi
-    speed: float = 2.0
+    position_span: float = np.pi
+    velocity_span: float = 2.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("rate", "cap", "span", "speed"):
+        for name in ("adaptation_rate", "max_consequent", "position_span", "velocity_span"):
             check.number(name, getattr(self, name), 0, strict=True)
         check.whole("memberships", self.memberships, 2, 20)
 
@@ -79,7 +79,7 @@ class AdaptiveFuzzy(PolePlacement):
     def rules(self, position: Any, velocity: Any) -> list[Any]:
         """φ_k of each joint, one vector (n,) a rule; velocity runs faster than position."""
         grades = []
-        for value, reach in ((position, self.span), (velocity, self.speed)):
+        for value, reach in ((position, self.position_span), (velocity, self.velocity_span)):
             centres, width = np.linspace(-reach, reach, self.memberships, retstep=True)
             inside = ops.clip(value, -reach, reach)
             raw = [np.e ** (-(((inside - centre) / width) ** 2) / 2) for centre in centres]
@@ -89,18 +89,20 @@ class AdaptiveFuzzy(PolePlacement):
 
     def memory(self, torque: np.ndarray) -> FuzzyState:
         """All consequents balance the torque already applied."""
-        first = np.clip(-np.linalg.solve(self.M, torque), -self.cap, self.cap)
+        first = np.clip(-np.linalg.solve(self.M, torque), -self.max_consequent, self.max_consequent)
         return FuzzyState(np.repeat(first[:, None], self.memberships**2, axis=1))
 
     def control(self, memory: FuzzyState, tracking: Tracking) -> tuple[FuzzyState, Any, dict[str, Any]]:
         """τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 − f̂), and the adaptation of the consequents."""
-        n, old = self.joints, memory.consequents
+        n, old = self.n_joints, memory.consequents
         s = self.P[n:, :n] @ tracking.error + self.P[n:, n:] @ tracking.error_rate
         grades = self.rules(tracking.estimate.position, tracking.estimate.velocity)
         approximation = sum(old[:, k] * grade for k, grade in enumerate(grades))
-        step = self.period * self.rate * ops.only(ops.negate(tracking.fault), s)
+        step = self.period * self.adaptation_rate * ops.only(ops.negate(tracking.fault), s)
         consequents = old
         for k in reversed(range(len(grades))):  # pushed one by one, the first is in front at the end
-            consequents = ops.push(consequents, ops.clip(old[:, k] + step * grades[k], -self.cap, self.cap))
+            consequents = ops.push(
+                consequents, ops.clip(old[:, k] + step * grades[k], -self.max_consequent, self.max_consequent)
+            )
         torque = self.M @ (self.feedback(tracking) - approximation)
         return FuzzyState(consequents), torque, {"disturbance_estimate": approximation}

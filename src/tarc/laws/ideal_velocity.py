@@ -28,11 +28,12 @@ class IVF(TDE):
 
     Parameters
     ----------
-    velocity_gain
-        Γ [1/s], a third pole of the nominal loop at −Γ; zero is TDC. From half the bandwidth to twice that; it adds
+    ideal_velocity_gain
+        Γ [1/s], a third pole of the nominal loop at −Γ; zero is TDC. From half the natural frequency to twice that;
+        it adds
         Γ to K2 and works as an integral of the error, so that the loop bears less of it the longer the estimator's
-        window: ask `tarc.certificates.loop`.
-    cap
+        window: ask `tarc.certificates.certify_constant_ratio`.
+    max_correction
         Largest magnitude [rad/s² or m/s²] of each element of Δu, where the integral stops as well; None for none.
         Under a torque limit give one, or use `TDCIM`: otherwise the integral winds up while the torque is limited.
 
@@ -55,31 +56,31 @@ class IVF(TDE):
     IEEE Trans. Ind. Electron. 61(7), 2014, both with an impedance where here are K1 and K2. The cap is an addition.
     """
 
-    velocity_gain: float
-    cap: float | None = None
+    ideal_velocity_gain: float
+    max_correction: float | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check.number("velocity_gain", self.velocity_gain, 0)
-        if self.cap is not None:
-            check.number("cap", self.cap, 0, strict=True)
+        check.number("ideal_velocity_gain", self.ideal_velocity_gain, 0)
+        if self.max_correction is not None:
+            check.number("max_correction", self.max_correction, 0, strict=True)
 
     @property
-    def robust_slope(self) -> float:
+    def robust_slope_bound(self) -> float:
         """Zero: the robust term is linear, with a state of its own."""
         return 0.0
 
     def robust_init(self) -> IdealVelocityState:
         """Rest."""
-        return IdealVelocityState(np.zeros(self.joints))
+        return IdealVelocityState(np.zeros(self.n_joints))
 
     def robust(self, state: IdealVelocityState, tracking: Tracking) -> tuple[IdealVelocityState, Any, dict[str, Any]]:
         """Δu = Γ (v* − v̂), and the integral."""
         velocity, ideal = tracking.estimate.velocity, state.ideal_velocity
         gap = ideal - velocity
-        if self.cap is not None and self.velocity_gain > 0:
-            reach = self.cap / self.velocity_gain
+        if self.max_correction is not None and self.ideal_velocity_gain > 0:
+            reach = self.max_correction / self.ideal_velocity_gain
             gap = ops.clip(gap, -reach, reach)
             ideal = velocity + gap
         rate = ops.only(ops.negate(tracking.fault), self.feedback(tracking))
-        return IdealVelocityState(ideal + self.period * rate), self.velocity_gain * gap, {"ideal_velocity": ideal}
+        return IdealVelocityState(ideal + self.period * rate), self.ideal_velocity_gain * gap, {"ideal_velocity": ideal}

@@ -18,7 +18,7 @@ class IntegralState(NamedTuple):
 
 def start(law: PolePlacement, torque: np.ndarray, *, bumpless: bool = True) -> IntegralState:
     """State after a torque (n,) was applied at rest, which the integral goes on giving if it is to be bumpless."""
-    first = np.linalg.solve(law.M, torque) if bumpless else np.zeros(law.joints)
+    first = np.linalg.solve(law.M, torque) if bumpless else np.zeros(law.n_joints)
     return IntegralState(first, np.repeat(torque[:, None], law.actuation_delay + 1, axis=1))
 
 

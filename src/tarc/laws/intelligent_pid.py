@@ -34,7 +34,7 @@ class IntelligentPID(PolePlacement):
     ----------
     window
         L [s], a whole multiple of the period, two or more; None for ten periods. Longer is less noise and a later F̂.
-    integral
+    integral_gain
         [1/s] as of `PID`; 0, the default, for what the paper calls iPD, since F̂ already takes up a constant load.
 
     Notes
@@ -43,7 +43,7 @@ class IntelligentPID(PolePlacement):
     σ² (L − σ)²/2 and integrate by parts, so that neither initial values nor derivatives of q are left. Its first part
     is the second derivative of the least-squares parabola, and its second the average that belongs to it. The sums that
     replace the integrals are exact for a torque held over each period, so that a constant F comes out exactly; the
-    trapezoidal rule would not do that. With the sums, and with ``integral=0`` and an
+    trapezoidal rule would not do that. With the sums, and with ``integral_gain=0`` and an
     estimator `Algebraic` of degree 2 over the same window, the law is synchronised `TDC`, term by term. What is left
     to it is a window of its own for F̂, and the integral.
 
@@ -58,11 +58,11 @@ class IntelligentPID(PolePlacement):
     """
 
     window: float | None = None
-    integral: float = 0.0
+    integral_gain: float = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check.number("integral", self.integral, 0)
+        check.number("integral_gain", self.integral_gain, 0)
         _ = self.differentiator
 
     @cached_property
@@ -72,7 +72,7 @@ class IntelligentPID(PolePlacement):
         return Algebraic(window=window, degree=2, period=self.period)
 
     @property
-    def robust_slope(self) -> float:
+    def robust_slope_bound(self) -> float:
         """Zero: the law is linear."""
         return 0.0
 
@@ -85,18 +85,18 @@ class IntelligentPID(PolePlacement):
     def memory(self, torque: np.ndarray) -> UltraLocalState:
         """At rest, where F balances the torque applied."""
         return UltraLocalState(
-            self.differentiator.init(np.zeros(self.joints)),
-            self.differentiator.torque_average().init(torque),
+            self.differentiator.init(np.zeros(self.n_joints)),
+            self.differentiator.matched_torque_filter().init(torque),
             start(self, torque, bumpless=False),
         )
 
     def control(self, memory: UltraLocalState, tracking: Tracking) -> tuple[UltraLocalState, Any, dict[str, Any]]:
         """τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + z − F̂)."""
         positions, estimate = self.differentiator.step(memory.positions, tracking.estimate.position)
-        torques, average = self.differentiator.torque_average().step(memory.torques, tracking.past_torque)
+        torques, average = self.differentiator.matched_torque_filter().step(memory.torques, tracking.past_torque)
         F = estimate.acceleration - np.linalg.inv(self.M) @ average
-        rate = -self.integral * (self.K1 @ tracking.error)
-        z = integrate(self, memory.integral, tracking, rate, self.integral)
+        rate = -self.integral_gain * (self.K1 @ tracking.error)
+        z = integrate(self, memory.integral, tracking, rate, self.integral_gain)
         u = self.feedback(tracking) + z
         torque = self.M @ (u - F)
         state = UltraLocalState(positions, torques, remember(memory.integral, z, torque))

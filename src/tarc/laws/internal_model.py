@@ -68,13 +68,13 @@ class TDCIM(TDE):
         return np.linalg.inv(self.M)
 
     @property
-    def robust_slope(self) -> float:
+    def robust_slope_bound(self) -> float:
         """Zero: the robust term is linear, with a state of its own."""
         return 0.0
 
     def robust_init(self) -> ModelState:
         """Rest without a torque."""
-        return ModelState(np.zeros(self.joints), np.zeros((self.joints, self.actuation_delay + 1)))
+        return ModelState(np.zeros(self.n_joints), np.zeros((self.n_joints, self.actuation_delay + 1)))
 
     def memory(self, torque: np.ndarray) -> TDEState:
         """Rest: the torque applied all along is N̂."""

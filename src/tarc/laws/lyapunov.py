@@ -12,5 +12,5 @@ def solution(law: PolePlacement) -> np.ndarray:
     """
     from scipy.linalg import block_diag, solve_continuous_lyapunov
 
-    P = solve_continuous_lyapunov(law.A.T, -block_diag(law.K1 + law.K1.T, 2 * np.eye(law.joints)))
+    P = solve_continuous_lyapunov(law.A.T, -block_diag(law.K1 + law.K1.T, 2 * np.eye(law.n_joints)))
     return (P + P.T) / 2

@@ -20,18 +20,18 @@ from tarc.plants.euler_lagrange import EulerLagrange
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModelBased(Law):
-    """A law with a model of the robot in it, and the poles of the error set by a bandwidth.
+    """A law with a model of the robot in it, and the poles of the error set by a natural frequency.
 
     Parameters
     ----------
     model
         A robot of `tarc.plants`, as the law believes it to be; in a scenario, ``robot`` is the scenario's own.
-    bandwidth
+    natural_frequency
         ωn [rad/s], one number or one a joint.
     """
 
     model: Plant
-    bandwidth: Numbers
+    natural_frequency: Numbers
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, Plant):
@@ -40,14 +40,14 @@ class ModelBased(Law):
         _ = self.omega
 
     @property
-    def joints(self) -> int:
+    def n_joints(self) -> int:
         """How many joints n it drives, told by the model."""
-        return self.model.joints
+        return self.model.n_joints
 
     @cached_property
     def omega(self) -> np.ndarray:
         """ωn [rad/s], shape (n,)."""
-        return check.vector("bandwidth", self.bandwidth, self.joints, 0, strict=True)
+        return check.vector("natural_frequency", self.natural_frequency, self.n_joints, 0, strict=True)
 
     @abstractmethod
     def control(self, memory: Any, tracking: Tracking) -> tuple[Any, Any, dict[str, Any]]:
@@ -74,7 +74,7 @@ class _Called(ca.Callback):
 
         ca.Callback.__init__(self)
         self._mujoco, self._model = mujoco, model.copy_model()
-        self._data, self._n = mujoco.MjData(self._model), model.joints
+        self._data, self._n = mujoco.MjData(self._model), model.n_joints
         self.construct("rigid_body", {"enable_fd": True})
 
     def get_n_in(self) -> int:
@@ -117,5 +117,5 @@ def _called(model: Plant) -> ca.Function:
     if not isinstance(model, MujocoPlant):
         raise TarcError(f"model: got {type(model).__name__}; needs a robot of tarc.plants")
     _KEPT.append(_Called(model))
-    q, v = ca.MX.sym("q", model.joints), ca.MX.sym("v", model.joints)
+    q, v = ca.MX.sym("q", model.n_joints), ca.MX.sym("v", model.n_joints)
     return ca.Function("robot_model", [q, v], _KEPT[-1].call([q, v]), {"never_inline": True})

@@ -21,14 +21,14 @@ class MonotoneASMC(Switching):
 
     Parameters
     ----------
-    growth
+    adaptation_rate
         ϱ̄ [1/s²]: the gain's rate [rad/s³] for each rad/s of ‖s‖.
     dead_zone
         δ [rad/s or m/s], below which the gain rests. Zero, the default, is the plain law; then noise alone drives the
         gain up for ever, and a dead zone just above the boundary is the usual remedy.
     initial_gain
         ϱ(0) [rad/s²].
-    cap
+    max_gain
         Largest gain [rad/s²]; None for none. Give one: nothing else stops the gain.
 
     Raises
@@ -48,24 +48,24 @@ class MonotoneASMC(Switching):
     boundary layer, the dead zone and the cap are additions.
     """
 
-    growth: float
+    adaptation_rate: float
     dead_zone: float = 0.0
     initial_gain: float = 0.0
-    cap: float | None = None
+    max_gain: float | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check.number("growth", self.growth, 0, strict=True)
+        check.number("adaptation_rate", self.adaptation_rate, 0, strict=True)
         check.number("dead_zone", self.dead_zone, 0)
-        if self.cap is not None and not check.number("cap", self.cap) >= self.start:
-            raise TarcError(f"cap: got {self.cap:g}; needs at least the initial gain {self.start:g}")
+        if self.max_gain is not None and not check.number("max_gain", self.max_gain) >= self.start_gain:
+            raise TarcError(f"max_gain: got {self.max_gain:g}; needs at least the initial gain {self.start_gain:g}")
 
     @property
-    def start(self) -> float:
+    def start_gain(self) -> float:
         """The initial gain ϱ(0) [rad/s²]."""
         return check.number("initial_gain", self.initial_gain, 0)
 
     def adapt(self, gain: Any, size: Any) -> Any:
         """ϱ + T ϱ̄ ‖s‖ outside the dead zone, not above the cap."""
-        grown = gain + self.period * self.growth * ops.only(size > self.dead_zone, size)
-        return ops.clip(grown, 0.0, ops.HUGE if self.cap is None else self.cap)
+        grown = gain + self.period * self.adaptation_rate * ops.only(size > self.dead_zone, size)
+        return ops.clip(grown, 0.0, ops.HUGE if self.max_gain is None else self.max_gain)

@@ -22,16 +22,16 @@ class NonsingularTerminal(TDE):
 
     Parameters
     ----------
-    gain
+    reaching_gain
         k [rad/s² where |s| is 1 rad/s], of the reaching law: an error of time-delay estimation of c leaves |s| at no
         more than (c/k)^(1/ρ), outside ε.
     exponent
         a, from 1 to below 2; at 1 the mode is linear, and with k = 0 the law is TDC.
-    power
+    reaching_exponent
         ρ of the reaching law, above 0 and up to 1; towards 0 it becomes a switching term.
-    scale
+    velocity_scale
         v0 [rad/s or m/s]: the error's velocity at which ψ(v) = v; below it the law brakes harder than TDC.
-    boundary
+    boundary_layer
         ε [rad/s or m/s], below which all powers are linear. Above the noise of v̂, else the torque chatters: at zero
         the reaching law adds k ε^(ρ−1) (ε/v0)^(a−1) to K2 and k ε^(ρ−1) Λ to K1.
 
@@ -55,27 +55,29 @@ class NonsingularTerminal(TDE):
     smoothing, are additions.
     """
 
-    gain: float
+    reaching_gain: float
     exponent: float = 1.2
-    power: float = 0.5
-    scale: float = 1.0
-    boundary: float = 0.1
+    reaching_exponent: float = 0.5
+    velocity_scale: float = 1.0
+    boundary_layer: float = 0.1
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check.number("gain", self.gain, 0)
+        check.number("reaching_gain", self.reaching_gain, 0)
         check.number("exponent", self.exponent, 1.0, high=1.99)
-        check.number("power", self.power, 0, strict=True, high=1.0)
-        for name in ("scale", "boundary"):
+        check.number("reaching_exponent", self.reaching_exponent, 0, strict=True, high=1.0)
+        for name in ("velocity_scale", "boundary_layer"):
             check.number(name, getattr(self, name), 0, strict=True)
 
     def bent(self, rate: Any) -> Any:
         """ψ(v) [rad/s or m/s], shape (n,)."""
-        return self.scale * ops.power(rate / self.scale, self.exponent, self.boundary / self.scale)
+        return self.velocity_scale * ops.power(
+            rate / self.velocity_scale, self.exponent, self.boundary_layer / self.velocity_scale
+        )
 
     def slope(self, rate: Any) -> Any:
         """ψ'(v), shape (n,), above zero."""
-        return ops.power_slope(rate / self.scale, self.exponent, self.boundary / self.scale)
+        return ops.power_slope(rate / self.velocity_scale, self.exponent, self.boundary_layer / self.velocity_scale)
 
     def sliding(self, error: Any, error_rate: Any) -> Any:
         """Position on the surface s [rad/s or m/s], shape (n,)."""
@@ -94,4 +96,4 @@ class NonsingularTerminal(TDE):
     def robust(self, state: tuple[()], tracking: Tracking) -> tuple[tuple[()], Any, dict[str, Any]]:
         """Δu = −k sig(s)^ρ."""
         s = self.sliding(tracking.error, tracking.error_rate)
-        return state, -self.gain * ops.power(s, self.power, self.boundary), {}
+        return state, -self.reaching_gain * ops.power(s, self.reaching_exponent, self.boundary_layer), {}

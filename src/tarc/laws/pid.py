@@ -21,16 +21,17 @@ class PID(PolePlacement):
 
     Parameters
     ----------
-    integral
+    integral_gain
         K_i K1⁻¹ = 1/T_i [1/s], the inverse of the reset time; 0 for PD. Where M̂ is M, the continuous loop is stable
-        while it is below K2 = 2 ζ ωn; a tenth of the bandwidth to a third of it is usual.
+        while it is below K2 = 2 ζ ωn; a tenth of the natural frequency to a third of it is usual.
 
     Notes
     -----
     The derivative is filtered by the law's estimator. The integral is a sum (Euler's rule, the newest error included)
     with back-calculation from the torque that was applied, whose tracking time is T_i; it starts from the torque
     applied before, so that the law takes over without a bump. Without a model the torque that the
-    robot needs comes from the error alone: raise M̂ and the bandwidth as far as noise and delay allow. q̈ᵈ comes in
+    robot needs comes from the error alone: raise M̂ and the natural frequency as far as noise and delay allow. q̈ᵈ
+    comes in
     full, since the certificates take its way into the loop for that of Δu.
 
     References
@@ -38,23 +39,23 @@ class PID(PolePlacement):
     K. J. Åström and T. Hägglund, PID Controllers: Theory, Design, and Tuning, 2nd ed., 1995, on back-calculation.
     """
 
-    integral: float = 0.0
+    integral_gain: float = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check.number("integral", self.integral, 0)
+        check.number("integral_gain", self.integral_gain, 0)
 
     @property
-    def robust_slope(self) -> float:
+    def robust_slope_bound(self) -> float:
         """Zero: the law is linear."""
         return 0.0
 
     def memory(self, torque: np.ndarray) -> IntegralState:
         """The integral that gives the torque already applied; zero for PD, which would never forget it."""
-        return start(self, torque, bumpless=self.integral > 0)
+        return start(self, torque, bumpless=self.integral_gain > 0)
 
     def control(self, memory: IntegralState, tracking: Tracking) -> tuple[IntegralState, Any, dict[str, Any]]:
         """τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + z)."""
-        z = integrate(self, memory, tracking, -self.integral * (self.K1 @ tracking.error), self.integral)
+        z = integrate(self, memory, tracking, -self.integral_gain * (self.K1 @ tracking.error), self.integral_gain)
         torque = self.M @ (self.feedback(tracking) + z)
-        return remember(memory, z, torque), torque, {"integral": z}
+        return remember(memory, z, torque), torque, {"integral_gain": z}

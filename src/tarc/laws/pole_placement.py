@@ -22,9 +22,9 @@ class PolePlacement(Law):
     ----------
     inertia
         M̂ [kg m² or kg], symmetric positive definite: a matrix, a vector for a diagonal, or one number for one joint.
-    bandwidth, damping
+    natural_frequency, damping_ratio
         ωn [rad/s] and ζ, one number or one a joint: K1 = ωn², K2 = 2 ζ ωn.
-    stiffness, viscosity
+    position_gain, velocity_gain
         K1 [1/s²] and K2 [1/s] themselves, instead: one number, one a joint, or a matrix; A must be Hurwitz, as it
         is whenever both are symmetric positive definite.
 
@@ -35,10 +35,10 @@ class PolePlacement(Law):
     """
 
     inertia: Matrix
-    bandwidth: Numbers | None = None
-    damping: Numbers = 1.0
-    stiffness: Matrix | None = None
-    viscosity: Matrix | None = None
+    natural_frequency: Numbers | None = None
+    damping_ratio: Numbers = 1.0
+    position_gain: Matrix | None = None
+    velocity_gain: Matrix | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -46,53 +46,59 @@ class PolePlacement(Law):
         growth = float(np.max(np.linalg.eigvals(self.A).real))
         if growth >= 0:
             raise TarcError(
-                f"stiffness, viscosity: A = [0 I; -K1 -K2] is not Hurwitz, an eigenvalue has real part {growth:.3g}; "
-                "give a bandwidth instead, or symmetric positive definite K1 and K2"
+                f"stiffness, velocity_gain: A = [0 I; -K1 -K2] is not Hurwitz, an eigenvalue has real part "
+                f"{growth:.3g}; "
+                "give a natural frequency instead, or symmetric positive definite K1 and K2"
             )
 
     @property
-    def joints(self) -> int:
+    def n_joints(self) -> int:
         """How many joints n it drives, told by the inertia."""
         return max((1, *np.shape(check.numbers("inertia", self.inertia))))
 
     @cached_property
     def M(self) -> np.ndarray:
         """M̂, shape (n, n)."""
-        return check.definite("inertia", self.inertia, self.joints)
+        return check.definite("inertia", self.inertia, self.n_joints)
 
     @cached_property
     def K1(self) -> np.ndarray:
         """Stiffness [1/s²], shape (n, n)."""
-        if self.stiffness is not None:
-            if self.bandwidth is not None:
-                raise TarcError("bandwidth, stiffness: both are given; K1 = bandwidth², so give one of them")
-            return check.square("stiffness", self.stiffness, self.joints)
+        if self.position_gain is not None:
+            if self.natural_frequency is not None:
+                raise TarcError(
+                    "natural_frequency, position_gain: both are given; K1 = bandwidth², so give one of them"
+                )
+            return check.square("position_gain", self.position_gain, self.n_joints)
         return np.diag(self._omega**2)
 
     @cached_property
     def K2(self) -> np.ndarray:
         """Viscosity [1/s], shape (n, n)."""
-        if self.viscosity is not None:
-            if np.any(np.asarray(self.damping) != 1.0):
-                raise TarcError("damping, viscosity: both are given; K2 = 2 damping bandwidth, so give one of them")
-            return check.square("viscosity", self.viscosity, self.joints)
-        zeta = check.vector("damping", self.damping, self.joints, 0, strict=True)
+        if self.velocity_gain is not None:
+            if np.any(np.asarray(self.damping_ratio) != 1.0):
+                raise TarcError(
+                    "damping_ratio, velocity_gain: both are given; K2 = 2 damping natural frequency, so give one "
+                    "of them"
+                )
+            return check.square("velocity_gain", self.velocity_gain, self.n_joints)
+        zeta = check.vector("damping_ratio", self.damping_ratio, self.n_joints, 0, strict=True)
         return np.diag(2 * zeta * self._omega)
 
     @cached_property
     def _omega(self) -> np.ndarray:
-        if self.bandwidth is None:
-            raise TarcError("bandwidth: missing; give it [rad/s], or both stiffness and viscosity")
-        return check.vector("bandwidth", self.bandwidth, self.joints, 0, strict=True)
+        if self.natural_frequency is None:
+            raise TarcError("natural_frequency: missing; give it [rad/s], or both stiffness and viscosity")
+        return check.vector("natural_frequency", self.natural_frequency, self.n_joints, 0, strict=True)
 
     @property
     def A(self) -> np.ndarray:
         """Nominal error dynamics ė = A e, A = [0 I; −K1 −K2], shape (2n, 2n)."""
-        n = self.joints
+        n = self.n_joints
         return np.block([[np.zeros((n, n)), np.eye(n)], [-self.K1, -self.K2]])
 
     @property
-    def robust_slope(self) -> float:
+    def robust_slope_bound(self) -> float:
         """Greatest slope of the robust term over the error [1/s²], if that is all that is not linear in the law.
 
         Infinite for a law that does not say, so that no certificate takes its robust term for nothing.

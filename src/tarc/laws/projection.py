@@ -38,19 +38,19 @@ class ProjectionARC(ModelBased):
     model
         A robot with energies (`tarc.plants.EulerLagrange`), whose own parameters p0 are where p̂ starts. In a
         scenario, ``robot`` is the scenario's own.
-    bounds
+    parameter_bounds
         The parameters that are uncertain, each with its least and greatest value: ``{"masses": [0.5, 2.0]}``. One that
         has a value a joint adapts each of them. Dynamics must be affine in them together: masses, or payload, or
         friction, but not masses and lengths.
-    bandwidth
+    natural_frequency
         ωn [rad/s], one number or one a joint. With p̂ right and one ωn, both poles of the error lie there.
-    adaptation
+    adaptation_gain
         Γ over the squared ranges [1/J]: 0 for none.
-    margin
+    robust_fraction
         Share of the worst error of p̂ that the robust term covers; 1 is the theory's, 0 leaves it out.
-    disturbance
+    disturbance_bound
         Torque beside the parameters that the robust term covers [N m or N].
-    boundary
+    boundary_layer
         ε [rad/s or m/s], the layer in which the robust term is linear, with the slope h/ε.
 
     Notes
@@ -76,22 +76,25 @@ class ProjectionARC(ModelBased):
 
     frozen: ClassVar[tuple[str, ...]] = (*ModelBased.frozen, "adapted")
 
-    bounds: dict[str, Sequence[float]]
-    adaptation: float = 1.0
-    margin: float = 1.0
-    disturbance: float = 0.0
-    boundary: float = 0.5
+    parameter_bounds: dict[str, Sequence[float]]
+    adaptation_gain: float = 1.0
+    robust_fraction: float = 1.0
+    disturbance_bound: float = 0.0
+    boundary_layer: float = 0.5
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("adaptation", "margin", "disturbance"):
+        for name in ("adaptation_gain", "robust_fraction", "disturbance_bound"):
             check.number(name, getattr(self, name), 0)
-        check.number("boundary", self.boundary, 0, strict=True)
+        check.number("boundary_layer", self.boundary_layer, 0, strict=True)
         model = self.robot
-        if not isinstance(self.bounds, dict) or not self.bounds:
-            raise TarcError(f"bounds: got {self.bounds!r}; needs least and greatest by name, such as masses: [0.5, 2]")
-        for name, pair in self.bounds.items():
-            check.one_of("bounds", name, model.parameters)
+        if not isinstance(self.parameter_bounds, dict) or not self.parameter_bounds:
+            raise TarcError(
+                f"parameter_bounds: got {self.parameter_bounds!r}; needs least and greatest by name, such as "
+                f"masses: [0.5, 2]"
+            )
+        for name, pair in self.parameter_bounds.items():
+            check.one_of("parameter_bounds", name, model.parameters)
             low, high = check.vector(f"bounds of {name}", pair, 2)
             own = model.parameters[name]
             if not (low < high and np.all(own >= low) and np.all(own <= high)):
@@ -111,28 +114,30 @@ class ProjectionARC(ModelBased):
     @cached_property
     def labels(self) -> list[str]:
         """A name for each of the k numbers that adapt."""
-        sizes = {name: self.robot.parameters[name].size for name in self.bounds}
+        sizes = {name: self.robot.parameters[name].size for name in self.parameter_bounds}
         return [f"{name}{i + 1}" if size > 1 else name for name, size in sizes.items() for i in range(size)]
 
     @cached_property
     def limits(self) -> np.ndarray:
         """Least and greatest p̂, shape (2, k)."""
-        sizes = [self.robot.parameters[name].size for name in self.bounds]
-        return np.repeat(np.array([list(pair) for pair in self.bounds.values()], dtype=float), sizes, axis=0).T
+        sizes = [self.robot.parameters[name].size for name in self.parameter_bounds]
+        return np.repeat(
+            np.array([list(pair) for pair in self.parameter_bounds.values()], dtype=float), sizes, axis=0
+        ).T
 
     @cached_property
     def nominal(self) -> np.ndarray:
         """p0, shape (k,)."""
-        return np.concatenate([self.robot.parameters[name].ravel() for name in self.bounds])
+        return np.concatenate([self.robot.parameters[name].ravel() for name in self.parameter_bounds])
 
     @cached_property
     def model_torque(self) -> ca.Function:
         """(q, v̂, q̇ᵣ, q̈ᵣ) to the torque at p = 0, shape (n,), the regressor Y (n, k), and M(q; p0)."""
-        model, n = self.robot, self.joints
+        model, n = self.robot, self.n_joints
         q, v, rate, acceleration = (ca.SX.sym(name, n) for name in ("q", "v", "rate", "acceleration"))
         p = ca.SX.sym("p", len(self.nominal))
         values, start = {}, 0
-        for name in self.bounds:
+        for name in self.parameter_bounds:
             size = model.parameters[name].size
             values[name] = p[start : start + size]
             start += size
@@ -144,7 +149,8 @@ class ProjectionARC(ModelBased):
         torque += at("friction", q, rate)
         if not ca.is_linear(torque, p):
             raise TarcError(
-                f"bounds: the dynamics of {type(model).__name__} are not affine in {', '.join(self.bounds)} together; "
+                f"parameter_bounds: the dynamics of {type(model).__name__} are not affine in "
+                f"{', '.join(self.parameter_bounds)} together; "
                 "leave out those that multiply the others, such as lengths where there are masses"
             )
         regressor = ca.densify(ca.jacobian(torque, p))
@@ -167,11 +173,11 @@ class ProjectionARC(ModelBased):
 
         low, high = self.limits
         root = np.diag(self.omega**0.5)
-        h = self.margin * (abs(Y) @ (high - low)) + self.disturbance
-        robust = h * s / ops.maximum(abs(s), self.boundary)
+        h = self.robust_fraction * (abs(Y) @ (high - low)) + self.disturbance_bound
+        robust = h * s / ops.maximum(abs(s), self.boundary_layer)
         torque = rest + Y @ old - root @ (M @ (root @ s)) - robust
 
-        step = self.period * self.adaptation * (high - low) ** 2 * (Y.T @ s)
+        step = self.period * self.adaptation_gain * (high - low) ** 2 * (Y.T @ s)
         step = ops.only(ops.both(ops.negate(tracking.fault), ops.finite(step)), step)
         adapted = ops.clip(old - step, low, high)
         signals = {f"adapted_{label}": old[i] for i, label in enumerate(self.labels)}

@@ -51,7 +51,7 @@ class SlidingMode(Switching):
     gain: float
 
     @property
-    def start(self) -> float:
+    def start_gain(self) -> float:
         """The gain ϱ [rad/s²]."""
         return check.number("gain", self.gain, 0)
 

@@ -30,7 +30,7 @@ class SuperTwisting(PolePlacement):
     root_gain, switch_gain
         a and b. Levant's 1.5 and 1.1 by default, found by simulation; his sufficient condition, for the continuous
         law, is b > 1 and a² ≥ 4 (b + 1)/(b − 1).
-    boundary
+    boundary_layer
         ε [rad/s or m/s]: |s| below it counts as ε in |s|^½ and sgn s = s/|s|, which makes both linear there, with the
         slopes k1/√ε and k2/ε.
 
@@ -39,7 +39,8 @@ class SuperTwisting(PolePlacement):
     On the surface the error decays with the rate Λ = ζ ωn; K1 plays no part. Disturbance and M̂ ≠ M must be
     smooth for L to exist: a step, dry friction or quantisation push s off for a moment. Sampled, and with a velocity
     from a window, s stays in a band about zero, of the order of L T² for a velocity that is exact and wider for one
-    that is late. That late velocity is what a small boundary rings on: `tarc.certificates.loop` tells whether the loop
+    that is late. That late velocity is what a small boundary rings on: `tarc.certificates.certify_constant_ratio`
+    tells whether the loop
     inside it is stable. The boundary, the forward Euler rule and the integral's back-calculation at a torque limit are
     ours, not of the papers.
 
@@ -52,11 +53,11 @@ class SuperTwisting(PolePlacement):
     disturbance_rate: float
     root_gain: float = 1.5
     switch_gain: float = 1.1
-    boundary: float = 0.05
+    boundary_layer: float = 0.05
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("disturbance_rate", "root_gain", "switch_gain", "boundary"):
+        for name in ("disturbance_rate", "root_gain", "switch_gain", "boundary_layer"):
             check.number(name, getattr(self, name), 0, strict=True)
 
     @cached_property
@@ -81,9 +82,9 @@ class SuperTwisting(PolePlacement):
     def control(self, memory: IntegralState, tracking: Tracking) -> tuple[IntegralState, Any, dict[str, Any]]:
         """τ = M̂ (q̈ᵈ − Λ (v̂ − q̇ᵈ) − k1 |s|^½ sgn s + z)."""
         s = tracking.error_rate + self.slope @ tracking.error
-        size = ops.maximum(abs(s), self.boundary)
+        size = ops.maximum(abs(s), self.boundary_layer)
         unwind = float(np.max(np.diag(self.slope)))
         z = integrate(self, memory, tracking, -self.k2 * s / size, unwind)
         u = tracking.acceleration_reference - self.slope @ tracking.error_rate - self.k1 * s / size**0.5 + z
         torque = self.M @ u
-        return remember(memory, z, torque), torque, {"integral": z, "surface": s}
+        return remember(memory, z, torque), torque, {"integral": z, "surface_slope": s}

@@ -32,11 +32,12 @@ class Switching(TDE):
 
     Parameters
     ----------
-    boundary
+    boundary_layer
         ε [rad/s or m/s], the layer in which the switching term is linear: there the loop is that of `TDC` with ϱ/ε
-        added to K2 and λ ϱ/ε to K1, which `tarc.certificates.loop` can judge. Larger than the noise of v̂, else the
+        added to K2 and λ ϱ/ε to K1, which `tarc.certificates.certify_constant_ratio` can judge. Larger than the
+        noise of v̂, else the
         torque chatters.
-    surface
+    surface_slope
         λ [1/s], the rate at which the error decays on the surface; None for ½ K2, which is the double pole itself
         with damping 1, so that pole placement alone gives ṡ = −λ s.
     time_delay
@@ -46,16 +47,16 @@ class Switching(TDE):
 
     frozen: ClassVar[tuple[str, ...]] = (*TDE.frozen, "gain")
 
-    boundary: float = 0.2
-    surface: float | None = None
+    boundary_layer: float = 0.2
+    surface_slope: float | None = None
     time_delay: bool = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check.number("boundary", self.boundary, 0, strict=True)
-        if self.surface is not None:
-            check.number("surface", self.surface, 0, strict=True)
-        _ = self.start
+        check.number("boundary_layer", self.boundary_layer, 0, strict=True)
+        if self.surface_slope is not None:
+            check.number("surface_slope", self.surface_slope, 0, strict=True)
+        _ = self.start_gain
 
     @property
     def estimating(self) -> bool:
@@ -64,7 +65,7 @@ class Switching(TDE):
 
     @property
     @abstractmethod
-    def start(self) -> float:
+    def start_gain(self) -> float:
         """The gain before the first step [rad/s²]."""
 
     @abstractmethod
@@ -74,7 +75,7 @@ class Switching(TDE):
     @cached_property
     def Lambda(self) -> np.ndarray:
         """λ I, or ½ K2, shape (n, n)."""
-        return self.K2 / 2 if self.surface is None else self.surface * np.eye(self.joints)
+        return self.K2 / 2 if self.surface_slope is None else self.surface_slope * np.eye(self.n_joints)
 
     def sliding(self, error: Any, error_rate: Any) -> Any:
         """Position on the surface s [rad/s or m/s], shape (n,)."""
@@ -82,11 +83,11 @@ class Switching(TDE):
 
     def robust_init(self) -> SwitchingState:
         """The gain to start with."""
-        return SwitchingState(np.array(float(self.start)))
+        return SwitchingState(np.array(float(self.start_gain)))
 
     def robust(self, state: SwitchingState, tracking: Tracking) -> tuple[SwitchingState, Any, dict[str, Any]]:
         """Δu = −ϱ s / max(‖s‖, ε), and the gain's next value."""
         s = self.sliding(tracking.error, tracking.error_rate)
-        correction = -state.gain * s / ops.norm(s, self.boundary)
+        correction = -state.gain * s / ops.norm(s, self.boundary_layer)
         gain = ops.where(tracking.fault, state.gain, self.adapt(state.gain, ops.norm(s)))
         return SwitchingState(gain), correction, {"gain": state.gain}

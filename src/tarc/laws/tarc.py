@@ -35,21 +35,21 @@ class TARC(TDE):
 
     Parameters
     ----------
-    rise, fall
+    rise_rate, fall_rate
         c̄ and c̲ [1/s³ per unit of s], both above zero. The default weight makes s = e1 [rad or m]; with Q = I, s is
         1/(2ωn²) of the error and both must be thousands of times larger.
-    boundary
+    boundary_layer
         ε [unit of s], the layer in which the switching term is linear; its slope α ĉ/ε adds to K1.
-    floor
+    min_gain
         γ [rad/s²], least gain.
-    margin
+    gain_factor
         α ≥ 1.
     initial_gain
         ĉ(0) [rad/s²], above the floor; None for twice the floor.
-    cap
+    max_gain
         Largest gain [rad/s²]; None for none. The boundedness argument in print has a gap, and the gain can run away
         for a large rise with a small boundary.
-    weight
+    lyapunov_weight
         Q: one number, 2n numbers or a (2n, 2n) symmetric positive definite matrix; None for diag(K1 + K1ᵀ, 2 I), which
         gives P2 = I for scalar gains.
 
@@ -65,48 +65,52 @@ class TARC(TDE):
 
     frozen: ClassVar[tuple[str, ...]] = (*TDE.frozen, "gain", "sliding")
 
-    rise: float
-    fall: float
-    boundary: float = 0.01
-    floor: float = 0.01
-    margin: float = 1.0
+    rise_rate: float
+    fall_rate: float
+    boundary_layer: float = 0.01
+    min_gain: float = 0.01
+    gain_factor: float = 1.0
     initial_gain: float | None = None
-    cap: float | None = None
-    weight: Matrix | None = None
+    max_gain: float | None = None
+    lyapunov_weight: Matrix | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("rise", "fall", "boundary", "floor"):
+        for name in ("rise_rate", "fall_rate", "boundary_layer", "min_gain"):
             check.number(name, getattr(self, name), 0, strict=True)
-        check.number("margin", self.margin, 1.0)
-        if not self.start > self.floor:
+        check.number("gain_factor", self.gain_factor, 1.0)
+        if not self.start_gain > self.min_gain:
             raise TarcError(
-                f"initial_gain: got {self.start:g}, which is not above the floor {self.floor:g}; the adaptive law "
+                f"initial_gain: got {self.start_gain:g}, which is not above the floor {self.min_gain:g}; the "
+                f"adaptive law "
                 "needs ĉ(0) > γ. Raise initial_gain or lower floor"
             )
-        if self.cap is not None and not check.number("cap", self.cap) >= self.start:
-            raise TarcError(f"cap: got {self.cap:g}; needs at least the initial gain {self.start:g}")
+        if self.max_gain is not None and not check.number("max_gain", self.max_gain) >= self.start_gain:
+            raise TarcError(f"max_gain: got {self.max_gain:g}; needs at least the initial gain {self.start_gain:g}")
         product = self.P3 @ self.P2.T
         if np.linalg.eigvalsh(product + product.T)[0] <= 0:
             raise TarcError(
-                "weight: P3 P2ᵀ is not positive definite, so condition (c2) fails; use a block-diagonal weight Q, "
+                "lyapunov_weight: P3 P2ᵀ is not positive definite, so condition (c2) fails; use a block-diagonal "
+                "weight Q, "
                 "such as the default"
             )
 
     @property
-    def start(self) -> float:
+    def start_gain(self) -> float:
         """The initial gain ĉ(0) [rad/s²]."""
-        value = 2 * self.floor if self.initial_gain is None else self.initial_gain
+        value = 2 * self.min_gain if self.initial_gain is None else self.initial_gain
         return check.number("initial_gain", value, 0)
 
     @cached_property
     def Q(self) -> np.ndarray:
         """Weight of the Lyapunov equation, shape (2n, 2n)."""
-        n = self.joints
-        if self.weight is None:
+        n = self.n_joints
+        if self.lyapunov_weight is None:
             zero = np.zeros((n, n))
-            return check.definite("weight", np.block([[self.K1 + self.K1.T, zero], [zero, 2 * np.eye(n)]]), 2 * n)
-        return check.definite("weight", self.weight, 2 * n)
+            return check.definite(
+                "lyapunov_weight", np.block([[self.K1 + self.K1.T, zero], [zero, 2 * np.eye(n)]]), 2 * n
+            )
+        return check.definite("lyapunov_weight", self.lyapunov_weight, 2 * n)
 
     @cached_property
     def P(self) -> np.ndarray:
@@ -119,18 +123,18 @@ class TARC(TDE):
     @property
     def P2(self) -> np.ndarray:
         """Lower left block of P, shape (n, n): s = P2 e1."""
-        return self.P[self.joints :, : self.joints]
+        return self.P[self.n_joints :, : self.n_joints]
 
     @property
     def P3(self) -> np.ndarray:
         """Lower right block of P, shape (n, n)."""
-        return self.P[self.joints :, self.joints :]
+        return self.P[self.n_joints :, self.n_joints :]
 
     @property
-    def robust_slope(self) -> float:
+    def robust_slope_bound(self) -> float:
         """α ĉ ‖P2‖/ε at the cap; infinite without one."""
-        highest = np.inf if self.cap is None else self.cap
-        return self.margin * highest / self.boundary * float(np.linalg.norm(self.P2, 2))
+        highest = np.inf if self.max_gain is None else self.max_gain
+        return self.gain_factor * highest / self.boundary_layer * float(np.linalg.norm(self.P2, 2))
 
     def sliding(self, error: Any, error_rate: Any) -> Any:
         """s = P2 e1, shape (n,)."""
@@ -138,17 +142,17 @@ class TARC(TDE):
 
     def robust_init(self) -> GainState:
         """The initial gain, and no error before the start."""
-        return GainState(np.array(self.start), np.zeros((1, self.delay_periods)))
+        return GainState(np.array(self.start_gain), np.zeros((1, self.delay_periods)))
 
     def robust(self, state: GainState, tracking: Tracking) -> tuple[GainState, Any, dict[str, Any]]:
         """Δu = −α ĉ s / max(‖s‖, ε) and the adaptation of ĉ."""
         s = self.sliding(tracking.error, tracking.error_rate)
         size = ops.norm(s)
-        correction = -self.margin * state.gain * s / ops.norm(s, self.boundary)
-        rising = ops.either(state.gain <= self.floor, size > state.sliding[0, -1])
-        rate = ((self.rise + self.fall) * rising - self.fall) * size
-        highest = ops.HUGE if self.cap is None else self.cap
+        correction = -self.gain_factor * state.gain * s / ops.norm(s, self.boundary_layer)
+        rising = ops.either(state.gain <= self.min_gain, size > state.sliding[0, -1])
+        rate = ((self.rise_rate + self.fall_rate) * rising - self.fall_rate) * size
+        highest = ops.HUGE if self.max_gain is None else self.max_gain
         rate = ops.only(ops.negate(tracking.fault), rate)
-        gain = ops.clip(state.gain + self.period * rate, self.floor, highest)
+        gain = ops.clip(state.gain + self.period * rate, self.min_gain, highest)
         next_state = GainState(gain, ops.push(state.sliding, size))
         return next_state, correction, {"gain": state.gain, "rising": rising}

@@ -24,14 +24,14 @@ class TDC(TDE):
     Examples
     --------
     >>> import tarc
-    >>> law = tarc.laws.TDC(inertia=[0.1, 0.05], bandwidth=20.0, period=1e-3,
+    >>> law = tarc.laws.TDC(inertia=[0.1, 0.05], natural_frequency=20.0, period=1e-3,
     ...                     estimator=tarc.estimators.Algebraic(window=0.010, degree=2))
     >>> law.K1.diagonal()
     array([400., 400.])
     """
 
     @property
-    def robust_slope(self) -> float:
+    def robust_slope_bound(self) -> float:
         """Zero: the law is linear."""
         return 0.0
 

@@ -55,7 +55,7 @@ class TDE(PolePlacement):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.estimating and self.estimator.orders < 2:
+        if self.estimating and self.estimator.max_derivative < 2:
             raise TarcError(
                 f"estimator: {self.estimator} gives no acceleration, which time-delay estimation needs; use degree 2 "
                 "or more"
@@ -88,9 +88,9 @@ class TDE(PolePlacement):
         """Rest: no acceleration, the torque applied all along; neither where N̂ is not estimated."""
         if not self.estimating:
             return TDEState((), (), self.robust_init())
-        past = np.zeros((self.joints, self.delay_periods))
+        past = np.zeros((self.n_joints, self.delay_periods))
         if self.synchronised:
-            return TDEState(self.estimator.torque_average().init(torque), past, self.robust_init())
+            return TDEState(self.estimator.matched_torque_filter().init(torque), past, self.robust_init())
         return TDEState(past + torque[:, None], past, self.robust_init())
 
     def control(self, memory: TDEState, tracking: Tracking) -> tuple[TDEState, Any, dict[str, Any]]:
@@ -102,7 +102,7 @@ class TDE(PolePlacement):
         newest = tracking.estimate.acceleration
         accelerations = ops.push(memory.acceleration, newest)
         if self.synchronised:
-            torques, past_torque = self.estimator.torque_average().step(memory.torque, tracking.past_torque)
+            torques, past_torque = self.estimator.matched_torque_filter().step(memory.torque, tracking.past_torque)
             past_acceleration = newest
         else:
             torques = ops.push(memory.torque, tracking.past_torque)

@@ -26,12 +26,12 @@ class TerminalSliding(TDE):
         κ [1/rad or 1/m]: an error of time-delay estimation of c [rad/s²] leaves ‖s‖ at no more than √(c/κ).
     exponent
         p, from ½ to 1; at 1 the mode is linear, and with κ = 0 the law is TDC.
-    scale
+    error_scale
         ℓ [rad or m]: the error at which φ(e) = e; below it the law is stiffer than TDC, above it softer.
-    boundary
+    boundary_layer
         ε [rad or m], below which φ is linear with slope (ε/ℓ)^(p−1), by which K1 is multiplied there. Above the
         encoder's resolution, else the torque chatters.
-    cap
+    max_gain
         Largest κ ‖s‖ [1/s], which adds to K2 and must stay below what the loop bears; None for none.
 
     Raises
@@ -41,7 +41,8 @@ class TerminalSliding(TDE):
 
     Notes
     -----
-    Use it for a smaller error near rest than a linear law of the same bandwidth leaves. The finite time is that of the
+    Use it for a smaller error near rest than a linear law of the same natural frequency leaves. The finite time is
+    that of the
     ideal equation: inside ε the error decays as under a linear law, and there the loop certificate, which linearises
     at zero error, tells what is stable. The robust ball covers that slope alone and not those between.
 
@@ -56,26 +57,28 @@ class TerminalSliding(TDE):
 
     nonlinear_damping: float
     exponent: float = 0.8
-    scale: float = 0.1
-    boundary: float = 0.01
-    cap: float | None = None
+    error_scale: float = 0.1
+    boundary_layer: float = 0.01
+    max_gain: float | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check.number("nonlinear_damping", self.nonlinear_damping, 0)
         check.number("exponent", self.exponent, 0.5, high=1.0)
-        for name in ("scale", "boundary"):
+        for name in ("error_scale", "boundary_layer"):
             check.number(name, getattr(self, name), 0, strict=True)
-        if self.cap is not None:
-            check.number("cap", self.cap, 0, strict=True)
+        if self.max_gain is not None:
+            check.number("max_gain", self.max_gain, 0, strict=True)
 
     def bent(self, error: Any) -> Any:
         """φ(e) [rad or m], shape (n,)."""
-        return self.scale * ops.power(error / self.scale, self.exponent, self.boundary / self.scale)
+        return self.error_scale * ops.power(
+            error / self.error_scale, self.exponent, self.boundary_layer / self.error_scale
+        )
 
     def slope(self, error: Any) -> Any:
         """φ'(e), shape (n,)."""
-        return ops.power_slope(error / self.scale, self.exponent, self.boundary / self.scale)
+        return ops.power_slope(error / self.error_scale, self.exponent, self.boundary_layer / self.error_scale)
 
     def sliding(self, error: Any, error_rate: Any) -> Any:
         """Position on the surface s [rad/s or m/s], shape (n,)."""
@@ -94,5 +97,5 @@ class TerminalSliding(TDE):
     def robust(self, state: tuple[()], tracking: Tracking) -> tuple[tuple[()], Any, dict[str, Any]]:
         """Δu = −κ ‖s‖ s."""
         s = self.sliding(tracking.error, tracking.error_rate)
-        highest = ops.HUGE if self.cap is None else self.cap
+        highest = ops.HUGE if self.max_gain is None else self.max_gain
         return state, -ops.clip(self.nonlinear_damping * ops.norm(s), 0.0, highest) * s, {}

@@ -4,27 +4,27 @@ from tarc.core.optional import require
 
 require("certify", "tarc.paper")
 
-from tarc.paper.bounds_on_gain import GainBounds, gain_bounds
-from tarc.paper.lemma1 import condition_c2, lemma1
-from tarc.paper.nominal_loop import nominal, nominal_delay, nominal_window
-from tarc.paper.procedure import Procedure, Step, paper_procedure
-from tarc.paper.theorem1 import UltimateBound, theorem1, theorem1_delay, ultimate_bound
-from tarc.paper.theorem2 import theorem2
+from tarc.paper.gain_bounds import GainBounds, evaluate_gain_bounds
+from tarc.paper.lemma1 import check_condition_c2, check_lemma1
+from tarc.paper.nominal_loop import check_nominal_loop, nominal_max_delay, nominal_max_window
+from tarc.paper.procedure import Procedure, Step, run_procedure
+from tarc.paper.theorem1 import UltimateBound, check_theorem1, theorem1_max_delay, ultimate_bound
+from tarc.paper.theorem2 import check_theorem2
 
 __all__ = [
     "GainBounds",
     "Procedure",
     "Step",
     "UltimateBound",
-    "condition_c2",
-    "gain_bounds",
-    "lemma1",
-    "nominal",
-    "nominal_delay",
-    "nominal_window",
-    "paper_procedure",
-    "theorem1",
-    "theorem1_delay",
-    "theorem2",
+    "check_condition_c2",
+    "check_lemma1",
+    "check_nominal_loop",
+    "check_theorem1",
+    "check_theorem2",
+    "evaluate_gain_bounds",
+    "nominal_max_delay",
+    "nominal_max_window",
+    "run_procedure",
+    "theorem1_max_delay",
     "ultimate_bound",
 ]

@@ -43,7 +43,7 @@ def gains(law: TDE, *weights: Array) -> list[tuple[Array, ...]]:
     """
     from scipy.sparse.csgraph import connected_components
 
-    n = law.joints
+    n = law.n_joints
     linked = (law.K1 != 0) | (law.K2 != 0)
     for weight in weights:
         linked |= np.any(weight.reshape(2, n, 2, n) != 0, axis=(0, 2))
@@ -78,7 +78,7 @@ def windowed(law: TDE) -> Algebraic:
 
 
 def rate(K1: Array) -> float:
-    """A bandwidth [1/s] to measure time in: det(K1)^(1/2n), so that the solver sees numbers around one."""
+    """A natural frequency [1/s] to measure time in: det(K1)^(1/2n), so that the solver sees numbers around one."""
     return float(np.exp(np.linalg.slogdet(K1)[1] / (2 * len(K1))))
 
 

@@ -19,7 +19,7 @@ from tarc.numerics.matrix_tests import definite
 from tarc.plants.base import Plant
 
 
-def lemma1(
+def check_lemma1(
     law: Law, plant: Plant | Sequence[Plant], workspace: Workspace, *, samples: int = 2000, seed: int = 0
 ) -> Certificate:
     """Test ‖M(q)⁻¹M̂ − I‖ < 1 over a workspace.
@@ -56,11 +56,11 @@ def lemma1(
     """
     if not isinstance(law, PolePlacement):
         raise TarcError(f"law: got {type(law).__name__}; Lemma 1 is about M̂, so give a law on time-delay estimation")
-    nominal, eye = law.M, np.eye(law.joints)
+    nominal, eye = law.M, np.eye(law.n_joints)
     robots = list(plant) if isinstance(plant, Sequence) else [plant]
     for robot in robots:
-        if isinstance(robot, Plant) and robot.joints != law.joints:
-            raise TarcError(f"law: it drives {law.joints} joints and the robot has {robot.joints}; give as many")
+        if isinstance(robot, Plant) and robot.n_joints != law.n_joints:
+            raise TarcError(f"law: it drives {law.n_joints} joints and the robot has {robot.n_joints}; give as many")
     worst, low, high = extremes(
         (
             lambda M: np.linalg.norm(np.linalg.solve(M, nominal) - eye, 2, axis=(1, 2)),
@@ -122,7 +122,7 @@ def _lemma1_form(M: Array, nominal: Array) -> Array:
     return M @ nominal + nominal @ M - nominal @ nominal
 
 
-def condition_c2(law: Law) -> Certificate:
+def check_condition_c2(law: Law) -> Certificate:
     """Test condition (c2), P3 P2ᵀ > 0 (its symmetric part), for the P of a law.
 
     P is known in floating point, and so solves its Lyapunov equation for a Q a little off. The paper asks for some
@@ -208,7 +208,7 @@ def _counterexamples(law: TARC) -> dict[str, Array]:
     # the trace of P3 P2 is that of P3 P2ᵀ, positive under (c2), so that the top eigenvalue is
     top = np.linalg.eigh((product + product.T) / 2)[1][:, -1]
     found = {"e1": top}
-    for e1 in np.eye(law.joints):
+    for e1 in np.eye(law.n_joints):
         ahead, behind = growth @ e1 / np.linalg.norm(growth @ e1), product @ e1 / np.linalg.norm(product @ e1)
         if np.linalg.norm(ahead - behind) > 1e-6:
             found |= {"f1": e1, "df1": (ahead - behind) / np.linalg.norm(ahead - behind)}

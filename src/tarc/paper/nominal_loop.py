@@ -1,6 +1,6 @@
 """Theorem 2 repaired, for the nominal loop: input-to-state stability with a delay and a derivative window.
 
-Theorem 2 of the paper has no solution (see `tarc.paper.theorem2`). The loop that it is about, with the delay h,
+Theorem 2 of the paper has no solution (see `tarc.paper.check_theorem2`). The loop that it is about, with the delay h,
 the window ς and the kernel Ω_1,
 
     ë1 = −K1 e1(t−h) − K2 ∫_{−ς}^0 Ω_1(ψ) e1(t−h+ψ) dψ + σ′,
@@ -38,7 +38,9 @@ NAMES = ("K1", "K2", "P", "R1", "R2")
 SHAPES = {"K1": (1, 1), "K2": (1, 1), "P": (2, 2), "R1": (1, 1), "R2": (1, 1)}
 
 
-def nominal(law: Law, *, window: float | None = None, delay: float | None = None, decay: float = 0.0) -> Certificate:
+def check_nominal_loop(
+    law: Law, *, window: float | None = None, delay: float | None = None, decay: float = 0.0
+) -> Certificate:
     """Input-to-state stability of the nominal loop with its delay and its derivative window.
 
     A semidefinite program finds P, R1, R2 and the least γ², whose inequality is then proven in ball arithmetic. Joints
@@ -98,7 +100,7 @@ def nominal(law: Law, *, window: float | None = None, delay: float | None = None
         assumptions=(
             "σ′ is an input of its own: what is left out is that it holds the TDE error with M⁻¹M̂(q̈_h − q̈̂_h), which "
             "depends on the loop's own state and is of its own order; for the loop that runs use "
-            "tarc.certificates.loop",
+            "tarc.certificates.certify_constant_ratio",
             "continuous time and the kernel Ω_1 with its sign corrected; no sampling",
             "the switching term, the adaptation and torque limits are left out or count as σ′",
             "sufficient only: where it is inconclusive, the nominal loop may still be stable",
@@ -111,16 +113,17 @@ def nominal(law: Law, *, window: float | None = None, delay: float | None = None
     )
 
 
-def nominal_window(law: Law, *, delay: float | None = None, decay: float = 0.0) -> float:
+def nominal_max_window(law: Law, *, delay: float | None = None, decay: float = 0.0) -> float:
     """The largest window ς [s] that `nominal` certifies for the gains, delay and degree of a law; 0.0 for none.
 
-    At damping 1 and a delay of 0.01 over the bandwidth: 0.980, 1.240 and 1.263 over the bandwidth for Λ = 1, 2, 3.
+    At damping 1 and a delay of 0.01 over the natural frequency: 0.980, 1.240 and 1.263 over the natural frequency
+    for Λ = 1, 2, 3.
     """
     law = delayed(law)
     return _longest(law, "window", {"delay": delay_of(law, delay)}, decay)
 
 
-def nominal_delay(law: Law, *, window: float | None = None, decay: float = 0.0) -> float:
+def nominal_max_delay(law: Law, *, window: float | None = None, decay: float = 0.0) -> float:
     """The largest delay h [s] that `nominal` certifies for the gains, window and degree of a law; 0.0 for none."""
     law = delayed(law)
     window = windowed(law).window if window is None else check.number("window", window, 0, strict=True)
@@ -132,7 +135,7 @@ def _longest(law: Any, name: str, fixed: dict[str, float], decay: float) -> floa
     end = min(_Program(K1, K2, numbers).longest(name, numbers) for K1, K2 in gains(law))
     for room in (1e-7, 1e-6, 1e-5, 1e-4, 1e-3):
         value = end * (1 - room)
-        if value > 0 and nominal(law, **{**fixed, name: value}, decay=decay).certified:
+        if value > 0 and check_nominal_loop(law, **{**fixed, name: value}, decay=decay).certified:
             return value
     return 0.0
 

@@ -7,16 +7,16 @@ import numpy as np
 
 from tarc.analysis.stability import stable_intervals
 from tarc.certificates.base import Certificate
-from tarc.certificates.constant_ratio import loop
+from tarc.certificates.constant_ratio import certify_constant_ratio
 from tarc.core import validation as check
 from tarc.core.validation import Numbers
 from tarc.estimators.algebraic import Algebraic
 from tarc.laws.tarc import TARC
 from tarc.laws.tdc import TDC
-from tarc.paper.lemma1 import condition_c2
-from tarc.paper.nominal_loop import nominal, nominal_window
-from tarc.paper.theorem1 import theorem1, theorem1_delay
-from tarc.paper.theorem2 import theorem2
+from tarc.paper.lemma1 import check_condition_c2
+from tarc.paper.nominal_loop import check_nominal_loop, nominal_max_window
+from tarc.paper.theorem1 import check_theorem1, theorem1_max_delay
+from tarc.paper.theorem2 import check_theorem2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,14 +81,14 @@ class Procedure:
         return "\n".join(lines)
 
 
-def paper_procedure(
-    bandwidth: Numbers,
+def run_procedure(
+    natural_frequency: Numbers,
     *,
-    damping: Numbers = 1.0,
+    damping_ratio: Numbers = 1.0,
     delay: float = 1e-3,
     window: float | None = None,
     degree: int = 2,
-    joints: int = 1,
+    n_joints: int = 1,
     ratio: float = 1.0,
 ) -> Procedure:
     """Choose parameters as the paper does, with a verdict at each step.
@@ -99,7 +99,7 @@ def paper_procedure(
 
     Parameters
     ----------
-    bandwidth, damping
+    natural_frequency, damping_ratio
         ωn [rad/s] and ζ, one number or one a joint.
     delay
         h [s], the least that the hardware allows. It is the control period as well.
@@ -121,27 +121,32 @@ def paper_procedure(
     ----------
     Paper, Section III-B, Selection of Parameters; Theorems 1 and 2, condition (c2).
     """
-    n = check.whole("joints", joints, 1)
-    omega = check.vector("bandwidth", bandwidth, n, 0, strict=True)
-    zeta = check.vector("damping", damping, n, 0, strict=True)
+    n = check.whole("joints", n_joints, 1)
+    omega = check.vector("natural_frequency", natural_frequency, n, 0, strict=True)
+    zeta = check.vector("damping_ratio", damping_ratio, n, 0, strict=True)
     h = check.number("delay", delay, 0, strict=True)
     check.number("ratio", ratio, 0, strict=True)
     length = 10 * h if window is None else window
     shared: Any = dict(
         inertia=np.ones(n),
-        bandwidth=omega,
-        damping=zeta,
+        natural_frequency=omega,
+        damping_ratio=zeta,
         period=h,
         estimator=Algebraic(window=length, degree=check.whole("degree", degree, 2, 6)),
     )
-    law = TARC(rise=1.0, fall=1.0, **shared)
-    found = {"theorem1": theorem1(law), "c2": condition_c2(law), "theorem2": theorem2(law), "nominal": nominal(law)}
+    law = TARC(rise_rate=1.0, fall_rate=1.0, **shared)
+    found = {
+        "theorem1": check_theorem1(law),
+        "c2": check_condition_c2(law),
+        "theorem2": check_theorem2(law),
+        "nominal": check_nominal_loop(law),
+    }
     linear = TDC(**shared)
-    found["loop"] = loop(linear, ratio)
+    found["loop"] = certify_constant_ratio(linear, ratio)
     ranges = _widest(linear), _widest(TDC(synchronised=True, **shared))
     if ranges[0]:
         low, high = ranges[0]
-        found["loop, middle"] = loop(linear, float(np.sqrt(max(low, 1e-3 * high) * high)))
+        found["loop, middle"] = certify_constant_ratio(linear, float(np.sqrt(max(low, 1e-3 * high) * high)))
     steps = (
         Step(
             name="K1, K2",
@@ -189,14 +194,16 @@ def _widest(law: TDC) -> tuple[float, float] | None:
 
 def _delay_step(law: TARC, h: float) -> Step:
     """The delay against the largest that Theorem 1 certifies and the largest that its equation bears."""
-    longest, exact = theorem1_delay(law), exact_delay(law)
+    longest, exact = theorem1_max_delay(law), exact_delay(law)
     values = {"h [s]": h, "largest by Theorem 1 [s]": longest, "largest that the equation bears [s]": exact}
     if h <= longest:
         meaning = f"h is {h / longest:.2g} of the largest that Theorem 1 certifies for these gains."
     else:
         share = values["bandwidths by Theorem 1, of these"] = _slower(law, h)
         state = "unstable as well" if h >= exact else "stable still, for the theorem is conservative"
-        remedy = f", or {share:.3g} of these bandwidths" if share else "; with this one no bandwidth was found to do"
+        remedy = (
+            f", or {share:.3g} of these bandwidths" if share else "; with this one no natural frequency was found to do"
+        )
         meaning = (
             f"h is too large: Theorem 1 certifies up to {longest:.4g} s for these gains. The equation that it is for, "
             f"ė = A1 e + B1 e_h, is {state}. Take a shorter h{remedy}."
@@ -211,12 +218,13 @@ def _delay_step(law: TARC, h: float) -> Step:
 
 
 def _slower(law: TARC, h: float) -> float:
-    """The largest share of the bandwidths, to 1/1024, with which Theorem 1 certifies a delay [s]; 0 for none."""
+    """The largest share of the natural frequencies, to 1/1024, with which Theorem 1 certifies a delay [s]; 0 for
+    none."""
     low, high = 0.0, 1.0
     for _ in range(10):
         middle = (low + high) / 2
-        slower = replace(law, bandwidth=middle * np.asarray(law.bandwidth))
-        low, high = (middle, high) if theorem1(slower, delay=h).certified else (low, middle)
+        slower = replace(law, natural_frequency=middle * np.asarray(law.natural_frequency))
+        low, high = (middle, high) if check_theorem1(slower, delay=h).certified else (low, middle)
     return low
 
 
@@ -252,7 +260,7 @@ def _theorem2_step(certificate: Certificate) -> Step:
 
 
 def _nominal_step(law: TARC, certificate: Certificate) -> Step:
-    longest, window = nominal_window(law), certificate.numbers["window"]
+    longest, window = nominal_max_window(law), certificate.numbers["window"]
     values = {"ς [s]": window, "largest ς [s]": longest}
     if certificate.certified:
         values["mean square gain [s²]"] = certificate.numbers["mean square gain"]
@@ -260,7 +268,7 @@ def _nominal_step(law: TARC, certificate: Certificate) -> Step:
     elif longest:
         meaning = f"The window is too long: {longest:.4g} s is the longest that is certified with this h."
     else:
-        meaning = "With this h no window is certified; take a shorter h or a lower bandwidth."
+        meaning = "With this h no window is certified; take a shorter h or a lower natural frequency."
     return Step(
         name="ς (nominal loop)",
         asked="In place of Theorem 2: a functional with P, R1, R2 for the loop with h and the window's own lag.",
@@ -289,7 +297,7 @@ def _loop_step(
     elif averaged:
         second = "No M̂ makes it stable unless the past torques are averaged, synchronised=True."
     else:
-        second = "No M̂ makes it stable; take a shorter h, a shorter window or a lower bandwidth."
+        second = "No M̂ makes it stable; take a shorter h, a shorter window or a lower natural frequency."
     return Step(
         name="M̂ (the loop that runs)",
         asked="The sampled loop, with its estimator, is stable for the inertia ratio ρ = M⁻¹M̂.",

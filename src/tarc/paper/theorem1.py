@@ -33,7 +33,7 @@ NAMES = ("K1", "K2", "P", "D")
 SHAPES = {"K1": (1, 1), "K2": (1, 1), "P": (2, 2), "D": (2, 2)}
 
 
-def theorem1(
+def check_theorem1(
     law: Law,
     *,
     delay: float | None = None,
@@ -88,7 +88,7 @@ def theorem1(
     law = delayed(law)
     h = delay_of(law, delay)
     given = [
-        check.definite(name, one, 2 * law.joints) for name, one in (("weight", weight), ("D", D)) if one is not None
+        check.definite(name, one, 2 * law.n_joints) for name, one in (("weight", weight), ("D", D)) if one is not None
     ]
     numbers = {
         "delay": h,
@@ -140,15 +140,16 @@ def theorem1(
     )
 
 
-def theorem1_delay(law: Law, *, disturbance_term: bool = True) -> float:
+def theorem1_max_delay(law: Law, *, disturbance_term: bool = True) -> float:
     """The largest delay h [s] that Theorem 1 certifies for the gains of a law, to a millionth; 0.0 for none.
 
-    As printed, with damping 1 and bandwidth 1 rad/s: 0.2454 s; without the D⁻¹ term 0.2708 s over the bandwidth. The
-    exact margin of ė = A1 e + B1 e_h is 0.6474 over the bandwidth.
+    As printed, with damping 1 and natural frequency 1 rad/s: 0.2454 s; without the D⁻¹ term 0.2708 s over the
+    natural frequency. The
+    exact margin of ė = A1 e + B1 e_h is 0.6474 over the natural frequency.
     """
     h = min(_Program(K1, K2, None, disturbance_term).longest() for K1, K2 in gains(delayed(law)))
     for room in (1e-7, 1e-6, 1e-5, 1e-4, 1e-3):
-        if h > 0 and theorem1(law, delay=h * (1 - room), disturbance_term=disturbance_term).certified:
+        if h > 0 and check_theorem1(law, delay=h * (1 - room), disturbance_term=disturbance_term).certified:
             return float(h * (1 - room))
     return 0.0
 

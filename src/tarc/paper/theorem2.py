@@ -1,6 +1,6 @@
 """Theorem 2 of the paper: Θ > 0, which no gains, delay, window or weights meet; and the vector that shows it.
 
-With the notation of `tarc.paper.theorem1`, B̄ = B [K2 0], B̆ = B [0 K2] and J = [0 I], the condition is
+With the notation of `tarc.paper.check_theorem1`, B̄ = B [K2 0], B̆ = B [0 K2] and J = [0 I], the condition is
 
         [ Q − Ē − (1+ξ)(h²/β)D    PB̆                    PB̄J  ]
     Θ = [ B̆ᵀP                     (ξ−1)(h²/β)D − F̄      0     ] > 0,
@@ -15,7 +15,7 @@ S = PA_b + A_bᵀP, tr(P⁻¹S) = 2 tr A_b = 0, so that some e ≠ 0 has eᵀSe 
     Θ:  −eᵀSe − 2(h²/β) eᵀDe − eᵀ(Ē + F̄)e < 0.
 
 The proof in the paper gives −PB̆ in place of PB̆; then it is (e, e, 0). For the nominal loop there is a condition that
-can be met, in `tarc.paper.nominal`.
+can be met, in `tarc.paper.check_nominal_loop`.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -40,7 +40,7 @@ NAMES = ("K1", "K2", "P", "D", "L")
 SHAPES = {"K1": (1, 1), "K2": (1, 1), "P": (2, 2), "D": (2, 2), "L": (2, 2)}
 
 
-def theorem2(
+def check_theorem2(
     law: Law,
     *,
     delay: float | None = None,
@@ -86,7 +86,7 @@ def theorem2(
     """
     law = delayed(law)
     estimator = windowed(law)
-    joints = law.joints
+    joints = law.n_joints
     length = estimator.window if window is None else check.number("window", window, 0, strict=True)
     easy = 2 + float(kernel_energy(estimator.degree)) / length**2
     numbers = {

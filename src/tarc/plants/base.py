@@ -14,7 +14,7 @@ class Plant(ABC):
 
     @property
     @abstractmethod
-    def joints(self) -> int:
+    def n_joints(self) -> int:
         """How many joints n."""
 
     @property
@@ -25,7 +25,7 @@ class Plant(ABC):
     @property
     def joint_units(self) -> list[str]:
         """``rad`` or ``m``, one a joint."""
-        return ["rad"] * self.joints
+        return ["rad"] * self.n_joints
 
     @property
     @abstractmethod
@@ -58,7 +58,7 @@ class Plant(ABC):
         At rest where no velocity (n,) and no acceleration (n,) is given.
         """
         q, v, a = self._motion(position, velocity, acceleration)
-        step, units = 1e-5, np.eye(self.joints)
+        step, units = 1e-5, np.eye(self.n_joints)
 
         def torque(posture: np.ndarray) -> np.ndarray:
             return self.inertia(posture) @ a + self.bias(posture, v)
@@ -69,26 +69,26 @@ class Plant(ABC):
     def damping(self, position: Any, velocity: Any = None) -> np.ndarray:
         """D = ∂N/∂q̇ without dry friction [N m s/rad or N s/m], shape (n, n); at rest where no velocity is given."""
         q, v, _ = self._motion(position, velocity, None)
-        columns = [(self.bias(q, v + d) - self.bias(q, v - d)) / 2 for d in np.eye(self.joints)]  # quadratic in q̇
+        columns = [(self.bias(q, v + d) - self.bias(q, v - d)) / 2 for d in np.eye(self.n_joints)]  # quadratic in q̇
         return np.column_stack(columns)
 
     def _motion(self, position: Any, velocity: Any, acceleration: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Each (n,), zero for what is not given."""
-        still = np.zeros(self.joints)
+        still = np.zeros(self.n_joints)
         return (
-            check.vector("position", position, self.joints),
-            still if velocity is None else check.vector("velocity", velocity, self.joints),
-            still if acceleration is None else check.vector("acceleration", acceleration, self.joints),
+            check.vector("position", position, self.n_joints),
+            still if velocity is None else check.vector("velocity", velocity, self.n_joints),
+            still if acceleration is None else check.vector("acceleration", acceleration, self.n_joints),
         )
 
     @property
     def home(self) -> np.ndarray:
         """A posture to start from, shape (n,)."""
-        return np.zeros(self.joints)
+        return np.zeros(self.n_joints)
 
     def mean_inertia(self, positions: Any) -> np.ndarray:
         """Mean of M(q) over the columns of positions (n, k): the nominal inertia along a path, shape (n, n)."""
         columns = check.array("positions", positions)
-        if columns.ndim != 2 or columns.shape[0] != self.joints:
-            raise TarcError(f"positions: got shape {columns.shape}; needs ({self.joints}, k), a position a column")
+        if columns.ndim != 2 or columns.shape[0] != self.n_joints:
+            raise TarcError(f"positions: got shape {columns.shape}; needs ({self.n_joints}, k), a position a column")
         return np.mean([self.inertia(column) for column in columns.T], axis=0)

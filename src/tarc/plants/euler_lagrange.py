@@ -46,11 +46,11 @@ class EulerLagrange(Parametric, Plant):
 
     def gyroscopic(self, q: Any, dq: Any, p: Any) -> Any:
         """Skew-symmetric G(q, q̇), shape (n, n): forces that do no work; none unless overridden."""
-        return ca.SX(self.joints, self.joints)
+        return ca.SX(self.n_joints, self.n_joints)
 
     def __post_init__(self) -> None:
         self.validate()
-        q = np.linspace(0.1, 1.1, self.joints)
+        q = np.linspace(0.1, 1.1, self.n_joints)
         M = self.inertia(q)
         if not np.isfinite(self.evaluate("energy", q, q)):
             raise TarcError(
@@ -69,7 +69,7 @@ class EulerLagrange(Parametric, Plant):
     @property
     def joint_names(self) -> list[str]:
         """``joint1``, ``joint2``, …"""
-        return [f"joint{i + 1}" for i in range(self.joints)]
+        return [f"joint{i + 1}" for i in range(self.n_joints)]
 
     @property
     def parameters(self) -> dict[str, np.ndarray]:
@@ -78,7 +78,7 @@ class EulerLagrange(Parametric, Plant):
 
     @cached_property
     def _model(self) -> dict[str, ca.Function]:
-        n = self.joints
+        n = self.n_joints
         q, dq, ddq, tau = (ca.SX.sym(name, n) for name in ("q", "dq", "ddq", "tau"))
         symbols = [ca.SX.sym(name, max(value.size, 1)) for name, value in self.parameters.items()]
         p = SimpleNamespace(**dict(zip(self.parameters, symbols, strict=True)))
@@ -174,8 +174,8 @@ class EulerLagrange(Parametric, Plant):
 
     def spread(self, name: str, low: float = -np.inf, *, strict: bool = False) -> None:
         """Check a field that has one number a joint; one number stands for all."""
-        numbers = check.vector(name, getattr(self, name), self.joints, low, strict=strict)
+        numbers = check.vector(name, getattr(self, name), self.n_joints, low, strict=strict)
         object.__setattr__(self, name, tuple(numbers.tolist()))
 
     def _position(self, position: Any) -> np.ndarray:
-        return check.vector("position", position, self.joints)
+        return check.vector("position", position, self.n_joints)

@@ -38,14 +38,14 @@ class MassSpringDamper(EulerLagrange):
         check.number("payload", self.payload, 0)
 
     @property
-    def joints(self) -> int:
+    def n_joints(self) -> int:
         """One a mass."""
         return np.size(self.masses)
 
     @property
     def joint_units(self) -> list[str]:
         """All slide."""
-        return ["m"] * self.joints
+        return ["m"] * self.n_joints
 
     def kinetic_energy(self, q: Any, dq: Any, p: Any) -> Any:
         """T = ½ Σ m_i q̇_i² [J]."""
@@ -53,10 +53,10 @@ class MassSpringDamper(EulerLagrange):
 
     def potential_energy(self, q: Any, p: Any) -> Any:
         """V = ½ Σ k_i (q_i − q_{i−1})² [J]."""
-        stretch = q - ca.vertcat(0, q)[: self.joints]
+        stretch = q - ca.vertcat(0, q)[: self.n_joints]
         return ca.sum1(p.springs * stretch**2) / 2
 
     def dissipation(self, q: Any, dq: Any, p: Any) -> Any:
         """Damper forces [N]."""
-        force = p.dampers * (dq - ca.vertcat(0, dq)[: self.joints])
+        force = p.dampers * (dq - ca.vertcat(0, dq)[: self.n_joints])
         return force - ca.vertcat(force, 0)[1:]

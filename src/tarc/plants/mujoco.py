@@ -35,16 +35,16 @@ class MujocoPlant(Plant):
     """A robot whose joints are all hinges and slides, simulated by MuJoCo. Made by `from_file`.
 
     Torque acts on the joints directly; actuators in the file are removed and their limits kept as
-    `torque_limit`. Contacts are off unless asked for.
+    `torque_limits`. Contacts are off unless asked for.
 
     Attributes
     ----------
     model
         The ``mujoco.MjModel``.
-    torque_limit
+    torque_limits
         Limits from the file [N m or N], shape (n,), infinite where it has none; the smaller one where a range is
         not symmetric.
-    speed_limit
+    velocity_limits
         Limits from a URDF [rad/s or m/s], shape (n,), infinite where it has none.
     options
         How to make this robot again: ``file`` and the other arguments of `from_file`.
@@ -69,8 +69,8 @@ class MujocoPlant(Plant):
         self._scratch = mujoco.MjData(self.model)
         self._payload_body = self.model.body("tarc_payload").id
         limited, ranges = self.model.jnt_actfrclimited.astype(bool), np.abs(self.model.jnt_actfrcrange)
-        self.torque_limit = np.where(limited, ranges.min(axis=1), np.inf)
-        self.speed_limit = np.full(self.joints, np.inf)
+        self.torque_limits = np.where(limited, ranges.min(axis=1), np.inf)
+        self.velocity_limits = np.full(self.n_joints, np.inf)
         self.set_parameters(self.model, {"payload": np.array(payload)})
         values, vectors = np.linalg.eigh(self.inertia(self._home))
         if not values[0] > 1e-9:
@@ -89,7 +89,7 @@ class MujocoPlant(Plant):
         return np.where(outside, (low + high) / 2, 0.0)
 
     def __repr__(self) -> str:
-        return f"MujocoPlant({self.label!r}, joints={self.joints})"
+        return f"MujocoPlant({self.label!r}, joints={self.n_joints})"
 
     @classmethod
     def from_file(
@@ -148,24 +148,29 @@ class MujocoPlant(Plant):
         spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         plant = cls(spec, home, tool or "", check.number("payload", payload, 0), file.name)
         given = {
-            "joints": None if names is None else list(names), "armature": armature, "viscous": viscous,
-            "coulomb": coulomb, "payload": payload or None, "tool": tool, "contact": contact or None,
-        }  # fmt: skip
+            "joints": None if names is None else list(names),
+            "armature": armature,
+            "viscous": viscous,
+            "coulomb": coulomb,
+            "payload": payload or None,
+            "tool": tool,
+            "contact": contact or None,
+        }
         plant.locked = locked
         speeds = speed_limits(file)
-        plant.speed_limit = np.array([speeds.get(joint, np.inf) for joint in plant.joint_names])
+        plant.velocity_limits = np.array([speeds.get(joint, np.inf) for joint in plant.joint_names])
         plant.options = {"file": str(path), **{key: value for key, value in given.items() if value is not None}}
         return plant
 
     @property
-    def joints(self) -> int:
+    def n_joints(self) -> int:
         """How many joints n."""
         return self.model.nv
 
     @property
     def joint_names(self) -> list[str]:
         """As in the file."""
-        return [self.model.joint(i).name or f"joint{i + 1}" for i in range(self.joints)]
+        return [self.model.joint(i).name or f"joint{i + 1}" for i in range(self.n_joints)]
 
     @property
     def joint_units(self) -> list[str]:
@@ -184,7 +189,7 @@ class MujocoPlant(Plant):
         return {
             "payload": np.array(model.body_mass[self._payload_body]),
             "armature": model.dof_armature.copy(),
-            "viscous": model.dof_damping.copy().reshape(self.joints, -1)[:, 0],
+            "viscous": model.dof_damping.copy().reshape(self.n_joints, -1)[:, 0],
             "coulomb": model.dof_frictionloss.copy(),
         }
 
@@ -210,7 +215,7 @@ class MujocoPlant(Plant):
         if "armature" in values:
             model.dof_armature[:] = values["armature"]
         if "viscous" in values:
-            model.dof_damping.reshape(self.joints, -1)[:, 0] = values["viscous"]
+            model.dof_damping.reshape(self.n_joints, -1)[:, 0] = values["viscous"]
         if "coulomb" in values:
             model.dof_frictionloss[:] = values["coulomb"]
         mujoco.mj_setConst(model, self._scratch)
@@ -222,7 +227,7 @@ class MujocoPlant(Plant):
         return copy.copy(self.model)
 
     def _placed(self, position: Any) -> mujoco.MjData:
-        self._scratch.qpos[:] = check.vector("position", position, self.joints)
+        self._scratch.qpos[:] = check.vector("position", position, self.n_joints)
         self._scratch.qvel[:] = 0
         mujoco.mj_fwdPosition(self.model, self._scratch)
         return self._scratch
@@ -230,14 +235,14 @@ class MujocoPlant(Plant):
     def inertia(self, position: Any) -> np.ndarray:
         """M(q) with rotor inertia [kg m² or kg], shape (n, n)."""
         data = self._placed(position)
-        matrix = np.zeros((self.joints, self.joints))
+        matrix = np.zeros((self.n_joints, self.n_joints))
         mujoco.mj_fullM(self.model, data, matrix)
         return matrix
 
     def bias(self, position: Any, velocity: Any) -> np.ndarray:
         """N(q, q̇) without dry friction [N m or N], shape (n,)."""
         data = self._placed(position)
-        data.qvel[:] = check.vector("velocity", velocity, self.joints)
+        data.qvel[:] = check.vector("velocity", velocity, self.n_joints)
         mujoco.mj_fwdVelocity(self.model, data)
         return data.qfrc_bias - data.qfrc_passive
 
@@ -249,7 +254,7 @@ class MujocoPlant(Plant):
         M, D, step = self.inertia(q), self.damping(q, v), 1e-5
         self._scratch.qacc[:] = a
         stiffness = []
-        for d in step * np.eye(self.joints):
+        for d in step * np.eye(self.n_joints):
             self._place(q + d)
             ahead = self._inverse(v)
             self._place(q - d)
@@ -261,7 +266,7 @@ class MujocoPlant(Plant):
         q, v, still = self._motion(position, velocity, None)
         self._scratch.qacc[:] = still
         self._place(q)
-        return np.column_stack([(self._inverse(v + d) - self._inverse(v - d)) / 2 for d in np.eye(self.joints)])
+        return np.column_stack([(self._inverse(v + d) - self._inverse(v - d)) / 2 for d in np.eye(self.n_joints)])
 
     def _place(self, position: np.ndarray) -> None:
         self._scratch.qpos[:] = position
@@ -270,7 +275,7 @@ class MujocoPlant(Plant):
 
     def _inverse(self, velocity: np.ndarray) -> np.ndarray:
         """M(q) q̈ + N(q, q̇) at the place and acceleration set, rotor inertia and dry friction apart."""
-        model, data, torque = self.model, self._scratch, np.zeros(self.joints)
+        model, data, torque = self.model, self._scratch, np.zeros(self.n_joints)
         data.qvel[:] = velocity
         mujoco.mj_comVel(model, data)
         mujoco.mj_passive(model, data)

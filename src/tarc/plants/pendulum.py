@@ -43,7 +43,7 @@ class Pendulum(EulerLagrange):
         check.number("gravity", self.gravity)
 
     @property
-    def joints(self) -> int:
+    def n_joints(self) -> int:
         """One."""
         return 1
 

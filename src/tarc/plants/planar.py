@@ -46,7 +46,7 @@ class PlanarArm(EulerLagrange):
         check.number("payload", self.payload, 0)
 
     @property
-    def joints(self) -> int:
+    def n_joints(self) -> int:
         """One a link."""
         return np.size(self.masses)
 
@@ -63,8 +63,8 @@ class PlanarArm(EulerLagrange):
             pairs = [(j, k) for j in range(len(w)) for k in range(j)]
             return own + 2 * sum(w[j] * w[k] * rate[j] * rate[k] * ca.cos(ca.sum1(q[k + 1 : j + 1])) for j, k in pairs)
 
-        energy = p.payload * squared_speed([p.lengths[j] for j in range(self.joints)]) / 2
-        for i in range(self.joints):
+        energy = p.payload * squared_speed([p.lengths[j] for j in range(self.n_joints)]) / 2
+        for i in range(self.n_joints):
             centre = [*(p.lengths[j] for j in range(i)), p.centres[i]]
             energy += (p.masses[i] * squared_speed(centre) + p.inertias[i] * rate[i] ** 2) / 2
         return energy
@@ -73,7 +73,7 @@ class PlanarArm(EulerLagrange):
         """V [J]."""
         angle = ca.cumsum(q)
         height = moment = ca.SX(0)
-        for i in range(self.joints):
+        for i in range(self.n_joints):
             moment += p.masses[i] * (height + p.centres[i] * ca.sin(angle[i]))
             height += p.lengths[i] * ca.sin(angle[i])
         return p.gravity * (moment + p.payload * height)

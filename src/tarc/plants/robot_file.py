@@ -271,9 +271,7 @@ def choose_joints(
         raise TarcError(f"{label}: joints: got {list(wanted)}; names one of them twice")
     if not wanted:
         raise TarcError(f"{label}: it has no hinge or slide joint to control")
-    locked = {
-        joint.name: _why_locked(joint, leaders, plain) for joint in spec.joints if joint.name not in wanted
-    }  # fmt: skip
+    locked = {joint.name: _why_locked(joint, leaders, plain) for joint in spec.joints if joint.name not in wanted}
     posture = _home(spec)
     for group in (spec.keys, spec.equalities, spec.sensors, spec.tendons):
         for element in list(group):

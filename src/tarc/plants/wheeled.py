@@ -62,7 +62,7 @@ class WheeledMobileRobot(EulerLagrange):
         check.number("payload", self.payload, 0)
 
     @property
-    def joints(self) -> int:
+    def n_joints(self) -> int:
         """The two wheels."""
         return 2
 

@@ -179,7 +179,7 @@ def design_figure(law: "PolePlacement", certificates: dict[str, "Certificate"], 
     law
         The law that was certified.
     certificates
-        As `tarc.certify` gives them.
+        As `tarc.certify_law` gives them.
     computation_delay
         Periods between a measurement and its torque.
     """
@@ -228,7 +228,7 @@ def _map(axes: Axes, law: "PolePlacement", low: float, high: float, computation_
     """
     from tarc.analysis.linearise import alike, decouple
     from tarc.analysis.stability import stable_intervals
-    from tarc.certificates.varying_ratio import ball
+    from tarc.certificates.varying_ratio import certify_varying_ratio
     from tarc.core.errors import TarcError
     from tarc.estimators.algebraic import Algebraic
 
@@ -255,7 +255,9 @@ def _map(axes: Axes, law: "PolePlacement", low: float, high: float, computation_
         if alike(law):
             try:
                 about = None if rate is None else (low, high)
-                numbers = ball(other, contains=about, rate=rate, computation_delay=computation_delay).numbers
+                numbers = certify_varying_ratio(
+                    other, contains=about, rate=rate, computation_delay=computation_delay
+                ).numbers
                 held[i] = numbers["low"], numbers["high"]
             except TarcError:
                 pass

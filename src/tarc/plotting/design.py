@@ -12,7 +12,7 @@ from tarc.plotting.certificates import design_figure
 from tarc.plotting.runs import COLOURS
 
 if TYPE_CHECKING:
-    from tarc.design.candidate_loops import Candidate
+    from tarc.design.candidates import Candidate
     from tarc.design.selection import Design
 
 
@@ -26,7 +26,7 @@ def plot_front(design: "Design") -> Figure:
     figure = Figure(figsize=(8.5, 5.0), layout="constrained")
     axes = figure.subplots()
     plant = design.plants[0]
-    limit = design.law.limit if design.law.torque_limit is not None else np.full(design.law.joints, np.inf)
+    limit = design.law.torque_limits if design.law.torque_limit is not None else np.full(design.law.n_joints, np.inf)
     shares = 100 * design.torque_noise / limit
     known = bool(np.any(np.isfinite(limit)))
     loudest = int(np.argmax(shares if known else design.torque_noise))
@@ -66,7 +66,8 @@ def plot_front(design: "Design") -> Figure:
 
 
 def plot_reach(design: "Design") -> Figure:
-    """The spread that loops bear over window and bandwidth, and where it is the robot's; at one bandwidth over the
+    """The spread that loops bear over window and natural frequency, and where it is the robot's; at one natural
+    frequency over the
     window alone. For a robot of bounded speed, for which it is not known how much more a loop bears, those that do.
     """
     if design.workspace.speed is not None:
@@ -80,7 +81,7 @@ def _region(design: "Design") -> Figure:
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
     able = [one for one in design.candidates if one.feasible]
     limited = design.law.torque_limit is not None
-    loudest = float(np.max(100 * design.torque_noise / design.law.limit if limited else design.torque_noise))
+    loudest = float(np.max(100 * design.torque_noise / design.law.torque_limits if limited else design.torque_noise))
     noise = {one: loudest * one.noise / design.chosen.noise for one in able}
     least, most = np.log10(min(noise.values())), np.log10(max(noise.values()))
     drawn: Any = None
@@ -90,11 +91,18 @@ def _region(design: "Design") -> Figure:
             some = [one for one in able if (one.synchronised, one.degree) == (synchronised, degree)]
             some.sort(key=lambda one: -noise[one])
             drawn = axes.scatter(
-                [one.window for one in some], [one.bandwidth for one in some], c=[np.log10(noise[one]) for one in some],
-                vmin=least, vmax=most, cmap="viridis_r", marker=marker, s=30, label=f"degree {degree}",
-            )  # fmt: skip
+                [one.window for one in some],
+                [one.natural_frequency for one in some],
+                c=[np.log10(noise[one]) for one in some],
+                vmin=least,
+                vmax=most,
+                cmap="viridis_r",
+                marker=marker,
+                s=30,
+                label=f"degree {degree}",
+            )
         if design.chosen.synchronised == synchronised:
-            axes.plot(design.chosen.window, design.chosen.bandwidth, **STAR)
+            axes.plot(design.chosen.window, design.chosen.natural_frequency, **STAR)
         axes.set_title("synchronised" if synchronised else "literal", fontsize="medium")
         axes.set_xlabel("window [periods]")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -118,12 +126,16 @@ def _region(design: "Design") -> Figure:
 
 
 def _grid(design: "Design", synchronised: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Windows (w,), bandwidths (b,) and the widest spread that a loop bears there (b, w), of those looked at first."""
+    """Windows (w,), natural frequencies (b,) and the widest spread that a loop bears there (b, w), of those looked
+    at first."""
     found: dict[tuple[int, float], float] = {}
     for one in design.candidates:
         if one.synchronised == synchronised and one.degree == _degree(design, synchronised):
-            found[one.window, one.bandwidth] = max(one.reach, found.get((one.window, one.bandwidth), 1.0))
-    # the neighbours of the choice, looked at later, have few windows a bandwidth and few bandwidths a window
+            found[one.window, one.natural_frequency] = max(
+                one.reach, found.get((one.window, one.natural_frequency), 1.0)
+            )
+    # the neighbours of the choice, looked at later, have few windows a natural frequency and few natural frequencies
+    # a window
     speeds = _frequent([speed for _, speed in found])
     windows = _frequent([window for window, speed in found if speed in speeds])
     values = np.array([[found.get((int(w), float(s)), 1.0) for w in windows] for s in speeds])
@@ -154,9 +166,9 @@ def _map(design: "Design", sides: dict[bool, tuple[np.ndarray, np.ndarray, np.nd
             line = True
         able = [one for one in design.candidates if one.feasible and one.synchronised == synchronised]
         able = [one for one in able if one.degree == _degree(design, synchronised)]
-        axes.plot([one.window for one in able], [one.bandwidth for one in able], "o", color="black", ms=2.5)
+        axes.plot([one.window for one in able], [one.natural_frequency for one in able], "o", color="black", ms=2.5)
         if design.chosen.synchronised == synchronised:
-            axes.plot(design.chosen.window, design.chosen.bandwidth, clip_on=False, **STAR)
+            axes.plot(design.chosen.window, design.chosen.natural_frequency, clip_on=False, **STAR)
         axes.set_facecolor("0.9")
         word = "synchronised" if synchronised else "literal"
         axes.set_title(f"{word}, degree {_degree(design, synchronised)}", fontsize="medium")
@@ -198,7 +210,7 @@ def _lines(design: "Design") -> Figure:
     axes.set_xlabel("window [periods]")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     _log(axes, "y")
-    axes.set_ylabel(f"spread that the loop bears\nat {design.chosen.bandwidth:.4g} rad/s")
+    axes.set_ylabel(f"spread that the loop bears\nat {design.chosen.natural_frequency:.4g} rad/s")
     axes.legend(frameon=False, fontsize="small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
     axes.grid(alpha=0.3)
     figure.suptitle(

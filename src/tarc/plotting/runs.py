@@ -158,12 +158,12 @@ def _gain(axes: Axes, runs: dict[str, "Run"], line: float) -> None:
 
 def estimator_figure(estimator: "Estimator") -> Figure:
     """Gain relative to the ideal derivative, and phase error, over frequency."""
-    period = estimator.Ts
+    period = estimator.sampling_period
     frequency = np.geomspace(1.0, np.pi / period, 600)
     figure = Figure(figsize=(7, 5), layout="constrained")
     gain, phase = figure.subplots(2, 1, sharex=True)
     for colour, order, name in zip(COLOURS, (1, 2), ("velocity", "acceleration"), strict=False):
-        if order > estimator.orders:
+        if order > estimator.max_derivative:
             continue
         ratio = estimator.frequency_response(frequency, order) / (1j * frequency) ** order
         delay, noise = round(estimator.group_delay(order) * 1e3, 9) + 0.0, estimator.noise_gain(order)

@@ -48,7 +48,7 @@ def apply_setting(content: dict[str, Any], setting: str) -> None:
     path, equals, text = setting.partition("=")
     keys = path.strip().split(".")
     if not equals or not all(keys):
-        raise TarcError(f"--set: got {setting!r}; needs key=value, such as law.bandwidth=15")
+        raise TarcError(f"--set: got {setting!r}; needs key=value, such as law.natural_frequency=15")
     try:
         value = yaml.safe_load(text)
     except yaml.YAMLError:

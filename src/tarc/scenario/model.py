@@ -12,7 +12,7 @@ import tarc.plants
 import tarc.signals
 from tarc.analysis.workspace import Workspace
 from tarc.certificates.base import Certificate
-from tarc.certification import certify
+from tarc.certification import certify_law
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
 from tarc.core.progress import Progress
@@ -23,15 +23,6 @@ from tarc.scenario.schema import construct, explain, validate
 from tarc.simulation.run import Run
 from tarc.simulation.sampled_inputs import variants
 from tarc.simulation.simulator import simulate
-
-
-class Start(BaseModel):
-    """How the robot begins."""
-
-    model_config = ConfigDict(extra="forbid")
-    position: list[float] | None = None
-    velocity: float | list[float] = 0.0
-    torque: float | list[float] | str = 0.0
 
 
 class Scenario(BaseModel):
@@ -52,11 +43,11 @@ class Scenario(BaseModel):
         ``kind`` and parameters; the sensor's kind is Encoder, without parameters perfect.
     disturbance
         A list of disturbances, payloads and schedules.
-    duration, period, measure_from
-        [s]; the measures leave out what came before ``measure_from``.
-    start
-        ``position``, ``velocity`` and ``torque`` at the start; torque ``rest`` is the one that holds the robot.
-    computation_delay, substeps, seed, native, divergence
+    duration, period, metrics_start
+        [s]; the measures leave out what came before ``metrics_start``.
+    initial_position, initial_velocity, initial_torque
+        At the start, as in `tarc.simulate`; torque ``rest`` is the one that holds the robot.
+    computation_delay, substeps, seed, native, divergence_threshold
         As in `tarc.simulate`.
     """
 
@@ -70,14 +61,16 @@ class Scenario(BaseModel):
     name: str = "scenario"
     sensor: dict[str, Any] = Field(default_factory=dict)
     disturbance: list[dict[str, Any]] = Field(default_factory=list)
-    start: Start = Field(default_factory=Start)
+    initial_position: list[float] | None = None
+    initial_velocity: float | list[float] = 0.0
+    initial_torque: float | list[float] | str = 0.0
     period: float = 1e-3
-    measure_from: float = 0.0
+    metrics_start: float = 0.0
     computation_delay: int = 0
     substeps: int | None = None
     seed: int = 0
     native: bool = False
-    divergence: float = 5.0
+    divergence_threshold: float = 5.0
 
     @classmethod
     def parse(cls, content: Any, label: str = "scenario") -> Self:
@@ -93,7 +86,7 @@ class Scenario(BaseModel):
 
     @classmethod
     def load(cls, path: str | Path, settings: Sequence[str] = ()) -> Self:
-        """Read a YAML file, or a shipped scenario by name; then apply settings such as ``law.bandwidth=15``."""
+        """Read a YAML file, or a shipped scenario by name; then apply settings such as ``law.natural_frequency=15``."""
         file = find_scenario(path)
         try:
             content = yaml.load(file.read_text(encoding="utf-8"), _Loader)
@@ -165,7 +158,7 @@ class Scenario(BaseModel):
         if isinstance(inertia, dict):
             options["inertia"] = self._fraction(inertia, plant, reference)
         elif isinstance(inertia, int | float):
-            options["inertia"] = np.full(plant.joints, inertia)
+            options["inertia"] = np.full(plant.n_joints, inertia)
         if options.get("model") is not None:
             check.one_of("law.model", options["model"], ["robot"])
             options["model"] = plant
@@ -180,9 +173,9 @@ class Scenario(BaseModel):
                     f"{check.nearest(str(key), ['fraction', 'diagonal'])}"
                 )
         fraction = check.number("law.inertia.fraction", given.get("fraction"), 0, strict=True)
-        if reference.joints != plant.joints:
+        if reference.n_joints != plant.n_joints:
             raise TarcError(
-                f"reference: it has {reference.joints} joints, the robot {plant.joints} "
+                f"reference: it has {reference.n_joints} joints, the robot {plant.n_joints} "
                 f"({', '.join(plant.joint_names)}); give one number a joint"
             )
         path = reference.sample(np.linspace(0, self.duration, 200))[0]
@@ -227,12 +220,16 @@ class Scenario(BaseModel):
         """
         plant, reference = self.build_plant(), self.build_reference()
         robots = [robot for begin, robot in variants(plant, self.build_disturbances()) if begin < self.duration]
-        workspace = Workspace.of(plant) if full_range else Workspace.path(reference, self.duration, tube=tube)
-        workspace, laws = workspace.within(speed, acceleration), self.build_laws(plant, reference)
+        workspace = (
+            Workspace.from_joint_limits(plant)
+            if full_range
+            else Workspace.from_reference(reference, self.duration, tube=tube)
+        )
+        workspace, laws = workspace.with_speed_limits(speed, acceleration), self.build_laws(plant, reference)
         delay, found = self.computation_delay, {}
         with Progress("certifying", 9 * len(laws), progress) as bar:
             for name, law in laws.items():
-                found[name] = certify(
+                found[name] = certify_law(
                     law, robots, workspace, computation_delay=delay, samples=samples, done=lambda _: bar.advance()
                 )
         return found
@@ -252,14 +249,14 @@ class Scenario(BaseModel):
                 self.duration,
                 sensor=sensor,
                 disturbance=events,
-                position=self.start.position,
-                velocity=self.start.velocity,
-                torque=self.start.torque,
+                initial_position=self.initial_position,
+                initial_velocity=self.initial_velocity,
+                initial_torque=self.initial_torque,
                 computation_delay=self.computation_delay,
                 substeps=self.substeps,
                 seed=self.seed,
                 native=self.native,
-                divergence=self.divergence,
+                divergence_threshold=self.divergence_threshold,
                 progress=progress,
             )
             for name, law in laws.items()

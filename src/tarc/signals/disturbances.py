@@ -22,59 +22,59 @@ class Disturbance(Parametric):
     def __post_init__(self) -> None:
         check.array("amplitude", self.amplitude)
         for field in fields(self):
-            if field.name not in ("amplitude", "until"):
+            if field.name not in ("amplitude", "stop_time"):
                 check.number(field.name, getattr(self, field.name))
 
-    def sample(self, times: np.ndarray, joints: int, rng: np.random.Generator) -> np.ndarray:
+    def sample(self, times: np.ndarray, n_joints: int, rng: np.random.Generator) -> np.ndarray:
         """Torque at evenly spaced times (k,), held until the next, shape (n, k)."""
-        amplitude = check.vector("disturbance amplitude", self.amplitude, joints)[:, None]
-        return amplitude * self.shape(times, joints, rng)
+        amplitude = check.vector("disturbance amplitude", self.amplitude, n_joints)[:, None]
+        return amplitude * self.profile(times, n_joints, rng)
 
     @abstractmethod
-    def shape(self, times: np.ndarray, joints: int, rng: np.random.Generator) -> np.ndarray:
+    def profile(self, times: np.ndarray, n_joints: int, rng: np.random.Generator) -> np.ndarray:
         """The torque for an amplitude of one, shape (k,) or (n, k)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Step(Disturbance):
-    """Constant torque from ``at`` on, until ``until`` if given [s]; amplitude [N m or N]."""
+    """Constant torque from ``start_time`` on, until ``stop_time`` if given [s]; amplitude [N m or N]."""
 
-    at: float = 0.0
-    until: float = np.inf
+    start_time: float = 0.0
+    stop_time: float = np.inf
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not isinstance(self.until, int | float) or not self.until > self.at:
-            raise TarcError(f"until: got {self.until!r}; needs a time after at = {self.at:g}")
+        if not isinstance(self.stop_time, int | float) or not self.stop_time > self.start_time:
+            raise TarcError(f"stop_time: got {self.stop_time!r}; needs a time after start_time = {self.start_time:g}")
 
-    def shape(self, times: np.ndarray, joints: int, rng: np.random.Generator) -> np.ndarray:
+    def profile(self, times: np.ndarray, n_joints: int, rng: np.random.Generator) -> np.ndarray:
         """One inside the interval."""
-        return ((times >= self.at - 1e-9) & (times < self.until - 1e-9)).astype(float)
+        return ((times >= self.start_time - 1e-9) & (times < self.stop_time - 1e-9)).astype(float)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sine(Disturbance):
-    """Amplitude sin(frequency t + phase) from ``at`` on; amplitude [N m or N], frequency [rad/s]."""
+    """Amplitude sin(frequency t + phase) from ``start_time`` on; amplitude [N m or N], frequency [rad/s]."""
 
     frequency: float
     phase: float = 0.0
-    at: float = 0.0
+    start_time: float = 0.0
 
-    def shape(self, times: np.ndarray, joints: int, rng: np.random.Generator) -> np.ndarray:
+    def profile(self, times: np.ndarray, n_joints: int, rng: np.random.Generator) -> np.ndarray:
         """The sine."""
-        return np.where(times >= self.at - 1e-9, np.sin(self.frequency * times + self.phase), 0.0)
+        return np.where(times >= self.start_time - 1e-9, np.sin(self.frequency * times + self.phase), 0.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Impulse(Disturbance):
     """A blow at one instant; amplitude is the impulse [N m s or N s], spread over one plant step."""
 
-    at: float
+    start_time: float
 
-    def shape(self, times: np.ndarray, joints: int, rng: np.random.Generator) -> np.ndarray:
+    def profile(self, times: np.ndarray, n_joints: int, rng: np.random.Generator) -> np.ndarray:
         """1/step in the plant step that holds the instant, so that the integral is one."""
         step = times[1] - times[0] if len(times) > 1 else 1.0
-        inside = (times <= self.at + 1e-9) & (self.at + 1e-9 < times + step)
+        inside = (times <= self.start_time + 1e-9) & (self.start_time + 1e-9 < times + step)
         return inside / step
 
 
@@ -84,33 +84,46 @@ class BandNoise(Disturbance):
 
     Parameters
     ----------
-    low, high
-        Pass band [rad/s]; a fourth-order Butterworth band-pass, or low-pass if low is 0.
+    min_frequency, max_frequency
+        Pass band [rad/s]; a fourth-order Butterworth band-pass, or low-pass if min_frequency is 0.
     """
 
-    low: float = 0.0
-    high: float = 100.0
+    min_frequency: float = 0.0
+    max_frequency: float = 100.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not 0 <= check.number("low", self.low) < check.number("high", self.high):
-            raise TarcError(f"low, high: got {self.low:g} and {self.high:g}; needs 0 ≤ low < high")
+        if (
+            not 0
+            <= check.number("min_frequency", self.min_frequency)
+            < check.number("max_frequency", self.max_frequency)
+        ):
+            raise TarcError(
+                f"min_frequency, max_frequency: got {self.min_frequency:g} and {self.max_frequency:g}; needs "
+                "0 ≤ min_frequency < max_frequency"
+            )
 
-    def shape(self, times: np.ndarray, joints: int, rng: np.random.Generator) -> np.ndarray:
+    def profile(self, times: np.ndarray, n_joints: int, rng: np.random.Generator) -> np.ndarray:
         """Filtered white noise of unit standard deviation."""
         from scipy.signal import butter, sosfiltfilt
 
         step = times[1] - times[0] if len(times) > 1 else 1.0
         nyquist = np.pi / step
-        if self.high >= nyquist:
-            raise TarcError(f"high: got {self.high:g} rad/s; the plant step {step:g} s allows up to {nyquist:.4g}")
-        kind, edges = ("lowpass", self.high) if self.low == 0 else ("bandpass", [self.low, self.high])
+        if self.max_frequency >= nyquist:
+            raise TarcError(
+                f"max_frequency: got {self.max_frequency:g} rad/s; the plant step {step:g} s allows up to {nyquist:.4g}"
+            )
+        kind, edges = (
+            ("lowpass", self.max_frequency)
+            if self.min_frequency == 0
+            else ("bandpass", [self.min_frequency, self.max_frequency])
+        )
         sections = butter(4, np.asarray(edges) / nyquist, kind, output="sos")
-        settle = int(np.ceil(20 / ((self.high - self.low) * step)))
+        settle = int(np.ceil(20 / ((self.max_frequency - self.min_frequency) * step)))
         pulse = np.zeros(4 * settle + 1)
         pulse[2 * settle] = 1.0
         spread = np.linalg.norm(sosfiltfilt(sections, pulse))
-        noise = sosfiltfilt(sections, rng.standard_normal((joints, len(times) + 2 * settle)), axis=1)
+        noise = sosfiltfilt(sections, rng.standard_normal((n_joints, len(times) + 2 * settle)), axis=1)
         return noise[:, settle : settle + len(times)] / spread
 
 
@@ -133,7 +146,7 @@ class Schedule(Parametric):
     parameter: str
     times: Sequence[float]
     values: Sequence[Any]
-    linear: bool = False
+    interpolate: bool = False
 
     def __post_init__(self) -> None:
         times = np.atleast_1d(check.array("times", self.times))
@@ -152,7 +165,7 @@ class Schedule(Parametric):
         knots = np.atleast_1d(np.asarray(self.times, dtype=float)) - 1e-9
         after = np.searchsorted(knots, times, side="right")
         steps = np.vstack([np.broadcast_to(np.ravel(initial), (size,)), values])[after].T
-        if not self.linear:
+        if not self.interpolate:
             return steps
         ramp = np.array([np.interp(times, knots, column) for column in values.T])
         return np.where(after > 0, ramp, steps)
@@ -163,13 +176,13 @@ class Payload(Parametric):
     """The plant's ``payload`` becomes this mass [kg] at an instant [s]: a `Schedule` of one step."""
 
     mass: float
-    at: float = 0.0
+    start_time: float = 0.0
 
     def __post_init__(self) -> None:
         check.number("mass", self.mass, 0)
-        check.number("at", self.at)
+        check.number("start_time", self.start_time)
 
     @property
     def schedule(self) -> Schedule:
         """The same as a `Schedule`."""
-        return Schedule(parameter="payload", times=[self.at], values=[self.mass])
+        return Schedule(parameter="payload", times=[self.start_time], values=[self.mass])

@@ -21,7 +21,7 @@ class Reference(Parametric):
 
     @property
     @abstractmethod
-    def joints(self) -> int:
+    def n_joints(self) -> int:
         """How many joints."""
 
     @abstractmethod
@@ -58,7 +58,7 @@ class Sinusoid(Reference):
         return np.array([check.vector(name, row, size) for name, row in rows.items()])
 
     @property
-    def joints(self) -> int:
+    def n_joints(self) -> int:
         """How many joints."""
         return self._table.shape[1]
 
@@ -114,7 +114,7 @@ class Multisine(Reference):
         return amplitude, frequency, phase, check.vector("offset", self.offset, n)
 
     @property
-    def joints(self) -> int:
+    def n_joints(self) -> int:
         """How many joints."""
         return len(self._tables[0])
 
@@ -143,31 +143,31 @@ class Chirp(Reference):
     """
 
     amplitude: Numbers
-    start: float
-    stop: float
-    sweep: float
+    start_frequency: float
+    stop_frequency: float
+    sweep_time: float
     offset: Numbers = 0.0
 
     def __post_init__(self) -> None:
-        check.number("start", self.start, 0)
-        check.number("stop", self.stop, 0)
-        check.number("sweep", self.sweep, 0, strict=True)
-        check.vector("offset", self.offset, self.joints)
+        check.number("start_frequency", self.start_frequency, 0)
+        check.number("stop_frequency", self.stop_frequency, 0)
+        check.number("sweep_time", self.sweep_time, 0, strict=True)
+        check.vector("offset", self.offset, self.n_joints)
 
     @property
-    def joints(self) -> int:
+    def n_joints(self) -> int:
         """How many joints."""
         return np.atleast_1d(check.array("amplitude", self.amplitude)).size
 
     def sample(self, times: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Position, velocity, acceleration, each of shape (n, k)."""
         t = np.asarray(times, dtype=float)
-        inside = np.minimum(t, self.sweep)
-        rate = (self.stop - self.start) / self.sweep
-        angle = self.start * inside + rate * inside**2 / 2 + self.stop * (t - inside)
-        frequency, slope = self.start + rate * inside, np.where(t < self.sweep, rate, 0.0)
-        amplitude = check.vector("amplitude", self.amplitude, self.joints)[:, None]
-        offset = check.vector("offset", self.offset, self.joints)[:, None]
+        inside = np.minimum(t, self.sweep_time)
+        rate = (self.stop_frequency - self.start_frequency) / self.sweep_time
+        angle = self.start_frequency * inside + rate * inside**2 / 2 + self.stop_frequency * (t - inside)
+        frequency, slope = self.start_frequency + rate * inside, np.where(t < self.sweep_time, rate, 0.0)
+        amplitude = check.vector("amplitude", self.amplitude, self.n_joints)[:, None]
+        offset = check.vector("offset", self.offset, self.n_joints)[:, None]
         acceleration = slope * np.cos(angle) - frequency**2 * np.sin(angle)
         return (
             offset + amplitude * np.sin(angle),
@@ -192,7 +192,7 @@ class Quintic(Reference):
 
     points: Table
     times: Sequence[float] | np.ndarray
-    stop: bool = False
+    stop_at_points: bool = False
 
     def __post_init__(self) -> None:
         _ = self._curve
@@ -210,13 +210,13 @@ class Quintic(Reference):
         if np.any(np.diff(times) <= 0):
             raise TarcError(f"times: got {times.tolist()}; must increase")
         zero = np.zeros(points.shape[1])
-        if self.stop:
+        if self.stop_at_points:
             return BPoly.from_derivatives(times, [[point, zero, zero] for point in points])
         rest = [(1, zero), (2, zero)]
         return make_interp_spline(times, points, k=5, bc_type=(rest, rest))
 
     @property
-    def joints(self) -> int:
+    def n_joints(self) -> int:
         """How many joints."""
         return np.shape(self.points)[1]
 
@@ -276,7 +276,7 @@ class Recorded(Reference):
         return make_interp_spline(self._table[:, 0], self._table[:, 1:], k=5)
 
     @property
-    def joints(self) -> int:
+    def n_joints(self) -> int:
         """How many joints."""
         return self._table.shape[1] - 1
 

@@ -62,26 +62,26 @@ class Encoder(Parametric, System):
         check.whole("delay", self.delay)
 
     @property
-    def increment(self) -> np.ndarray:
+    def step_size(self) -> np.ndarray:
         """The step [rad or m], one number or one a joint; 0 for none."""
         if self.bits is not None:
             return np.array(self.span / 2.0**self.bits)
         return np.array(0.0 if self.resolution is None else self.resolution, dtype=float)
 
-    def sample_noise(self, joints: int, count: int, rng: np.random.Generator) -> np.ndarray:
+    def sample_noise(self, n_joints: int, count: int, rng: np.random.Generator) -> np.ndarray:
         """Noise for a whole run, shape (n, count), NaN where a sample is lost; the first one never is."""
-        noise = self.noise * rng.standard_normal((joints, count))
+        noise = self.noise * rng.standard_normal((n_joints, count))
         if self.dropout:
-            lost = rng.random((joints, count)) < self.dropout
+            lost = rng.random((n_joints, count)) < self.dropout
             lost[:, 0] = False
             noise[lost] = np.nan
         return noise
 
     def quantise(self, position: Any) -> Any:
         """The nearest step."""
-        if not np.all(self.increment > 0):
+        if not np.all(self.step_size > 0):
             return position
-        return self.increment * ops.floor(position / self.increment + 0.5)
+        return self.step_size * ops.floor(position / self.step_size + 0.5)
 
     def init(self, position: Any) -> Any:
         """Samples under way, shape (n, delay + 1), all of them the first reading."""

@@ -13,7 +13,7 @@ from tarc.simulation.sampled_inputs import Plan, Start
 
 def run_fused(loop: "ClosedLoop", begin: Start, plan: Plan, watch: Watch, native: bool = False) -> Record:
     """The whole loop as one CasADi function, mapped over many periods a call."""
-    n = loop.plant.joints
+    n = loop.plant.n_joints
     state = loop.init(begin.position, begin.velocity, begin.torque, plan.noise[:, 0])
     shapes = {name: np.array(loop.plant.parameters[name]) for name in plan.schedules}
     rest = np.zeros(n)

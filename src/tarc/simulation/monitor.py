@@ -14,11 +14,11 @@ class Watch:
     """Looks at a run as it goes: shows progress, tells when it has diverged."""
 
     def __init__(self, plan: Plan, divergence: float, show: bool | None):
-        self.limit = check.number("divergence", divergence, 0, strict=True)
+        self.limit = check.number("divergence_threshold", divergence, 0, strict=True)
         self.reference = plan.reference[0].T
         self.count = len(plan.times)
         self.progress = Progress("simulating", self.count, show)
-        self.diverged_at: int | None = None
+        self.divergence_time: int | None = None
 
     def look(self, begin: int, positions: np.ndarray) -> bool:
         """Whether to go on after the instants from ``begin`` with these positions (k, n)."""
@@ -27,9 +27,9 @@ class Watch:
             error = np.abs(positions - self.reference[begin : begin + len(positions)])
             fine = error.max() <= self.limit
         if not fine:
-            self.diverged_at = begin + int(np.argmax(~np.all(error <= self.limit, axis=1)))
-        return self.diverged_at is None
+            self.divergence_time = begin + int(np.argmax(~np.all(error <= self.limit, axis=1)))
+        return self.divergence_time is None
 
     def end(self, rows: int) -> int:
         """How many of the rows are worth keeping."""
-        return rows if self.diverged_at is None else max(self.diverged_at, 1)
+        return rows if self.divergence_time is None else max(self.divergence_time, 1)

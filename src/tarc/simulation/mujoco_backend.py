@@ -29,7 +29,7 @@ def run_stepping(plant: Plant, drive: "Drive", begin: Start, plan: Plan, watch: 
         return drive.step(drive.tell(state, velocity, acceleration), given)
 
     assert isinstance(plant, MujocoPlant)
-    n, count, substeps = plant.joints, len(plan.times), plan.disturbance.shape[2]
+    n, count, substeps = plant.n_joints, len(plan.times), plan.disturbance.shape[2]
     model = plant.copy_model()
     model.opt.timestep = drive.law.period / substeps
     data = mujoco.MjData(model)

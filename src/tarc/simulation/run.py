@@ -53,23 +53,23 @@ class Status:
     ----------
     completed
         It ran to its end.
-    diverged_at
+    divergence_time
         When the error left all bounds [s], or None.
     saturated
         Share of the samples, over all joints, in which the torque was at its limit.
-    fault_at
+    fault_time
         When the law gave up for missing samples [s], or None.
     """
 
     completed: bool
-    diverged_at: float | None
+    divergence_time: float | None
     saturated: float
-    fault_at: float | None
+    fault_time: float | None
 
     def __str__(self) -> str:
-        text = "completed" if self.completed else f"diverged at {self.diverged_at:.3f} s"
-        if self.fault_at is not None:
-            text += f", safe torque from {self.fault_at:.3f} s on"
+        text = "completed" if self.completed else f"diverged at {self.divergence_time:.3f} s"
+        if self.fault_time is not None:
+            text += f", safe torque from {self.fault_time:.3f} s on"
         return text + (f", {self.saturated:.2%} saturated" if self.saturated > 0 else "")
 
 
@@ -125,7 +125,7 @@ class Run:
             values = arrays[name]
             dims = ("time",) if values.ndim == 1 else ("time", "joint")
             variables[name] = (dims, values, {"long_name": label, "units": unit})
-        limit = np.where(drive.law.limit < HUGE, drive.law.limit, np.inf)
+        limit = np.where(drive.law.torque_limits < HUGE, drive.law.torque_limits, np.inf)
         label = {"long_name": "largest torque that the law applies", "units": names["N m"]}
         variables["torque_limit"] = ("joint", limit, label)
         attributes = {
@@ -141,7 +141,7 @@ class Run:
             "computation_delay": drive.computation_delay,
             "seed": seed,
             "duration": len(plan.times) * drive.law.period,
-            "diverged_at": np.nan if watch.diverged_at is None else plan.times[watch.diverged_at],
+            "divergence_time": np.nan if watch.divergence_time is None else plan.times[watch.divergence_time],
         }
         times = ("time", plan.times[:count], {"units": "s", "long_name": "time"})
         coordinates = {"time": times, "joint": ("joint", plant.joint_names)}
@@ -150,16 +150,18 @@ class Run:
     @property
     def status(self) -> Status:
         """How it ended."""
-        diverged = float(self.data.attrs["diverged_at"])
+        diverged = float(self.data.attrs["divergence_time"])
         fault = np.flatnonzero(self.data["fault"].values > 0) if "fault" in self.data else []
         return Status(
             completed=np.isnan(diverged),
-            diverged_at=None if np.isnan(diverged) else diverged,
+            divergence_time=None if np.isnan(diverged) else diverged,
             saturated=_saturated(self.data),
-            fault_at=float(self.data["time"].values[fault[0]]) if len(fault) else None,
+            fault_time=float(self.data["time"].values[fault[0]]) if len(fault) else None,
         )
 
-    def metrics(self, start: float = 0.0, frequency: float = 50.0, smooth: float = 0.0) -> dict[str, float]:
+    def metrics(
+        self, start_time: float = 0.0, frequency: float = 50.0, averaging_time: float = 0.0
+    ) -> dict[str, float]:
         """Measures of the run after a start time.
 
         Parameters
@@ -187,17 +189,23 @@ class Run:
         TarcError
             For a start after the run's end, and a ``smooth`` that is no multiple of the period or longer than the run.
         """
-        check.number("start", start, 0)
+        check.number("start", start_time, 0)
         check.number("frequency", frequency, 0)
-        data = self.data.sel(time=slice(start - 1e-9, None))
+        data = self.data.sel(time=slice(start_time - 1e-9, None))
         if data.sizes["time"] < 2:
             end = float(self.data["time"].values[-1])
-            raise TarcError(f"start: got {start:g} s; the run ends at {end:g} s ({self.status})")
+            raise TarcError(f"start_time: got {start_time:g} s; the run ends at {end:g} s ({self.status})")
         period = float(self.data.attrs["period"])
-        over = check.multiple("smooth", smooth, period) if check.number("smooth", smooth, 0) else 1
+        over = (
+            check.multiple("averaging_time", averaging_time, period)
+            if check.number("averaging_time", averaging_time, 0)
+            else 1
+        )
         if over >= data.sizes["time"]:
             lasts = data.sizes["time"] * period
-            raise TarcError(f"smooth: got {smooth:g} s, and what is measured lasts {lasts:g} s; use less")
+            raise TarcError(
+                f"averaging_time: got {averaging_time:g} s, and what is measured lasts {lasts:g} s; use less"
+            )
         error = (data["position"] - data["reference"]).values
         torque = data["torque"].values
         result = {
@@ -221,9 +229,9 @@ class Run:
                 result["underestimation"] = float(np.mean((change < 0) & (growth > 0)))
         return result
 
-    def joint_errors(self, start: float = 0.0) -> dict[str, float]:
+    def joint_errors(self, start_time: float = 0.0) -> dict[str, float]:
         """RMS error of each joint after a start time [rad or m], by the joint's name."""
-        data = self.data.sel(time=slice(start - 1e-9, None))
+        data = self.data.sel(time=slice(start_time - 1e-9, None))
         rms = np.sqrt(np.mean((data["position"] - data["reference"]).values ** 2, axis=0))
         return dict(zip(data["joint"].values.tolist(), rms.tolist(), strict=True))
 

@@ -51,14 +51,14 @@ def fit(plant: Plant, law: Law, reference: Reference, sensor: Encoder) -> None:
         raise TarcError(f"reference: got {reference!r}; needs one of tarc.signals, such as tarc.signals.Sinusoid(…)")
     if not isinstance(sensor, Encoder):
         raise TarcError(f"sensor: got {sensor!r}; needs a tarc.signals.Encoder, constructed")
-    if sensor.increment.size not in (1, plant.joints):
+    if sensor.step_size.size not in (1, plant.n_joints):
         raise TarcError(
-            f"sensor: its resolution has {sensor.increment.size} numbers; the plant has {plant.joints} joints"
+            f"sensor: its resolution has {sensor.step_size.size} numbers; the plant has {plant.n_joints} joints"
         )
-    if not plant.joints == law.joints == reference.joints:
+    if not plant.n_joints == law.n_joints == reference.n_joints:
         raise TarcError(
-            f"joints: the plant has {plant.joints}, the law {law.joints} (told by its inertia), the reference "
-            f"{reference.joints}; they must be the same: give one number a joint ({', '.join(plant.joint_names)})"
+            f"joints: the plant has {plant.n_joints}, the law {law.n_joints} (told by its inertia), the reference "
+            f"{reference.n_joints}; they must be the same: give one number a joint ({', '.join(plant.joint_names)})"
         )
 
 
@@ -73,7 +73,7 @@ def plan(
     seed: int,
 ) -> Plan:
     """Sample reference, noise, disturbances and schedules over the run."""
-    n, T = plant.joints, law.period
+    n, T = plant.n_joints, law.period
     count = round(check.number("duration", duration, T, high=LONGEST * T) / T)
     times = np.arange(count) * T
     noise_rng, *rngs = np.random.default_rng(seed).spawn(1 + len(events))
@@ -115,12 +115,12 @@ def variants(plant: Plant, events: Sequence[Any]) -> list[tuple[float, Plant]]:
 
 def start(plant: Plant, plan: Plan, position: Any, velocity: Any, torque: Any) -> Start:
     """Initial position, velocity and torque from what the user gave."""
-    n = plant.joints
-    q = plan.reference[0][:, 0] if position is None else check.vector("position", position, n)
+    n = plant.n_joints
+    q = plan.reference[0][:, 0] if position is None else check.vector("initial_position", position, n)
     if isinstance(torque, str):
-        check.one_of("torque", torque, ["rest"])
+        check.one_of("initial_torque", torque, ["rest"])
         torque = plant.gravity_torque(q)
-    return Start(q.copy(), check.vector("velocity", velocity, n), check.vector("torque", torque, n))
+    return Start(q.copy(), check.vector("initial_velocity", velocity, n), check.vector("initial_torque", torque, n))
 
 
 def _check_schedule(plant: Plant, event: Schedule) -> None:

@@ -49,12 +49,12 @@ def simulate(
     *,
     sensor: Encoder | None = None,
     disturbance: Any = (),
-    position: Any = None,
-    velocity: Any = 0.0,
-    torque: Any = 0.0,
+    initial_position: Any = None,
+    initial_velocity: Any = 0.0,
+    initial_torque: Any = 0.0,
     computation_delay: int = 0,
     substeps: int | None = None,
-    divergence: float = 5.0,
+    divergence_threshold: float = 5.0,
     seed: int = 0,
     native: bool = False,
     progress: bool | None = None,
@@ -85,7 +85,7 @@ def simulate(
         pairs its estimates with the torques that acted; one that does not bears only a smaller inertia.
     substeps
         Plant steps a period; None for 2 with Runge–Kutta and 1 with MuJoCo.
-    divergence
+    divergence_threshold
         Error [rad or m] beyond which the run ends as diverged.
     seed
         Of all noise.
@@ -114,16 +114,16 @@ def simulate(
     check.whole("seed", seed, 0, 2**63 - 1)
     events = list(disturbance) if isinstance(disturbance, Sequence) else [disturbance]
     fit(plant, law, reference, sensor)
-    limit = getattr(plant, "torque_limit", None)
+    limit = getattr(plant, "torque_limits", None)
     if law.torque_limit is None and limit is not None and np.any(np.isfinite(limit)):
         law = replace(law, torque_limit=limit)
     drive = Drive(sensor, law, check.whole("computation_delay", computation_delay, 0))
     fused = isinstance(plant, EulerLagrange)
     steps = check.whole("substeps", (2 if fused else 1) if substeps is None else substeps, 1)
     plan = sample_plan(plant, law, reference, duration, sensor, events, steps, seed)
-    begin = start(plant, plan, position, velocity, torque)
+    begin = start(plant, plan, initial_position, initial_velocity, initial_torque)
     warn_if_unstable(plant, law, plan, computation_delay)
-    watch = Watch(plan, divergence, progress)
+    watch = Watch(plan, divergence_threshold, progress)
     if isinstance(plant, EulerLagrange):
         record = run_fused(ClosedLoop(plant, drive, steps), begin, plan, watch, native)
     else:

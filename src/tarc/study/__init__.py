@@ -6,7 +6,7 @@ require("cli", "tarc.study")
 
 
 from tarc.study.comparison import Comparison, compare, tuned_laws
-from tarc.study.search_spaces import Space
-from tarc.study.tuning import spaces, tune, tune_all, variation_limit
+from tarc.study.search_spaces import SearchSpace
+from tarc.study.tuning import search_spaces, tune, tune_all, variation_limit
 
-__all__ = ["Comparison", "Space", "compare", "spaces", "tune", "tune_all", "tuned_laws", "variation_limit"]
+__all__ = ["Comparison", "SearchSpace", "compare", "search_spaces", "tune", "tune_all", "tuned_laws", "variation_limit"]

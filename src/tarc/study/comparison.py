@@ -62,8 +62,8 @@ class Comparison:
         """By law, the measures of `COLUMNS` that it has; empty for a run that ended before they begin."""
         result = {}
         for name, run in self.runs.items():
-            long_enough = float(run.data["time"].values[-1]) > self.scenario.measure_from + self.scenario.period
-            found = run.metrics(start=self.scenario.measure_from) if run.status.completed and long_enough else {}
+            long_enough = float(run.data["time"].values[-1]) > self.scenario.metrics_start + self.scenario.period
+            found = run.metrics(start_time=self.scenario.metrics_start) if run.status.completed and long_enough else {}
             result[name] = {key: found[key] for key in COLUMNS if key in found}
         return result
 

@@ -6,7 +6,7 @@ from typing import Any
 
 
 @dataclass(frozen=True)
-class Space:
+class SearchSpace:
     """A law and what may be searched for.
 
     Attributes
@@ -49,10 +49,10 @@ class Space:
 
 
 INERTIA = {"inertia.fraction": (0.02, 1.5)}
-POLES = {"bandwidth": (4.0, 60.0)}
+POLES = {"natural_frequency": (4.0, 60.0)}
 WINDOW = {"estimator.window": (0.002, 0.030)}
 COMMON = {**INERTIA, **POLES, **WINDOW}
-LAYER = {"boundary": (0.01, 2.0)}
+LAYER = {"boundary_layer": (0.01, 2.0)}
 GAIN = (0.1, 100.0)
 
 
@@ -64,67 +64,83 @@ def _law(kind: str, **fixed: Any) -> dict[str, Any]:
     return {"kind": kind, "estimator": {"kind": "Algebraic", "window": 0.010, "degree": 2}, **fixed}
 
 
-SPACES: dict[str, Space] = {
-    "tdc": Space(_law("TDC"), COMMON),
-    "tdc-sync": Space(_law("TDC", synchronised=True), COMMON),
-    "tdc-difference": Space(
+SPACES: dict[str, SearchSpace] = {
+    "tdc": SearchSpace(_law("TDC"), COMMON),
+    "tdc-sync": SearchSpace(_law("TDC", synchronised=True), COMMON),
+    "tdc-difference": SearchSpace(
         {"kind": "TDC", "estimator": {"kind": "BackwardDifference"}}, {"inertia.fraction": (1e-4, 1.5), **POLES}
     ),
-    "tdc-filtered": Space(
+    "tdc-filtered": SearchSpace(
         {"kind": "TDC", "estimator": {"kind": "FilteredDifference"}},
         {"inertia.fraction": (1e-3, 1.5), **POLES, "estimator.cutoff": (20.0, 1000.0)},
     ),
-    "tdc-kalman": Space(
+    "tdc-kalman": SearchSpace(
         {"kind": "TDC", "estimator": {"kind": "Kalman", "noise": 1e-5}},
         {**INERTIA, **POLES, "estimator.jerk": (0.1, 1000.0)},
     ),
-    "tdc-differentiator": Space(
+    "tdc-differentiator": SearchSpace(
         {"kind": "TDC", "estimator": {"kind": "RobustDifferentiator"}},
         {**INERTIA, **POLES, "estimator.lipschitz": (1.0, 1e4)},
     ),
-    "tarc": Space(
-        _law("TARC", cap=10.0),
-        {**COMMON, "rise": (1e2, 1e5), "fall": (1e2, 1e5), "boundary": (1e-3, 0.1)},
+    "tarc": SearchSpace(
+        _law("TARC", max_gain=10.0),
+        {**COMMON, "rise_rate": (1e2, 1e5), "fall_rate": (1e2, 1e5), "boundary_layer": (1e-3, 0.1)},
         extends="tdc",
     ),
-    "ivf": Space(_law("IVF"), {**COMMON, "velocity_gain": (0.5, 60.0)}, extends="tdc"),
-    "tdcim": Space(_law("TDCIM"), {**COMMON, "time_constant": (0.01, 2.0)}, extends="tdc"),
-    "terminal": Space(
-        _law("TerminalSliding", cap=100.0),
-        {**COMMON, "nonlinear_damping": (0.1, 100.0), "exponent": (0.5, 1.0), "scale": (0.01, 1.0)},
+    "ivf": SearchSpace(_law("IVF"), {**COMMON, "ideal_velocity_gain": (0.5, 60.0)}, extends="tdc"),
+    "tdcim": SearchSpace(_law("TDCIM"), {**COMMON, "time_constant": (0.01, 2.0)}, extends="tdc"),
+    "terminal": SearchSpace(
+        _law("TerminalSliding", max_gain=100.0),
+        {**COMMON, "nonlinear_damping": (0.1, 100.0), "exponent": (0.5, 1.0), "error_scale": (0.01, 1.0)},
         extends="tdc",
     ),
-    "nonsingular": Space(
+    "nonsingular": SearchSpace(
         _law("NonsingularTerminal"),
-        {**COMMON, "gain": GAIN, "exponent": (1.05, 1.9), "power": (0.3, 0.9), **LAYER},
+        {**COMMON, "reaching_gain": GAIN, "exponent": (1.05, 1.9), "reaching_exponent": (0.3, 0.9), **LAYER},
         extends="tdc",
     ),
-    "smc-tde": Space(_law("SlidingMode"), {**COMMON, "gain": GAIN, **LAYER}, extends="tdc"),
-    "smc": Space(_law("SlidingMode", time_delay=False), {**COMMON, "gain": GAIN, **LAYER}),
-    "asmc-tde": Space(
-        _law("ASMC", cap=100.0), {**COMMON, "speed": (1.0, 1e4), "threshold": (1e-3, 1.0), **LAYER}, extends="tdc"
-    ),
-    "asmc": Space(
-        _law("ASMC", time_delay=False, cap=300.0), {**COMMON, "speed": (1.0, 1e4), "threshold": (1e-3, 1.0), **LAYER}
-    ),
-    "monotone-tde": Space(
-        _law("MonotoneASMC", cap=100.0),
-        {**COMMON, "growth": (1.0, 1e4), "dead_zone": (1e-3, 1.0), **LAYER},
+    "smc-tde": SearchSpace(_law("SlidingMode"), {**COMMON, "gain": GAIN, **LAYER}, extends="tdc"),
+    "smc": SearchSpace(_law("SlidingMode", time_delay=False), {**COMMON, "gain": GAIN, **LAYER}),
+    "asmc-tde": SearchSpace(
+        _law("ASMC", max_gain=100.0),
+        {**COMMON, "adaptation_rate": (1.0, 1e4), "threshold": (1e-3, 1.0), **LAYER},
         extends="tdc",
     ),
-    "monotone": Space(
-        _law("MonotoneASMC", time_delay=False, cap=300.0),
-        {**COMMON, "growth": (1.0, 1e4), "dead_zone": (1e-3, 1.0), **LAYER},
+    "asmc": SearchSpace(
+        _law("ASMC", time_delay=False, max_gain=300.0),
+        {**COMMON, "adaptation_rate": (1.0, 1e4), "threshold": (1e-3, 1.0), **LAYER},
     ),
-    "pid": Space(_law("PID"), {**COMMON, "integral": (0.1, 30.0)}),
-    "adrc": Space(_law("ADRC"), {**INERTIA, **POLES, "observer_bandwidth": (20.0, 1000.0)}),
-    "super-twisting": Space(_law("SuperTwisting"), {**COMMON, "disturbance_rate": (1.0, 1e4), "boundary": (1e-3, 1.0)}),
-    "ipid": Space(_law("IntelligentPID"), COMMON),
-    "corless-leitmann": Space(_law("CorlessLeitmann"), {**COMMON, "bound": GAIN, "boundary": (1e-3, 1.0)}),
-    "fuzzy": Space(_law("AdaptiveFuzzy", cap=300.0), {**COMMON, "rate": (1.0, 1e5), "span": (0.5, 6.3)}),
-    "projection": Space(
-        _law("ProjectionARC", model="robot", bounds=ARM),
-        {**POLES, **WINDOW, "adaptation": (1e-3, 1e3), "margin": (0.01, 1.0), "boundary": (0.05, 10.0)},
+    "monotone-tde": SearchSpace(
+        _law("MonotoneASMC", max_gain=100.0),
+        {**COMMON, "adaptation_rate": (1.0, 1e4), "dead_zone": (1e-3, 1.0), **LAYER},
+        extends="tdc",
     ),
-    "computed-torque": Space(_law("ComputedTorque", model="robot"), {**POLES, **WINDOW}),
+    "monotone": SearchSpace(
+        _law("MonotoneASMC", time_delay=False, max_gain=300.0),
+        {**COMMON, "adaptation_rate": (1.0, 1e4), "dead_zone": (1e-3, 1.0), **LAYER},
+    ),
+    "pid": SearchSpace(_law("PID"), {**COMMON, "integral_gain": (0.1, 30.0)}),
+    "adrc": SearchSpace(_law("ADRC"), {**INERTIA, **POLES, "observer_bandwidth": (20.0, 1000.0)}),
+    "super-twisting": SearchSpace(
+        _law("SuperTwisting"), {**COMMON, "disturbance_rate": (1.0, 1e4), "boundary_layer": (1e-3, 1.0)}
+    ),
+    "ipid": SearchSpace(_law("IntelligentPID"), COMMON),
+    "corless-leitmann": SearchSpace(
+        _law("CorlessLeitmann"), {**COMMON, "uncertainty_bound": GAIN, "boundary_layer": (1e-3, 1.0)}
+    ),
+    "fuzzy": SearchSpace(
+        _law("AdaptiveFuzzy", max_consequent=300.0),
+        {**COMMON, "adaptation_rate": (1.0, 1e5), "position_span": (0.5, 6.3)},
+    ),
+    "projection": SearchSpace(
+        _law("ProjectionARC", model="robot", parameter_bounds=ARM),
+        {
+            **POLES,
+            **WINDOW,
+            "adaptation_gain": (1e-3, 1e3),
+            "robust_fraction": (0.01, 1.0),
+            "boundary_layer": (0.05, 10.0),
+        },
+    ),
+    "computed-torque": SearchSpace(_law("ComputedTorque", model="robot"), {**POLES, **WINDOW}),
 }

@@ -15,7 +15,7 @@ from tarc.core.errors import DesignWarning, TarcError
 from tarc.core.optional import require
 from tarc.core.progress import Progress
 from tarc.scenario.model import Scenario
-from tarc.study.search_spaces import Space
+from tarc.study.search_spaces import SearchSpace
 
 LOST = 20.0
 """Objective of a run that did not complete: beyond any that did."""
@@ -23,7 +23,7 @@ STIFF = 5.0
 """How steeply the objective rises with torque variation above the limit: the limit is all but hard."""
 
 
-def spaces() -> dict[str, Space]:
+def search_spaces() -> dict[str, SearchSpace]:
     """The laws that are compared, by name, with the gains that are searched for."""
     from tarc.study.search_spaces import SPACES
 
@@ -37,7 +37,7 @@ def variation_limit(scenario: Scenario, factor: float = 10.0) -> float:
     """
     perfect = Scenario.parse({**scenario.model_dump(), "sensor": {}})
     run = next(iter(perfect.run(progress=False).values()))
-    return factor * run.metrics(start=scenario.measure_from)["torque_variation"]
+    return factor * run.metrics(start_time=scenario.metrics_start)["torque_variation"]
 
 
 def objective(scenario: Scenario, part: dict[str, Any], limit: float) -> float:
@@ -49,7 +49,7 @@ def objective(scenario: Scenario, part: dict[str, Any], limit: float) -> float:
             run = next(iter(trial.run(progress=False).values()))
             if not run.status.completed:
                 return LOST - float(run.data["time"].values[-1]) / scenario.duration
-            found = run.metrics(start=scenario.measure_from)
+            found = run.metrics(start_time=scenario.metrics_start)
         except TarcError:
             return LOST
     excess = max(0.0, float(np.log(found["torque_variation"] / limit)))
@@ -57,7 +57,7 @@ def objective(scenario: Scenario, part: dict[str, Any], limit: float) -> float:
 
 
 def tune(
-    space: Space,
+    space: SearchSpace,
     scenarios: Sequence[Scenario],
     limits: Sequence[float],
     *,
@@ -122,7 +122,7 @@ def tune(
     return space.law(study.best_params, period), float(study.best_value)
 
 
-def _fits(space: Space, scenario: Scenario) -> bool:
+def _fits(space: SearchSpace, scenario: Scenario) -> bool:
     """Whether the law can be made for the scenario's robot at all: some need a model that they can read."""
     middle = {key: float(np.sqrt(low * high)) for key, (low, high) in space.free.items()}
     try:
@@ -155,7 +155,7 @@ def tune_all(
     jobs
         Processes; None for as many as there are cores.
     """
-    known = spaces()
+    known = search_spaces()
     for name in names:
         check.one_of("laws", name, known)
     contents = [scenario.model_dump() for scenario in scenarios]
@@ -192,4 +192,4 @@ def _tune_one(
     begin: dict[str, Any] | None,
 ) -> tuple[dict[str, Any], float]:
     scenarios = [Scenario.parse(content) for content in contents]
-    return tune(spaces()[name], scenarios, limits, trials=trials, seed=seed, begin=begin, progress=False)
+    return tune(search_spaces()[name], scenarios, limits, trials=trials, seed=seed, begin=begin, progress=False)

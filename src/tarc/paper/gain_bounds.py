@@ -125,7 +125,7 @@ class GainBounds:
         return "\n".join([head, *rows, *(f"- {note}" for note in self.notes)])
 
 
-def gain_bounds(
+def evaluate_gain_bounds(
     run: "Run",
     law: Law,
     *,
@@ -173,7 +173,7 @@ def gain_bounds(
         raise TarcError(
             f"share: got {share:g}; z must lie above 0 and below the decay, so give a share between 0 and 1"
         )
-    n, m, h = law.joints, law.delay_periods, law.delay_periods * law.period
+    n, m, h = law.n_joints, law.delay_periods, law.delay_periods * law.period
     sigma = signals.correction_past + signals.rate_past @ law.K2.T + signals.sigma1
     forcing = 0.0
     if weight is not None:
@@ -193,7 +193,7 @@ def gain_bounds(
     state = np.hstack([signals.error, signals.rate])
     with np.errstate(divide="ignore", invalid="ignore"):
         excess = np.einsum("ki,ij,kj->k", state, law.P, state) / (values[0] * np.sum(signals.error**2, axis=1))
-    far = signals.sliding >= law.boundary
+    far = signals.sliding >= law.boundary_layer
     outside, inside = (_rise(law, signals, side, excess) for side in (far, ~far))
     notes = [PRINTED if decay is None else STAND_IN.format(decay=decay), FUNCTIONAL, RATE, UNITS]
     if weight is None:
@@ -237,11 +237,11 @@ def evaluate(law: TARC, constants: Constants, outside: Rise, inside: Rise, *, er
         ("outside", outside, 1, ("t1", "δt1", "ĉ_M")),
         ("inside", inside, 2, ("t2", "δt2", "ĉ_m")),
     ):
-        layer = law.boundary if order == 2 else 1.0
-        needed = layer * _by(push * level + c.forcing / 2, law.margin * side.least**order)
-        rise = _by(needed, law.rise * side.least)
+        layer = law.boundary_layer if order == 2 else 1.0
+        needed = layer * _by(push * level + c.forcing / 2, law.gain_factor * side.least**order)
+        rise = _by(needed, law.rise_rate * side.least)
         fade = np.nan if np.isnan(side.least) else c.stretch * _by(np.log(max(side.excess, 1.0)), c.decay)
-        more = layer * _by(law.rise * fade * c.size * level, law.margin * side.least**order)
+        more = layer * _by(law.rise_rate * fade * c.size * level, law.gain_factor * side.least**order)
         found |= {
             f"rise {name}": Bound(symbols[0], "s", rise, side.longest),
             f"fade {name}": Bound(symbols[1], "s", fade, np.nan),
@@ -272,8 +272,8 @@ def _signals(run: "Run", law: Law, start: float) -> tuple[TARC, _Signals]:
         raise TarcError(f"law: got {type(law).__name__}; the bounds are those of tarc.laws.TARC")
     data = run.data
     made = json.loads(data.attrs["law"])
-    own = {"kind": "TARC", "period": law.period, "joints": law.joints}
-    own |= {name: getattr(law, name) for name in ("rise", "fall", "boundary", "margin", "delay")}
+    own = {"kind": "TARC", "period": law.period, "joints": law.n_joints}
+    own |= {name: getattr(law, name) for name in ("rise", "fall_rate", "boundary_layer", "margin", "delay")}
     theirs = {**made, "joints": data.sizes["joint"]}
     for name, value in own.items():
         if theirs.get(name) != value:
@@ -286,7 +286,7 @@ def _signals(run: "Run", law: Law, start: float) -> tuple[TARC, _Signals]:
     estimated = (data["velocity_estimate"] - data["velocity_reference"]).values
     acceleration = (data["acceleration"] - data["acceleration_reference"]).values
     gain = data["gain"].values
-    correction = -law.margin * (gain / np.maximum(sliding, law.boundary))[:, None] * (error @ law.P2.T)
+    correction = -law.gain_factor * (gain / np.maximum(sliding, law.boundary_layer))[:, None] * (error @ law.P2.T)
     m = law.delay_periods
     whole = (data["fault"].values == 0) & np.isfinite(error + rate + acceleration).all(axis=1) & np.isfinite(gain)
     end = len(whole) if whole.all() else int(np.argmin(whole))

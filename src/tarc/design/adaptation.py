@@ -7,7 +7,7 @@ import numpy as np
 
 from tarc.analysis.workspace import Workspace
 from tarc.core import validation as check
-from tarc.design.candidate_loops import Candidate, peak
+from tarc.design.candidates import Candidate, peak
 from tarc.plants.base import Plant
 
 RATIO = 3.0
@@ -22,29 +22,30 @@ class Adaptation:
 
     Attributes
     ----------
-    rise, fall, floor, boundary, cap, margin
+    rise_rate, fall_rate, min_gain, boundary_layer, max_gain, margin
         c̄, c̲, γ, ε, the greatest gain and α.
     """
 
-    rise: float
-    fall: float
-    floor: float
-    boundary: float
-    cap: float
+    rise_rate: float
+    fall_rate: float
+    min_gain: float
+    boundary_layer: float
+    max_gain: float
     margin: float = 1.0
 
     def options(self) -> dict[str, float]:
         """As keyword arguments of the law, rounded to four digits, the cap so that its slope does not grow."""
         rounded = {name: float(f"{value:.4g}") for name, value in asdict(self).items()}
-        slope = self.margin * self.cap / self.boundary
-        rounded["cap"] = float(f"{0.9999 * slope * rounded['boundary'] / rounded['margin']:.5g}")
+        slope = self.margin * self.max_gain / self.boundary_layer
+        rounded["max_gain"] = float(f"{0.9999 * slope * rounded['boundary_layer'] / rounded['margin']:.5g}")
         return rounded
 
 
-def adaptation(candidate: Candidate, expected: float, *, noise: float = 0.0) -> Adaptation:
+def choose_adaptation(candidate: Candidate, expected: float, *, noise: float = 0.0) -> Adaptation:
     """Rise, fall, floor, boundary and cap of TARC's gain, for a loop whose ball bears a slope.
 
-        ε = greatest error after the expected step,    cap = slope ε / α,    c̲ = slope ωn,    c̄ = 3 c̲,    γ = cap/100
+        ε = greatest error after the expected step,    max_gain = slope ε / α,    c̲ = slope ωn,    c̄ = 3 c̲,    γ =
+        cap/100
 
     The slope α ĉ/ε is what the certificate bears, so that the cap follows from the layer ε and not the reverse. The
     layer is as wide as the error that the step to be expected leaves in the loop without the switching term: within it
@@ -64,16 +65,22 @@ def adaptation(candidate: Candidate, expected: float, *, noise: float = 0.0) -> 
 
     References
     ----------
-    Paper, Section III-B, on what is too high and too low; theory of the slope: `tarc.certificates.slope`.
+    Paper, Section III-B, on what is too high and too low; theory of the slope: `tarc.certificates.certify_sector`.
     """
     check.number("expected", expected, 0, strict=True)
     slope = check.number("slope", candidate.slope, 0, strict=True)
     channel = candidate.channel()
     response = max(peak(channel, candidate.scale * ratio) for ratio in (1.0, candidate.spread))
-    boundary = max(expected * response, QUANTA * noise)
-    cap = slope * boundary
-    rate = slope * candidate.bandwidth
-    return Adaptation(rise=RATIO * rate, fall=rate, floor=cap / 100, boundary=boundary, cap=cap)
+    boundary_layer = max(expected * response, QUANTA * noise)
+    max_gain = slope * boundary_layer
+    rate = slope * candidate.natural_frequency
+    return Adaptation(
+        rise_rate=RATIO * rate,
+        fall_rate=rate,
+        min_gain=max_gain / 100,
+        boundary_layer=boundary_layer,
+        max_gain=max_gain,
+    )
 
 
 def expected_step(plants: Sequence[Plant], workspace: Workspace, *, samples: int = 200, seed: int = 0) -> float:
@@ -91,7 +98,7 @@ def expected_step(plants: Sequence[Plant], workspace: Workspace, *, samples: int
     """
     greatest = fallback = 0.0
     first = plants[0]
-    dry = 2 * np.abs(np.broadcast_to(first.parameters.get("coulomb", 0.0), (first.joints,)))
+    dry = 2 * np.abs(np.broadcast_to(first.parameters.get("coulomb", 0.0), (first.n_joints,)))
     for posture in workspace.sample(samples, seed):
         M, held = first.inertia(posture), np.asarray(first.gravity_torque(posture), dtype=float)
         fallback = max(fallback, 0.1 * float(np.linalg.norm(np.linalg.solve(M, held))))

@@ -12,12 +12,12 @@ from reference.law_recurrence import recurrence
 from reference.uncertain_case import UncertainCase, state_matrices
 from tarc import TarcError, laws, plants, signals
 from tarc.analysis import Workspace
-from tarc.analysis.inertia_ratio import spread
-from tarc.analysis.inertia_shape import best_shape
+from tarc.analysis.inertia_ratio import inertia_spread
+from tarc.analysis.inertia_shape import best_inertia_shape
 from tarc.analysis.operating_points import Mismatches
-from tarc.certificates import ball, robot
-from tarc.design.candidate_loops import assess, candidates, front, peak, settling
-from tarc.design.robustness import Demand
+from tarc.certificates import certify_robot, certify_varying_ratio
+from tarc.design.candidates import assess_candidates, enumerate_candidates, pareto_front, peak, settling
+from tarc.design.robustness import RobustnessSpec
 
 PERIOD = 1e-3
 
@@ -32,10 +32,16 @@ def hand_recurrence(one):
     late = one.computation_delay
     return recurrence(
         LawParameters(
-            natural_frequency=one.bandwidth, damping_ratio=one.damping, window=one.window, degree=one.degree,
-            synchronised=one.synchronised, delay_periods=one.delay, computation_delay=late, actuation_delay=late,
+            natural_frequency=one.natural_frequency,
+            damping_ratio=one.damping,
+            window=one.window,
+            degree=one.degree,
+            synchronised=one.synchronised,
+            delay_periods=one.delay,
+            computation_delay=late,
+            actuation_delay=late,
         )
-    )  # fmt: skip
+    )
 
 
 def step_error(one, ratio, steps):
@@ -51,21 +57,25 @@ def step_error(one, ratio, steps):
 def feasible_candidates(spread, seed=0, count=12, **options):
     """Some that bear a spread, of a random choice of all."""
     slope_share = options.pop("slope_share", 0.0)
-    trials = candidates(PERIOD, **options)
+    trials = enumerate_candidates(PERIOD, **options)
     some = [trials[i] for i in np.random.default_rng(seed).choice(len(trials), 60, replace=False)]
-    able = [one for one in assess(some, Demand.plain(spread), slope_share=slope_share) if one.feasible]
+    able = [
+        one for one in assess_candidates(some, RobustnessSpec.plain(spread), slope_share=slope_share) if one.feasible
+    ]
     return able[:: max(len(able) // count, 1)]
 
 
 @pytest.mark.parametrize(
     ("window", "synchronised", "known"),
     [(10, False, 8.6), (5, False, 14.7), (20, True, 12.2), (10, True, 22.2), (5, True, 39.5)],
-)  # fmt: skip
+)
 def test_reach_is_the_ratio_of_the_widest_ball(window, synchronised, known):
     """Known for a mismatch held over each period; one that changes within it costs up to two per cent."""
-    trials = candidates(PERIOD, bandwidths=[10.0], windows=[window], degrees=[2], synchronised=[synchronised])
-    (reach,) = {one.reach for one in assess(trials, Demand.plain(2.0))}
-    widest = ball(make_tdc(window, synchronised)).numbers["ratio"]
+    trials = enumerate_candidates(
+        PERIOD, natural_frequencies=[10.0], windows=[window], degrees=[2], synchronised=[synchronised]
+    )
+    (reach,) = {one.reach for one in assess_candidates(trials, RobustnessSpec.plain(2.0))}
+    widest = certify_varying_ratio(make_tdc(window, synchronised)).numbers["ratio"]
     assert 0.98 * widest < reach < 1.001 * widest
     assert 0.96 * known < reach < 1.01 * known
 
@@ -74,25 +84,25 @@ def test_reach_is_the_ratio_of_the_widest_ball(window, synchronised, known):
 def test_what_bears_a_spread_within_a_speed_is_certified(slope_share, rate):
     """By the ball for the rate that M̂ = scale X makes of it; most of them are not for any speed."""
     spread = 12.0
-    trials = candidates(PERIOD, bandwidths=[5.0, 10.0, 20.0], windows=[5, 10], degrees=[2])
-    looked = assess(trials, Demand.plain(spread, rate), slope_share=slope_share)
+    trials = enumerate_candidates(PERIOD, natural_frequencies=[5.0, 10.0, 20.0], windows=[5, 10], degrees=[2])
+    looked = assess_candidates(trials, RobustnessSpec.plain(spread, rate), slope_share=slope_share)
     able = [one for one in looked if one.feasible]
     at_once = []
     for one in able:
         ends = one.scale, one.scale * spread
-        slow = ball(tdc_of_candidate(one), contains=ends, slope=one.slope, rate=rate / one.scale)
+        slow = certify_varying_ratio(tdc_of_candidate(one), contains=ends, slope=one.slope, rate=rate / one.scale)
         assert slow.certified, one
-        at_once.append(ball(tdc_of_candidate(one), contains=ends, slope=one.slope).certified)
+        at_once.append(certify_varying_ratio(tdc_of_candidate(one), contains=ends, slope=one.slope).certified)
     assert len(able) > 3
     assert not all(at_once)
 
 
 def test_a_slower_robot_is_borne_at_more_bandwidth():
-    trials = candidates(PERIOD, windows=[8], degrees=[2])
+    trials = enumerate_candidates(PERIOD, windows=[8], degrees=[2])
 
     def fastest(rate):
-        looked = assess(trials, Demand.plain(15.0, rate))
-        return max((one.bandwidth for one in looked if one.feasible), default=0.0)
+        looked = assess_candidates(trials, RobustnessSpec.plain(15.0, rate))
+        return max((one.natural_frequency for one in looked if one.feasible), default=0.0)
 
     speeds = [fastest(rate) for rate in (np.inf, 3.0, 0.1)]
     assert speeds[0] < speeds[2]
@@ -106,11 +116,13 @@ def test_what_bears_a_spread_is_certified(delay, slope_share, spread):
     able = feasible_candidates(spread, computation_delay=delay, slope_share=slope_share)
     assert len(able) > 3
     for one in able:
-        assert one.slope == pytest.approx(slope_share * one.bandwidth**2)
+        assert one.slope == pytest.approx(slope_share * one.natural_frequency**2)
         assert one.spread == spread
         options = {"slope": one.slope, "computation_delay": delay}
-        assert ball(tdc_of_candidate(one), contains=(one.scale, one.scale * spread), **options).certified, one
-        there = ball(tdc_of_candidate(one), one.scale * (1 + spread) / 2, **options).numbers
+        assert certify_varying_ratio(
+            tdc_of_candidate(one), contains=(one.scale, one.scale * spread), **options
+        ).certified, one
+        there = certify_varying_ratio(tdc_of_candidate(one), one.scale * (1 + spread) / 2, **options).numbers
         borne = spread * (1 + one.room)
         assert there["radius"] / there["centre"] == pytest.approx((borne - 1) / (borne + 1), rel=0.03)
         assert one.room > 0.09
@@ -120,32 +132,37 @@ def test_what_bears_a_robot_with_gravity_is_certified_on_it():
     """Bandwidths so low that gravity's stiffness takes much of the ball."""
     both = [plants.TwoLinkArm(), plants.TwoLinkArm(payload=2.0)]
     box = Workspace.box([-np.pi, 0.8], [np.pi, 2.2])
-    shape, _ = best_shape(both, box, samples=200)
-    ends = spread(both, shape, box, samples=200)
-    shape = shape / ends.low
-    demand = Demand.of_robot(both, box, shape, ends)
-    assert np.all(demand.shares > Demand.plain(ends.ratio).shares)
+    shape, _ = best_inertia_shape(both, box, samples=200)
+    ends = inertia_spread(both, shape, box, samples=200)
+    shape = shape / ends.min_ratio
+    demand = RobustnessSpec.of_robot(both, box, shape, ends)
+    assert np.all(demand.shares > RobustnessSpec.plain(ends.ratio).shares)
     assert np.all(np.diff(demand.shares) <= 0)  # more weight, less share of the stiffness
-    trials = candidates(PERIOD, bandwidths=[2.0, 5.0, 10.0], windows=[3, 6, 12], degrees=[2])
-    able = [one for one in assess(trials, demand) if one.feasible]
-    without = [one for one in assess(trials, Demand.plain(ends.ratio)) if one.feasible]
+    trials = enumerate_candidates(PERIOD, natural_frequencies=[2.0, 5.0, 10.0], windows=[3, 6, 12], degrees=[2])
+    able = [one for one in assess_candidates(trials, demand) if one.feasible]
+    without = [one for one in assess_candidates(trials, RobustnessSpec.plain(ends.ratio)) if one.feasible]
     # gravity takes what a small inertia would do without it
     assert min(one.scale for one in able) > 1.5 * min(one.scale for one in without)
     for one in able[:: max(len(able) // 8, 1)]:
-        assert robot(tdc_of_candidate(one, shape), both, box, samples=200).certified, one
+        assert certify_robot(tdc_of_candidate(one, shape), both, box, samples=200).certified, one
     low = min(without, key=lambda one: one.scale)
-    assert not robot(tdc_of_candidate(low, shape), both, box, samples=200).certified
+    assert not certify_robot(tdc_of_candidate(low, shape), both, box, samples=200).certified
 
 
 def test_peaks_between_the_frequencies_are_seen():
     """A torque that comes back after three periods rings at a third of the rate, barely damped, in a narrow peak."""
     for delay in (1, 2):
-        for degree, window, bandwidth in ((3, 12, 10.0), (3, 15, 5.0), (2, 10, 2.0)):
-            trials = candidates(
-                PERIOD, bandwidths=[bandwidth], windows=[window], degrees=[degree], synchronised=[False],
-                delays=[3 - delay], computation_delay=delay,
-            )  # fmt: skip
-            (one,) = assess(trials, Demand.plain(4.0))
+        for degree, window, natural_frequency in ((3, 12, 10.0), (3, 15, 5.0), (2, 10, 2.0)):
+            trials = enumerate_candidates(
+                PERIOD,
+                natural_frequencies=[natural_frequency],
+                windows=[window],
+                degrees=[degree],
+                synchronised=[False],
+                delays=[3 - delay],
+                computation_delay=delay,
+            )
+            (one,) = assess_candidates(trials, RobustnessSpec.plain(4.0))
             assert not one.feasible
             assert one.reach < 3.0
 
@@ -155,7 +172,7 @@ def test_settling_and_peak_are_those_of_the_loop_run(delay):
     checked = 0
     for one in feasible_candidates(4.0, seed=1, computation_delay=delay):
         for ratio in (one.scale, 4.0 * one.scale):
-            steps = int(40 / (one.bandwidth * PERIOD)) + 5000
+            steps = int(40 / (one.natural_frequency * PERIOD)) + 5000
             errors = step_error(one, ratio, steps)
             if abs(errors[-1]) > 1e-6 * np.abs(errors).max():  # too slow to be seen to settle
                 continue
@@ -186,8 +203,10 @@ def test_noise_and_error_are_those_of_the_loop_run(delay):
 @pytest.mark.parametrize("synchronised", [False, True])
 def test_noise_and_error_of_a_simulated_robot(synchronised):
     """The law of the package on a mass, whose M⁻¹X takes the ends of the spread, an encoder with noise, a step."""
-    trials = candidates(PERIOD, bandwidths=[20.0], windows=[8], degrees=[2], synchronised=[synchronised])
-    one = assess(trials, Demand.plain(4.0))[1]
+    trials = enumerate_candidates(
+        PERIOD, natural_frequencies=[20.0], windows=[8], degrees=[2], synchronised=[synchronised]
+    )
+    one = assess_candidates(trials, RobustnessSpec.plain(4.0))[1]
     still = signals.Sinusoid(amplitude=[0.0], frequency=1.0, offset=[0.0])
     noises, errors = [], []
     for ratio in (1.0, 2.0, 4.0):
@@ -195,7 +214,7 @@ def test_noise_and_error_of_a_simulated_robot(synchronised):
         sensor = signals.Encoder(noise=1e-5)
         run = tarc.simulate(mass, tdc_of_candidate(one), still, 25.0, sensor=sensor, seed=3, progress=False)
         noises.append(np.std(run.data["torque"].values[1000:]) / 1e-5)
-        step = signals.Step(amplitude=[0.1], at=0.0)
+        step = signals.Step(amplitude=[0.1], start_time=0.0)
         run = tarc.simulate(mass, tdc_of_candidate(one), still, 10.0, disturbance=step, progress=False)
         errors.append(np.sqrt(PERIOD * np.sum((run.data["position"].values / 0.1) ** 2)))
     assert max(noises) == pytest.approx(one.noise, rel=0.05)
@@ -203,8 +222,8 @@ def test_noise_and_error_of_a_simulated_robot(synchronised):
 
 
 def test_front_is_not_dominated_and_dominates_the_rest():
-    looked = assess(candidates(PERIOD, windows=[4, 8, 15], degrees=[2]), Demand.plain(4.0))
-    best = front(looked)
+    looked = assess_candidates(enumerate_candidates(PERIOD, windows=[4, 8, 15], degrees=[2]), RobustnessSpec.plain(4.0))
+    best = pareto_front(looked)
     assert len(best) > 5
     assert [one.noise for one in best] == sorted(one.noise for one in best)
 
@@ -218,16 +237,18 @@ def test_front_is_not_dominated_and_dominates_the_rest():
     for two in looked:
         if two.feasible and two not in best:
             assert any(one.noise <= two.noise and one.error <= two.error for one in best)
-    assert front([one for one in looked if not one.feasible]) == []
+    assert pareto_front([one for one in looked if not one.feasible]) == []
 
 
 @pytest.mark.parametrize(("late", "delays"), [(0, {1}), (1, {1, 2}), (2, {1}), (3, {1, 2})])
 def test_delays_of_literal_laws(late, delays):
     """With an odd computation delay one period leaves a torque that alternates undamped, and two do not."""
-    trials = candidates(PERIOD, windows=[5, 10, 20], bandwidths=[5.0, 10.0], computation_delay=late)
+    trials = enumerate_candidates(PERIOD, windows=[5, 10, 20], natural_frequencies=[5.0, 10.0], computation_delay=late)
     assert {one.delay for one in trials if not one.synchronised} == delays
     assert {one.delay for one in trials if one.synchronised} == {1}
-    literal = [one for one in assess(trials, Demand.plain(1.4)) if one.feasible and not one.synchronised]
+    literal = [
+        one for one in assess_candidates(trials, RobustnessSpec.plain(1.4)) if one.feasible and not one.synchronised
+    ]
     assert {one.delay for one in literal} == {max(delays)}
     for one in literal[:3]:
         assert tdc_of_candidate(one).delay_periods == max(delays)
@@ -235,57 +256,65 @@ def test_delays_of_literal_laws(late, delays):
 
 
 def test_candidates_are_all_combinations_that_make_a_law():
-    trials = candidates(2e-3, windows=[2, 3, 5], degrees=[2, 3])
+    trials = enumerate_candidates(2e-3, windows=[2, 3, 5], degrees=[2, 3])
     assert len(trials) == 2 * 5 * 13  # a window of two periods has no cubic
-    assert max(one.bandwidth for one in trials) == pytest.approx(65.0)  # half the rate, half the bandwidth
+    assert max(one.natural_frequency for one in trials) == pytest.approx(
+        65.0
+    )  # half the rate, half the natural frequency
     assert all(one.period == 2e-3 and not one.feasible and np.isinf(one.noise) for one in trials)
     one = trials[0]
     assert one.estimator.window == pytest.approx(one.window * 2e-3)
 
 
 def test_more_is_asked_for_fewer_do():
-    trials = candidates(PERIOD, bandwidths=[10.0, 40.0])
+    trials = enumerate_candidates(PERIOD, natural_frequencies=[10.0, 40.0])
     steps = []
 
     def able(spread, **options):
         steps.clear()
-        looked = assess(trials, Demand.plain(spread), done=lambda: steps.append(1), **options)
+        looked = assess_candidates(trials, RobustnessSpec.plain(spread), done=lambda: steps.append(1), **options)
         assert len(steps) == len(trials)
-        return {(o.window, o.degree, o.synchronised, o.bandwidth) for o in looked if o.feasible}
+        return {(o.window, o.degree, o.synchronised, o.natural_frequency) for o in looked if o.feasible}
 
     some, wider, roomier, steeper = able(4.0), able(12.0), able(4.0, room=1.5), able(4.0, slope_share=3.0)
     for fewer in (wider, roomier, steeper):
         assert fewer < some
     assert not able(200.0)
-    closely = assess(trials[:30], Demand.plain(4.0), closely=True)
-    few = assess(trials[:30], Demand.plain(4.0))
+    closely = assess_candidates(trials[:30], RobustnessSpec.plain(4.0), closely=True)
+    few = assess_candidates(trials[:30], RobustnessSpec.plain(4.0))
     assert {one.scale for one in few} < {one.scale for one in closely}
 
 
 def test_a_spread_of_nothing_and_gains_that_make_no_law():
-    trials = candidates(PERIOD, bandwidths=[10.0], windows=[5], degrees=[2])
-    single = assess(trials, Demand.plain(1.0))
+    trials = enumerate_candidates(PERIOD, natural_frequencies=[10.0], windows=[5], degrees=[2])
+    single = assess_candidates(trials, RobustnessSpec.plain(1.0))
     assert any(one.feasible for one in single)
     for one in single:
         if one.feasible:
-            assert ball(tdc_of_candidate(one), contains=(one.scale, one.scale)).certified
-    assert assess(candidates(PERIOD, bandwidths=[10.0], windows=[5], damping=-1.0), Demand.plain(2.0)) == []
+            assert certify_varying_ratio(tdc_of_candidate(one), contains=(one.scale, one.scale)).certified
+    assert (
+        assess_candidates(
+            enumerate_candidates(PERIOD, natural_frequencies=[10.0], windows=[5], damping_ratio=-1.0),
+            RobustnessSpec.plain(2.0),
+        )
+        == []
+    )
 
 
 def test_demand():
-    plain = Demand.plain(4.0)
+    plain = RobustnessSpec.plain(4.0)
     np.testing.assert_allclose(plain.shares, [0.6])
     np.testing.assert_array_equal(plain.weights, [0.0])
     E = np.array([np.eye(2), 4.0 * np.eye(2), np.diag([1.0, 4.0])])
-    none = Demand.of(4.0, Mismatches(E, 0 * E, 0 * E))
+    none = RobustnessSpec.of(4.0, Mismatches(E, 0 * E, 0 * E))
     np.testing.assert_array_equal(none.shares, plain.shares)
     H = np.array([10.0 * np.eye(2), 0 * np.eye(2), 0 * np.eye(2)])
-    some = Demand.of(4.0, Mismatches(E, H, 0 * E))
+    some = RobustnessSpec.of(4.0, Mismatches(E, H, 0 * E))
     # the first posture alone: [1 − 2.5, 10/η] over 2.5
     expected = np.hypot(1.5, 10.0 / some.weights) / 2.5
     np.testing.assert_allclose(some.shares, np.maximum(expected, 0.6))
     for wrong in (0.5, np.nan, np.inf):
         with pytest.raises(TarcError, match="spread"):
-            Demand.plain(wrong)
+            RobustnessSpec.plain(wrong)
     with pytest.raises(TarcError, match="period"):
-        candidates(0.0)
+        enumerate_candidates(0.0)

@@ -15,7 +15,7 @@ from tarc.analysis.uncertain_loop import Parts, Responses, parts_of, system
 from tarc.certificates.iqc import best_multiplier
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
-from tarc.design.robustness import Demand, share_of, spread_of
+from tarc.design.robustness import RobustnessSpec, share_of, spread_of
 from tarc.estimators.algebraic import Algebraic
 from tarc.laws.tdc import TDC
 from tarc.numerics.norms import h2_norm
@@ -44,7 +44,7 @@ LIGHTER = 2
 NEARLY = -0.15
 """Room at which the place between is tried too."""
 SLOW_ENOUGH = 2
-"""And after how many bandwidths that bear it, from the highest down, the lower ones are not looked at."""
+"""And after how many natural frequencies that bear it, from the highest down, the lower ones are not looked at."""
 HOPELESS = -0.35
 """Room at which no other centre is tried."""
 FEW = 5
@@ -61,8 +61,8 @@ class Candidate:
     ----------
     window, delay
         [periods].
-    degree, synchronised, bandwidth, damping
-        As in the laws; bandwidth in [rad/s].
+    degree, synchronised, natural_frequency, damping_ratio
+        As in the laws; natural frequency in [rad/s].
     period
         [s].
     computation_delay
@@ -88,8 +88,8 @@ class Candidate:
     degree: int
     delay: int
     synchronised: bool
-    bandwidth: float
-    damping: float
+    natural_frequency: float
+    damping_ratio: float
     period: float
     computation_delay: int = 0
     slope: float = 0.0
@@ -114,8 +114,8 @@ class Candidate:
         """What a law on time-delay estimation takes, but for the inertia and the estimator."""
         late = None if self.delay == 1 else self.delay * self.period
         return {
-            "bandwidth": self.bandwidth,
-            "damping": self.damping,
+            "natural_frequency": self.natural_frequency,
+            "damping_ratio": self.damping_ratio,
             "period": self.period,
             "synchronised": self.synchronised,
             "delay": late,
@@ -127,15 +127,15 @@ class Candidate:
         return decouple(TDC(inertia=1.0, estimator=self.estimator, **self.options()), self.computation_delay)[0]
 
 
-def candidates(
+def enumerate_candidates(
     period: float,
     *,
-    bandwidths: Iterable[float] | None = None,
+    natural_frequencies: Iterable[float] | None = None,
     windows: Iterable[int] = WINDOWS,
     degrees: Iterable[int] = (2, 3),
     delays: Iterable[int] | None = None,
     synchronised: Iterable[bool] = (False, True),
-    damping: float = 1.0,
+    damping_ratio: float = 1.0,
     computation_delay: int = 0,
 ) -> list[Candidate]:
     """All combinations that make a law, not yet looked at.
@@ -146,11 +146,17 @@ def candidates(
     if delays is None:
         delays = (1, 2) if computation_delay % 2 else (1,)
     rate = 1e-3 / check.number("period", period, 0, strict=True)
-    speeds = [rate * one for one in BANDWIDTHS] if bandwidths is None else list(bandwidths)
+    speeds = [rate * one for one in BANDWIDTHS] if natural_frequencies is None else list(natural_frequencies)
     return [
         Candidate(
-            window=window, degree=degree, delay=delay, synchronised=both,
-            bandwidth=float(speed), damping=damping, period=period, computation_delay=computation_delay,
+            window=window,
+            degree=degree,
+            delay=delay,
+            synchronised=both,
+            natural_frequency=float(speed),
+            damping_ratio=damping_ratio,
+            period=period,
+            computation_delay=computation_delay,
         )
         for both in synchronised
         for delay in delays
@@ -159,12 +165,12 @@ def candidates(
         for window in windows
         if window >= degree
         for speed in speeds
-    ]  # fmt: skip
+    ]
 
 
-def assess(
+def assess_candidates(
     trials: Sequence[Candidate],
-    demand: Demand,
+    demand: RobustnessSpec,
     *,
     slope_share: float = 0.0,
     room: float = 0.1,
@@ -175,8 +181,10 @@ def assess(
 
     A loop bears the robot at the scale c if the robust ball about c(1 + spread)/2 has the share of it as radius that
     the robot demands for one of the weights, which is η/c there, next to a robust term of any slope up to slope_share ·
-    bandwidth². The ball is that of `tarc.certificates.robot`, here on a grid of frequencies; the choice is certified
-    afterwards. For a robot of bounded speed, whose balls take longer, the lower bandwidths of a loop are not looked at
+    bandwidth². The ball is that of `tarc.certificates.certify_robot`, here on a grid of frequencies; the choice is
+    certified
+    afterwards. For a robot of bounded speed, whose balls take longer, the lower natural frequencies of a loop are
+    not looked at
     where some higher ones bear the robot, nor are those that a shorter window does not bear.
 
     Parameters
@@ -197,7 +205,7 @@ def assess(
     quick = np.isfinite(demand.rate) and not closely
     order = list(range(len(trials)))
     if quick:
-        order.sort(key=lambda i: (trials[i].window, -trials[i].bandwidth))
+        order.sort(key=lambda i: (trials[i].window, -trials[i].natural_frequency))
     found: dict[int, list[Candidate]] = {}
     bearing: dict[tuple, dict[int, list[Candidate]]] = {}
     for i in order:
@@ -206,10 +214,10 @@ def assess(
         able = windows.setdefault(one.window, [])
         shorter = [most[0] for window, most in windows.items() if window < one.window and most]
         alike = able[-1] if len(able) >= SLOW_ENOUGH else None
-        if shorter and one.bandwidth > shorter[-1].bandwidth:  # what a shorter window does not bear
+        if shorter and one.natural_frequency > shorter[-1].natural_frequency:  # what a shorter window does not bear
             alike = replace(shorter[-1], reach=demand.spread)
         if quick and alike is not None:
-            slope = slope_share * one.bandwidth**2
+            slope = slope_share * one.natural_frequency**2
             found[i] = [replace(one, slope=slope, spread=demand.spread, reach=alike.reach)]
         else:
             with warnings.catch_warnings(), np.errstate(all="ignore"):
@@ -221,14 +229,14 @@ def assess(
     return [one for i in range(len(trials)) for one in found[i]]
 
 
-def _assess(one: Candidate, demand: Demand, slope_share: float, room: float, closely: bool) -> list[Candidate]:
+def _assess(one: Candidate, demand: RobustnessSpec, slope_share: float, room: float, closely: bool) -> list[Candidate]:
     try:
         channel = one.channel()
     except TarcError:  # gains that are not Hurwitz, a window that is too short
         return []
     spread = demand.spread
     needed = np.array([share_of(spread_of(share) * (1 + room)) if share < 1 else np.inf for share in demand.shares])
-    slope = slope_share * one.bandwidth**2
+    slope = slope_share * one.natural_frequency**2
     parts = parts_of(channel, slope, intersample=True, lead=demand.lead / one.period)
     responses = Responses(parts, count=FREQUENCIES)
     free = 1 - CENTRES[:, None] * responses.held[:, 0]
@@ -266,7 +274,7 @@ class _Loop:
 
     parts: Parts
     responses: Responses
-    demand: Demand
+    demand: RobustnessSpec
     needed: np.ndarray
     period: float
 
@@ -344,10 +352,15 @@ class _Loop:
             if borne(i) >= least:  # at any speed
                 return room(i)
             _, radius, bound = best_multiplier(
-                self.parts, centre, self.demand.rate * self.period * (1 + self.demand.spread) / (2 * centre),
-                weight=self.weight(number, centre), stiffness=self.demand.stiffness, responses=self.responses,
-                enough=1.0001 * least * centre, close=CLOSE,
-            )  # fmt: skip
+                self.parts,
+                centre,
+                self.demand.rate * self.period * (1 + self.demand.spread) / (2 * centre),
+                weight=self.weight(number, centre),
+                stiffness=self.demand.stiffness,
+                responses=self.responses,
+                enough=1.0001 * least * centre,
+                close=CLOSE,
+            )
             if radius / centre >= least:
                 return spread_of(min(radius / centre, 1 - 1e-9)) / spread_of(shares[i]) - 1
             now = spread_of(min(bound / centre, (1 - 1e-6) * least)) / spread_of(shares[i]) - 1
@@ -413,7 +426,7 @@ def peak(channel: Channel, ratio: float, horizon: int = 4000) -> float:
     return greatest
 
 
-def front(found: Sequence[Candidate]) -> list[Candidate]:
+def pareto_front(found: Sequence[Candidate]) -> list[Candidate]:
     """Those that bear the spread and that no other beats in both noise and error, by noise."""
     best, result = np.inf, []
     for one in sorted((one for one in found if one.feasible), key=lambda one: (one.noise, one.error)):
