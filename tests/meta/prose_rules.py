@@ -21,7 +21,18 @@ BANNED = {
     "whatever it": r"\bwhatever it\b",
     "holds the robot": r"\bholds the robot\b",
 }
-SECTIONS = ("Parameters", "Attributes", "Returns", "Raises", "Warns", "Notes", "References", "Examples", "Yields", "Methods")
+SECTIONS = (
+    "Parameters",
+    "Attributes",
+    "Returns",
+    "Raises",
+    "Warns",
+    "Notes",
+    "References",
+    "Examples",
+    "Yields",
+    "Methods",
+)
 ENTRIES = ("Parameters", "Attributes", "Returns", "Raises", "Warns", "Yields", "Methods")
 
 
