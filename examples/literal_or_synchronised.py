@@ -27,7 +27,7 @@ for share in (0.05, 0.2, 0.8):
             synchronised=synchronised,
         )
         run = tarc.simulate(arm, law, reference, duration=5.0, initial_torque="rest")
-        error = f"{1e3 * run.metrics(start=1.0)['rms_error']:.3f} mrad" if run.status.completed else ""
+        error = f"{1e3 * run.metrics(start_time=1.0)['rms_error']:.3f} mrad" if run.status.completed else ""
         kind = "synchronised" if synchronised else "literal"
         print(f"M̂ = {share:4} M, {kind:12}: {run.status} {error}")
         norm = 1e3 * np.linalg.norm(run.data["position"] - run.data["reference"], axis=1)
