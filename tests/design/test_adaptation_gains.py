@@ -44,16 +44,16 @@ def test_slope_at_the_cap_is_the_certified_one_and_never_above(loops, expected):
 def test_rounding_never_steepens_the_slope():
     rng = np.random.default_rng(0)
     for _ in range(2000):
-        boundary_layer, slope, margin = np.exp(rng.uniform(-12, 3)), np.exp(rng.uniform(0, 10)), rng.uniform(1, 3)
+        boundary_layer, slope, gain_factor = np.exp(rng.uniform(-12, 3)), np.exp(rng.uniform(0, 10)), rng.uniform(1, 3)
         values = Adaptation(
             rise_rate=1.0,
             fall_rate=1.0,
             min_gain=1e-6,
             boundary_layer=boundary_layer,
-            max_gain=slope * boundary_layer / margin,
-            margin=margin,
+            max_gain=slope * boundary_layer / gain_factor,
+            gain_factor=gain_factor,
         ).options()
-        assert (1 - 3e-4) * slope < values["margin"] * values["max_gain"] / values["boundary_layer"] <= slope
+        assert (1 - 3e-4) * slope < values["gain_factor"] * values["max_gain"] / values["boundary_layer"] <= slope
 
 
 def test_scaling_laws(loops):

@@ -33,7 +33,7 @@ def hand_recurrence(one):
     return recurrence(
         LawParameters(
             natural_frequency=one.natural_frequency,
-            damping_ratio=one.damping,
+            damping_ratio=one.damping_ratio,
             window=one.window,
             degree=one.degree,
             synchronised=one.synchronised,

@@ -22,7 +22,7 @@ class Adaptation:
 
     Attributes
     ----------
-    rise_rate, fall_rate, min_gain, boundary_layer, max_gain, margin
+    rise_rate, fall_rate, min_gain, boundary_layer, max_gain, gain_factor
         c̄, c̲, γ, ε, the greatest gain and α.
     """
 
@@ -31,12 +31,12 @@ class Adaptation:
     min_gain: float
     boundary_layer: float
     max_gain: float
-    margin: float = 1.0
+    gain_factor: float = 1.0
 
     def options(self) -> dict[str, float]:
         """As keyword arguments of the law, rounded to four digits, the cap so that its slope does not grow."""
         rounded = {name: float(f"{value:.4g}") for name, value in asdict(self).items()}
-        slope = self.margin * self.max_gain / self.boundary_layer
+        slope = self.gain_factor * self.max_gain / self.boundary_layer
         rounded["max_gain"] = float(f"{0.9999 * slope * rounded['boundary_layer'] / rounded['margin']:.5g}")
         return rounded
 

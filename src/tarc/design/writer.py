@@ -90,7 +90,7 @@ def sections(design: "Design", duration: float = DURATION) -> dict[str, Any]:
         "metrics_start": min(1.0, duration / 4),
     }
     if high > low:
-        content["disturbance"] = [{"kind": "Payload", "mass": high, "at": duration / 2}]
+        content["disturbance"] = [{"kind": "Payload", "mass": high, "start_time": duration / 2}]
     return content
 
 
