@@ -49,7 +49,7 @@ __getattr__, __dir__, _ = lazy_attributes(
         "Status": "tarc.simulation.run",
         "TarcError": "tarc.core.errors",
         "__version__": "tarc.core.version",
-        "certify": "tarc.certification",
+        "certify_law": "tarc.certification",
         "simulate": "tarc.simulation.simulator",
     },
     ("analysis", "certificates", "design", "estimators", "laws", "paper", "plants", "signals", "study"),

@@ -155,7 +155,7 @@ def test_the_core_controls_a_robot_and_all_else_names_its_extra(install: Callabl
         "tarc.plants.MujocoPlant": "robots",
         "tarc.plants.find_robot": "robots",
         "import tarc.plotting.runs": "plot",
-        "tarc.estimators.Algebraic(window=0.01, degree=2).at(1e-3).plot()": "plot",
+        "tarc.estimators.Algebraic(window=0.01, degree=2).with_period(1e-3).plot()": "plot",
     }.items():
         assert lean.python(code.format(statement)).endswith(f"; pip install 'tarc-control[{extra}]'\n"), statement
     said = run(lean.command("tarc"), cwd=lean.folder, status=2)
@@ -166,13 +166,13 @@ def test_the_core_controls_a_robot_and_all_else_names_its_extra(install: Callabl
 @pytest.mark.parametrize(
     ("extra", "code"),
     [
-        ("[robots]", "import tarc; assert tarc.plants.MujocoPlant.from_file('ur5e').joints == 6"),
+        ("[robots]", "import tarc; assert tarc.plants.MujocoPlant.from_file('ur5e').n_joints == 6"),
         ("[sim]", "run = tarc.simulate(arm, adaptive, reference, 1.0); run.save('run.nc'); tarc.Run.load('run.nc')"),
         (
             "[certify]",
             "assert tarc.certificates.certify_constant_ratio(adaptive).verdict; import tarc.paper, tarc.certification",
         ),
-        ("[plot]", "estimator.at(1e-3).plot().savefig('estimator.png')"),
+        ("[plot]", "estimator.with_period(1e-3).plot().savefig('estimator.png')"),
     ],
 )
 def test_an_extra_has_all_that_its_part_needs(install: Callable[[str], Installed], extra: str, code: str) -> None:
