@@ -1,15 +1,17 @@
 """All certificates of a law on a robot at once."""
 
+import json
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from tarc.analysis.linearise import alike, decouple
 from tarc.analysis.rest_stability import remedy
 from tarc.analysis.workspace import Workspace
-from tarc.certificates.base import Certificate
+from tarc.certificates.base import Certificate, Evidence, certificate_from_plain
 from tarc.certificates.constant_ratio import certify_constant_ratio
 from tarc.certificates.robot import certify_robot
 from tarc.certificates.sector import certify_sector
@@ -132,3 +134,40 @@ def advice(law: PolePlacement, verdict: Certificate, computation_delay: int = 0)
         f"shorter window, a lower natural frequency, a smaller cap, more rotor inertia or {slower} narrow the gap; "
         "inconclusive does not mean unstable"
     )
+
+
+def _evidence_types() -> dict[str, type[Evidence]]:
+    """Return the class of evidence of each kind of certificate."""
+    return {}
+
+
+def certificate_from_dict(content: dict[str, Any]) -> Certificate:
+    """Return the certificate that `Certificate.to_dict` wrote.
+
+    Raises
+    ------
+    TarcError
+        For content that is no certificate.
+    """
+    try:
+        evidence_type = _evidence_types().get(content["kind"])
+        if evidence_type is None:
+            return Certificate.from_json(json.dumps(content))
+        return certificate_from_plain(evidence_type, content, content["evidence"])
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise TarcError(f"certificate: cannot read it ({error}); needs what Certificate.to_dict wrote") from None
+
+
+def certificate_from_json(text: str) -> Certificate:
+    """Return the certificate that `Certificate.to_json` wrote.
+
+    Raises
+    ------
+    TarcError
+        For text that is no certificate.
+    """
+    try:
+        content = json.loads(text)
+    except ValueError as error:
+        raise TarcError(f"certificate: the text is no JSON ({error}); needs what Certificate.to_json wrote") from None
+    return certificate_from_dict(content)

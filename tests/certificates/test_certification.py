@@ -10,9 +10,9 @@ import yaml
 
 import tarc
 from law_catalogue import make_law, make_tdc
-from tarc import certify_law
 from tarc.analysis import Workspace
 from tarc.certificates import Certificate
+from tarc.certification import certify_law
 
 TARC = str(Path(sys.executable).parent / "tarc")
 ARM = tarc.plants.TwoLinkArm()

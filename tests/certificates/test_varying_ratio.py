@@ -345,11 +345,13 @@ def test_a_torque_that_alternates_undamped_is_not_certified(periods, actuation):
 
 
 @pytest.mark.parametrize("damping_ratio", [0.5, 0.7, 2.0])
-def test_any_damping(damping):
+def test_any_damping(damping_ratio):
     estimator = estimators.Algebraic(window=0.010)
-    law = laws.TDC(inertia=0.1, natural_frequency=10.0, damping_ratio=damping, period=PERIOD, estimator=estimator)
+    law = laws.TDC(inertia=0.1, natural_frequency=10.0, damping_ratio=damping_ratio, period=PERIOD, estimator=estimator)
     found = certify_varying_ratio(law, 0.08, intersample=False)
-    assert found.numbers["radius"] == pytest.approx(hand_radius(LawParameters(damping_ratio=damping), 0.08), rel=5e-6)
+    assert found.numbers["radius"] == pytest.approx(
+        hand_radius(LawParameters(damping_ratio=damping_ratio), 0.08), rel=5e-6
+    )
 
 
 def test_schur_judges_what_has_no_basis_of_eigenvectors():

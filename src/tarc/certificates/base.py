@@ -1,119 +1,280 @@
-"""What a certificate is: a claim, a verdict, the matrices that prove it, and the means to check them again."""
+"""A certificate: a claim, its verdict, the evidence that proves it, and the means to check that evidence again."""
 
 import json
+from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, Self, TypeVar
 
 import numpy as np
 
 from tarc.analysis.stability import Witness
-from tarc.core import validation as check
+from tarc.certificates.encoding import arrays, from_plain, to_plain
 from tarc.core.errors import TarcError
+from tarc.core.types import Array
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-VERDICTS = ("certified", "refuted", "inconclusive")
+class Verdict(StrEnum):
+    """The outcome of a test of stability."""
+
+    CERTIFIED = "certified"
+    REFUTED = "refuted"
+    INCONCLUSIVE = "inconclusive"
+
+
+class Judgement(NamedTuple):
+    """What evidence shows: the verdict, its margin, and for a refutation the witness."""
+
+    verdict: Verdict
+    margin: float
+    witness: Witness | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Certificate:
-    """The outcome of a test of stability, with its evidence.
+class Evidence(ABC):
+    """The matrices and numbers that prove a verdict; one subclass per kind of certificate, in that kind's file.
 
     Attributes
     ----------
     kind
-        Which test, such as ``loop``.
+        Name of the test, such as ``loop``.
+    witness_type
+        Class of the witness of a refutation; None where the test refutes nothing.
+    """
+
+    kind: ClassVar[str]
+    witness_type: ClassVar[type[Witness] | None] = None
+
+    @abstractmethod
+    def judge(self) -> Judgement:
+        """Return verdict, margin and witness from the evidence alone, without any solver."""
+
+    def forms(self) -> dict[str, Array]:
+        """Return the symmetric forms that must be positive definite, by name, for the figure."""
+        return {}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the fields as plain data, ready for JSON."""
+        return to_plain(self)
+
+    @classmethod
+    def from_dict(cls, content: dict[str, Any]) -> Self:
+        """Return the evidence that `to_dict` wrote.
+
+        Raises
+        ------
+        ValueError
+            For missing or unknown fields, and values of another type.
+        """
+        return from_plain(cls, content)
+
+
+E = TypeVar("E", bound=Evidence, covariant=True)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Certificate(Generic[E]):
+    """The outcome of a test of stability, with its evidence.
+
+    Attributes
+    ----------
     claim
         What is certified or refuted, in a sentence.
+    evidence
+        The matrices and numbers that prove the verdict, and further findings.
     verdict
-        ``certified``, ``refuted`` or ``inconclusive``.
+        Certified, refuted or inconclusive.
     margin
-        How far from the edge, positive where certified; ``margin_meaning`` says in what.
+        Distance from the limit, positive where certified; ``margin_meaning`` names its quantity.
     assumptions
         What the verdict takes for granted.
-    matrices, numbers
-        The evidence, and what else was found.
     witness
-        Where refuted: what shows it, such as a mode that grows or a vector on which a form is negative.
+        For a refutation, what shows it: a mode that grows, or a vector on which a form is negative.
     problem
         The condition that was tested, as a formula.
+    basis
+        Where the evidence rests on samples, what they are; part of the verdict in words.
     proof_grade
         Whether the verdict was decided in ball arithmetic, which encloses every rounding error, and not in floating
         point.
     """
 
-    kind: str
     claim: str
-    verdict: str
+    evidence: E
+    verdict: Verdict
     margin: float
     margin_meaning: str
     assumptions: tuple[str, ...]
-    matrices: dict[str, np.ndarray]
-    numbers: dict[str, float] = field(default_factory=dict)
-    witness: "Witness | None" = None
+    witness: Any = None
     problem: str = ""
+    basis: str = ""
     proof_grade: bool = False
 
     def __post_init__(self) -> None:
-        check.one_of("verdict", self.verdict, VERDICTS)
+        if self.verdict not in list(Verdict):
+            raise TarcError(f"verdict: got {self.verdict!r}; allowed: {', '.join(Verdict)}")
+        object.__setattr__(self, "verdict", Verdict(self.verdict))
+
+    @property
+    def kind(self) -> str:
+        """Name of the test, such as ``loop``."""
+        return self.evidence.kind
 
     @property
     def certified(self) -> bool:
         """Whether the verdict is ``certified``."""
-        return self.verdict == "certified"
+        return self.verdict == Verdict.CERTIFIED
+
+    @property
+    def verdict_in_words(self) -> str:
+        """The verdict, and for a certified one the samples that it rests on."""
+        return f"{self.verdict} on {self.basis}" if self.certified and self.basis else str(self.verdict)
 
     def verify(self) -> bool:
-        """Judge the stored matrices anew, without any solver; whether the verdict is the same."""
-        if not all(np.all(np.isfinite(matrix)) for matrix in self.matrices.values()):
-            return self.verdict == "inconclusive"
+        """Judge the evidence again, without any solver; whether the verdict is the same."""
+        if not all(np.all(np.isfinite(array)) for array in arrays(self.evidence)):
+            return self.verdict == Verdict.INCONCLUSIVE
         try:
-            return JUDGES[self.kind](self.matrices, self.numbers)[0] == self.verdict
-        except (KeyError, ValueError, np.linalg.LinAlgError, TarcError):  # what is missing or does not fit
+            return self.evidence.judge().verdict == self.verdict
+        except (KeyError, ValueError, np.linalg.LinAlgError, TarcError):  # shapes that do not fit together
             return False
 
     def explain(self) -> str:
-        """The claim, the verdict and what it rests on, in plain words."""
+        """Return the claim, the verdict and its assumptions, in words."""
         grade = ", decided in ball arithmetic" if self.proof_grade else ""
-        lines = [self.claim, f"Verdict: {self.verdict}{grade}; {self.margin_meaning}: {self.margin:.4g}."]
+        verdict = f"Verdict: {self.verdict_in_words}{grade}; {self.margin_meaning}: {self.margin:.4g}."
+        lines = [self.claim]
         if self.problem:
-            lines.insert(1, f"Tested: {self.problem}")
+            lines.append(f"Tested: {self.problem}")
+        lines.append(verdict)
         if self.witness:
-            lines.append("Shown by: " + ", ".join(f"{key} {_said(value)}" for key, value in self.witness.items()) + ".")
+            lines.append(f"Shown by: {describe(self.witness)}.")
         return "\n".join([*lines, "Assumed:", *(f"- {assumption}" for assumption in self.assumptions)])
 
-    def to_json(self) -> str:
-        """All of it as JSON."""
-        content = asdict(self) | {"matrices": {name: matrix.tolist() for name, matrix in self.matrices.items()}}
-        return json.dumps(content)
+    def to_dict(self) -> dict[str, Any]:
+        """Return the certificate as plain data, ready for JSON; `tarc.certification.certificate_from_dict` reads it."""
+        content = {"kind": self.kind} | to_plain(self)
+        if isinstance(self.evidence, DictEvidence):
+            evidence = content.pop("evidence")
+            content |= {"matrices": evidence["matrices"], "numbers": evidence["numbers"]}
+        return content
 
-    @classmethod
-    def from_json(cls, text: str) -> "Certificate":
-        """Read what `to_json` wrote."""
-        try:
-            content = json.loads(text)
-            content["matrices"] = {name: np.array(rows, dtype=float) for name, rows in content["matrices"].items()}
-            content["assumptions"] = tuple(content["assumptions"])
-            return cls(**content)
-        except (ValueError, TypeError, KeyError, AttributeError) as error:
-            raise TarcError(f"from_json: this is no certificate ({error}); needs what to_json wrote") from None
+    def to_json(self) -> str:
+        """Return `to_dict` as text."""
+        return json.dumps(self.to_dict(), allow_nan=False)
 
     def plot(self) -> "Figure":
-        """Figure of the evidence."""
+        """Return a figure of the evidence."""
         from tarc.plotting.certificates import certificate_figure
 
         return certificate_figure(self)
 
+    # -- the certificates whose evidence is still a dictionary -------------------------------------------------------
 
-Judge = Callable[[dict[str, np.ndarray], dict[str, Any]], tuple[str, float, Witness | None]]
+    @property
+    def matrices(self) -> dict[str, Array]:
+        """Matrices of a dictionary of evidence."""
+        return self.evidence.matrices if isinstance(self.evidence, DictEvidence) else {}
+
+    @property
+    def numbers(self) -> dict[str, Any]:
+        """Numbers of a dictionary of evidence."""
+        return self.evidence.numbers if isinstance(self.evidence, DictEvidence) else {}
+
+    @classmethod
+    def from_json(cls, text: str) -> "Certificate[Any]":
+        """Read a certificate with a dictionary of evidence."""
+        try:
+            content = json.loads(text)
+            evidence = {"name": content.pop("kind"), **{key: content.pop(key) for key in ("matrices", "numbers")}}
+            return certificate_from_plain(DictEvidence, content, evidence)
+        except (ValueError, TypeError, KeyError, AttributeError) as error:
+            raise TarcError(f"from_json: this is no certificate ({error}); needs what to_json wrote") from None
+
+
+def certificate_from_plain(evidence_type: type[E], content: dict[str, Any], evidence: Any) -> Certificate[E]:
+    """Return a certificate from plain data of its fields, with evidence of the type given.
+
+    Raises
+    ------
+    ValueError, TypeError
+        For missing or unknown fields, and values of another type.
+    """
+    rest = {name: value for name, value in content.items() if name not in ("kind", "evidence", "witness")}
+    witness = content["witness"]
+    if witness is not None and evidence_type.witness_type is not None:
+        witness = from_plain(evidence_type.witness_type, witness, "witness")
+    margin, assumptions = from_plain(float, rest.pop("margin"), "margin"), tuple(rest.pop("assumptions"))
+    read = evidence_type.from_dict(evidence)
+    return Certificate(**rest, margin=margin, assumptions=assumptions, witness=witness, evidence=read)
+
+
+def describe(witness: Any) -> str:
+    """Return the names and values of a witness, in words."""
+    content = witness if isinstance(witness, dict) else to_plain(witness)
+    named = {key.replace("_", " "): value for key, value in content.items() if value is not None}
+    return ", ".join(f"{name} {_shown(value)}" for name, value in named.items())
+
+
+def _shown(value: Any) -> str:
+    if np.ndim(value) == 0:
+        return f"{value:.5g}"
+    return "(" + ", ".join(f"{entry:.4g}" for entry in np.ravel(value)) + ")"
+
+
+# -- evidence that is still a dictionary ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DictEvidence(Evidence):
+    """Evidence in dictionaries, judged by the function that its kind has in `JUDGES`."""
+
+    name: str
+    matrices: dict[str, np.ndarray]
+    numbers: dict[str, Any]
+
+    @property
+    def kind(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The name."""
+        return self.name
+
+    def judge(self) -> Judgement:
+        """Judge by the function of the kind."""
+        verdict, margin, witness = JUDGES[self.name](self.matrices, self.numbers)
+        return Judgement(Verdict(verdict), margin, witness)
+
+    def forms(self) -> dict[str, Array]:
+        """Return the forms of the kind."""
+        return FORMS[self.name](self.matrices, self.numbers)
+
+    @classmethod
+    def from_dict(cls, content: dict[str, Any]) -> Self:
+        """Return the evidence that `to_dict` wrote."""
+        matrices = {name: np.array(rows, dtype=float) for name, rows in content["matrices"].items()}
+        numbers = {name: float(value) for name, value in content["numbers"].items()}
+        return cls(name=content["name"], matrices=matrices, numbers=numbers)
+
+
+def dict_certificate(
+    *,
+    kind: str,
+    verdict: str,
+    matrices: dict[str, np.ndarray],
+    numbers: dict[str, Any] | None = None,
+    **rest: Any,
+) -> Certificate[DictEvidence]:
+    """Return a certificate with evidence in dictionaries."""
+    evidence = DictEvidence(name=kind, matrices=matrices, numbers={} if numbers is None else numbers)
+    return Certificate(evidence=evidence, verdict=Verdict(verdict), **rest)
+
+
+Judge = Callable[[dict[str, np.ndarray], dict[str, Any]], tuple[str, float, Any]]
 JUDGES: dict[str, Judge] = {}
 """By kind of certificate: verdict, margin and witness from matrices and numbers alone."""
 
 FORMS: dict[str, Callable[[dict[str, np.ndarray], dict[str, Any]], dict[str, np.ndarray]]] = {}
 """By kind of certificate: the symmetric forms that must be positive definite, by name; for the figure."""
-
-
-def _said(value: float | list[float]) -> str:
-    return f"{value:.5g}" if np.ndim(value) == 0 else "(" + ", ".join(f"{one:.4g}" for one in np.ravel(value)) + ")"

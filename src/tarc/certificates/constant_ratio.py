@@ -7,7 +7,7 @@ import numpy as np
 
 from tarc.analysis.linearise import Channel, decouple
 from tarc.analysis.stability import Witness, _delay_margin, _radius, _split, crossings, from_disturbance, from_noise
-from tarc.certificates.base import JUDGES, Certificate
+from tarc.certificates.base import JUDGES, Certificate, dict_certificate
 from tarc.core import validation as check
 from tarc.laws.base import Law
 from tarc.numerics.matrix_tests import schur
@@ -57,7 +57,7 @@ def certify_constant_ratio(
     worst = low if low == high else max((low, high), key=lambda end: _radius(channels, end))
     numbers |= _describe(channels, worst, stable=verdict == "certified")
     span = f"ρ = {low:g}" if low == high else f"every constant ρ from {low:g} to {high:g}"
-    return Certificate(
+    return dict_certificate(
         kind="loop",
         claim=f"The loop of {type(law).__name__} around q̈ = ρ M̂⁻¹τ is stable for {span}.",
         verdict=verdict,

@@ -25,7 +25,7 @@ from tarc.analysis.rest_stability import _at_rest, _growing
 from tarc.analysis.stability import Witness
 from tarc.analysis.uncertain_loop import Parts, Responses, parts_of
 from tarc.analysis.workspace import Workspace
-from tarc.certificates.base import JUDGES, Certificate
+from tarc.certificates.base import JUDGES, Certificate, dict_certificate
 from tarc.certificates.iqc import best_multiplier
 from tarc.certificates.varying_ratio import Evidence, best_centre, recorded, widest
 from tarc.certificates.varying_ratio import judge as judge_ball
@@ -148,7 +148,7 @@ def certify_robot(
         "slope": slope,
     }
     numbers["samples"] = float(found.samples)
-    return Certificate(
+    return dict_certificate(
         kind="robot",
         claim=f"{type(law).__name__} keeps the robot stable however it moves in the workspace"
         + ("." if workspace.speed is None else ", at the joints' speeds and accelerations given or less."),

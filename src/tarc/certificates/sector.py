@@ -7,7 +7,7 @@ import numpy as np
 
 from tarc.analysis.linearise import Channel, decouple
 from tarc.analysis.stability import Witness, crossings
-from tarc.certificates.base import JUDGES, Certificate
+from tarc.certificates.base import JUDGES, Certificate, dict_certificate
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
 from tarc.core.types import Array
@@ -90,7 +90,7 @@ def certify_sector(
         f"every gain ĉ(t) up to {max_gain:g} rad/s²" if max_gain is not None else "every gain ĉ(t), which has no cap,"
     )
     what = what if adaptive or max_gain is not None else f"every time-varying slope up to {circle * size:.4g} 1/s²"
-    return Certificate(
+    return dict_certificate(
         kind="slope",
         claim=f"The loop of {type(law).__name__} around q̈ = {ratio:g} M̂⁻¹τ is stable for {what}.",
         problem="‖S‖∞ < 2/k with k/2 in the loop, for k = α ĉ ‖P2‖/ε" if adaptive else "‖S‖∞ < 2/k, k/2 in the loop",

@@ -7,7 +7,7 @@ import numpy as np
 from tarc.analysis.linearise import alike, decouple
 from tarc.analysis.stability import Witness
 from tarc.analysis.uncertain_loop import Parts, Responses, parts_of, system, weighed
-from tarc.certificates.base import JUDGES, Certificate
+from tarc.certificates.base import JUDGES, Certificate, dict_certificate
 from tarc.certificates.iqc import STILL, Multiplier, bears, best_multiplier
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
@@ -114,7 +114,7 @@ def certify_varying_ratio(
         numbers["ratio"] = (centre + radius) / (centre - radius)
     ends = contains or (centre - radius, centre + radius)
     name = type(law).__name__
-    return Certificate(
+    return dict_certificate(
         kind="ball",
         claim=f"The loop of {name} around q̈ = E(t) M̂⁻¹τ is stable for every symmetric E(t) with eigenvalues from "
         f"{ends[0]:.5g} to {ends[1]:.5g}" + ("." if rate is None else f", E⁻¹ changing by at most {rate:.5g} 1/s."),

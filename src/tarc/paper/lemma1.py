@@ -8,7 +8,7 @@ import numpy as np
 from tarc.analysis.inertia_ratio import extremes, inverse_ratios
 from tarc.analysis.stability import Witness
 from tarc.analysis.workspace import Workspace
-from tarc.certificates.base import FORMS, JUDGES, Certificate
+from tarc.certificates.base import FORMS, JUDGES, Certificate, dict_certificate
 from tarc.core.errors import TarcError
 from tarc.core.types import Array
 from tarc.laws.base import Law
@@ -75,7 +75,7 @@ def check_lemma1(
     matrices = {"M": robots[worst.plant].inertia(worst.posture), "inertia": nominal, "position": worst.posture}
     verdict, margin, witness = judge_lemma1(matrices, {})
     ends = 1 / low.value, -1 / high.value
-    return Certificate(
+    return dict_certificate(
         kind="lemma1",
         claim="Lemma 1 of the paper holds: ‖M(q)⁻¹M̂ − I‖ < 1 at every posture of the workspace.",
         problem="M(q) M̂ + M̂ M(q) − M̂² > 0, the same for symmetric matrices",
@@ -154,7 +154,7 @@ def check_condition_c2(law: Law) -> Certificate:
     numbers = {"residual": float(residual), "shrinking": float(-matrices["e1"] @ product @ matrices["e1"])}
     if "f1" in matrices:
         numbers["growing"] = float(matrices["df1"] @ product @ matrices["f1"])
-    return Certificate(
+    return dict_certificate(
         kind="c2",
         claim="Condition (c2) of the paper holds: P3 P2ᵀ is positive definite.",
         problem="P > 0, AᵀP + PA < 0, P3 P2ᵀ + P2 P3 > 0",

@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from tarc.certificates.base import FORMS, JUDGES, Certificate
+from tarc.certificates.base import FORMS, JUDGES, Certificate, dict_certificate
 from tarc.core import validation as check
 from tarc.core.types import Array
 from tarc.laws.base import Law
@@ -88,7 +88,7 @@ def check_nominal_loop(
     if verdict == "certified":
         meaning = "peak gain" if a else "mean square gain"
         numbers[meaning] = numbers["gamma"] / (float(np.sqrt(2 * a)) if a else 1.0)
-    return Certificate(
+    return dict_certificate(
         kind="nominal",
         claim=f"The nominal loop with h = {numbers['delay']:g} s, ς = {numbers['window']:g} s and Λ = "
         f"{estimator.degree} is input-to-state stable from σ′ to the error"

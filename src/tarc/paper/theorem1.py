@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from tarc.analysis.stability import Witness
-from tarc.certificates.base import FORMS, JUDGES, Certificate
+from tarc.certificates.base import FORMS, JUDGES, Certificate, dict_certificate
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
 from tarc.core.types import Array
@@ -117,7 +117,7 @@ def check_theorem1(
         if disturbance_term
         else "E is without its last D⁻¹: the cross term that it is for is linear in e, and counts in the ultimate bound"
     )
-    return Certificate(
+    return dict_certificate(
         kind="theorem1",
         claim=f"Condition Ψ > 0 of Theorem 1 holds for {what}",
         verdict=verdict,

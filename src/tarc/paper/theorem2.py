@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tarc.analysis.stability import Witness
-from tarc.certificates.base import FORMS, JUDGES, Certificate
+from tarc.certificates.base import FORMS, JUDGES, Certificate, dict_certificate
 from tarc.core import validation as check
 from tarc.core.types import Array
 from tarc.laws.base import Law
@@ -108,7 +108,7 @@ def check_theorem2(
     matrices = store([part], NAMES)
     verdict, margin, witness = judge(matrices, numbers)
     at = f"h = {numbers['delay']:g} s, ς = {length:g} s and Λ = {estimator.degree}"
-    return Certificate(
+    return dict_certificate(
         kind="theorem2",
         claim=f"Condition Θ > 0 of Theorem 2 can be met for {at} by some P, Q, D, L, β, ξ."
         if searched
