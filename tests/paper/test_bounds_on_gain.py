@@ -35,7 +35,7 @@ RUN = simulate_law(LAW)
 
 def test_formulas_by_hand():
     """Υ+c = 3, ‖ι1‖ = 1, λ−z = 1, Γ = 16: μ1 = 3, ϖ0 = 3 + √(16+9) = 8 and l(0) = 3·8 + 8 = 32."""
-    law = make_tarc(rise_rate=4.0, margin=2.0, boundary_layer=0.5)
+    law = make_tarc(rise_rate=4.0, gain_factor=2.0, boundary_layer=0.5)
     constants = Constants(tde_error=2.0, jump=1.0, forcing=16.0, size=1.0, decay=2.0, share=0.5, stretch=3.0)
     outside = Rise(least=2.0, longest=0.1, excess=np.e, peak=5.0)
     inside = Rise(least=0.25, longest=0.2, excess=np.e**2, peak=6.0)
@@ -149,11 +149,11 @@ def test_a_gain_that_runs_away():
     [
         (
             lambda: evaluate_gain_bounds(RUN, make_tarc(delay=0.002, rise_rate=1e3)),
-            r"law: its rise is 1000\.0, and that of the run's law 500",
+            r"law: its rise_rate is 1000\.0, and that of the run's law 500",
         ),
         (lambda: evaluate_gain_bounds(RUN, make_tarc(rise_rate=500.0)), "law: its delay"),
         (
-            lambda: evaluate_gain_bounds(RUN, make_tarc(delay=0.002, rise_rate=500.0, weight=1.0)),
+            lambda: evaluate_gain_bounds(RUN, make_tarc(delay=0.002, rise_rate=500.0, lyapunov_weight=1.0)),
             "its P2 is not that of the run's law",
         ),
         (lambda: evaluate_gain_bounds(RUN, make_tarc(inertia=0.1)), "law: its joints is 1"),

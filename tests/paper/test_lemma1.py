@@ -111,11 +111,11 @@ def test_tampering_shows():
 
 
 @pytest.mark.parametrize("joints", [1, 3, 7])
-@pytest.mark.parametrize("weight", [None, 1.0])
-def test_c2_for_scalar_gains_in_closed_form(joints, weight):
+@pytest.mark.parametrize("lyapunov_weight", [None, 1.0])
+def test_c2_for_scalar_gains_in_closed_form(joints, lyapunov_weight):
     """P2 = q1/(2ωn²), P3 = (q3 + q1/ωn²)/(4ζωn), for ωn = 12, ζ = 1; Δsᵀs at a unit e1 is −P2 P3."""
-    certificate = check_condition_c2(make_law(laws.TARC, joints, weight=weight))
-    q1, q3 = (2 * 144.0, 2.0) if weight is None else (1.0, 1.0)
+    certificate = check_condition_c2(make_law(laws.TARC, joints, lyapunov_weight=lyapunov_weight))
+    q1, q3 = (2 * 144.0, 2.0) if lyapunov_weight is None else (1.0, 1.0)
     P2, P3 = q1 / 288, (q3 + q1 / 144) / 48
     assert certificate.certified
     assert certificate.proof_grade
@@ -130,7 +130,7 @@ def test_c2_gives_no_sign_even_where_the_error_grows():
     """With gains that couple, or a general Q, ‖s‖ may grow while Δsᵀs is negative."""
     rng = np.random.default_rng(0)
     root = rng.normal(size=(4, 4))
-    law = make_law(laws.TARC, 2, weight=np.diag([288.0, 288.0, 2.0, 2.0]) + root @ root.T)
+    law = make_law(laws.TARC, 2, lyapunov_weight=np.diag([288.0, 288.0, 2.0, 2.0]) + root @ root.T)
     certificate = check_condition_c2(law)
     assert certificate.certified
     f1, df1, e1 = (certificate.matrices[name] for name in ("f1", "df1", "e1"))

@@ -88,7 +88,7 @@ def test_known_windows(degree, window):
         assert nominal_max_window(tdc(degree=degree)) == pytest.approx(found, rel=1e-5)
 
 
-def test_window_and_delay_scale_with_the_bandwidth():
+def test_window_and_delay_scale_with_the_natural_frequency():
     assert 10 * nominal_max_window(tdc(10.0), delay=0.001) == pytest.approx(nominal_max_window(tdc()), rel=1e-5)
     assert 10 * nominal_max_delay(tdc(10.0), window=0.01) == pytest.approx(nominal_max_delay(tdc()), rel=1e-5)
 
@@ -102,8 +102,10 @@ def test_window_and_delay_scale_with_the_bandwidth():
     window=st.floats(0.01, 1.2),
     decay=st.sampled_from([0.0, 0.05, 0.2, 0.4]),
 )
-def test_certified_is_stable_as_fast_and_as_quiet_as_claimed(natural_frequency, damping, degree, delay, window, decay):
-    law = tdc(natural_frequency, degree, damping_ratio=damping)
+def test_certified_is_stable_as_fast_and_as_quiet_as_claimed(
+    natural_frequency, damping_ratio, degree, delay, window, decay
+):
+    law = tdc(natural_frequency, degree, damping_ratio=damping_ratio)
     h, length, rate = delay / natural_frequency, window / natural_frequency, decay * natural_frequency
     certificate = check_nominal_loop(law, delay=h, window=length, decay=rate)
     assert certificate.verify()
@@ -144,7 +146,7 @@ def test_no_window_for_a_decay_that_is_too_fast():
 @pytest.mark.parametrize("decay", [0.0, 1.0])
 def test_coupled_gains(decay):
     K1, K2 = np.array([[100.0, 20.0], [-20.0, 80.0]]), np.array([[20.0, 1.0], [3.0, 25.0]])
-    law = tdc(None, joints=2, stiffness=K1, velocity_gain=K2)
+    law = tdc(None, joints=2, position_gain=K1, velocity_gain=K2)
     certificate = check_nominal_loop(law, delay=0.005, window=0.03, decay=decay)
     assert certificate.certified
     assert certificate.matrices["P_0"].shape == (4, 4)
@@ -157,7 +159,7 @@ def test_decoupled_equals_the_full_program():
     K1, K2 = np.diag([100.0, 144.0]), np.diag([20.0, 24.0])
     numbers = {"delay": 0.005, "degree": 2.0, "decay": 0.0}
     full = _Program(K1, K2, numbers).longest("window", numbers)
-    law = tdc(None, joints=2, stiffness=K1, velocity_gain=K2)
+    law = tdc(None, joints=2, position_gain=K1, velocity_gain=K2)
     assert nominal_max_window(law, delay=0.005) == pytest.approx(full, rel=1e-4)
     one, many = check_nominal_loop(tdc()), check_nominal_loop(tdc(joints=30))
     assert one.numbers == many.numbers

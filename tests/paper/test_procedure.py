@@ -18,7 +18,7 @@ def test_known_delays_at_one_radian_per_second():
 
 
 @pytest.mark.parametrize(("natural_frequency", "scaled"), [(0.1, 0.0587), (10.0, 0.2705), (100.0, 0.2708)])
-def test_delay_over_bandwidth(natural_frequency, scaled):
+def test_delay_times_natural_frequency(natural_frequency, scaled):
     """As printed the condition does not scale with the natural frequency; the equation does."""
     found = steps_by_symbol(run_procedure(natural_frequency, delay=1e-3 / natural_frequency))["h"].found
     assert natural_frequency * found["largest by Theorem 1 [s]"] == pytest.approx(scaled, abs=6e-5)
@@ -71,8 +71,8 @@ def test_values_found_meet_psi():
 
 @pytest.mark.parametrize("delay", [1e-3, 0.01, 0.05])
 @pytest.mark.parametrize(("natural_frequency", "damping_ratio"), [(1.0, 1.0), (20.0, 0.5), (5.0, 3.0)])
-def test_theorem_2_is_refuted_always_and_all_certificates_verify(natural_frequency, damping, delay):
-    procedure = run_procedure(natural_frequency, damping_ratio=damping, delay=delay)
+def test_theorem_2_is_refuted_always_and_all_certificates_verify(natural_frequency, damping_ratio, delay):
+    procedure = run_procedure(natural_frequency, damping_ratio=damping_ratio, delay=delay)
     assert procedure.certificates["theorem2"].verdict == "refuted"
     assert procedure.certificates["theorem2"].witness
     assert steps_by_symbol(procedure)["L"].found["Θ at (e, −e, 0)"] < 0
@@ -87,7 +87,7 @@ def test_too_large_a_delay_is_said_with_the_largest():
     assert "h is too large: Theorem 1 certifies up to 0.2454 s" in procedure.explain()
     assert "stable still" in step.meaning
     assert procedure.certificates["theorem1"].verdict == "inconclusive"
-    share = step.found["bandwidths by Theorem 1, of these"]
+    share = step.found["natural frequencies by Theorem 1, of these"]
     assert run_procedure(share, delay=0.3).certificates["theorem1"].certified
     assert not run_procedure(share + 0.005, delay=0.3).certificates["theorem1"].certified
 
@@ -95,7 +95,7 @@ def test_too_large_a_delay_is_said_with_the_largest():
 def test_beyond_the_equations_own_margin():
     procedure = run_procedure(1.0, delay=0.7)
     assert "unstable as well" in steps_by_symbol(procedure)["h"].meaning
-    assert "no bandwidth" in steps_by_symbol(procedure)["h"].meaning
+    assert "no natural frequency" in steps_by_symbol(procedure)["h"].meaning
     assert "No M̂ makes it stable" in steps_by_symbol(procedure)["M̂"].meaning
     assert "loop, middle" not in procedure.certificates
 
@@ -135,8 +135,8 @@ def test_explain_has_every_step_and_how_it_ends():
         ({"natural_frequency": 1.0, "delay": 0.0}, "delay: got"),
         ({"natural_frequency": 1.0, "degree": 1}, "degree: got"),
         ({"natural_frequency": 1.0, "window": 0.0015}, "no whole multiple"),
-        ({"natural_frequency": 1.0, "joints": 0}, "joints: got"),
-        ({"natural_frequency": [1.0, 2.0], "joints": 3}, "one a joint"),
+        ({"natural_frequency": 1.0, "n_joints": 0}, "n_joints: got"),
+        ({"natural_frequency": [1.0, 2.0], "n_joints": 3}, "one a joint"),
         ({"natural_frequency": 1.0, "ratio": 0.0}, "ratio: got"),
     ],
 )

@@ -23,7 +23,7 @@ def tdc(natural_frequency: Any = 1.0, joints=1, **options):
 
 
 def coupled_tdc(K1, K2) -> laws.TDC:
-    return make_tdc(natural_frequency=None, inertia=0.1 * np.eye(len(K1)), stiffness=K1, velocity_gain=K2)
+    return make_tdc(natural_frequency=None, inertia=0.1 * np.eye(len(K1)), position_gain=K1, velocity_gain=K2)
 
 
 def rightmost_root(K1, K2, h, points=20):
@@ -42,9 +42,9 @@ def rightmost_root(K1, K2, h, points=20):
     return float(np.max(np.linalg.eigvals(generator).real))
 
 
-def exact_delay_margin(natural_frequency, damping):
+def exact_delay_margin(natural_frequency, damping_ratio):
     """The delay at which s² + (k2 s + k1) e^(−sh) has its first roots ± jω: ω⁴ = k1² + k2²ω², ωh = arctan(k2ω/k1)."""
-    k1, k2 = natural_frequency**2, 2 * damping * natural_frequency
+    k1, k2 = natural_frequency**2, 2 * damping_ratio * natural_frequency
     omega = np.sqrt((k2**2 + np.sqrt(k2**4 + 4 * k1**2)) / 2)
     return np.arctan2(k2 * omega, k1) / omega
 
@@ -81,7 +81,7 @@ def test_known_delays():
     assert theorem1_max_delay(tdc(), disturbance_term=False) == pytest.approx(0.27081, abs=1e-5)
 
 
-def test_without_the_disturbance_term_the_delay_scales_with_the_bandwidth_and_as_printed_it_does_not():
+def test_without_the_disturbance_term_the_delay_scales_with_the_natural_frequency_and_as_printed_it_does_not():
     """As printed, D⁻¹ adds a term with another unit of time."""
     free = [theorem1_max_delay(tdc(w), disturbance_term=False) * w for w in (0.1, 1.0, 30.0)]
     np.testing.assert_allclose(free, free[1], rtol=1e-6)
@@ -92,11 +92,11 @@ def test_without_the_disturbance_term_the_delay_scales_with_the_bandwidth_and_as
 
 @settings(deadline=None, max_examples=10)
 @given(st.floats(0.5, 100.0), st.floats(0.1, 3.0), st.booleans())
-def test_certified_is_stable(natural_frequency, damping, term):
+def test_certified_is_stable(natural_frequency, damping_ratio, term):
     """The longest certified delay is below the exact margin, and certifies; a little more does not."""
-    law = tdc(natural_frequency, damping_ratio=damping)
+    law = tdc(natural_frequency, damping_ratio=damping_ratio)
     h = theorem1_max_delay(law, disturbance_term=term)
-    assert 0 < h < exact_delay_margin(natural_frequency, damping)
+    assert 0 < h < exact_delay_margin(natural_frequency, damping_ratio)
     assert rightmost_root(law.K1, law.K2, h) < 0
     certificate = check_theorem1(law, delay=h, disturbance_term=term)
     assert certificate.certified
@@ -109,8 +109,8 @@ def test_certified_is_stable(natural_frequency, damping, term):
 
 
 def test_decoupled_equals_the_full_program():
-    stiffness = np.diag([100.0, 100.0, 225.0])
-    law = coupled_tdc(stiffness, 2 * np.sqrt(stiffness))
+    position_gain = np.diag([100.0, 100.0, 225.0])
+    law = coupled_tdc(position_gain, 2 * np.sqrt(position_gain))
     assert len(gains(law)) == 2
     full = _Program(law.K1, law.K2, None, True).longest()
     assert theorem1_max_delay(law) == pytest.approx(full, rel=1e-5)

@@ -124,7 +124,7 @@ def test_the_program_finds_a_better_least_eigenvalue_than_plain_weights():
 
 def test_a_coupled_law_and_many_joints():
     law = make_tdc(
-        natural_frequency=None, inertia=np.eye(2), stiffness=[[9.0, 5.0], [-1.0, 4.0]], velocity_gain=[6.0, 4.0]
+        natural_frequency=None, inertia=np.eye(2), position_gain=[[9.0, 5.0], [-1.0, 4.0]], velocity_gain=[6.0, 4.0]
     )
     certificate = check_theorem2(law)
     assert certificate.verdict == "refuted"

@@ -273,7 +273,7 @@ def _signals(run: "Run", law: Law, start: float) -> tuple[TARC, _Signals]:
     data = run.data
     made = json.loads(data.attrs["law"])
     own = {"kind": "TARC", "period": law.period, "joints": law.n_joints}
-    own |= {name: getattr(law, name) for name in ("rise", "fall_rate", "boundary_layer", "margin", "delay")}
+    own |= {name: getattr(law, name) for name in ("rise_rate", "fall_rate", "boundary_layer", "gain_factor", "delay")}
     theirs = {**made, "joints": data.sizes["joint"]}
     for name, value in own.items():
         if theirs.get(name) != value:

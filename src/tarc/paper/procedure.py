@@ -107,7 +107,7 @@ def run_procedure(
         ς [s], a multiple of h; None for ten.
     degree
         Λ, 2 or more.
-    joints
+    n_joints
         How many joints n.
     ratio
         The inertia ratio M⁻¹M̂ for which the loop is judged first; 1 is in the middle of what Lemma 1 allows.
@@ -121,7 +121,7 @@ def run_procedure(
     ----------
     Paper, Section III-B, Selection of Parameters; Theorems 1 and 2, condition (c2).
     """
-    n = check.whole("joints", n_joints, 1)
+    n = check.whole("n_joints", n_joints, 1)
     omega = check.vector("natural_frequency", natural_frequency, n, 0, strict=True)
     zeta = check.vector("damping_ratio", damping_ratio, n, 0, strict=True)
     h = check.number("delay", delay, 0, strict=True)
@@ -199,10 +199,12 @@ def _delay_step(law: TARC, h: float) -> Step:
     if h <= longest:
         meaning = f"h is {h / longest:.2g} of the largest that Theorem 1 certifies for these gains."
     else:
-        share = values["bandwidths by Theorem 1, of these"] = _slower(law, h)
+        share = values["natural frequencies by Theorem 1, of these"] = _slower(law, h)
         state = "unstable as well" if h >= exact else "stable still, for the theorem is conservative"
         remedy = (
-            f", or {share:.3g} of these bandwidths" if share else "; with this one no natural frequency was found to do"
+            f", or {share:.3g} of these natural frequencies"
+            if share
+            else "; with this one no natural frequency was found to do"
         )
         meaning = (
             f"h is too large: Theorem 1 certifies up to {longest:.4g} s for these gains. The equation that it is for, "
