@@ -5,7 +5,7 @@ import numpy as np
 import tarc
 from benchmarks.measure import Row, best
 from benchmarks.measure import law as tarc_law
-from tarc.core.tracing import Buffered, trace
+from tarc.core.tracing import CompiledStep, trace
 from tarc.core.trees import pack
 from tarc.laws import LawInput
 
@@ -15,7 +15,7 @@ def step() -> list[Row]:
     position, rest = np.full(6, 0.1), np.zeros(6)
     law = tarc_law(np.full(6, 0.1), 16, 50.0, np.full(6, 100.0))
     state, example = law.example()
-    buffered = Buffered(trace(law.step, state, example)[0])
+    buffered = CompiledStep(trace(law.step, state, example)[0])
     buffered.reset(pack(state))
     buffered.value[:6] = position
     controller = tarc.Controller(law)

@@ -7,7 +7,7 @@ import numpy as np
 
 import tarc
 from benchmarks.measure import Row, Stopwatch, law
-from tarc.control.digital_controller import Drive
+from tarc.control.digital_controller import DigitalController
 from tarc.simulation.mujoco_backend import run_stepping
 from tarc.simulation.sampled_inputs import plan as sample_plan
 from tarc.simulation.sampled_inputs import start
@@ -25,7 +25,7 @@ def _closed_loop(native: bool) -> Row:
     """
     arm = tarc.plants.MujocoPlant.from_file("ur5e", coulomb=2.0, viscous=1.0, armature=0.1)
     n = arm.n_joints
-    drive = Drive(tarc.signals.Encoder(bits=17), law(np.full(n, 0.1), 10, 50.0, arm.torque_limits))
+    drive = DigitalController(tarc.signals.Encoder(bits=17), law(np.full(n, 0.1), 10, 50.0, arm.torque_limits))
     reference = tarc.signals.Sinusoid(amplitude=0.2, frequency=np.linspace(1.0, 2.0, n), offset=arm.home)
     plan = sample_plan(arm, drive.law, reference, 40.0, drive.sensor, [], 1, 0)
     begin = start(arm, plan, None, 0.0, "rest")

@@ -10,7 +10,7 @@ from opensmc.simulator import Simulator
 
 import tarc
 from benchmarks.measure import Row, Stopwatch, law
-from tarc.control.digital_controller import Drive
+from tarc.control.digital_controller import DigitalController
 from tarc.plants import TwoLinkArm
 from tarc.simulation.casadi_backend import run_fused
 from tarc.simulation.closed_loop import ClosedLoop
@@ -22,7 +22,7 @@ def fused(
     arm: TwoLinkArm, substeps: int, between: Callable[[int], object] = lambda at: None, native: bool = False
 ) -> list[float]:
     """Times of a control period [s]: law, plant and recording; one a stretch."""
-    drive = Drive(tarc.signals.Encoder(), law(0.05 * arm.inertia([0.0, np.pi / 2]), 10, 2000.0))
+    drive = DigitalController(tarc.signals.Encoder(), law(0.05 * arm.inertia([0.0, np.pi / 2]), 10, 2000.0))
     reference = tarc.signals.Sinusoid(amplitude=0.6, frequency=[2.0, 2.5])
     plan = sample_plan(arm, drive.law, reference, 50.0, drive.sensor, [], substeps, 0)
     begin, watch = start(arm, plan, None, 0.0, "rest"), Stopwatch(plan, between)

@@ -7,14 +7,16 @@ import numpy as np
 from law_catalogue import make_law
 from tarc import Run, laws, plants, signals, simulate
 from tarc.estimators.base import Estimate
-from tarc.laws.base import Tracking
+from tarc.laws.base import ControlInput
 
 
-def tracking_at(error: Any, rate: Any, fault: bool = False) -> Tracking:
+def tracking_at(error: Any, rate: Any, fault: bool = False) -> ControlInput:
     """What a law reads at this error and rate, known exactly, about a reference at rest in the origin."""
     error, rate = np.asarray(error, dtype=float), np.asarray(rate, dtype=float)
     zero = np.zeros(len(error))
-    return Tracking(Estimate(error, rate, zero, np.ones(len(error))), error, rate, zero, zero, np.array(float(fault)))
+    return ControlInput(
+        Estimate(error, rate, zero, np.ones(len(error))), error, rate, zero, zero, np.array(float(fault))
+    )
 
 
 def simulate_double_integrator(

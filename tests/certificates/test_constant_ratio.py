@@ -13,7 +13,7 @@ from tarc import TarcError, estimators, laws, plants, signals
 from tarc.analysis import h2_norm, hinf_norm, stable_interval, stable_intervals
 from tarc.analysis.linearise import decouple
 from tarc.certificates import Certificate, certify_constant_ratio
-from tarc.control.digital_controller import Drive
+from tarc.control.digital_controller import DigitalController
 from tarc.simulation.closed_loop import ClosedLoop, LoopInput
 
 
@@ -85,15 +85,15 @@ def test_certified_decays_and_refuted_grows(window, natural_frequency, ratio, sy
     if certificate.verdict == "inconclusive" or abs(radius - 1) < 4e-3:
         return
     plant = plants.MassSpringDamper(masses=[0.1 / ratio], springs=[0.0], dampers=[0.0])
-    closed = ClosedLoop(plant, Drive(signals.Encoder(), law, delay), 1)
+    closed = ClosedLoop(plant, DigitalController(signals.Encoder(), law, delay), 1)
     state = closed.init(np.array([1e-3]))
     zero = np.zeros(1)
     value = LoopInput(zero, zero, zero, zero, np.zeros((1, 1)), {})
-    from tarc.core.tracing import Buffered, trace
+    from tarc.core.tracing import CompiledStep, trace
     from tarc.core.trees import pack
 
     function, _ = trace(closed.step, state, value)
-    run = Buffered(function)
+    run = CompiledStep(function)
     run.reset(pack(state))
     steps = int(min(40 / abs(np.log(radius)), 1e4))
     peaks = []

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from tarc.core.tracing import Buffered, trace
+from tarc.core.tracing import CompiledStep, trace
 from tarc.core.trees import leaves, names, pack, rebuild, unpack
 
 sampled = settings(deadline=None, max_examples=50)
@@ -156,7 +156,7 @@ def test_a_state_that_gains_a_leaf_is_refused() -> None:
 
 def test_buffered_steps_equal_repeated_calls() -> None:
     function, _ = trace(linear, STATE, VALUE)
-    buffered, packed = Buffered(function), pack(STATE)
+    buffered, packed = CompiledStep(function), pack(STATE)
     buffered.reset(packed)
     for k in range(7):  # odd, so that both of the alternating buffers have had the last word
         value = pack(VALUE) * (k - 3)
@@ -169,7 +169,7 @@ def test_buffered_steps_equal_repeated_calls() -> None:
 
 def test_buffered_starts_at_zero_and_again_wherever_it_is_reset() -> None:
     function, _ = trace(linear, STATE, VALUE)
-    buffered, outputs = Buffered(function), []
+    buffered, outputs = CompiledStep(function), []
     assert not buffered.state.any()
     for _ in range(3):
         buffered.reset(pack(STATE))
@@ -182,7 +182,7 @@ def test_buffered_starts_at_zero_and_again_wherever_it_is_reset() -> None:
 
 def test_two_buffered_of_one_function_do_not_share_memory() -> None:
     function, _ = trace(linear, STATE, VALUE)
-    one, other = Buffered(function), Buffered(function)
+    one, other = CompiledStep(function), CompiledStep(function)
     one.reset(pack(STATE))
     one.step()
     assert one.output.any()
@@ -192,7 +192,7 @@ def test_two_buffered_of_one_function_do_not_share_memory() -> None:
 
 def test_buffered_steps_allocate_nothing() -> None:
     wide = np.zeros(1000)  # so that one array more, even for a moment, is 8000 bytes
-    buffered = Buffered(trace(lambda state, value: (state + value, 2 * state), wide, wide)[0])
+    buffered = CompiledStep(trace(lambda state, value: (state + value, 2 * state), wide, wide)[0])
     value, output, states = buffered.value, buffered.output, []
     for _ in range(4):
         states.append(buffered.state)

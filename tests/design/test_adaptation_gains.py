@@ -119,7 +119,7 @@ def test_time_to_empty_and_to_fill_the_cap(loops):
 
     def step(law, state, size):
         error = np.array([size])
-        tracking = type("Tracking", (), {"error": error, "error_rate": 0 * error, "fault": np.array(False)})
+        tracking = type("ControlInput", (), {"error": error, "error_rate": 0 * error, "fault": np.array(False)})
         return law.robust(state, tracking)[0]
 
     for one in loops[::5]:

@@ -272,7 +272,7 @@ def test_a_robot_that_friction_holds_is_refused():
     law = TDC(inertia=[1e-3] * 6, natural_frequency=5.0, period=T, estimator=Algebraic(window=0.01), synchronised=True)
     run = simulate(plant, law, excitation_reference(plant.home), 20.0, initial_torque="rest")
     with pytest.raises(TarcError, match="does not show its inertia"):
-        inertia_from_data(run.data["measured"].values, run.data["torque"].values, T)
+        inertia_from_data(run.data["measured_position"].values, run.data["torque"].values, T)
 
 
 def test_identify_refuses_what_it_cannot_use():

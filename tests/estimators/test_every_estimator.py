@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from law_catalogue import ESTIMATORS, PERIOD
 from tarc import estimators
-from tarc.core.tracing import Buffered, trace
+from tarc.core.tracing import CompiledStep, trace
 from tarc.core.trees import pack, unpack
 
 BOUND = {name: estimator.with_period(PERIOD) for name, estimator in ESTIMATORS.items()}
@@ -76,7 +76,7 @@ def test_buffered_equals_numpy_over_time(name):
     samples = np.cumsum(rng.normal(size=(50, 2)), axis=0)
     state = estimator.init(samples[0])
     function, _ = trace(estimator.step, state, samples[0])
-    buffered = Buffered(function)
+    buffered = CompiledStep(function)
     buffered.reset(pack(state))
     for sample in samples:
         state, estimate = estimator.step(state, sample)

@@ -46,7 +46,10 @@ def test_the_law_has_the_true_derivatives_in_both_engines(engine, substeps, tmp_
     data = simulate(plant, law, SWING, 0.4, sensor=sensor, disturbance=events, substeps=substeps, **start).data
     q, v, torque, u = (data[name].values[:, 0] for name in ("position", "velocity", "torque", "auxiliary"))
     np.testing.assert_array_equal(data["velocity_estimate"].values[:, 0], v)
-    assert np.max(np.abs(data["measured"].values[:, 0] - q)[~np.isnan(data["measured"].values[:, 0])]) > 0.01
+    assert (
+        np.max(np.abs(data["measured_position"].values[:, 0] - q)[~np.isnan(data["measured_position"].values[:, 0])])
+        > 0.01
+    )
 
     past = np.concatenate([[1.5], torque[:-1]])
     t = data["time"].values

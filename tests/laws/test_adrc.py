@@ -7,14 +7,14 @@ from scipy.linalg import expm
 from law_catalogue import PERIOD, make_law
 from tarc import TarcError, certificates, laws, plants, signals, simulate
 from tarc.core.trees import pack, unpack
-from tarc.laws.base import Tracking
+from tarc.laws.base import ControlInput
 
 
 def observer_error_matrix(law):
     """Matrix of the observer's error, found by stepping it: columns are what becomes of unit states."""
     rest = law.example()[0].memory
     zero = np.zeros(1)
-    tracking = Tracking(law.estimator.step(law.estimator.init(zero), zero)[1], zero, zero, zero, zero, 0.0)
+    tracking = ControlInput(law.estimator.step(law.estimator.init(zero), zero)[1], zero, zero, zero, zero, 0.0)
     columns = [pack(law.control(unpack(rest, column), tracking)[0]) for column in np.eye(3)]
     return np.array(columns).T
 
@@ -41,7 +41,7 @@ def test_prediction_is_exact():
     missing = law.estimator.step(law.estimator.init(np.zeros(1)), np.full(1, np.nan))[1]
     zero = np.zeros(1)
     memory, _, _ = law.control(
-        unpack(law.example()[0].memory, x), Tracking(missing, zero, zero, zero, np.full(1, 1.5), 0.0)
+        unpack(law.example()[0].memory, x), ControlInput(missing, zero, zero, zero, np.full(1, 1.5), 0.0)
     )
     np.testing.assert_allclose(pack(memory), ahead[:3], rtol=1e-12)
 

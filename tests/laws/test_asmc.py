@@ -64,14 +64,14 @@ def test_rises_although_the_error_shrinks():
 
 
 @pytest.mark.parametrize("scale_by_error", [False, True])
-def test_tracks_better_than_tdc_under_friction(scaled):
+def test_tracks_better_than_tdc_under_friction(scale_by_error):
     """Alike where the gain moves; how much it gives hangs on the threshold."""
     adaptive = make_law(
         laws.ASMC,
         inertia=SMALL_INERTIA,
         threshold=0.03,
-        adaptation_rate=200.0 if scaled else 20.0,
-        scale_by_error=scaled,
+        adaptation_rate=200.0 if scale_by_error else 20.0,
+        scale_by_error=scale_by_error,
     )
     plain, robust = simulate_arm(make_law(laws.TDC, inertia=SMALL_INERTIA)), simulate_arm(adaptive)
     assert robust.status.completed

@@ -98,10 +98,12 @@ def test_controller_equals_simulation(kind, options):
     run = simulate(plants.TwoLinkArm(), law, reference, 0.5, sensor=sensor, initial_torque="rest", seed=3)
     assert run.status.completed
     data = run.data
-    assert np.isnan(data["measured"].values).any(), "the sensor loses samples here"
+    assert np.isnan(data["measured_position"].values).any(), "the sensor loses samples here"
     controller = Controller(law)
     controller.reset(data["reference"].values[0], plants.TwoLinkArm().gravity_torque(data["reference"].values[0]))
-    columns = [data[name].values for name in ("measured", "reference", "velocity_reference", "acceleration_reference")]
+    columns = [
+        data[name].values for name in ("measured_position", "reference", "velocity_reference", "acceleration_reference")
+    ]
     torques = np.array([controller.step(*row).copy() for row in zip(*columns, strict=True)])
     # the two engines evaluate in another order; a closed loop does not amplify that here
     np.testing.assert_allclose(torques, data["torque"].values, rtol=1e-7, atol=1e-7)

@@ -19,7 +19,13 @@ def test_equals_second_writing():
     data = simulate_arm(law, duration=1.0).data
     q, qd, dqd, ddqd, v = (
         data[name].values
-        for name in ("measured", "reference", "velocity_reference", "acceleration_reference", "velocity_estimate")
+        for name in (
+            "measured_position",
+            "reference",
+            "velocity_reference",
+            "acceleration_reference",
+            "velocity_estimate",
+        )
     )
     nominal = ddqd - (v - dqd) @ law.K2.T - (q - qd) @ law.K1.T
     ideal = law.period * np.concatenate([np.zeros((1, 2)), np.cumsum(nominal, axis=0)[:-1]])

@@ -30,22 +30,22 @@ def test_torque_and_its_slopes_are_finite_at_zero(exponent):
 def test_slope_is_the_derivative(exponent):
     law = make_law(laws.NonsingularTerminal, exponent=exponent)
     rate, step = np.array([-3.0, -0.1, -1e-4, 0.0, 0.011, 0.5]), 1e-6
-    difference = (law.bent(rate + step) - law.bent(rate - step)) / (2 * step)
+    difference = (law.terminal_map(rate + step) - law.terminal_map(rate - step)) / (2 * step)
     np.testing.assert_allclose(law.slope(rate), difference, rtol=1e-6)
 
 
 def test_power_far_from_the_layer():
     law = make_law(laws.NonsingularTerminal, exponent=1.4, velocity_scale=2.0, boundary_layer=1e-9)
-    np.testing.assert_allclose(law.bent(np.array([6.0, -1.0])), [2 * 3**1.4, -2 * 0.5**1.4], rtol=1e-9)
+    np.testing.assert_allclose(law.terminal_map(np.array([6.0, -1.0])), [2 * 3**1.4, -2 * 0.5**1.4], rtol=1e-9)
 
 
 def test_the_surface_is_invariant():
     """Started on s = 0 it stays there, layer included: Λ ė cancels against ψ' Λ ė/ψ'."""
     law = make_law(laws.NonsingularTerminal, exponent=1.5, boundary_layer=0.05, natural_frequency=4.0, period=1e-4)
     rate = np.array([0.6, -0.4])
-    start = -law.bent(rate) / 4.0
+    start = -law.terminal_map(rate) / 4.0
     _, q, v = simulate_double_integrator(law, start, rate, 2.0)
-    assert np.abs(4.0 * q + law.bent(v)).max() < 1e-3
+    assert np.abs(4.0 * q + law.terminal_map(v)).max() < 1e-3
     assert np.abs(q[-1]).max() < 1e-3
 
 

@@ -55,7 +55,9 @@ def test_equals_second_writing(delay):
     reference = signals.Sinusoid(amplitude=[0.4, 0.5], frequency=[2.0, 3.0])
     run = simulate(plants.TwoLinkArm(coulomb=0.5), law, reference, 1.0, sensor=signals.Encoder(bits=15))
     data = run.data
-    columns = [data[name].values for name in ("measured", "reference", "velocity_reference", "acceleration_reference")]
+    columns = [
+        data[name].values for name in ("measured_position", "reference", "velocity_reference", "acceleration_reference")
+    ]
     torques, gains = torques_written_again(law, *columns)
     assert run.status.completed
     assert 0 < data["rising"].values.mean() < 1, "both branches run"

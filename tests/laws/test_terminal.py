@@ -16,20 +16,20 @@ def test_linear_and_undamped_it_is_tdc():
 def test_slope_is_the_derivative(exponent):
     law = make_law(laws.TerminalSliding, exponent=exponent, boundary_layer=0.02)
     error, step = np.array([-0.3, -0.02, -1e-4, 0.0, 0.011, 0.5]), 1e-6
-    difference = (law.bent(error + step) - law.bent(error - step)) / (2 * step)
+    difference = (law.terminal_map(error + step) - law.terminal_map(error - step)) / (2 * step)
     np.testing.assert_allclose(law.slope(error), difference, rtol=1e-6)
 
 
 def test_power_far_from_the_layer():
     law = make_law(laws.TerminalSliding, exponent=0.7, error_scale=0.1, boundary_layer=1e-9)
-    np.testing.assert_allclose(law.bent(np.array([0.4, -0.02])), [0.1 * 4**0.7, -0.1 * 0.2**0.7], rtol=1e-9)
+    np.testing.assert_allclose(law.terminal_map(np.array([0.4, -0.02])), [0.1 * 4**0.7, -0.1 * 0.2**0.7], rtol=1e-9)
 
 
 def test_the_surface_decays_by_itself():
     """ṡ = −Λ s with damping 1, whatever the power: s(t) = s(0) e^{−ωn t}."""
     law = make_law(laws.TerminalSliding, nonlinear_damping=0.0, exponent=0.7, natural_frequency=4.0, period=1e-4)
     times, q, v = simulate_double_integrator(law, [0.4, -0.3], [0.5, 0.0], 0.5)
-    s = v + 4.0 * law.bent(q)
+    s = v + 4.0 * law.terminal_map(q)
     np.testing.assert_allclose(s, s[0] * np.exp(-4.0 * times)[:, None], atol=1e-3)
 
 
@@ -45,7 +45,7 @@ def test_reaches_zero_in_finite_time():
         period=1e-4,
     )
     start = np.array([0.3])
-    times, q, _ = simulate_double_integrator(law, start, -4.0 * law.bent(start), 1.2)
+    times, q, _ = simulate_double_integrator(law, start, -4.0 * law.terminal_map(start), 1.2)
     expected = 0.1**-0.4 * (0.3**0.4 - 1e-4**0.4) / (4.0 * 0.4)
     reached = np.argmax(q[:, 0] < 1e-4)
     assert times[reached] == pytest.approx(expected, rel=5e-3)

@@ -82,10 +82,10 @@ def test_symbols_exist():
             known |= set(dir(thing)) | set(getattr(thing, "__dataclass_fields__", {}))
         elif callable(thing):
             known |= set(inspect.signature(thing).parameters)
-    from tarc.laws.base import Tracking
+    from tarc.laws.base import ControlInput
     from tarc.simulation.run import VARIABLES
 
-    known |= set(VARIABLES) | set(Tracking._fields)
+    known |= set(VARIABLES) | set(ControlInput._fields)
     law = tarc.laws.TDC(
         inertia=0.5,
         natural_frequency=10.0,

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 from law_catalogue import KNOWN_RANGES, agrees_to_digits, make_tdc
 from tarc import plants, signals
-from tarc.control.digital_controller import Drive
+from tarc.control.digital_controller import DigitalController
 from tarc.core.tracing import trace
 from tarc.core.trees import pack
 from tarc.simulation.closed_loop import ClosedLoop, LoopInput
@@ -21,7 +21,7 @@ def spectral_radius(ratio, window, synchronised, delay=0, known=False):
     """Largest eigenvalue magnitude of one period of TDC on q̈ = τ with M̂ = ratio."""
     mass = plants.MassSpringDamper(masses=[1.0], springs=[0.0], dampers=[0.0])
     law = make_tdc(window, synchronised, inertia=ratio, actuation_delay=delay if known else 0)
-    loop = ClosedLoop(mass, Drive(signals.Encoder(), law, delay), 1)
+    loop = ClosedLoop(mass, DigitalController(signals.Encoder(), law, delay), 1)
     state = loop.init(np.zeros(1))
     zero = np.zeros(1)
     value = LoopInput(zero, zero, zero, zero, np.zeros((1, 1)), {})

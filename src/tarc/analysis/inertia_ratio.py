@@ -101,7 +101,7 @@ def inertia_spread(
         finite somewhere.
     """
     plants = plants_of(plant)
-    nominal = check.definite("inertia", inertia, plants[0].n_joints)
+    nominal = check.positive_definite("inertia", inertia, plants[0].n_joints)
     low, high = extremes(ends_of(nominal), plants, workspace, samples=samples, seed=seed, refine=refine)
     return InertiaSpread(
         min_ratio=1 / low.value,
@@ -186,7 +186,7 @@ class Grid:
 
 def peaks_of(functions: Sequence[Stacked], plants: Sequence[Plant], grid: Grid, refine: int) -> list[list[Extremum]]:
     """For each function the local maxima that are reached from its best samples."""
-    check.whole("refine", refine, 0)
+    check.integer("refine", refine, 0)
     found = []
     for function in functions:
         values = np.array([function(stack) for stack in grid.inertias])

@@ -133,7 +133,7 @@ def _solve(below: np.ndarray, above: np.ndarray, mean: np.ndarray, diagonal: boo
     X = scale @ np.asarray(shape.value) @ scale.T
     duals = np.array([one.dual_value for one in constraints])
     bound = lower_bound(below, above, duals[: len(below)], duals[len(below) :], diagonal)
-    return check.definite("best_shape", (X + X.T) / 2, n), bound
+    return check.positive_definite("best_shape", (X + X.T) / 2, n), bound
 
 
 def lower_bound(

@@ -7,7 +7,7 @@ from weakref import WeakKeyDictionary
 import casadi as ca
 import numpy as np
 
-from tarc.control.digital_controller import Drive, DriveInput
+from tarc.control.digital_controller import ControllerInput, DigitalController
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
@@ -97,7 +97,7 @@ def decouple(law: Law, computation_delay: int = 0, gain: float = 0.0) -> list[Ch
     if not isinstance(law, PolePlacement):
         raise TarcError(f"law: got {type(law).__name__}; the loop certificate needs a law with an inertia M̂")
     check.number("gain", gain, 0)
-    check.whole("computation_delay", computation_delay)
+    check.integer("computation_delay", computation_delay)
     known = _CHANNELS.setdefault(law, {})
     if gain not in known:
         known[gain] = _decouple(law, gain)
@@ -148,7 +148,7 @@ def _linearise(law: PolePlacement, gain: float, joints: tuple[int, ...]) -> Chan
     The acceleration reference enters the auxiliary input as Δu does, so that its columns are those of w.
     """
     refuse_oracle(law.estimator)
-    drive = Drive(Encoder(), law)
+    drive = DigitalController(Encoder(), law)
     n = law.n_joints
     rest = np.zeros(n)
     state = drive.init(rest)
@@ -159,7 +159,7 @@ def _linearise(law: PolePlacement, gain: float, joints: tuple[int, ...]) -> Chan
     symbols = {i: ca.SX.sym("x", *(*np.shape(values[i]), 1, 1)[:2]) for i in moving}
     position, asked = ca.SX.sym("q", n), ca.SX.sym("a", n)
     mixed = rebuild(state, [symbols.get(i, value) for i, value in enumerate(values)])
-    after, output = drive.step(mixed, DriveInput(position, rest, rest, asked, rest))
+    after, output = drive.step(mixed, ControllerInput(position, rest, rest, asked, rest))
     x = ca.vertcat(*(_column(one) for one in symbols.values())) if symbols else ca.SX(0, 1)
     rows = [_column(leaf) for i, leaf in enumerate(leaves(after)) if i in symbols]
     slopes = ca.jacobian(ca.vertcat(*rows, output.torque), ca.vertcat(x, position, asked))

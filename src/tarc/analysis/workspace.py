@@ -154,9 +154,9 @@ class Workspace:
 
     def units(self, samples: int, seed: int) -> np.ndarray:
         """Points (k, v) of the unit cube of its variables, evenly at random; zero for a variable that is held."""
-        check.whole("samples", samples, 1)
+        check.integer("samples", samples, 1)
         free = self.high > self.low
-        rng = np.random.default_rng(check.whole("seed", seed))
+        rng = np.random.default_rng(check.integer("seed", seed))
         return rng.random((samples if free.any() else 1, len(free))) * free
 
     def positions(self, variables: np.ndarray) -> np.ndarray:

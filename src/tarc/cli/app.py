@@ -245,7 +245,7 @@ def design(
         raise TarcError(f"--noise: got {noise:g}; needs a share of the torque limit, such as 0.02 for 2 %")
     asked = {
         "period": 1 / check.number("--rate", rate, 0, strict=True),
-        "sensor": Encoder(bits=check.whole("--encoder-bits", encoder_bits, 1, 52)),
+        "sensor": Encoder(bits=check.integer("--encoder-bits", encoder_bits, 1, 52)),
         "workspace": within(plant, reach).with_speed_limits(rated(plant)),
         "speed": _numbers("--speed", speed),
         "acceleration": _numbers("--acceleration", acceleration),

@@ -345,7 +345,9 @@ def print_kind(name: str, as_json: bool) -> None:
     # their parameters are those of every law on them
     found |= {name: getattr(tarc.laws, name) for name in ("TDE", "PolePlacement", "Law")}
     if name not in found:
-        raise TarcError(f"show: nothing is called {name!r}; there are {', '.join(found)}.{check.nearest(name, found)}")
+        raise TarcError(
+            f"show: nothing is called {name!r}; there are {', '.join(found)}.{check.did_you_mean(name, found)}"
+        )
     kind = found[name]
     if as_json:
         print(

@@ -7,7 +7,7 @@ import numpy as np
 
 from tarc.core.codegen import compiled
 from tarc.core.errors import TarcError
-from tarc.core.tracing import Buffered, trace
+from tarc.core.tracing import CompiledStep, trace
 from tarc.core.trees import pack
 from tarc.estimators.oracle import refuse_oracle
 from tarc.laws.base import Law
@@ -53,7 +53,7 @@ class Controller:
         self.law = law
         state, value = law.example()
         function, example = trace(law.step, state, value)
-        self._call = Buffered(compiled(function) if native else function)
+        self._call = CompiledStep(compiled(function) if native else function)
         n = law.n_joints
         self._sizes = n, n, n, n
         vector = self._call.value

@@ -12,7 +12,7 @@ from tarc.laws.base import Law, LawInput
 from tarc.signals.sensors import Encoder, EncoderInput
 
 
-class DriveInput(NamedTuple):
+class ControllerInput(NamedTuple):
     """True position, reference with two derivatives, sensor noise, each of shape (n,)."""
 
     position: Any
@@ -22,45 +22,45 @@ class DriveInput(NamedTuple):
     noise: Any
 
 
-class DriveState(NamedTuple):
+class ControllerState(NamedTuple):
     """States of sensor and law, and torques under way to the joints, shape (n, delay + 1)."""
 
     sensor: Any
     law: Any
-    queue: Any
+    torque_delay_line: Any
 
 
-class DriveOutput(NamedTuple):
+class ControllerOutput(NamedTuple):
     """Measured position and torque on the joints, each (n,), and the law's signals."""
 
-    measured: Any
+    measured_position: Any
     torque: Any
     signals: Any
 
 
 @dataclass(frozen=True, eq=False)
-class Drive(System):
+class DigitalController(System):
     """All that runs on the controller's side of the joint: true position in, torque out."""
 
     sensor: Encoder
     law: Law
     computation_delay: int = 0
 
-    def init(self, position: Any, torque: Any = 0.0, noise: Any = 0.0) -> DriveState:
+    def init(self, position: Any, torque: Any = 0.0, noise: Any = 0.0) -> ControllerState:
         """At rest at a position (n,), first read with this noise, with a torque (n,) applied."""
         sensor = self.sensor.init(position + noise)
         law = self.law.init(sensor[:, 0], torque)
-        return DriveState(sensor, law, np.repeat(law.torque[:, :1], self.computation_delay + 1, axis=1))
+        return ControllerState(sensor, law, np.repeat(law.torque[:, :1], self.computation_delay + 1, axis=1))
 
-    def step(self, state: DriveState, value: DriveInput) -> tuple[DriveState, DriveOutput]:
+    def step(self, state: ControllerState, value: ControllerInput) -> tuple[ControllerState, ControllerOutput]:
         """Measure, compute, apply."""
         sensor, measured = self.sensor.step(state.sensor, EncoderInput(value.position, value.noise))
         reference = value.reference, value.velocity_reference, value.acceleration_reference
         law, output = self.law.step(state.law, LawInput(measured, *reference))
-        queue = ops.push(state.queue, output.torque)
-        return DriveState(sensor, law, queue), DriveOutput(measured, queue[:, -1], output.signals)
+        queue = ops.shift_in(state.torque_delay_line, output.torque)
+        return ControllerState(sensor, law, queue), ControllerOutput(measured, queue[:, -1], output.signals)
 
-    def tell(self, state: DriveState, velocity: Any, acceleration: Any) -> DriveState:
+    def with_true_derivatives(self, state: ControllerState, velocity: Any, acceleration: Any) -> ControllerState:
         """The state with the true derivatives (n,) in it, if the law's estimator is the oracle; else as it is."""
         if not isinstance(self.law.estimator, TrueDerivatives):
             return state

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 WIDE = 32
-"""Samples in a window from which `weigh` is a call where it is traced."""
+"""Samples in a window from which `weighted_sum` is a call where it is traced."""
 
 HUGE = 1e100
 """Magnitude above which a number counts as not finite: its square still is."""
@@ -27,7 +27,7 @@ def where(condition: Any, yes: Any, no: Any) -> Any:
     return ca.if_else(condition, yes, no) if symbolic(condition, yes, no) else np.where(condition, yes, no)
 
 
-def only(condition: Any, x: Any) -> Any:
+def where_or_zero(condition: Any, x: Any) -> Any:
     """``x`` where the condition holds, else zero, element by element; a NaN not chosen does no harm."""
     return ca.if_else(condition, x, 0) if symbolic(condition, x) else np.where(condition, x, 0.0)
 
@@ -42,17 +42,17 @@ def all_finite(*vectors: Any) -> Any:
     return sum(ca.norm_1(x) if symbolic(x) else np.sum(np.abs(x)) for x in vectors) <= HUGE
 
 
-def both(x: Any, y: Any) -> Any:
+def logical_and(x: Any, y: Any) -> Any:
     """Logical and."""
     return ca.logic_and(x, y) if symbolic(x, y) else np.logical_and(x, y)
 
 
-def either(x: Any, y: Any) -> Any:
+def logical_or(x: Any, y: Any) -> Any:
     """Logical or."""
     return ca.logic_or(x, y) if symbolic(x, y) else np.logical_or(x, y)
 
 
-def negate(x: Any) -> Any:
+def logical_not(x: Any) -> Any:
     """Logical not."""
     return ca.logic_not(x) if symbolic(x) else np.logical_not(x)
 
@@ -109,14 +109,14 @@ def power_slope(x: Any, exponent: float, layer: float) -> Any:
     return (x**2 + layer**2) ** ((exponent - 3) / 2) * (exponent * x**2 + layer**2)
 
 
-def weigh(window: Any, weights: Any) -> Any:
+def weighted_sum(window: Any, weights: Any) -> Any:
     """Window (n, N) times weights (N, j).
 
     Where a wide one is traced it is one call in the scalar graph instead of 2nNj operations of a nanosecond each.
     """
     if isinstance(window, ca.SX) and window.numel() > WIDE:
         samples = ca.MX.sym("samples", *window.shape)
-        return ca.Function("weigh", [samples], [samples @ weights], {"never_inline": True})(window)
+        return ca.Function("weighted_sum", [samples], [samples @ weights], {"never_inline": True})(window)
     return window @ weights
 
 
@@ -125,7 +125,7 @@ def columns(*vectors: Any) -> Any:
     return ca.horzcat(*vectors) if symbolic(*vectors) else np.stack(vectors, axis=1)
 
 
-def push(history: Any, sample: Any) -> Any:
+def shift_in(history: Any, sample: Any) -> Any:
     """Put a new sample before the first column of the history and drop the last column."""
     if symbolic(history, sample):
         return ca.horzcat(sample, history[:, :-1])

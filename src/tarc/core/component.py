@@ -19,7 +19,7 @@ class _Checked(ABCMeta):
             return super().__call__(*args, **{name: _own(value) for name, value in keywords.items()})
 
 
-class Parametric(metaclass=_Checked):
+class Component(metaclass=_Checked):
     """Base of every keyword-only dataclass that a user constructs: laws, estimators, plants, signals."""
 
 
@@ -39,7 +39,7 @@ def _check_keywords(kind: Any, args: tuple[Any, ...], keywords: dict[str, Any]) 
     for name in keywords:
         if name not in known:
             raise TarcError(
-                f"{label}: unknown parameter {name!r}; it has {', '.join(known)}.{check.nearest(name, known)}"
+                f"{label}: unknown parameter {name!r}; it has {', '.join(known)}.{check.did_you_mean(name, known)}"
             )
     for name, field in known.items():
         if name not in keywords and field.default is MISSING and field.default_factory is MISSING:

@@ -8,7 +8,7 @@ import numpy as np
 
 from tarc.core.trees import leaves, names, rebuild
 
-RING = 32
+BUFFER_PERIODS = 32
 """Periods between two copies of what was recorded; few, so that all memory of a ring stays in the fast cache."""
 
 
@@ -79,7 +79,7 @@ def trace(
     return function, rebuild(example, [np.zeros(np.shape(leaf)) for leaf in leaves(example)])
 
 
-class Ring:
+class PeriodBuffer:
     """A traced function over fixed memory, several periods in a row: one call each, no copies between them.
 
     The function's first input and output are its state. Every other input and output has one row a period, or lies
@@ -121,7 +121,7 @@ class Ring:
             self._keep.append(buffer)
 
 
-class Buffered:
+class CompiledStep:
     """A traced step over fixed memory: no allocation a call, a microsecond or so each.
 
     Attributes
@@ -134,7 +134,7 @@ class Buffered:
         self.value = np.zeros(function.nnz_in(1))
         self.output = np.zeros(function.nnz_out(1))
         fixed = {function.name_in(1): self.value, function.name_out(1): self.output}
-        self._ring = Ring(function, np.zeros(function.nnz_in(0)), 2, fixed)
+        self._ring = PeriodBuffer(function, np.zeros(function.nnz_in(0)), 2, fixed)
         self._calls, self._now = self._ring.calls, 0
 
     @property

@@ -35,7 +35,7 @@ def number(name: str, value: Any, low: float = -np.inf, *, strict: bool = False,
     return result
 
 
-def whole(name: str, value: Any, low: int = 0, high: int | None = None) -> int:
+def integer(name: str, value: Any, low: int = 0, high: int | None = None) -> int:
     """A whole number in [low, high]."""
     limits = f"from {low} to {high}" if high is not None else f"of at least {low}"
     fits = isinstance(value, int | float | np.integer) and not isinstance(value, bool)
@@ -44,7 +44,7 @@ def whole(name: str, value: Any, low: int = 0, high: int | None = None) -> int:
     return int(value)
 
 
-def numbers(name: str, value: Any) -> Array:
+def float_array(name: str, value: Any) -> Array:
     """Numbers as a float array, infinite or not."""
     try:
         result = np.array(value, dtype=float)
@@ -57,7 +57,7 @@ def numbers(name: str, value: Any) -> Array:
 
 def array(name: str, value: Any) -> Array:
     """Finite numbers as a float array."""
-    result = numbers(name, value)
+    result = float_array(name, value)
     finite = np.isfinite(result)
     if not finite.all():
         bad = np.argwhere(~finite)
@@ -90,7 +90,7 @@ def square(name: str, value: Any, size: int) -> Array:
     return result
 
 
-def definite(name: str, value: Any, size: int) -> Array:
+def positive_definite(name: str, value: Any, size: int) -> Array:
     """A symmetric positive definite matrix, given as in `square`."""
     result = square(name, value, size)
     scale = np.max(np.abs(result))
@@ -109,7 +109,7 @@ def definite(name: str, value: Any, size: int) -> Array:
     return result
 
 
-def multiple(name: str, value: Any, period: float) -> int:
+def whole_periods(name: str, value: Any, period: float) -> int:
     """How many periods the duration is: a whole number of at least one."""
     duration = number(name, value, 0, strict=True)
     count = round(duration / period)
@@ -122,7 +122,7 @@ def multiple(name: str, value: Any, period: float) -> int:
     return count
 
 
-def nearest(word: str, known: Iterable[str]) -> str:
+def did_you_mean(word: str, known: Iterable[str]) -> str:
     """' Did you mean ...?' for the closest known word, or the empty string."""
     known = list(known)
     lower = {k.lower(): k for k in known}
@@ -134,5 +134,5 @@ def one_of(name: str, value: str, known: Iterable[str]) -> str:
     """A word out of a known set."""
     known = list(known)
     if value not in known:
-        raise TarcError(f"{name}: got {value!r}; known are {', '.join(known)}.{nearest(str(value), known)}")
+        raise TarcError(f"{name}: got {value!r}; known are {', '.join(known)}.{did_you_mean(str(value), known)}")
     return value

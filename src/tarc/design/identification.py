@@ -133,11 +133,11 @@ def inertia_from_data(
     """
     T = check.number("period", period, 0, strict=True)
     q, tau = _record(position, torque)
-    degree = check.whole("degree", degree, 2, 6)
+    degree = check.integer("degree", degree, 2, 6)
     if window is None:
         periods = [N for N in WINDOWS if degree < N and len(q) >= 30 * N]
     else:
-        periods = [check.multiple("window", window, T)]
+        periods = [check.whole_periods("window", window, T)]
     fits = [fit for fit in (_Fit(q, tau, T, N, degree) for N in periods if len(q) > N) if fit.rows >= LEAST]
     if not fits:
         whole = int(np.sum(np.isfinite(q + tau).all(axis=1)))
@@ -187,7 +187,7 @@ def inertia_from_file(path: str | Path, period: float | None = None, **options: 
 
         data = Run.load(file).data
         period = float(data.attrs["period"]) if period is None else period
-        return inertia_from_data(data["measured"].values, data["torque"].values, period, **options)
+        return inertia_from_data(data["measured_position"].values, data["torque"].values, period, **options)
     try:
         table = np.genfromtxt(file, delimiter=",", names=True, ndmin=1)
     except ValueError as error:
@@ -251,7 +251,7 @@ def excitation_reference(
     middle = np.atleast_1d(check.array("home", home))
     n, base = len(middle), 2 * np.pi / check.number("duration", duration, 0, strict=True)
     first, last = check.number("band", band[0], 0, strict=True) / base, check.number("band", band[1], band[0]) / base
-    count = n * check.whole("tones", tones, 2)
+    count = n * check.integer("tones", tones, 2)
     if tones % 2:
         raise TarcError(f"tones: got {tones}; needs an even number, so that the motion starts at rest")
     if count > (last - first) / 2:
@@ -259,7 +259,7 @@ def excitation_reference(
             f"band: {band} has {(last - first) / 2:.0f} odd multiples of 2π/{duration:g} s, for {count} sines; needs a "
             "longer duration, a wider band or fewer tones"
         )
-    ends = [check.numbers(name, one) for name, one in (("low", low), ("high", high))]
+    ends = [check.float_array(name, one) for name, one in (("low", low), ("high", high))]
     if any(end.shape not in ((), (n,)) for end in ends):
         raise TarcError(f"low, high: got shapes {[end.shape for end in ends]}; needs one number or {n}, one a joint")
     room = check.vector("amplitude", amplitude, n, 0, strict=True)
@@ -354,13 +354,15 @@ def identify(
             )
 
     def shown(run: "Run") -> Identified:
-        return inertia_from_data(run.data["measured"].values, run.data["torque"].values, period, diagonal=False)
+        return inertia_from_data(
+            run.data["measured_position"].values, run.data["torque"].values, period, diagonal=False
+        )
 
     for _ in range(RUNGS):
         run = move(inertia)
-        missed = np.abs(run.data["measured"].values - run.data["reference"].values)
+        missed = np.abs(run.data["measured_position"].values - run.data["reference"].values)
         behind = np.sqrt(np.nanmean(missed**2, axis=0)) > 0.5 * size
-        moved = np.nanstd(run.data["measured"].values, axis=0) > 0.5 * size
+        moved = np.nanstd(run.data["measured_position"].values, axis=0) > 0.5 * size
         if run.status.completed and moved.all():
             try:
                 found = shown(run)
@@ -396,7 +398,7 @@ def _motion(plant: "Plant", duration: float) -> Multisine:
 
 def _record(position: Table, torque: Table) -> tuple[Array, Array]:
     """Positions and torques, (k, n) both, of joints that all move and none of which wraps around."""
-    q, tau = check.numbers("position", position), check.numbers("torque", torque)
+    q, tau = check.float_array("position", position), check.float_array("torque", torque)
     if q.ndim != 2 or q.shape != tau.shape or not q.size:
         raise TarcError(f"position, torque: got shapes {q.shape} and {tau.shape}; needs (k, n) both, a column a joint")
     q = np.where(np.isfinite(q), q, np.nan)

@@ -86,8 +86,8 @@ def design_without_model(
     TarcError
         When no loop of this natural frequency bears the spread: says which spread one does.
     """
-    joints = max((1, *np.shape(check.numbers("inertia", inertia))))
-    M = check.definite("inertia", inertia, joints)
+    joints = max((1, *np.shape(check.float_array("inertia", inertia))))
+    M = check.positive_definite("inertia", inertia, joints)
     demand = RobustnessSpec.plain(spread)
     sensor = Encoder(bits=17) if sensor is None else sensor
     natural_frequency = check.number("natural_frequency", natural_frequency, 0, strict=True)
@@ -97,7 +97,7 @@ def design_without_model(
         natural_frequencies=[natural_frequency],
         windows=range(2, 31),
         damping_ratio=damping,
-        computation_delay=check.whole("computation_delay", computation_delay),
+        computation_delay=check.integer("computation_delay", computation_delay),
     )
     looked = assess_candidates(trials, demand, slope_share=0.0 if expected is None else 1.0, room=room)
     able = pareto_front(looked)

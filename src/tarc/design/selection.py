@@ -246,7 +246,7 @@ def design_controller(
         period,
         natural_frequencies=None if natural_frequency is None else [natural_frequency],
         damping_ratio=damping_ratio,
-        computation_delay=check.whole("computation_delay", computation_delay),
+        computation_delay=check.integer("computation_delay", computation_delay),
         windows=WINDOWS if natural_frequency is None else range(2, 31),
     )
     trials = [one for one in trials if one.synchronised or one.degree == 2]  # literal ones of 3 are beaten by others

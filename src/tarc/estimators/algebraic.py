@@ -49,7 +49,7 @@ class Algebraic(WindowedEstimator):
     def __post_init__(self) -> None:
         super().__post_init__()
         check.number("window", self.window, 0, strict=True)
-        object.__setattr__(self, "degree", check.whole("degree", self.degree, 1, 6))
+        object.__setattr__(self, "degree", check.integer("degree", self.degree, 1, 6))
         if self.period is not None and self.samples < self.degree + 1:
             raise TarcError(
                 f"window: {self.window:g} s holds {self.samples} samples at a period of {self.period:g} s; degree "
@@ -60,7 +60,7 @@ class Algebraic(WindowedEstimator):
     @property
     def samples(self) -> int:
         """N + 1, how many samples the window holds, both ends counted."""
-        return check.multiple("window", self.window, self.sampling_period) + 1
+        return check.whole_periods("window", self.window, self.sampling_period) + 1
 
     @property
     def max_derivative(self) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
-from tarc.core.component import Parametric
+from tarc.core.component import Component
 from tarc.core.errors import TarcError
 from tarc.core.system import System
 
@@ -31,7 +31,7 @@ class Estimate(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Estimator(Parametric, System):
+class Estimator(Component, System):
     """A causal estimator of velocity and acceleration from positions, linear and time invariant unless it says so.
 
     It learns its period from the law it is given to, or by `at`. The analysis methods hold for any derivative
@@ -175,8 +175,8 @@ class WindowedEstimator(Estimator):
         """q̂^(j) = Σ_i w_i^(j) q(k − i); a missing sample is the window polynomial's own prediction."""
         valid = ops.finite(value)
         position = ops.where(valid, value, state.prediction)
-        window = ops.push(state.window, position)
-        sums = ops.weigh(window, self._table)
+        window = ops.shift_in(state.window, position)
+        sums = ops.weighted_sum(window, self._table)
         return WindowState(window, sums[:, 0]), Estimate(position, sums[:, 1], sums[:, 2], valid)
 
     @cached_property
@@ -218,6 +218,6 @@ class TorqueAverage(System):
 
     def step(self, state: AverageState, value: Any) -> tuple[AverageState, Any]:
         """Take the newest past torque; the output is Σ_j c_j τ(k−1−j), low-passed where the estimate is."""
-        history = ops.push(state.history, value)
+        history = ops.shift_in(state.history, value)
         average = self.pole * state.average + (1 - self.pole) * (history @ self.weights)
         return AverageState(history, average), average

@@ -85,13 +85,13 @@ class RobustDifferentiator(Estimator):
         T = self.sampling_period
         ahead = z0 + T * z1 + T**2 / 2 * z2
         if self.implicit:
-            c0, c1, c2 = self._implicit(ops.only(valid, ahead - value))
+            c0, c1, c2 = self._implicit(ops.where_or_zero(valid, ahead - value))
             z2 = z2 - T * c2
             z1 = z1 + T * z2 - T * c1
             motion = ops.columns(z0 + T * z1 - T**2 / 2 * z2 - T * c0, z1, z2)
             return DifferentiatorState(motion), Estimate(ops.where(valid, value, ahead), z1, z2, valid)
         # the state was reached without this sample, and what it corrects shows at the next
-        c0, c1, c2 = self._explicit(ops.only(valid, z0 - value))
+        c0, c1, c2 = self._explicit(ops.where_or_zero(valid, z0 - value))
         motion = ops.columns(ahead - T * c0, z1 + T * z2 - T * c1, z2 - T * c2)
         return DifferentiatorState(motion), Estimate(ops.where(valid, value, z0), z1, z2, valid)
 

@@ -79,7 +79,7 @@ class Observer(Estimator):
         """Predict, and correct where the sample came."""
         valid = ops.finite(value)
         predicted = state.motion @ self.transition.T
-        innovation = ops.only(valid, value - predicted[:, 0])
+        innovation = ops.where_or_zero(valid, value - predicted[:, 0])
         columns = [predicted[:, i] + self._gain[i] * innovation for i in range(3)]
         position = ops.where(valid, value, predicted[:, 0])
         return ObserverState(ops.columns(*columns)), Estimate(position, columns[1], columns[2], valid)

@@ -7,7 +7,7 @@ import numpy as np
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
-from tarc.laws.base import LawState, Tracking
+from tarc.laws.base import ControlInput, LawState
 from tarc.laws.pole_placement import PolePlacement
 
 
@@ -72,12 +72,12 @@ class ADRC(PolePlacement):
         state = super().init(position, torque)
         return state._replace(memory=state.memory._replace(position=state.position))
 
-    def memory(self, torque: np.ndarray) -> ObserverState:
+    def initial_state(self, torque: np.ndarray) -> ObserverState:
         """At rest, where the disturbance balances the torque applied."""
         rest = np.zeros(self.n_joints)
         return ObserverState(rest, rest, -np.linalg.solve(self.M, torque))
 
-    def control(self, memory: ObserverState, tracking: Tracking) -> tuple[ObserverState, Any, dict[str, Any]]:
+    def control(self, memory: ObserverState, tracking: ControlInput) -> tuple[ObserverState, Any, dict[str, Any]]:
         """Predict, correct, and cancel the disturbance observed."""
         T, gain = self.period, self.correction
         acceleration = memory.disturbance + np.linalg.inv(self.M) @ tracking.past_torque
@@ -85,9 +85,9 @@ class ADRC(PolePlacement):
         velocity = memory.velocity + T * acceleration
 
         estimate = tracking.estimate
-        surprise = ops.only(estimate.valid, estimate.position - position)
-        position, velocity = position + gain[0] * surprise, velocity + gain[1] * surprise
-        disturbance = memory.disturbance + gain[2] * surprise
+        innovation = ops.where_or_zero(estimate.valid, estimate.position - position)
+        position, velocity = position + gain[0] * innovation, velocity + gain[1] * innovation
+        disturbance = memory.disturbance + gain[2] * innovation
 
         # the errors as the observer sees them, from those that the estimator saw
         error = tracking.error + (position - estimate.position)

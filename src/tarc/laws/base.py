@@ -11,7 +11,7 @@ import numpy as np
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
-from tarc.core.component import Parametric
+from tarc.core.component import Component
 from tarc.core.errors import TarcError
 from tarc.core.system import System
 from tarc.core.validation import Numbers
@@ -34,7 +34,7 @@ class LawOutput(NamedTuple):
     signals: dict[str, Any]
 
 
-class Tracking(NamedTuple):
+class ControlInput(NamedTuple):
     """What a law's equation reads: estimates, errors e1 and v̂ − q̇ᵈ, acceleration reference, the torque that acted in
     the period before, and whether the law has given up.
     """
@@ -62,7 +62,7 @@ class LawState(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Law(Parametric, System):
+class Law(Component, System):
     """A control law that sees positions and the reference, nothing else.
 
     This base estimates the derivatives, limits the torque, feeds the applied torque back to the law (which is its
@@ -97,14 +97,14 @@ class Law(Parametric, System):
 
     def __post_init__(self) -> None:
         check.number("period", self.period, 0, strict=True)
-        check.whole("max_missing", self.max_missing)
+        check.integer("max_missing", self.max_missing)
         if not isinstance(self.estimator, Estimator):
             raise TarcError(
                 f"estimator: got {self.estimator!r}; needs one of tarc.estimators, such as "
                 "tarc.estimators.Algebraic(window=0.010, degree=2)"
             )
         object.__setattr__(self, "estimator", self.estimator.with_period(self.period))
-        check.whole("actuation_delay", self.actuation_delay)
+        check.integer("actuation_delay", self.actuation_delay)
         _ = self.torque_limits
         if callable(self.safe_torque):
             self._try_safe_torque(self.safe_torque)
@@ -120,18 +120,18 @@ class Law(Parametric, System):
         """How many joints n it drives."""
 
     @abstractmethod
-    def memory(self, torque: np.ndarray) -> Any:
+    def initial_state(self, torque: np.ndarray) -> Any:
         """The law's own state before the first step, after the torque (n,) was applied at rest."""
 
     @abstractmethod
-    def control(self, memory: Any, tracking: Tracking) -> tuple[Any, Any, dict[str, Any]]:
+    def control(self, memory: Any, tracking: ControlInput) -> tuple[Any, Any, dict[str, Any]]:
         """The law's equation: next memory, torque before limits, signals to record."""
 
     @cached_property
     def torque_limits(self) -> np.ndarray:
         """Torque limit a joint, shape (n,); `tarc.core.array_ops.HUGE` where there is none."""
         given = ops.HUGE if self.torque_limit is None else self.torque_limit
-        finite = [ops.HUGE if np.isposinf(one) else one for one in np.ravel(check.numbers("torque_limit", given))]
+        finite = [ops.HUGE if np.isposinf(one) else one for one in np.ravel(check.float_array("torque_limit", given))]
         return check.vector("torque_limit", finite if np.ndim(given) else finite[0], self.n_joints, 0, strict=True)
 
     def init(self, position: Any, torque: Any = 0.0) -> LawState:
@@ -141,7 +141,7 @@ class Law(Parametric, System):
         torque = np.clip(torque, -self.torque_limits, self.torque_limits)
         zero = np.zeros(())
         past = np.repeat(torque[:, None], self.actuation_delay + 1, axis=1)
-        return LawState(self.estimator.init(position), self.memory(torque), past, position, position, zero, zero)
+        return LawState(self.estimator.init(position), self.initial_state(torque), past, position, position, zero, zero)
 
     def example(self) -> tuple[LawState, LawInput]:
         """A state and an input of the right shapes, all zero but valid: what tracing starts from."""
@@ -151,16 +151,16 @@ class Law(Parametric, System):
     def step(self, state: LawState, value: LawInput) -> tuple[LawState, LawOutput]:
         """One control period."""
         estimator, estimate = self.estimator.step(state.estimator, value.position)
-        heard = ops.all_finite(value.reference, value.velocity_reference, value.acceleration_reference)
-        reference = ops.where(heard, value.reference, state.reference)
-        velocity_reference = ops.only(heard, value.velocity_reference)
-        acceleration_reference = ops.only(heard, value.acceleration_reference)
+        reference_ok = ops.all_finite(value.reference, value.velocity_reference, value.acceleration_reference)
+        reference = ops.where(reference_ok, value.reference, state.reference)
+        velocity_reference = ops.where_or_zero(reference_ok, value.velocity_reference)
+        acceleration_reference = ops.where_or_zero(reference_ok, value.acceleration_reference)
 
-        complete = ops.both(heard, ops.all_finite(value.position))
-        missing = ops.only(ops.negate(complete), state.missing + 1)
-        fault = ops.either(state.fault, missing > self.max_missing)
+        complete = ops.logical_and(reference_ok, ops.all_finite(value.position))
+        missing = ops.where_or_zero(ops.logical_not(complete), state.missing + 1)
+        fault = ops.logical_or(state.fault, missing > self.max_missing)
 
-        tracking = Tracking(
+        tracking = ControlInput(
             estimate,
             estimate.position - reference,
             estimate.velocity - velocity_reference,
@@ -168,15 +168,15 @@ class Law(Parametric, System):
             state.torque[:, -1],
             fault,
         )
-        memory, wanted, signals = self.control(state.memory, tracking)
-        sound = ops.both(ops.all_finite(wanted), ops.negate(fault))
+        memory, torque_command, signals = self.control(state.memory, tracking)
+        torque_ok = ops.logical_and(ops.all_finite(torque_command), ops.logical_not(fault))
         position = ops.where(estimate.valid, value.position, state.position)
         safe = self._safe(position, state.torque[:, 0])
-        torque = ops.where(sound, wanted, ops.only(ops.all_finite(safe), safe))
+        torque = ops.where(torque_ok, torque_command, ops.where_or_zero(ops.all_finite(safe), safe))
         if self.torque_limit is not None:
             torque = ops.clip(torque, -self.torque_limits, self.torque_limits)
         signals = {"velocity_estimate": estimate.velocity, "missing": missing, "fault": fault, **signals}
-        past = ops.push(state.torque, torque)
+        past = ops.shift_in(state.torque, torque)
         next_state = LawState(estimator, memory, past, position, reference, missing, fault)
         return next_state, LawOutput(torque, signals)
 

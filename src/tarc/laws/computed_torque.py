@@ -7,7 +7,7 @@ import numpy as np
 
 from tarc.core import validation as check
 from tarc.core.validation import Numbers
-from tarc.laws.base import Tracking
+from tarc.laws.base import ControlInput
 from tarc.laws.model_based import ModelBased, inertia_and_bias
 
 
@@ -51,11 +51,11 @@ class ComputedTorque(ModelBased):
         super().__post_init__()
         check.vector("damping_ratio", self.damping_ratio, self.n_joints, 0, strict=True)
 
-    def memory(self, torque: np.ndarray) -> tuple[()]:
+    def initial_state(self, torque: np.ndarray) -> tuple[()]:
         """None."""
         return ()
 
-    def control(self, memory: tuple[()], tracking: Tracking) -> tuple[tuple[()], Any, dict[str, Any]]:
+    def control(self, memory: tuple[()], tracking: ControlInput) -> tuple[tuple[()], Any, dict[str, Any]]:
         """τ = M(q) u + N(q, v̂)."""
         estimate, zeta = tracking.estimate, np.asarray(self.damping_ratio)
         M, N = inertia_and_bias(self.model, estimate.position, estimate.velocity)

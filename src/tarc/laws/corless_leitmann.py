@@ -9,7 +9,7 @@ import numpy as np
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
-from tarc.laws.base import Tracking
+from tarc.laws.base import ControlInput
 from tarc.laws.lyapunov import solution
 from tarc.laws.model_based import inertia_and_bias
 from tarc.laws.pole_placement import PolePlacement
@@ -87,11 +87,11 @@ class CorlessLeitmann(PolePlacement):
         level = self.uncertainty_bound * self.boundary_layer / 2 * np.max(np.linalg.eigvals(np.linalg.solve(Q, P)).real)
         return float(np.sqrt(level * np.linalg.eigvalsh(np.linalg.inv(P)[:n, :n])[-1]))
 
-    def memory(self, torque: np.ndarray) -> tuple[()]:
+    def initial_state(self, torque: np.ndarray) -> tuple[()]:
         """None."""
         return ()
 
-    def control(self, memory: tuple[()], tracking: Tracking) -> tuple[tuple[()], Any, dict[str, Any]]:
+    def control(self, memory: tuple[()], tracking: ControlInput) -> tuple[tuple[()], Any, dict[str, Any]]:
         """τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + Δu) + N̂(q, v̂)."""
         n = self.n_joints
         s = self.P[n:, :n] @ tracking.error + self.P[n:, n:] @ tracking.error_rate
@@ -100,4 +100,4 @@ class CorlessLeitmann(PolePlacement):
         if self.model is not None and self.model.n_joints == n:
             _, bias = inertia_and_bias(self.model, tracking.estimate.position, tracking.estimate.velocity)
             torque = torque + bias
-        return memory, torque, {"surface_slope": s}
+        return memory, torque, {"surface": s}

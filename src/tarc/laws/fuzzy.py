@@ -9,7 +9,7 @@ import numpy as np
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
-from tarc.laws.base import Tracking
+from tarc.laws.base import ControlInput
 from tarc.laws.lyapunov import solution
 from tarc.laws.pole_placement import PolePlacement
 
@@ -69,7 +69,7 @@ class AdaptiveFuzzy(PolePlacement):
         super().__post_init__()
         for name in ("adaptation_rate", "max_consequent", "position_span", "velocity_span"):
             check.number(name, getattr(self, name), 0, strict=True)
-        check.whole("memberships", self.memberships, 2, 20)
+        check.integer("memberships", self.memberships, 2, 20)
 
     @cached_property
     def P(self) -> np.ndarray:
@@ -87,21 +87,21 @@ class AdaptiveFuzzy(PolePlacement):
             grades.append([one / total for one in raw])
         return [one * other for one, other in product(*grades)]
 
-    def memory(self, torque: np.ndarray) -> FuzzyState:
+    def initial_state(self, torque: np.ndarray) -> FuzzyState:
         """All consequents balance the torque already applied."""
         first = np.clip(-np.linalg.solve(self.M, torque), -self.max_consequent, self.max_consequent)
         return FuzzyState(np.repeat(first[:, None], self.memberships**2, axis=1))
 
-    def control(self, memory: FuzzyState, tracking: Tracking) -> tuple[FuzzyState, Any, dict[str, Any]]:
+    def control(self, memory: FuzzyState, tracking: ControlInput) -> tuple[FuzzyState, Any, dict[str, Any]]:
         """τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 − f̂), and the adaptation of the consequents."""
         n, old = self.n_joints, memory.consequents
         s = self.P[n:, :n] @ tracking.error + self.P[n:, n:] @ tracking.error_rate
         grades = self.rules(tracking.estimate.position, tracking.estimate.velocity)
         approximation = sum(old[:, k] * grade for k, grade in enumerate(grades))
-        step = self.period * self.adaptation_rate * ops.only(ops.negate(tracking.fault), s)
+        step = self.period * self.adaptation_rate * ops.where_or_zero(ops.logical_not(tracking.fault), s)
         consequents = old
         for k in reversed(range(len(grades))):  # pushed one by one, the first is in front at the end
-            consequents = ops.push(
+            consequents = ops.shift_in(
                 consequents, ops.clip(old[:, k] + step * grades[k], -self.max_consequent, self.max_consequent)
             )
         torque = self.M @ (self.feedback(tracking) - approximation)

@@ -7,7 +7,7 @@ import numpy as np
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
-from tarc.laws.base import Tracking
+from tarc.laws.base import ControlInput
 from tarc.laws.tde import TDE
 
 
@@ -74,7 +74,9 @@ class IVF(TDE):
         """Rest."""
         return IdealVelocityState(np.zeros(self.n_joints))
 
-    def robust(self, state: IdealVelocityState, tracking: Tracking) -> tuple[IdealVelocityState, Any, dict[str, Any]]:
+    def robust(
+        self, state: IdealVelocityState, tracking: ControlInput
+    ) -> tuple[IdealVelocityState, Any, dict[str, Any]]:
         """Δu = Γ (v* − v̂), and the integral."""
         velocity, ideal = tracking.estimate.velocity, state.ideal_velocity
         gap = ideal - velocity
@@ -82,5 +84,5 @@ class IVF(TDE):
             reach = self.max_correction / self.ideal_velocity_gain
             gap = ops.clip(gap, -reach, reach)
             ideal = velocity + gap
-        rate = ops.only(ops.negate(tracking.fault), self.feedback(tracking))
+        rate = ops.where_or_zero(ops.logical_not(tracking.fault), self.feedback(tracking))
         return IdealVelocityState(ideal + self.period * rate), self.ideal_velocity_gain * gap, {"ideal_velocity": ideal}

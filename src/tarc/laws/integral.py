@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tarc.core import array_ops as ops
-from tarc.laws.base import Tracking
+from tarc.laws.base import ControlInput
 from tarc.laws.pole_placement import PolePlacement
 
 
@@ -13,7 +13,7 @@ class IntegralState(NamedTuple):
     """The integral [rad/s² or m/s²], shape (n,), and the torques asked for, newest first, shape (n, d + 1)."""
 
     integral: Any
-    wanted: Any
+    torque_command: Any
 
 
 def start(law: PolePlacement, torque: np.ndarray, *, bumpless: bool = True) -> IntegralState:
@@ -22,20 +22,26 @@ def start(law: PolePlacement, torque: np.ndarray, *, bumpless: bool = True) -> I
     return IntegralState(first, np.repeat(torque[:, None], law.actuation_delay + 1, axis=1))
 
 
-def integrate(law: PolePlacement, state: IntegralState, tracking: Tracking, rate: Any, unwind: float) -> Any:
-    """z + T (rate + unwind M̂⁻¹ (τ applied − τ asked for)): Euler's rule with back-calculation.
+def integrate(
+    law: PolePlacement, state: IntegralState, tracking: ControlInput, rate: Any, anti_windup_gain: float
+) -> Any:
+    """Return the next integral: Euler's rule with back-calculation.
 
-    Where a limit cuts the torque, z moves towards what can be applied, with the time constant 1/unwind [s]. The rate is
-    held at zero once the law has given up. Without unwinding there is no integral: a sum of nothing would be a pole at
-    one in the linearised loop.
+        z⁺ = z + T (rate + g M̂⁻¹ (τ applied − τ commanded)),     g = anti_windup_gain [1/s]
+
+    Where a limit cuts the torque, z moves towards what can be applied, with the time constant 1/g. The rate is zero
+    once the law has given up. With g = 0 there is no integral: an unused sum would add a pole at one to the linearised
+    loop.
     """
-    if not unwind:
+    if not anti_windup_gain:
         return 0 * tracking.error
-    refused = np.linalg.inv(law.M) @ (tracking.past_torque - state.wanted[:, -1])
-    new = state.integral + law.period * (ops.only(ops.negate(tracking.fault), rate) + unwind * refused)
+    refused = np.linalg.inv(law.M) @ (tracking.past_torque - state.torque_command[:, -1])
+    new = state.integral + law.period * (
+        ops.where_or_zero(ops.logical_not(tracking.fault), rate) + anti_windup_gain * refused
+    )
     return ops.where(ops.finite(new), new, state.integral)
 
 
 def remember(state: IntegralState, integral: Any, torque: Any) -> IntegralState:
     """The next state, with the torque that is asked for now."""
-    return IntegralState(integral, ops.push(state.wanted, ops.only(ops.finite(torque), torque)))
+    return IntegralState(integral, ops.shift_in(state.torque_command, ops.where_or_zero(ops.finite(torque), torque)))

@@ -8,7 +8,7 @@ import numpy as np
 
 from tarc.core import validation as check
 from tarc.estimators.algebraic import Algebraic
-from tarc.laws.base import LawState, Tracking
+from tarc.laws.base import ControlInput, LawState
 from tarc.laws.integral import IntegralState, integrate, remember, start
 from tarc.laws.pole_placement import PolePlacement
 
@@ -82,7 +82,7 @@ class IntelligentPID(PolePlacement):
         positions = self.differentiator.init(state.position)
         return state._replace(memory=state.memory._replace(positions=positions))
 
-    def memory(self, torque: np.ndarray) -> UltraLocalState:
+    def initial_state(self, torque: np.ndarray) -> UltraLocalState:
         """At rest, where F balances the torque applied."""
         return UltraLocalState(
             self.differentiator.init(np.zeros(self.n_joints)),
@@ -90,7 +90,7 @@ class IntelligentPID(PolePlacement):
             start(self, torque, bumpless=False),
         )
 
-    def control(self, memory: UltraLocalState, tracking: Tracking) -> tuple[UltraLocalState, Any, dict[str, Any]]:
+    def control(self, memory: UltraLocalState, tracking: ControlInput) -> tuple[UltraLocalState, Any, dict[str, Any]]:
         """τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + z − F̂)."""
         positions, estimate = self.differentiator.step(memory.positions, tracking.estimate.position)
         torques, average = self.differentiator.matched_torque_filter().step(memory.torques, tracking.past_torque)

@@ -9,7 +9,7 @@ import numpy as np
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
-from tarc.laws.base import Tracking
+from tarc.laws.base import ControlInput
 from tarc.laws.tde import TDE, TDEState
 
 
@@ -17,7 +17,7 @@ class ModelState(NamedTuple):
     """Filtered velocity of the model before the newest acceleration (n,), and past N̂, newest first, (n, d + 1)."""
 
     velocity: Any
-    remainder: Any
+    tde_estimate: Any
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,22 +76,22 @@ class TDCIM(TDE):
         """Rest without a torque."""
         return ModelState(np.zeros(self.n_joints), np.zeros((self.n_joints, self.actuation_delay + 1)))
 
-    def memory(self, torque: np.ndarray) -> TDEState:
+    def initial_state(self, torque: np.ndarray) -> TDEState:
         """Rest: the torque applied all along is N̂."""
-        memory = super().memory(torque)
-        return memory._replace(robust=memory.robust._replace(remainder=memory.robust.remainder + torque[:, None]))
+        memory = super().initial_state(torque)
+        return memory._replace(robust=memory.robust._replace(tde_estimate=memory.robust.tde_estimate + torque[:, None]))
 
-    def robust(self, state: ModelState, tracking: Tracking) -> tuple[ModelState, Any, dict[str, Any]]:
+    def robust(self, state: ModelState, tracking: ControlInput) -> tuple[ModelState, Any, dict[str, Any]]:
         """Δu = (x − v̂)/λ with the filtered model x' = (v̂ − x)/λ + u_a."""
-        applied = self.inverse @ (tracking.past_torque - state.remainder[:, -1])
+        applied = self.inverse @ (tracking.past_torque - state.tde_estimate[:, -1])
         model = state.velocity + self.period * applied
         correction = (model - tracking.estimate.velocity) / self.time_constant
         # u_a of this period is known in the next, once the torque has met its limits
         velocity = model - self.period * correction
         return state._replace(velocity=velocity), correction, {"model_velocity": model}
 
-    def control(self, memory: TDEState, tracking: Tracking) -> tuple[TDEState, Any, dict[str, Any]]:
+    def control(self, memory: TDEState, tracking: ControlInput) -> tuple[TDEState, Any, dict[str, Any]]:
         """As `TDE`, keeping N̂ = τ − M̂ u to tell u_a from the torque that will have been applied."""
         memory, torque, signals = super().control(memory, tracking)
-        remainder = ops.push(memory.robust.remainder, torque - self.M @ signals["auxiliary"])
-        return memory._replace(robust=memory.robust._replace(remainder=remainder)), torque, signals
+        tde_estimate = ops.shift_in(memory.robust.tde_estimate, torque - self.M @ signals["auxiliary"])
+        return memory._replace(robust=memory.robust._replace(tde_estimate=tde_estimate)), torque, signals

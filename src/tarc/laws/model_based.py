@@ -13,7 +13,7 @@ from tarc.core import array_ops as ops
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
 from tarc.core.validation import Numbers
-from tarc.laws.base import Law, Tracking
+from tarc.laws.base import ControlInput, Law
 from tarc.plants.base import Plant
 from tarc.plants.euler_lagrange import EulerLagrange
 
@@ -50,7 +50,7 @@ class ModelBased(Law):
         return check.vector("natural_frequency", self.natural_frequency, self.n_joints, 0, strict=True)
 
     @abstractmethod
-    def control(self, memory: Any, tracking: Tracking) -> tuple[Any, Any, dict[str, Any]]:
+    def control(self, memory: Any, tracking: ControlInput) -> tuple[Any, Any, dict[str, Any]]:
         """The law's equation."""
 
 
@@ -66,7 +66,7 @@ def inertia_and_bias(model: Plant, position: Any, velocity: Any) -> tuple[Any, A
     return (M, N) if ops.symbolic(position, velocity) else (np.array(M), np.array(N)[:, 0])
 
 
-class _Called(ca.Callback):
+class _RigidBodyCallback(ca.Callback):
     """M(q) and N(q, q̇) of a MuJoCo robot as a CasADi function."""
 
     def __init__(self, model: Any):
@@ -106,7 +106,7 @@ class _Called(ca.Callback):
         return [M, data.qfrc_bias - data.qfrc_passive]
 
 
-_KEPT: list[_Called] = []
+_LIVE_CALLBACKS: list[_RigidBodyCallback] = []
 """CasADi does not own a callback, and functions that were traced with one may live as long as the program."""
 
 
@@ -116,6 +116,6 @@ def _called(model: Plant) -> ca.Function:
 
     if not isinstance(model, MujocoPlant):
         raise TarcError(f"model: got {type(model).__name__}; needs a robot of tarc.plants")
-    _KEPT.append(_Called(model))
+    _LIVE_CALLBACKS.append(_RigidBodyCallback(model))
     q, v = ca.MX.sym("q", model.n_joints), ca.MX.sym("v", model.n_joints)
-    return ca.Function("robot_model", [q, v], _KEPT[-1].call([q, v]), {"never_inline": True})
+    return ca.Function("robot_model", [q, v], _LIVE_CALLBACKS[-1].call([q, v]), {"never_inline": True})

@@ -67,5 +67,5 @@ class MonotoneASMC(Switching):
 
     def adapt(self, gain: Any, size: Any) -> Any:
         """ϱ + T ϱ̄ ‖s‖ outside the dead zone, not above the cap."""
-        grown = gain + self.period * self.adaptation_rate * ops.only(size > self.dead_zone, size)
+        grown = gain + self.period * self.adaptation_rate * ops.where_or_zero(size > self.dead_zone, size)
         return ops.clip(grown, 0.0, ops.HUGE if self.max_gain is None else self.max_gain)

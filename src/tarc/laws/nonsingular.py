@@ -5,7 +5,7 @@ from typing import Any
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
-from tarc.laws.base import Tracking
+from tarc.laws.base import ControlInput
 from tarc.laws.tde import TDE
 
 
@@ -69,7 +69,7 @@ class NonsingularTerminal(TDE):
         for name in ("velocity_scale", "boundary_layer"):
             check.number(name, getattr(self, name), 0, strict=True)
 
-    def bent(self, rate: Any) -> Any:
+    def terminal_map(self, rate: Any) -> Any:
         """ψ(v) [rad/s or m/s], shape (n,)."""
         return self.velocity_scale * ops.power(
             rate / self.velocity_scale, self.exponent, self.boundary_layer / self.velocity_scale
@@ -81,19 +81,19 @@ class NonsingularTerminal(TDE):
 
     def sliding(self, error: Any, error_rate: Any) -> Any:
         """Position on the surface s [rad/s or m/s], shape (n,)."""
-        return self.K2 @ error / 2 + self.bent(error_rate)
+        return self.K2 @ error / 2 + self.terminal_map(error_rate)
 
-    def feedback(self, tracking: Tracking) -> Any:
+    def feedback(self, tracking: ControlInput) -> Any:
         """q̈ᵈ − Λ ė/ψ'(ė) − K1 e1 − Λ ψ(ė) [rad/s² or m/s²], shape (n,)."""
         rate = tracking.error_rate
-        damped = self.K2 @ (rate / self.slope(rate) + self.bent(rate)) / 2
+        damped = self.K2 @ (rate / self.slope(rate) + self.terminal_map(rate)) / 2
         return tracking.acceleration_reference - damped - self.K1 @ tracking.error
 
     def robust_init(self) -> tuple[()]:
         """No state."""
         return ()
 
-    def robust(self, state: tuple[()], tracking: Tracking) -> tuple[tuple[()], Any, dict[str, Any]]:
+    def robust(self, state: tuple[()], tracking: ControlInput) -> tuple[tuple[()], Any, dict[str, Any]]:
         """Δu = −k sig(s)^ρ."""
         s = self.sliding(tracking.error, tracking.error_rate)
         return state, -self.reaching_gain * ops.power(s, self.reaching_exponent, self.boundary_layer), {}

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from tarc.core import validation as check
-from tarc.laws.base import Tracking
+from tarc.laws.base import ControlInput
 from tarc.laws.integral import IntegralState, integrate, remember, start
 from tarc.laws.pole_placement import PolePlacement
 
@@ -50,12 +50,12 @@ class PID(PolePlacement):
         """Zero: the law is linear."""
         return 0.0
 
-    def memory(self, torque: np.ndarray) -> IntegralState:
+    def initial_state(self, torque: np.ndarray) -> IntegralState:
         """The integral that gives the torque already applied; zero for PD, which would never forget it."""
         return start(self, torque, bumpless=self.integral_gain > 0)
 
-    def control(self, memory: IntegralState, tracking: Tracking) -> tuple[IntegralState, Any, dict[str, Any]]:
+    def control(self, memory: IntegralState, tracking: ControlInput) -> tuple[IntegralState, Any, dict[str, Any]]:
         """τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + z)."""
         z = integrate(self, memory, tracking, -self.integral_gain * (self.K1 @ tracking.error), self.integral_gain)
         torque = self.M @ (self.feedback(tracking) + z)
-        return remember(memory, z, torque), torque, {"integral_gain": z}
+        return remember(memory, z, torque), torque, {"integral": z}

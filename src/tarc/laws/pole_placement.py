@@ -9,7 +9,7 @@ import numpy as np
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
 from tarc.core.validation import Matrix, Numbers
-from tarc.laws.base import Law, Tracking
+from tarc.laws.base import ControlInput, Law
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,12 +54,12 @@ class PolePlacement(Law):
     @property
     def n_joints(self) -> int:
         """How many joints n it drives, told by the inertia."""
-        return max((1, *np.shape(check.numbers("inertia", self.inertia))))
+        return max((1, *np.shape(check.float_array("inertia", self.inertia))))
 
     @cached_property
     def M(self) -> np.ndarray:
         """M̂, shape (n, n)."""
-        return check.definite("inertia", self.inertia, self.n_joints)
+        return check.positive_definite("inertia", self.inertia, self.n_joints)
 
     @cached_property
     def K1(self) -> np.ndarray:
@@ -105,6 +105,6 @@ class PolePlacement(Law):
         """
         return np.inf
 
-    def feedback(self, tracking: Tracking) -> Any:
+    def feedback(self, tracking: ControlInput) -> Any:
         """q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 [rad/s² or m/s²], shape (n,)."""
         return tracking.acceleration_reference - self.K2 @ tracking.error_rate - self.K1 @ tracking.error

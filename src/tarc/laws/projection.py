@@ -11,7 +11,7 @@ import numpy as np
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
-from tarc.laws.base import Tracking
+from tarc.laws.base import ControlInput
 from tarc.laws.model_based import ModelBased
 from tarc.plants.euler_lagrange import EulerLagrange
 
@@ -158,11 +158,11 @@ class ProjectionARC(ModelBased):
         arguments = [q, v, rate, acceleration]
         return ca.Function("model_torque", arguments, [rest, regressor, model.evaluate("inertia", q)], {"cse": True})
 
-    def memory(self, torque: np.ndarray) -> ParameterState:
+    def initial_state(self, torque: np.ndarray) -> ParameterState:
         """The model's own parameters."""
         return ParameterState(self.nominal)
 
-    def control(self, memory: ParameterState, tracking: Tracking) -> tuple[ParameterState, Any, dict[str, Any]]:
+    def control(self, memory: ParameterState, tracking: ControlInput) -> tuple[ParameterState, Any, dict[str, Any]]:
         """The model's torque at p̂, feedback and robust term; and the adaptation of p̂."""
         estimate, old = tracking.estimate, memory.adapted
         s = tracking.error_rate + self.omega * tracking.error
@@ -178,7 +178,7 @@ class ProjectionARC(ModelBased):
         torque = rest + Y @ old - root @ (M @ (root @ s)) - robust
 
         step = self.period * self.adaptation_gain * (high - low) ** 2 * (Y.T @ s)
-        step = ops.only(ops.both(ops.negate(tracking.fault), ops.finite(step)), step)
+        step = ops.where_or_zero(ops.logical_and(ops.logical_not(tracking.fault), ops.finite(step)), step)
         adapted = ops.clip(old - step, low, high)
         signals = {f"adapted_{label}": old[i] for i, label in enumerate(self.labels)}
         return ParameterState(adapted), torque, {**signals, "surface": s}

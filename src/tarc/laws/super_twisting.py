@@ -8,7 +8,7 @@ import numpy as np
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
-from tarc.laws.base import Tracking
+from tarc.laws.base import ControlInput
 from tarc.laws.integral import IntegralState, integrate, remember, start
 from tarc.laws.pole_placement import PolePlacement
 
@@ -75,16 +75,16 @@ class SuperTwisting(PolePlacement):
         """Gain of ∫ sgn s [rad/s³ or m/s³]."""
         return self.switch_gain * self.disturbance_rate
 
-    def memory(self, torque: np.ndarray) -> IntegralState:
+    def initial_state(self, torque: np.ndarray) -> IntegralState:
         """The integral that gives the torque already applied."""
         return start(self, torque)
 
-    def control(self, memory: IntegralState, tracking: Tracking) -> tuple[IntegralState, Any, dict[str, Any]]:
+    def control(self, memory: IntegralState, tracking: ControlInput) -> tuple[IntegralState, Any, dict[str, Any]]:
         """τ = M̂ (q̈ᵈ − Λ (v̂ − q̇ᵈ) − k1 |s|^½ sgn s + z)."""
         s = tracking.error_rate + self.slope @ tracking.error
         size = ops.maximum(abs(s), self.boundary_layer)
-        unwind = float(np.max(np.diag(self.slope)))
-        z = integrate(self, memory, tracking, -self.k2 * s / size, unwind)
+        anti_windup_gain = float(np.max(np.diag(self.slope)))
+        z = integrate(self, memory, tracking, -self.k2 * s / size, anti_windup_gain)
         u = tracking.acceleration_reference - self.slope @ tracking.error_rate - self.k1 * s / size**0.5 + z
         torque = self.M @ u
-        return remember(memory, z, torque), torque, {"integral": z, "surface_slope": s}
+        return remember(memory, z, torque), torque, {"integral": z, "surface": s}

@@ -9,7 +9,7 @@ import numpy as np
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
-from tarc.laws.base import Tracking
+from tarc.laws.base import ControlInput
 from tarc.laws.tde import TDE
 
 
@@ -59,7 +59,7 @@ class Switching(TDE):
         _ = self.start_gain
 
     @property
-    def estimating(self) -> bool:
+    def uses_tde(self) -> bool:
         """As `time_delay` says."""
         return self.time_delay
 
@@ -85,7 +85,7 @@ class Switching(TDE):
         """The gain to start with."""
         return SwitchingState(np.array(float(self.start_gain)))
 
-    def robust(self, state: SwitchingState, tracking: Tracking) -> tuple[SwitchingState, Any, dict[str, Any]]:
+    def robust(self, state: SwitchingState, tracking: ControlInput) -> tuple[SwitchingState, Any, dict[str, Any]]:
         """Δu = −ϱ s / max(‖s‖, ε), and the gain's next value."""
         s = self.sliding(tracking.error, tracking.error_rate)
         correction = -state.gain * s / ops.norm(s, self.boundary_layer)

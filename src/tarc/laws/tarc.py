@@ -10,7 +10,7 @@ from tarc.core import array_ops as ops
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
 from tarc.core.validation import Matrix
-from tarc.laws.base import Tracking
+from tarc.laws.base import ControlInput
 from tarc.laws.tde import TDE
 
 
@@ -107,10 +107,10 @@ class TARC(TDE):
         n = self.n_joints
         if self.lyapunov_weight is None:
             zero = np.zeros((n, n))
-            return check.definite(
+            return check.positive_definite(
                 "lyapunov_weight", np.block([[self.K1 + self.K1.T, zero], [zero, 2 * np.eye(n)]]), 2 * n
             )
-        return check.definite("lyapunov_weight", self.lyapunov_weight, 2 * n)
+        return check.positive_definite("lyapunov_weight", self.lyapunov_weight, 2 * n)
 
     @cached_property
     def P(self) -> np.ndarray:
@@ -144,15 +144,15 @@ class TARC(TDE):
         """The initial gain, and no error before the start."""
         return GainState(np.array(self.start_gain), np.zeros((1, self.delay_periods)))
 
-    def robust(self, state: GainState, tracking: Tracking) -> tuple[GainState, Any, dict[str, Any]]:
+    def robust(self, state: GainState, tracking: ControlInput) -> tuple[GainState, Any, dict[str, Any]]:
         """Δu = −α ĉ s / max(‖s‖, ε) and the adaptation of ĉ."""
         s = self.sliding(tracking.error, tracking.error_rate)
         size = ops.norm(s)
         correction = -self.gain_factor * state.gain * s / ops.norm(s, self.boundary_layer)
-        rising = ops.either(state.gain <= self.min_gain, size > state.sliding[0, -1])
+        rising = ops.logical_or(state.gain <= self.min_gain, size > state.sliding[0, -1])
         rate = ((self.rise_rate + self.fall_rate) * rising - self.fall_rate) * size
         highest = ops.HUGE if self.max_gain is None else self.max_gain
-        rate = ops.only(ops.negate(tracking.fault), rate)
+        rate = ops.where_or_zero(ops.logical_not(tracking.fault), rate)
         gain = ops.clip(state.gain + self.period * rate, self.min_gain, highest)
-        next_state = GainState(gain, ops.push(state.sliding, size))
+        next_state = GainState(gain, ops.shift_in(state.sliding, size))
         return next_state, correction, {"gain": state.gain, "rising": rising}

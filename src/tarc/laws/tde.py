@@ -10,7 +10,7 @@ from tarc.core import array_ops as ops
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
 from tarc.estimators.oracle import TrueDerivatives
-from tarc.laws.base import Tracking
+from tarc.laws.base import ControlInput
 from tarc.laws.pole_placement import PolePlacement
 
 
@@ -55,7 +55,7 @@ class TDE(PolePlacement):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.estimating and self.estimator.max_derivative < 2:
+        if self.uses_tde and self.estimator.max_derivative < 2:
             raise TarcError(
                 f"estimator: {self.estimator} gives no acceleration, which time-delay estimation needs; use degree 2 "
                 "or more"
@@ -69,10 +69,10 @@ class TDE(PolePlacement):
     @property
     def delay_periods(self) -> int:
         """The delay h in periods."""
-        return 1 if self.delay is None else check.multiple("delay", self.delay, self.period)
+        return 1 if self.delay is None else check.whole_periods("delay", self.delay, self.period)
 
     @property
-    def estimating(self) -> bool:
+    def uses_tde(self) -> bool:
         """Whether N̂ is estimated; a law that can do without answers False to have N̂ = 0."""
         return True
 
@@ -81,35 +81,35 @@ class TDE(PolePlacement):
         """State of the robust term before the first step."""
 
     @abstractmethod
-    def robust(self, state: Any, tracking: Tracking) -> tuple[Any, Any, dict[str, Any]]:
+    def robust(self, state: Any, tracking: ControlInput) -> tuple[Any, Any, dict[str, Any]]:
         """Next state, Δu [rad/s² or m/s²] of shape (n,), signals to record."""
 
-    def memory(self, torque: np.ndarray) -> TDEState:
+    def initial_state(self, torque: np.ndarray) -> TDEState:
         """Rest: no acceleration, the torque applied all along; neither where N̂ is not estimated."""
-        if not self.estimating:
+        if not self.uses_tde:
             return TDEState((), (), self.robust_init())
         past = np.zeros((self.n_joints, self.delay_periods))
         if self.synchronised:
             return TDEState(self.estimator.matched_torque_filter().init(torque), past, self.robust_init())
         return TDEState(past + torque[:, None], past, self.robust_init())
 
-    def control(self, memory: TDEState, tracking: Tracking) -> tuple[TDEState, Any, dict[str, Any]]:
+    def control(self, memory: TDEState, tracking: ControlInput) -> tuple[TDEState, Any, dict[str, Any]]:
         """τ = M̂ (u − â_h) + τ_h, or M̂ u where N̂ is not estimated."""
-        if not self.estimating:
+        if not self.uses_tde:
             robust, correction, signals = self.robust(memory.robust, tracking)
             u = self.feedback(tracking) + correction
             return memory._replace(robust=robust), self.M @ u, {"auxiliary": u, **signals}
         newest = tracking.estimate.acceleration
-        accelerations = ops.push(memory.acceleration, newest)
+        accelerations = ops.shift_in(memory.acceleration, newest)
         if self.synchronised:
             torques, past_torque = self.estimator.matched_torque_filter().step(memory.torque, tracking.past_torque)
             past_acceleration = newest
         else:
-            torques = ops.push(memory.torque, tracking.past_torque)
+            torques = ops.shift_in(memory.torque, tracking.past_torque)
             past_torque = torques[:, -1]
             # the oracle's acceleration at t_k is that of the torque before t_k, an estimate goes with the one set then
-            told = isinstance(self.estimator, TrueDerivatives)
-            past_acceleration = (accelerations if told else memory.acceleration)[:, -1]
+            is_oracle = isinstance(self.estimator, TrueDerivatives)
+            past_acceleration = (accelerations if is_oracle else memory.acceleration)[:, -1]
         robust, correction, signals = self.robust(memory.robust, tracking)
         u = self.feedback(tracking) + correction
         torque = self.M @ (u - past_acceleration) + past_torque

@@ -5,7 +5,7 @@ from typing import Any
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
-from tarc.laws.base import Tracking
+from tarc.laws.base import ControlInput
 from tarc.laws.tde import TDE
 
 
@@ -70,7 +70,7 @@ class TerminalSliding(TDE):
         if self.max_gain is not None:
             check.number("max_gain", self.max_gain, 0, strict=True)
 
-    def bent(self, error: Any) -> Any:
+    def terminal_map(self, error: Any) -> Any:
         """φ(e) [rad or m], shape (n,)."""
         return self.error_scale * ops.power(
             error / self.error_scale, self.exponent, self.boundary_layer / self.error_scale
@@ -82,19 +82,19 @@ class TerminalSliding(TDE):
 
     def sliding(self, error: Any, error_rate: Any) -> Any:
         """Position on the surface s [rad/s or m/s], shape (n,)."""
-        return error_rate + self.K2 @ self.bent(error) / 2
+        return error_rate + self.K2 @ self.terminal_map(error) / 2
 
-    def feedback(self, tracking: Tracking) -> Any:
+    def feedback(self, tracking: ControlInput) -> Any:
         """q̈ᵈ − Λ (1 + φ') (v̂ − q̇ᵈ) − K1 φ [rad/s² or m/s²], shape (n,)."""
         error, rate = tracking.error, tracking.error_rate
         damped = self.K2 @ (rate + self.slope(error) * rate) / 2
-        return tracking.acceleration_reference - damped - self.K1 @ self.bent(error)
+        return tracking.acceleration_reference - damped - self.K1 @ self.terminal_map(error)
 
     def robust_init(self) -> tuple[()]:
         """No state."""
         return ()
 
-    def robust(self, state: tuple[()], tracking: Tracking) -> tuple[tuple[()], Any, dict[str, Any]]:
+    def robust(self, state: tuple[()], tracking: ControlInput) -> tuple[tuple[()], Any, dict[str, Any]]:
         """Δu = −κ ‖s‖ s."""
         s = self.sliding(tracking.error, tracking.error_rate)
         highest = ops.HUGE if self.max_gain is None else self.max_gain

@@ -177,7 +177,7 @@ def evaluate_gain_bounds(
     sigma = signals.correction_past + signals.rate_past @ law.K2.T + signals.sigma1
     forcing = 0.0
     if weight is not None:
-        D = check.definite("weight", weight, 2 * n)[n:, n:]
+        D = check.positive_definite("weight", weight, 2 * n)[n:, n:]
         power = np.einsum("ki,ij,kj->k", sigma, D, sigma)
         forcing = float(h * law.period * np.max(np.convolve(power, np.ones(min(m, len(power))), "valid")))
     values = np.linalg.eigvalsh(law.P)

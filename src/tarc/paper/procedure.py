@@ -121,7 +121,7 @@ def run_procedure(
     ----------
     Paper, Section III-B, Selection of Parameters; Theorems 1 and 2, condition (c2).
     """
-    n = check.whole("n_joints", n_joints, 1)
+    n = check.integer("n_joints", n_joints, 1)
     omega = check.vector("natural_frequency", natural_frequency, n, 0, strict=True)
     zeta = check.vector("damping_ratio", damping_ratio, n, 0, strict=True)
     h = check.number("delay", delay, 0, strict=True)
@@ -132,7 +132,7 @@ def run_procedure(
         natural_frequency=omega,
         damping_ratio=zeta,
         period=h,
-        estimator=Algebraic(window=length, degree=check.whole("degree", degree, 2, 6)),
+        estimator=Algebraic(window=length, degree=check.integer("degree", degree, 2, 6)),
     )
     law = TARC(rise_rate=1.0, fall_rate=1.0, **shared)
     found = {

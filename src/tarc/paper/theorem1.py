@@ -88,7 +88,9 @@ def check_theorem1(
     law = delayed(law)
     h = delay_of(law, delay)
     given = [
-        check.definite(name, one, 2 * law.n_joints) for name, one in (("weight", weight), ("D", D)) if one is not None
+        check.positive_definite(name, one, 2 * law.n_joints)
+        for name, one in (("weight", weight), ("D", D))
+        if one is not None
     ]
     numbers = {
         "delay": h,

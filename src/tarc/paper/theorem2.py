@@ -100,7 +100,7 @@ def check_theorem2(
     }
     searched = weight is None and D is None and L is None
     weights = [
-        check.definite(name, 1.0 if one is None else one, 2 * joints)
+        check.positive_definite(name, 1.0 if one is None else one, 2 * joints)
         for name, one in (("weight", weight), ("D", D), ("L", L))
     ]
     K1, K2, Q, *rest = gains(law, *weights)[0]

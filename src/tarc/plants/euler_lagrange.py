@@ -11,7 +11,7 @@ import numpy as np
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
-from tarc.core.component import Parametric
+from tarc.core.component import Component
 from tarc.core.errors import TarcError
 from tarc.plants.base import Plant
 
@@ -22,7 +22,7 @@ def joint_friction(dq: Any, p: Any) -> Any:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class EulerLagrange(Parametric, Plant):
+class EulerLagrange(Component, Plant):
     """A plant given by kinetic energy T, potential energy V and forces that are not from either.
 
         d/dt ∂T/∂q̇ − ∂T/∂q + ∂V/∂q + G(q, q̇) q̇ + F(q, q̇) = τ

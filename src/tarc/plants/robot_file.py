@@ -35,7 +35,7 @@ def find_robot(path: str | Path) -> Path:
     names = [name.removesuffix(".xml") for name in shipped_robots()]
     raise TarcError(
         f"robot file: {str(path)!r} not found; looked for {here.resolve()} and among the shipped robots "
-        f"({', '.join(names)}).{check.nearest(here.stem, names)}"
+        f"({', '.join(names)}).{check.did_you_mean(here.stem, names)}"
     )
 
 
@@ -165,7 +165,7 @@ def _check_tree(root: ET.Element, file: Path) -> None:
         if kind not in KINDS:
             raise TarcError(
                 f"robot file: {file}: joint {name!r} is of the type {kind!r}; known are {', '.join(KINDS)}."
-                f"{check.nearest(str(kind), KINDS)}"
+                f"{check.did_you_mean(str(kind), KINDS)}"
             )
         for end in ("parent", "child"):
             part = joint.find(end)
@@ -173,7 +173,7 @@ def _check_tree(root: ET.Element, file: Path) -> None:
             if link not in links:
                 raise TarcError(
                     f"robot file: {file}: the {end} of joint {name!r} is {link!r}, and there is no such link."
-                    f"{check.nearest(str(link), links)}"
+                    f"{check.did_you_mean(str(link), links)}"
                 )
 
 
@@ -265,7 +265,7 @@ def choose_joints(
     for name in wanted:
         if name not in movable:
             raise TarcError(
-                f"{label}: no hinge or slide {name!r}; it has {', '.join(movable)}.{check.nearest(name, movable)}"
+                f"{label}: no hinge or slide {name!r}; it has {', '.join(movable)}.{check.did_you_mean(name, movable)}"
             )
     if len(set(wanted)) < len(wanted):
         raise TarcError(f"{label}: joints: got {list(wanted)}; names one of them twice")
@@ -340,7 +340,7 @@ def tool_body(spec: mujoco.MjSpec, tool: str, label: str) -> tuple[Any, Any, str
         if tool not in bodies:
             known = [*sites, *(name for name in bodies if name != "world")]
             raise TarcError(
-                f"{label}: tool {tool!r} is no body or site of it.{check.nearest(tool, known)} It has "
+                f"{label}: tool {tool!r} is no body or site of it.{check.did_you_mean(tool, known)} It has "
                 f"{', '.join(known)}"
             )
         return bodies[tool], [0.0, 0.0, 0.0], f"link {tool}"

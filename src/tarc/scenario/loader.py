@@ -39,7 +39,7 @@ def find_scenario(path: str | Path) -> Path:
     names = shipped_scenarios()
     raise TarcError(
         f"scenario: {str(path)!r} not found; looked for {here.resolve()} and among the shipped scenarios "
-        f"({', '.join(names)}).{check.nearest(here.stem, names)}"
+        f"({', '.join(names)}).{check.did_you_mean(here.stem, names)}"
     )
 
 

@@ -170,7 +170,7 @@ class Scenario(BaseModel):
             if key not in ("fraction", "diagonal"):
                 raise TarcError(
                     f"law.inertia.{key}: unknown key; it has fraction and diagonal."
-                    f"{check.nearest(str(key), ['fraction', 'diagonal'])}"
+                    f"{check.did_you_mean(str(key), ['fraction', 'diagonal'])}"
                 )
         fraction = check.number("law.inertia.fraction", given.get("fraction"), 0, strict=True)
         if reference.n_joints != plant.n_joints:

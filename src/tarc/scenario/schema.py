@@ -181,7 +181,7 @@ def explain(error: ValidationError, model: type[BaseModel], section: str, label:
         where = f"{prefix}{key}"
         known = list(model.model_fields)
         if fault["type"] == "extra_forbidden" and len(fault["loc"]) == 1:
-            lines[key] = f"{where}: unknown key; {label} has {', '.join(known)}.{check.nearest(key, known)}"
+            lines[key] = f"{where}: unknown key; {label} has {', '.join(known)}.{check.did_you_mean(key, known)}"
         elif fault["type"] == "missing":
             lines[key] = f"{where}: missing; {label} needs it, {_words(model.model_fields[key].annotation)}"
         elif (key in known and len(fault["loc"]) == 1) or (

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from tarc.core import validation as check
-from tarc.core.component import Parametric
+from tarc.core.component import Component
 from tarc.core.errors import TarcError
 from tarc.core.validation import Numbers
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Disturbance(Parametric):
+class Disturbance(Component):
     """A torque on the joints beside the controller's [N m or N]."""
 
     amplitude: Numbers
@@ -128,7 +128,7 @@ class BandNoise(Disturbance):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Schedule(Parametric):
+class Schedule(Component):
     """A plant parameter that changes while the robot runs: stepwise, or linearly between the times.
 
     Parameters
@@ -172,7 +172,7 @@ class Schedule(Parametric):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Payload(Parametric):
+class Payload(Component):
     """The plant's ``payload`` becomes this mass [kg] at an instant [s]: a `Schedule` of one step."""
 
     mass: float

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from tarc.core import validation as check
-from tarc.core.component import Parametric
+from tarc.core.component import Component
 from tarc.core.errors import TarcError
 from tarc.core.validation import Numbers, Table
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Reference(Parametric):
+class Reference(Component):
     """A trajectory qᵈ(t) with its first two derivatives."""
 
     @property

@@ -7,7 +7,7 @@ import numpy as np
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
-from tarc.core.component import Parametric
+from tarc.core.component import Component
 from tarc.core.errors import TarcError
 from tarc.core.system import System
 from tarc.core.validation import Numbers
@@ -21,7 +21,7 @@ class EncoderInput(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Encoder(Parametric, System):
+class Encoder(Component, System):
     """Position encoder: noise, quantisation to the nearest step, transport delay, lost samples, in that order.
 
     With no arguments it is perfect. All randomness comes from the simulation's seed.
@@ -56,10 +56,10 @@ class Encoder(Parametric, System):
         check.number("span", self.span, 0, strict=True)
         check.number("dropout", self.dropout, 0, high=0.99)
         if self.bits is not None:
-            check.whole("bits", self.bits, 1, 52)
+            check.integer("bits", self.bits, 1, 52)
         if self.resolution is not None and np.any(check.array("resolution", self.resolution) <= 0):
             raise TarcError(f"resolution: got {self.resolution!r}; needs numbers above 0, or None for no quantisation")
-        check.whole("delay", self.delay)
+        check.integer("delay", self.delay)
 
     @property
     def step_size(self) -> np.ndarray:
@@ -89,5 +89,5 @@ class Encoder(Parametric, System):
 
     def step(self, state: Any, value: EncoderInput) -> tuple[Any, Any]:
         """The measured position, shape (n,)."""
-        queue = ops.push(state, self.quantise(value.position + value.noise))
+        queue = ops.shift_in(state, self.quantise(value.position + value.noise))
         return queue, queue[:, -1]

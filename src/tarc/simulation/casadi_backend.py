@@ -3,7 +3,7 @@
 import numpy as np
 
 from tarc.core.codegen import compiled
-from tarc.core.tracing import RING, Ring, trace
+from tarc.core.tracing import BUFFER_PERIODS, PeriodBuffer, trace
 from tarc.core.trees import pack
 from tarc.simulation.closed_loop import ClosedLoop, LoopInput
 from tarc.simulation.monitor import CHUNK, Watch
@@ -30,11 +30,11 @@ def run_fused(loop: "ClosedLoop", begin: Start, plan: Plan, watch: Watch, native
             *plan.schedules.values(),
         ]
     ).T
-    ring = Ring(function, pack(state), RING)
+    ring = PeriodBuffer(function, pack(state), BUFFER_PERIODS)
     rows, seen, end = np.empty((count, function.nnz_out(1))), 0, 0
     with watch.progress:
-        for at in range(0, count, RING):
-            end = min(at + RING, count)
+        for at in range(0, count, BUFFER_PERIODS):
+            end = min(at + BUFFER_PERIODS, count)
             ring.rows["u"][: end - at] = outside[at:end]
             for call in ring.calls[: end - at]:
                 call()

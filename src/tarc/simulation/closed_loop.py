@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tarc.control.digital_controller import Drive, DriveInput, DriveOutput, DriveState
+from tarc.control.digital_controller import ControllerInput, ControllerOutput, ControllerState, DigitalController
 from tarc.core.system import System
 from tarc.plants.euler_lagrange import EulerLagrange
 
@@ -22,9 +22,9 @@ class LoopInput(NamedTuple):
 
 
 class LoopState(NamedTuple):
-    """Drive state, position and velocity of the plant."""
+    """Controller state, position and velocity of the plant."""
 
-    drive: DriveState
+    drive: ControllerState
     position: Any
     velocity: Any
 
@@ -35,7 +35,7 @@ class LoopOutput(NamedTuple):
     position: Any
     velocity: Any
     acceleration: Any
-    drive: DriveOutput
+    drive: ControllerOutput
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,19 +43,19 @@ class ClosedLoop(System):
     """One control period: the drive at its start, then the plant under zero-order hold by Runge–Kutta substeps."""
 
     plant: EulerLagrange
-    drive: Drive
+    drive: DigitalController
     substeps: int = 2
 
     def init(self, position: Any, velocity: Any = 0.0, torque: Any = 0.0, noise: Any = 0.0) -> LoopState:
         """The robot at a position (n,) with a velocity, the drive at rest there."""
         drive, velocity = self.drive.init(position, torque, noise), velocity + np.zeros(np.shape(position))
-        acceleration = self.plant.evaluate("acceleration", position, velocity, drive.queue[:, -1])
-        return LoopState(self.drive.tell(drive, velocity, acceleration), position, velocity)
+        acceleration = self.plant.evaluate("acceleration", position, velocity, drive.torque_delay_line[:, -1])
+        return LoopState(self.drive.with_true_derivatives(drive, velocity, acceleration), position, velocity)
 
     def step(self, state: LoopState, value: LoopInput) -> tuple[LoopState, LoopOutput]:
         """Measure and compute at t_k; hold the torque and integrate to t_k + T."""
         q, dq = state.position, state.velocity
-        drive, output = self.drive.step(state.drive, DriveInput(q, *value[:4]))
+        drive, output = self.drive.step(state.drive, ControllerInput(q, *value[:4]))
         dt = self.drive.law.period / self.substeps
         torque, first = output.torque, None
         for i in range(self.substeps):
@@ -63,7 +63,7 @@ class ClosedLoop(System):
             q, dq, acceleration = runge_kutta(self.plant, q, dq, torque, dt, value.parameters)
             first = acceleration if first is None else first
         last = self.plant.evaluate("acceleration", q, dq, torque, parameters=value.parameters)
-        drive = self.drive.tell(drive, dq, last)
+        drive = self.drive.with_true_derivatives(drive, dq, last)
         return LoopState(drive, q, dq), LoopOutput(state.position, state.velocity, first, output)
 
 

@@ -7,9 +7,9 @@ import casadi as ca
 import mujoco
 import numpy as np
 
-from tarc.control.digital_controller import Drive, DriveInput
+from tarc.control.digital_controller import ControllerInput, DigitalController
 from tarc.core.codegen import compiled
-from tarc.core.tracing import RING, Ring, trace
+from tarc.core.tracing import BUFFER_PERIODS, PeriodBuffer, trace
 from tarc.core.trees import pack
 from tarc.estimators.oracle import TrueDerivatives
 from tarc.plants.base import Plant
@@ -21,12 +21,14 @@ from tarc.simulation.record import Record
 from tarc.simulation.sampled_inputs import Plan, Start
 
 
-def run_stepping(plant: Plant, drive: "Drive", begin: Start, plan: Plan, watch: Watch, native: bool = False) -> Record:
+def run_stepping(
+    plant: Plant, drive: "DigitalController", begin: Start, plan: Plan, watch: Watch, native: bool = False
+) -> Record:
     """MuJoCo steps the plant; the drive is called between steps over fixed memory."""
 
-    def tell_and_drive(state: Any, value: tuple[Any, Any, DriveInput]) -> tuple[Any, Any]:
+    def tell_and_drive(state: Any, value: tuple[Any, Any, ControllerInput]) -> tuple[Any, Any]:
         velocity, acceleration, given = value
-        return drive.step(drive.tell(state, velocity, acceleration), given)
+        return drive.step(drive.with_true_derivatives(state, velocity, acceleration), given)
 
     assert isinstance(plant, MujocoPlant)
     n, count, substeps = plant.n_joints, len(plan.times), plan.disturbance.shape[2]
@@ -36,7 +38,7 @@ def run_stepping(plant: Plant, drive: "Drive", begin: Start, plan: Plan, watch: 
     data.qpos[:], data.qvel[:] = begin.position, begin.velocity
     state = drive.init(begin.position, begin.torque, plan.noise[:, 0])
     rest = np.zeros(n)
-    value = rest, rest, DriveInput(rest, rest, rest, rest, rest)
+    value = rest, rest, ControllerInput(rest, rest, rest, rest, rest)
     function, example = trace(tell_and_drive, state, value, name="drive")
     # Runge–Kutta leaves the acceleration of its last stage behind, so the one at the start is computed beforehand
     before = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
@@ -45,13 +47,13 @@ def run_stepping(plant: Plant, drive: "Drive", begin: Start, plan: Plan, watch: 
     acceleration, last = data.qacc if plain else np.zeros(n), np.zeros(n)
     plug = {"q": data.qpos, "v": data.qvel, "a": acceleration, "last": last, "torque": data.qfrc_applied}
     plugged = _plugged(function, n)
-    ring = Ring(compiled(plugged) if native else plugged, pack(state), RING, plug)
+    ring = PeriodBuffer(compiled(plugged) if native else plugged, pack(state), BUFFER_PERIODS, plug)
 
     outside = np.concatenate([*plan.reference, plan.noise, plan.disturbance[:, :, 0]]).T
     later = np.diff(plan.disturbance, axis=2).transpose(1, 2, 0)
     changes = _changes(plan)
     rows = np.empty((count, ring.rows["row"].shape[1]))
-    stops = sorted({*range(0, count, RING), *changes, count})
+    stops = sorted({*range(0, count, BUFFER_PERIODS), *changes, count})
     advance, seen, end = mujoco.mj_step, 0, 0
 
     def look_back() -> None:
@@ -61,12 +63,12 @@ def run_stepping(plant: Plant, drive: "Drive", begin: Start, plan: Plan, watch: 
 
     with watch.progress, without_log_file():
         if oracle:
-            data.qfrc_applied[:] = state.queue[:, -1]
+            data.qfrc_applied[:] = state.torque_delay_line[:, -1]
             look_back()
         for at, end in pairwise(stops):
             if at in changes:
                 plant.set_parameters(model, changes[at])
-            here = slice(at % RING, at % RING + end - at)
+            here = slice(at % BUFFER_PERIODS, at % BUFFER_PERIODS + end - at)
             ring.rows["outside"][here] = outside[at:end]
             if plain:
                 for call in ring.calls[here]:

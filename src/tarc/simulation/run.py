@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-    from tarc.control.digital_controller import Drive
+    from tarc.control.digital_controller import DigitalController
     from tarc.plants.base import Plant
     from tarc.signals.references import Reference
     from tarc.simulation.monitor import Watch
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 VARIABLES = {
     "position": ("true position", "rad"),
-    "measured": ("measured position", "rad"),
+    "measured_position": ("measured position", "rad"),
     "velocity": ("true velocity", "rad/s"),
     "velocity_estimate": ("estimated velocity", "rad/s"),
     "acceleration": ("true acceleration just after the torque was set", "rad/s²"),
@@ -90,7 +90,7 @@ class Run:
     def from_record(
         cls,
         plant: "Plant",
-        drive: "Drive",
+        drive: "DigitalController",
         reference: "Reference",
         plan: "Plan",
         record: "Record",
@@ -197,7 +197,7 @@ class Run:
             raise TarcError(f"start_time: got {start_time:g} s; the run ends at {end:g} s ({self.status})")
         period = float(self.data.attrs["period"])
         over = (
-            check.multiple("averaging_time", averaging_time, period)
+            check.whole_periods("averaging_time", averaging_time, period)
             if check.number("averaging_time", averaging_time, 0)
             else 1
         )

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tarc.analysis.rest_stability import remedy, unstable_posture
-from tarc.control.digital_controller import Drive
+from tarc.control.digital_controller import DigitalController
 from tarc.core import validation as check
 from tarc.core.errors import DesignWarning
 from tarc.laws.base import Law
@@ -111,15 +111,15 @@ def simulate(
         When held at rest somewhere along the reference the loop is unstable; the run goes on all the same.
     """
     sensor = Encoder() if sensor is None else sensor
-    check.whole("seed", seed, 0, 2**63 - 1)
+    check.integer("seed", seed, 0, 2**63 - 1)
     events = list(disturbance) if isinstance(disturbance, Sequence) else [disturbance]
     fit(plant, law, reference, sensor)
     limit = getattr(plant, "torque_limits", None)
     if law.torque_limit is None and limit is not None and np.any(np.isfinite(limit)):
         law = replace(law, torque_limit=limit)
-    drive = Drive(sensor, law, check.whole("computation_delay", computation_delay, 0))
+    drive = DigitalController(sensor, law, check.integer("computation_delay", computation_delay, 0))
     fused = isinstance(plant, EulerLagrange)
-    steps = check.whole("substeps", (2 if fused else 1) if substeps is None else substeps, 1)
+    steps = check.integer("substeps", (2 if fused else 1) if substeps is None else substeps, 1)
     plan = sample_plan(plant, law, reference, duration, sensor, events, steps, seed)
     begin = start(plant, plan, initial_position, initial_velocity, initial_torque)
     warn_if_unstable(plant, law, plan, computation_delay)

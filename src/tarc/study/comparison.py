@@ -175,7 +175,7 @@ def compare(
         For a law that is not known, or if none is left.
     """
     parts = _chosen(scenario, laws)
-    count = check.whole("jobs", min(os.cpu_count() or 1, len(parts)) if jobs is None else jobs, 1)
+    count = check.integer("jobs", min(os.cpu_count() or 1, len(parts)) if jobs is None else jobs, 1)
     tasks = {name: (scenario.model_dump(), name, part) for name, part in parts.items()}
     found: dict[str, Run | str] = {}
     with Progress(f"comparing {len(tasks)} laws", len(tasks), progress) as bar:

@@ -97,7 +97,7 @@ def tune(
     """
     if not scenarios or len(limits) != len(scenarios):
         raise TarcError(f"limits: got {len(limits)} for {len(scenarios)} scenarios; needs one each")
-    check.whole("trials", trials, 1)
+    check.integer("trials", trials, 1)
     fits = [_fits(space, scenario) for scenario in scenarios]
     if not any(fits):
         raise TarcError(f"tune: {space.fixed['kind']} cannot run in any of the scenarios")
@@ -164,7 +164,7 @@ def tune_all(
     rounds = [[*order, *(n for n in names if not known[n].extends and n not in order)]]
     rounds.append([name for name in names if known[name].extends])
     total = sum(map(len, rounds))
-    count = check.whole("jobs", min(os.cpu_count() or 1, len(names)) if jobs is None else jobs, 1)
+    count = check.integer("jobs", min(os.cpu_count() or 1, len(names)) if jobs is None else jobs, 1)
     with (
         ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool,
         Progress(f"tuning {total} laws, {trials} trials each", total, progress) as bar,
