@@ -50,7 +50,7 @@ def test_those_that_do_not_apply_are_left_out():
 
 
 def test_a_law_without_time_delay_estimation_gets_what_applies_to_it():
-    law = make_law(tarc.laws.PID, inertia=0.5 * ARM.inertia([0.0, 1.5]), integral=1.0)
+    law = make_law(tarc.laws.PID, inertia=0.5 * ARM.inertia([0.0, 1.5]), integral_gain=1.0)
     steps = []
     found = certify_law(law, ARM, BOX, samples=50, done=steps.append)
     assert list(found) == steps == ["robot", "loop", "ball", "lemma1"]
