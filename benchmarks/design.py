@@ -39,8 +39,8 @@ from tarc.certificates.robot import certify_robot
 from tarc.design import Design, assess_candidates, choose_adaptation, design_controller, expected_step
 from tarc.design.candidates import Candidate
 from tarc.design.robustness import RobustnessSpec
-from tarc.design.selection import ROOM
-from tarc.design.writer import SLOW
+from tarc.design.selection import MIN_SPREAD_MARGIN
+from tarc.design.writer import BASE_FREQUENCY
 from tarc.plants.base import Plant
 from tarc.simulation.run import Run
 
@@ -237,7 +237,7 @@ class Trial:
             [certificate.witness["posture"]] if certificate.witness else [certificate.matrices[one] for one in names]
         )
         amplitude = np.minimum(SMALL, (space.high - space.low) / 4)
-        frequency = SLOW * (1 + 0.2 * np.arange(len(amplitude)))
+        frequency = BASE_FREQUENCY * (1 + 0.2 * np.arange(len(amplitude)))
         greatest = 0.0
         for posture in where:
             middle = np.clip(posture, space.low + amplitude, space.high - amplitude)
@@ -271,7 +271,7 @@ def sweep(which: Sweep, trial: Trial, limit: float, budget: float) -> tuple[Pick
             unit, (kind, base) = np.clip(centre + NEAR * (unit - 0.5), 0, 1), liked
         ranges = zip(unit, (SHARES, WINDOWS, BANDWIDTHS), strict=True)
         share, window, natural_frequency = (float(low * (high / low) ** one) for one, (low, high) in ranges)
-        natural_frequency = natural_frequency if which.free else made.chosen.natural_frequency
+        natural_frequency = natural_frequency if which.free else made.candidate.natural_frequency
         estimator = tarc.estimators.Algebraic(window=round(window) * period, degree=2)
         law = replace(base, inertia=share * shapes[kind], natural_frequency=natural_frequency, estimator=estimator)
         tried += 1
@@ -305,7 +305,7 @@ def for_motion(trial: Trial, limit: float, **options: Any) -> tuple[Pick, Any]:
     """
     made, delay, blank = trial.made, trial.scenario.computation_delay, Pick("tube design", 0, verdict="none certified")
     tube = Workspace.from_reference(trial.reference, trial.scenario.duration, tube=TUBE)
-    options = {"torque_limit": made.law.torque_limits, **options}
+    options = {"torque_limits": made.law.torque_limits, **options}
     try:
         found = design_controller(
             trial.plant, payload=made.payload, sensor=made.sensor, workspace=tube, progress=False, **options
@@ -315,9 +315,11 @@ def for_motion(trial: Trial, limit: float, **options: Any) -> tuple[Pick, Any]:
     expected, sigma = expected_step(found.plants, tube), float(np.linalg.norm(made.sensor.step_size)) / 12**0.5
 
     def law_of(one: Candidate) -> Any:
-        gain = {} if isinstance(found.law, tarc.laws.TDC) else choose_adaptation(one, expected, noise=sigma).options()
-        inertia = one.scale * found.shape
-        return replace(found.law, inertia=inertia, estimator=one.estimator, **one.options(), **gain)
+        gain = (
+            {} if isinstance(found.law, tarc.laws.TDC) else choose_adaptation(one, expected, noise=sigma).law_options()
+        )
+        inertia = one.inertia_scale * found.shape
+        return replace(found.law, inertia=inertia, estimator=one.estimator, **one.law_options(), **gain)
 
     def variation(one: Candidate) -> float:
         run = trial.run(law_of(one))
@@ -369,29 +371,29 @@ def judged(pick: Pick, law: Any, trial: Trial) -> Pick:
 def ceilings(made: Design) -> dict[str, float]:
     """The greatest natural frequency [rad/s] at the window chosen, as each thing that the certificate asks for is
     left out."""
-    chosen = made.chosen
+    chosen = made.candidate
     there = inertia_spread(made.plants, made.shape, made.workspace, samples=SAMPLES)
-    full = RobustnessSpec.of_robot(made.plants, made.workspace, made.shape, there)
-    light = RobustnessSpec.plain(made.spread, full.rate)
-    slope = chosen.slope / chosen.natural_frequency**2
+    full = RobustnessSpec.from_robot(made.plants, made.workspace, made.shape, there)
+    light = RobustnessSpec.from_spread(made.spread, full.max_rate)
+    slope = chosen.robust_slope / chosen.natural_frequency**2
 
     def at(speed: float) -> Candidate:
-        return replace(chosen, natural_frequency=speed, scale=0.0)
+        return replace(chosen, natural_frequency=speed, inertia_scale=0.0)
 
     def ball(demand: RobustnessSpec, share: float, room: float) -> Callable[[float], bool]:
         return lambda speed: any(
-            one.feasible for one in assess_candidates([at(speed)], demand, slope_share=share, room=room)
+            one.feasible for one in assess_candidates([at(speed)], demand, slope_ratio=share, min_margin=room)
         )
 
     def still(speed: float) -> bool:
-        law = tarc.laws.TDC(inertia=1.0, estimator=chosen.estimator, **at(speed).options())
+        law = tarc.laws.TDC(inertia=1.0, estimator=chosen.estimator, **at(speed).law_options())
         intervals = stable_intervals(law, computation_delay=chosen.computation_delay)
         return any(high >= made.spread * low for low, high in intervals)
 
     tests = {
-        "any speed": ball(replace(full, rate=np.inf), slope, ROOM),
-        "chosen for": ball(full, slope, ROOM),
-        "no switching gain": ball(full, 0.0, ROOM),
+        "any speed": ball(replace(full, max_rate=np.inf), slope, MIN_SPREAD_MARGIN),
+        "chosen for": ball(full, slope, MIN_SPREAD_MARGIN),
+        "no switching gain": ball(full, 0.0, MIN_SPREAD_MARGIN),
         "no room": ball(full, 0.0, 0.0),
         "no stiffness": ball(light, 0.0, 0.0),
         "constant M": still,
@@ -461,7 +463,7 @@ def measure(
         if motion:
             picks.append(judged(*for_motion(trial, own["torque_variation"], **options), trial))
             done("designed for the motion")
-        chosen, limit = made.chosen, np.asarray(made.law.torque_limits, dtype=float)
+        chosen, limit = made.candidate, np.asarray(made.law.torque_limits, dtype=float)
         return Result(
             name=name,
             joints=plant.n_joints,
@@ -469,7 +471,7 @@ def measure(
             wall=wall,
             cpu=cpu,
             spread=made.spread,
-            scale=chosen.scale,
+            scale=chosen.inertia_scale,
             window=chosen.window * chosen.period,
             degree=chosen.degree,
             synchronised=chosen.synchronised,

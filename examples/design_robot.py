@@ -13,7 +13,7 @@ for speed in (float("inf"), 2.0, 0.5):
     made = tarc.design.design_controller(arm, payload=(0.0, 5.0), sensor=tarc.signals.Encoder(bits=17), speed=speed)
     run = next(iter(made.scenario().run().values()))
     found = run.metrics(start_time=1.0)
-    loop, verdict = made.chosen, made.certificates["robot"].verdict
+    loop, verdict = made.candidate, made.certificates["robot"].verdict
     print(
         f"up to {speed:g} rad/s: {verdict}, natural frequency {loop.natural_frequency:.3g} rad/s, window "
         f"{loop.window} ms"

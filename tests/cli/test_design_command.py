@@ -17,7 +17,7 @@ from tarc import TarcError, plants
 from tarc.certificates import Certificate
 from tarc.cli.app import app
 from tarc.design import Design, Limit, design_controller
-from tarc.design.writer import BESIDE, written
+from tarc.design.writer import COMMENT_KEYS, to_commented_yaml
 from tarc.scenario.model import Scenario
 from urdf_text import arm, joint, link
 
@@ -36,8 +36,8 @@ def few_candidates():
     """Few loops to choose from, so that a design takes a second."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(importlib.import_module("tarc.design.selection"), "WINDOWS", (4, 8))
-        front = importlib.import_module("tarc.design.enumerate_candidates")
-        patch.setattr(front, "BANDWIDTHS", (4.0, 8.0, 14.0))
+        front = importlib.import_module("tarc.design.candidates")
+        patch.setattr(front, "NATURAL_FREQUENCIES", (4.0, 8.0, 14.0))
         patch.setattr(front, "CENTRES", np.geomspace(0.02, 1.2, 12))
         yield
 
@@ -68,7 +68,7 @@ def designed_in_python():
     """A design in Python, of a robot without a file."""
     robot = plants.TwoLinkArm(viscous=0.5)
     return design_controller(
-        robot, law="TDC", payload=(0.0, 0.5), torque_limit=[100.0, 50.0], diagonal=True, samples=60
+        robot, law="TDC", payload=(0.0, 0.5), torque_limits=[100.0, 50.0], diagonal=True, samples=60
     )
 
 
@@ -166,7 +166,7 @@ def test_each_choice_stands_above_its_key(designed_folder):
     text = (folder / "out.yaml").read_text()
     above, content = comments_by_key(text), yaml.safe_load(text)
     chosen = {line.split("│")[1].strip() for line in printed.splitlines() if line.startswith("│")} - {"", "choice"}
-    for name, path in BESIDE.items():
+    for name, path in COMMENT_KEYS.items():
         if name in chosen:
             assert f"{name}: " in above[".".join(path)], name
     assert "locked at zero: finger (mimics elbow)" in above["robot.file"]
@@ -232,8 +232,8 @@ def test_what_cannot_be_written_says_so(designed_in_python, tmp_path):
 
 
 def test_choices_without_a_key_stand_on_top(designed_in_python):
-    choice = replace(designed_in_python.choices[0], name="colour", value="blue", why="it goes with the arm")
-    head = written(replace(designed_in_python, choices=(choice,))).split("\n\n")[0]
+    choice = replace(designed_in_python.choices[0], name="colour", value="blue", reason="it goes with the arm")
+    head = to_commented_yaml(replace(designed_in_python, choices=(choice,))).split("\n\n")[0]
     assert "# colour: blue; it goes with the arm" in head
 
 
@@ -258,22 +258,22 @@ def test_the_front_shows_the_budget_and_plain_numbers(designed_in_python):
 def test_the_map_has_a_panel_a_kind_and_one_bandwidth_gives_lines(designed_in_python):
     both = designed_in_python.plot("reach")
     assert [axes.get_title() for axes in both.axes[:2]] == [
-        f"{word}, degree {designed_in_python.chosen.degree}" for word in ("literal", "synchronised")
+        f"{word}, degree {designed_in_python.candidate.degree}" for word in ("literal", "synchronised")
     ]
-    speed = designed_in_python.chosen.natural_frequency
+    speed = designed_in_python.candidate.natural_frequency
     some = tuple(one for one in designed_in_python.candidates if one.natural_frequency == speed)
-    (axes,) = replace(designed_in_python, candidates=some, budget=None).plot("reach").axes
+    (axes,) = replace(designed_in_python, candidates=some, noise_budget=None).plot("reach").axes
     assert f"{speed:.4g} rad/s" in axes.get_ylabel()
     labels = axes.get_legend_handles_labels()[1]
     assert "chosen" in labels
     assert f"the robot's spread, {designed_in_python.spread:.3g}" in labels
-    (front,) = replace(designed_in_python, candidates=some, budget=None).plot("front").axes
+    (front,) = replace(designed_in_python, candidates=some, noise_budget=None).plot("front").axes
     assert not any("budget" in label for label in front.get_legend_handles_labels()[1])
 
 
 def test_figures_of_a_single_joint(tmp_path):
     """Its spread is 1, so that no line of the map is the robot's."""
-    made = design_controller(plants.Pendulum(), torque_limit=30.0, samples=20)
+    made = design_controller(plants.Pendulum(), torque_limits=30.0, samples=20)
     assert isinstance(made, Design)
     for kind in ("front", "reach"):
         made.plot(kind).savefig(tmp_path / f"{kind}.png")
@@ -283,7 +283,7 @@ def test_figures_of_a_single_joint(tmp_path):
 def test_limits_are_asked_for(designed_folder, monkeypatch):
     folder, _ = designed_folder
     answer = {"payload": Limit(name="payload", value=2.5, verdict="certified, 1 % to spare")}
-    monkeypatch.setattr(tarc.design, "limits", lambda _: answer)
+    monkeypatch.setattr(tarc.design, "stress_test", lambda _: answer)
     arguments = ["design", "arm.urdf", *ASKED, "--limits", "--no-figures", "-o", "other.yaml"]
     assert "payload: 2.5 kg, certified" in invoke_tarc(*arguments, folder=folder).stdout
     found = json.loads(invoke_tarc(*arguments, "--json", folder=folder).stdout)["limits"]["payload"]
@@ -296,7 +296,9 @@ def test_too_fast_for_the_rate_says_both_ways_out(designed_folder, tmp_path):
     """The natural frequency and the rate that the message names do, and a little more than either does not."""
     folder, _ = designed_folder
     arguments = ["design", str(folder / "arm.urdf"), *ASKED, "--no-figures"]
-    message = str(invoke_tarc(*arguments, "--bandwidth", "200", "--rate", "500", folder=tmp_path, status=1).exception)
+    message = str(
+        invoke_tarc(*arguments, "--natural-frequency", "200", "--rate", "500", folder=tmp_path, status=1).exception
+    )
     assert message.startswith("design: nothing can be certified at 200 rad/s: ")
     found = re.search(r"a natural frequency of at most ([\d.]+) rad/s; a rate of at least ([\d.]+) Hz", message)
     assert found, message
@@ -304,14 +306,26 @@ def test_too_fast_for_the_rate_says_both_ways_out(designed_folder, tmp_path):
     assert 2 < natural_frequency < 200
     # but for gravity, what a loop bears depends on the natural frequency times the period
     assert natural_frequency * rate == pytest.approx(200 * 500, rel=0.2)
-    for within in (["--bandwidth", found[1], "--rate", "500"], ["--bandwidth", "200", "--rate", found[2]]):
+    for within in (
+        ["--natural-frequency", found[1], "--rate", "500"],
+        ["--natural-frequency", "200", "--rate", found[2]],
+    ):
         assert "certified" in invoke_tarc(*arguments, *within, "-o", "slower.yaml", folder=tmp_path).stdout
     assert not (tmp_path / "design.yaml").exists()
 
 
 def test_a_bandwidth_and_a_budget_that_exclude_each_other(designed_folder, tmp_path):
     folder, _ = designed_folder
-    arguments = ["design", str(folder / "arm.urdf"), *ASKED, "--no-figures", "--bandwidth", "8", "--noise", "0.00001"]
+    arguments = [
+        "design",
+        str(folder / "arm.urdf"),
+        *ASKED,
+        "--no-figures",
+        "--natural-frequency",
+        "8",
+        "--noise",
+        "0.00001",
+    ]
     message = str(invoke_tarc(*arguments, folder=tmp_path, status=1).exception)
     assert re.match(
         r"natural_frequency, noise: at 8 rad/s the least torque noise is [\d.]+ % of the limit and 0.001 % was asked "

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from tarc import TarcError, plants
 from tarc.cli.app import app
 from tarc.design import design_controller
-from tarc.design.robot_facts import premises, weight, within
+from tarc.design.robot_facts import assumptions, gravity_load, joint_workspace
 from tarc.plants import MujocoPlant
 from tarc.signals import Encoder
 from urdf_text import arm, joint, link, robot
@@ -30,7 +30,7 @@ def forbid_search(monkeypatch):
     def never(*_, **__):
         raise AssertionError("the search began")
 
-    monkeypatch.setattr("tarc.design.selection.assess", never)
+    monkeypatch.setattr("tarc.design.selection.assess_candidates", never)
 
 
 def refusal_message(text, *options, name="arm.urdf"):
@@ -140,7 +140,7 @@ def test_a_reach_stands_in_for_a_range_that_is_missing(folder):
     (folder / "arm.urdf").write_text(
         arm(shoulder=joint("slide", "base", "upper", "prismatic", '<limit effort="80" velocity="3"/>'))
     )
-    box = within(MujocoPlant.from_file("arm.urdf"), 0.3)
+    box = joint_workspace(MujocoPlant.from_file("arm.urdf"), 0.3)
     assert box.low.tolist() == [-0.3, -0.3]
 
 
@@ -157,7 +157,7 @@ def test_noise_without_any_torque_limit():
         elbow=joint("elbow", "upper", "fore", inside=EFFORTLESS),
         shoulder=joint("shoulder", "base", "upper", inside=EFFORTLESS),
     )
-    message = refusal_message(text, "--noise", 0.02, "--bandwidth", 10)
+    message = refusal_message(text, "--noise", 0.02, "--natural-frequency", 10)
     assert "noise: it is a share of the torque limit, and none is known; give torque_limit too" in message
 
 
@@ -177,7 +177,7 @@ def test_noise_without_any_torque_limit():
         (["--reach", 0], r"reach: got 0; needs a finite number above 0"),
         (["--reach", -0.5], r"reach: got -0.5; needs a finite number above 0"),
         (["--rate", 0], r"--rate: got 0; needs a finite number above 0"),
-        (["--bandwidth", -3], r"natural_frequency: got -3; needs a finite number above 0"),
+        (["--natural-frequency", -3], r"natural_frequency: got -3; needs a finite number above 0"),
         (["--damping", 0], r"damping_ratio: got 0; needs a finite number above 0"),
         (["--noise", 5], r"--noise: got 5; needs a share of the torque limit, such as 0.02 for 2 %"),
         (["--law", "pid"], r"--law: got 'pid'; known are tarc, tdc"),
@@ -232,7 +232,7 @@ class Flywheel(plants.EulerLagrange):
 
 def test_a_robot_that_carries_no_payload():
     with pytest.raises(TarcError, match="payload: .* has no such parameter; leave it out, or use a robot from a file"):
-        design_controller(Flywheel(), payload=(0.0, 2.0), torque_limit=30.0)
+        design_controller(Flywheel(), payload=(0.0, 2.0), torque_limits=30.0)
 
 
 # stretched out to the side at home: 1 kg at 0.2 m and at 0.6 m on the shoulder, 1 kg at 0.2 m on the elbow
@@ -261,12 +261,12 @@ def test_too_weak_elsewhere_is_a_warning(folder):
     (folder / "arm.urdf").write_text(arm())  # upright at home
     plant = MujocoPlant.from_file("arm.urdf")
     limits = np.array([7.0, 5.0])
-    held = weight([plant], within(plant), limits)
+    held = gravity_load([plant], joint_workspace(plant), limits)
     assert held is not None
     assert held.at_home == pytest.approx(0, abs=1e-9)
     assert 1 < held.load < 7.85 / 7 + 1e-6
     assert 0 < held.beyond < 0.5
-    (_, value, why) = premises([plant], within(plant), limits, held, own=False)[-1]
+    (_, value, why) = assumptions([plant], joint_workspace(plant), limits, held, own=False)[-1]
     assert re.fullmatch(r"at most 1\d\d % of the torque limit", value)
     assert why.startswith("WARNING: joint shoulder takes 7.")
     assert "which the certificate excludes: keep away" in why
@@ -279,15 +279,18 @@ def test_what_the_file_leaves_open_is_said(folder):
     (folder / "arm.urdf").write_text(arm(shoulder=endless, more=link("tip") + mimic + link("plate", 0.1) + fixed))
     plant = MujocoPlant.from_file("arm.urdf", joints=None)
     assert plant.joint_names == ["shoulder", "elbow"]
-    box = within(plant)
-    found = {name: (value, why) for name, value, why in premises([plant], box, plant.torque_limits, None, own=True)}
+    box = joint_workspace(plant)
+    found = {name: (value, why) for name, value, why in assumptions([plant], box, plant.torque_limits, None, own=True)}
     assert found["robot"][0] == "arm.urdf, 2 joints"
     assert "driven: shoulder, elbow; locked at zero: finger (mimics elbow)" in found["robot"][1]
     assert "no rotor inertia is known" in found["robot"][1]
     assert found["workspace"][0] == "all that the joints reach"
     assert "shoulder -3.142 to 3.142; elbow -2 to 2" in found["workspace"][1]
     assert "no range in the file for shoulder, which is taken to ±π, a whole turn" in found["workspace"][1]
-    near = {name: why for name, _, why in premises([plant], within(plant, 0.5), plant.torque_limits, None, own=True)}
+    near = {
+        name: why
+        for name, _, why in assumptions([plant], joint_workspace(plant, 0.5), plant.torque_limits, None, own=True)
+    }
     assert "each joint -0.5 to 0.5" in near["workspace"]
 
 
@@ -298,7 +301,7 @@ def test_where_the_payload_hangs_is_said(folder):
         heavy = [plant.with_parameters({"payload": mass}) for mass in (0.0, 3.0)]
         found = {
             name: (value, why)
-            for name, value, why in premises(heavy, within(plant), plant.torque_limits, None, own=True)
+            for name, value, why in assumptions(heavy, joint_workspace(plant), plant.torque_limits, None, own=True)
         }
         assert found["payload"][0] == "0 to 3 kg"
         assert found["payload"][1].startswith(f"at {words};")

@@ -9,8 +9,8 @@ import tarc
 from tarc import TarcError, laws, plants, signals
 from tarc.analysis import Workspace
 from tarc.certificates import certify_varying_ratio
-from tarc.design.adaptation import QUANTA, RATIO, Adaptation, choose_adaptation, expected_step
-from tarc.design.candidates import assess_candidates, enumerate_candidates, peak
+from tarc.design.adaptation import MIN_LAYER_TO_NOISE, RISE_TO_FALL, Adaptation, choose_adaptation, expected_step
+from tarc.design.candidates import assess_candidates, enumerate_candidates, peak_error
 from tarc.design.robustness import RobustnessSpec
 
 PERIOD = 1e-3
@@ -20,7 +20,7 @@ PERIOD = 1e-3
 def loops():
     """Loops that bear a spread and a slope as steep as K1."""
     trials = enumerate_candidates(PERIOD, natural_frequencies=[5.0, 10.0, 25.0], windows=[4, 10], degrees=[2])
-    return [one for one in assess_candidates(trials, RobustnessSpec.plain(3.0), slope_share=1.0) if one.feasible]
+    return [one for one in assess_candidates(trials, RobustnessSpec.from_spread(3.0), slope_ratio=1.0) if one.feasible]
 
 
 def tarc_of_loop(one, values):
@@ -52,7 +52,7 @@ def test_rounding_never_steepens_the_slope():
             boundary_layer=boundary_layer,
             max_gain=slope * boundary_layer / gain_factor,
             gain_factor=gain_factor,
-        ).options()
+        ).law_options()
         assert (1 - 3e-4) * slope < values["gain_factor"] * values["max_gain"] / values["boundary_layer"] <= slope
 
 
@@ -65,10 +65,10 @@ def test_scaling_laws(loops):
             small.rise_rate,
             small.fall_rate,
         )  # which are rates over the error's size
-        assert small.rise_rate == pytest.approx(RATIO * small.fall_rate)
+        assert small.rise_rate == pytest.approx(RISE_TO_FALL * small.fall_rate)
         assert small.max_gain == pytest.approx(one.slope * small.boundary_layer)
         assert small.min_gain == pytest.approx(small.max_gain / 100)
-        steeper = choose_adaptation(replace(one, slope=2 * one.slope), 2.0)
+        steeper = choose_adaptation(replace(one, robust_slope=2 * one.slope), 2.0)
         assert steeper.boundary_layer == small.boundary_layer
         assert steeper.max_gain == pytest.approx(2 * small.max_gain)
         assert steeper.fall_rate == pytest.approx(2 * small.fall_rate)
@@ -76,22 +76,24 @@ def test_scaling_laws(loops):
 
 def test_boundary_is_the_greatest_error_after_the_step_and_above_the_noise(loops):
     for one in loops:
-        least = 2.0 * max(peak(one.channel(), ratio * one.scale) for ratio in (1.0, 3.0))
+        least = 2.0 * max(peak_error(one.channel(), ratio * one.scale) for ratio in (1.0, 3.0))
         assert choose_adaptation(one, 2.0).boundary_layer == pytest.approx(least)
-        assert choose_adaptation(one, 2.0, noise=least / QUANTA / 2).boundary_layer == pytest.approx(least)
-        assert choose_adaptation(one, 2.0, noise=least).boundary_layer == pytest.approx(QUANTA * least)
+        assert choose_adaptation(one, 2.0, noise=least / MIN_LAYER_TO_NOISE / 2).boundary_layer == pytest.approx(least)
+        assert choose_adaptation(one, 2.0, noise=least).boundary_layer == pytest.approx(MIN_LAYER_TO_NOISE * least)
 
 
 @pytest.mark.parametrize("spread", [1.1, 1.5, 2.0])
 def test_a_narrow_spread_near_the_upper_end_does_not_widen_the_layer(spread):
     """Ratios beyond the spread, where the loop may be unstable, do not come into it."""
     trials = enumerate_candidates(PERIOD, natural_frequencies=[10.0], windows=[4, 10, 20], degrees=[2])
-    able = [one for one in assess_candidates(trials, RobustnessSpec.plain(spread), slope_share=1.0) if one.feasible]
+    able = [
+        one for one in assess_candidates(trials, RobustnessSpec.from_spread(spread), slope_ratio=1.0) if one.feasible
+    ]
     assert len(able) > 10
     for one in able:
         values = choose_adaptation(one, 1.0)
         # at rest the stiffness that an integrating loop shows is no less than some share of ρ K1
-        assert values.boundary_layer < 20.0 / (one.natural_frequency**2 * one.scale)
+        assert values.boundary_layer < 20.0 / (one.natural_frequency**2 * one.inertia_scale)
         assert np.isfinite(values.max_gain)
 
 
@@ -101,13 +103,13 @@ def test_boundary_of_a_simulated_step(synchronised):
     trials = enumerate_candidates(
         PERIOD, natural_frequencies=[10.0], windows=[8], degrees=[2], synchronised=[synchronised]
     )
-    one = assess_candidates(trials, RobustnessSpec.plain(2.0), slope_share=1.0)[0]
+    one = assess_candidates(trials, RobustnessSpec.from_spread(2.0), slope_ratio=1.0)[0]
     values = choose_adaptation(one, 3.0)
     still = signals.Sinusoid(amplitude=[0.0], frequency=1.0, offset=[0.0])
     greatest = []
     for mass in (1.0, 0.5):
         robot = plants.MassSpringDamper(masses=(mass,), springs=(0.0,), dampers=(0.0,))
-        law = laws.TDC(inertia=one.scale, estimator=one.estimator, **one.options())
+        law = laws.TDC(inertia=one.inertia_scale, estimator=one.estimator, **one.law_options())
         step = signals.Step(amplitude=[3.0 * mass])
         run = tarc.simulate(robot, law, still, 3.0, disturbance=step, progress=False)
         greatest.append(np.abs(run.data["position"].values).max())
@@ -140,7 +142,7 @@ def test_time_to_empty_and_to_fill_the_cap(loops):
             state = step(law, state, values.boundary_layer * (1 + 1e-6 * k))
             gains.append(float(state.gain))
         filled = np.argmax(np.array(gains) > 0.9999 * law.max_gain)
-        assert filled == pytest.approx(periods / RATIO, abs=0.03 * periods + 2)
+        assert filled == pytest.approx(periods / RISE_TO_FALL, abs=0.03 * periods + 2)
 
 
 @pytest.mark.parametrize("payload", [0.0, 0.5, 2.0])
@@ -189,4 +191,4 @@ def test_bad_input(loops):
         with pytest.raises(TarcError, match="expected"):
             choose_adaptation(one, expected)
     with pytest.raises(TarcError, match="slope"):
-        choose_adaptation(replace(one, slope=0.0), 1.0)
+        choose_adaptation(replace(one, robust_slope=0.0), 1.0)

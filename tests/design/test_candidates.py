@@ -16,7 +16,7 @@ from tarc.analysis.inertia_ratio import inertia_spread
 from tarc.analysis.inertia_shape import best_inertia_shape
 from tarc.analysis.operating_points import Mismatches
 from tarc.certificates import certify_robot, certify_varying_ratio
-from tarc.design.candidates import assess_candidates, enumerate_candidates, pareto_front, peak, settling
+from tarc.design.candidates import assess_candidates, enumerate_candidates, pareto_front, peak_error, step_error
 from tarc.design.robustness import RobustnessSpec
 
 PERIOD = 1e-3
@@ -44,7 +44,7 @@ def hand_recurrence(one):
     )
 
 
-def step_error(one, ratio, steps):
+def recurrence_errors(one, ratio, steps):
     """Error after a step of 1 rad/s², by running the recurrence."""
     A, B, _, _ = state_matrices(UncertainCase(hand_recurrence(one), ratio))
     x, errors = np.zeros(len(A)), np.zeros(steps)
@@ -56,11 +56,13 @@ def step_error(one, ratio, steps):
 
 def feasible_candidates(spread, seed=0, count=12, **options):
     """Some that bear a spread, of a random choice of all."""
-    slope_share = options.pop("slope_share", 0.0)
+    slope_ratio = options.pop("slope_ratio", 0.0)
     trials = enumerate_candidates(PERIOD, **options)
     some = [trials[i] for i in np.random.default_rng(seed).choice(len(trials), 60, replace=False)]
     able = [
-        one for one in assess_candidates(some, RobustnessSpec.plain(spread), slope_share=slope_share) if one.feasible
+        one
+        for one in assess_candidates(some, RobustnessSpec.from_spread(spread), slope_ratio=slope_ratio)
+        if one.feasible
     ]
     return able[:: max(len(able) // count, 1)]
 
@@ -74,25 +76,27 @@ def test_reach_is_the_ratio_of_the_widest_ball(window, synchronised, known):
     trials = enumerate_candidates(
         PERIOD, natural_frequencies=[10.0], windows=[window], degrees=[2], synchronised=[synchronised]
     )
-    (reach,) = {one.reach for one in assess_candidates(trials, RobustnessSpec.plain(2.0))}
+    (reach,) = {one.max_spread for one in assess_candidates(trials, RobustnessSpec.from_spread(2.0))}
     widest = certify_varying_ratio(make_tdc(window, synchronised)).numbers["ratio"]
     assert 0.98 * widest < reach < 1.001 * widest
     assert 0.96 * known < reach < 1.01 * known
 
 
-@pytest.mark.parametrize(("slope_share", "rate"), [(0.0, 0.3), (1.0, 0.3), (0.0, 5.0)])
-def test_what_bears_a_spread_within_a_speed_is_certified(slope_share, rate):
+@pytest.mark.parametrize(("slope_ratio", "rate"), [(0.0, 0.3), (1.0, 0.3), (0.0, 5.0)])
+def test_what_bears_a_spread_within_a_speed_is_certified(slope_ratio, rate):
     """By the ball for the rate that M̂ = scale X makes of it; most of them are not for any speed."""
     spread = 12.0
     trials = enumerate_candidates(PERIOD, natural_frequencies=[5.0, 10.0, 20.0], windows=[5, 10], degrees=[2])
-    looked = assess_candidates(trials, RobustnessSpec.plain(spread, rate), slope_share=slope_share)
+    looked = assess_candidates(trials, RobustnessSpec.from_spread(spread, rate), slope_ratio=slope_ratio)
     able = [one for one in looked if one.feasible]
     at_once = []
     for one in able:
-        ends = one.scale, one.scale * spread
-        slow = certify_varying_ratio(tdc_of_candidate(one), contains=ends, slope=one.slope, rate=rate / one.scale)
+        ends = one.inertia_scale, one.inertia_scale * spread
+        slow = certify_varying_ratio(
+            tdc_of_candidate(one), contains=ends, slope=one.robust_slope, rate=rate / one.inertia_scale
+        )
         assert slow.certified, one
-        at_once.append(certify_varying_ratio(tdc_of_candidate(one), contains=ends, slope=one.slope).certified)
+        at_once.append(certify_varying_ratio(tdc_of_candidate(one), contains=ends, slope=one.robust_slope).certified)
     assert len(able) > 3
     assert not all(at_once)
 
@@ -101,7 +105,7 @@ def test_a_slower_robot_is_borne_at_more_bandwidth():
     trials = enumerate_candidates(PERIOD, windows=[8], degrees=[2])
 
     def fastest(rate):
-        looked = assess_candidates(trials, RobustnessSpec.plain(15.0, rate))
+        looked = assess_candidates(trials, RobustnessSpec.from_spread(15.0, rate))
         return max((one.natural_frequency for one in looked if one.feasible), default=0.0)
 
     speeds = [fastest(rate) for rate in (np.inf, 3.0, 0.1)]
@@ -110,22 +114,22 @@ def test_a_slower_robot_is_borne_at_more_bandwidth():
 
 
 @pytest.mark.parametrize("delay", [0, 1, 2, 3])
-@pytest.mark.parametrize("slope_share", [0.0, 1.0])
+@pytest.mark.parametrize("slope_ratio", [0.0, 1.0])
 @pytest.mark.parametrize("spread", [1.7, 5.0])
-def test_what_bears_a_spread_is_certified(delay, slope_share, spread):
-    able = feasible_candidates(spread, computation_delay=delay, slope_share=slope_share)
+def test_what_bears_a_spread_is_certified(delay, slope_ratio, spread):
+    able = feasible_candidates(spread, computation_delay=delay, slope_ratio=slope_ratio)
     assert len(able) > 3
     for one in able:
-        assert one.slope == pytest.approx(slope_share * one.natural_frequency**2)
-        assert one.spread == spread
-        options = {"slope": one.slope, "computation_delay": delay}
+        assert one.robust_slope == pytest.approx(slope_ratio * one.natural_frequency**2)
+        assert one.required_spread == spread
+        options = {"slope": one.robust_slope, "computation_delay": delay}
         assert certify_varying_ratio(
-            tdc_of_candidate(one), contains=(one.scale, one.scale * spread), **options
+            tdc_of_candidate(one), contains=(one.inertia_scale, one.inertia_scale * spread), **options
         ).certified, one
-        there = certify_varying_ratio(tdc_of_candidate(one), one.scale * (1 + spread) / 2, **options).numbers
-        borne = spread * (1 + one.room)
+        there = certify_varying_ratio(tdc_of_candidate(one), one.inertia_scale * (1 + spread) / 2, **options).numbers
+        borne = spread * (1 + one.spread_margin)
         assert there["radius"] / there["centre"] == pytest.approx((borne - 1) / (borne + 1), rel=0.03)
-        assert one.room > 0.09
+        assert one.spread_margin > 0.09
 
 
 def test_what_bears_a_robot_with_gravity_is_certified_on_it():
@@ -135,17 +139,17 @@ def test_what_bears_a_robot_with_gravity_is_certified_on_it():
     shape, _ = best_inertia_shape(both, box, samples=200)
     ends = inertia_spread(both, shape, box, samples=200)
     shape = shape / ends.min_ratio
-    demand = RobustnessSpec.of_robot(both, box, shape, ends)
-    assert np.all(demand.shares > RobustnessSpec.plain(ends.ratio).shares)
-    assert np.all(np.diff(demand.shares) <= 0)  # more weight, less share of the stiffness
+    demand = RobustnessSpec.from_robot(both, box, shape, ends)
+    assert np.all(demand.radius_ratios > RobustnessSpec.from_spread(ends.ratio).radius_ratios)
+    assert np.all(np.diff(demand.radius_ratios) <= 0)  # more weight, less share of the stiffness
     trials = enumerate_candidates(PERIOD, natural_frequencies=[2.0, 5.0, 10.0], windows=[3, 6, 12], degrees=[2])
     able = [one for one in assess_candidates(trials, demand) if one.feasible]
-    without = [one for one in assess_candidates(trials, RobustnessSpec.plain(ends.ratio)) if one.feasible]
+    without = [one for one in assess_candidates(trials, RobustnessSpec.from_spread(ends.ratio)) if one.feasible]
     # gravity takes what a small inertia would do without it
-    assert min(one.scale for one in able) > 1.5 * min(one.scale for one in without)
+    assert min(one.inertia_scale for one in able) > 1.5 * min(one.inertia_scale for one in without)
     for one in able[:: max(len(able) // 8, 1)]:
         assert certify_robot(tdc_of_candidate(one, shape), both, box, samples=200).certified, one
-    low = min(without, key=lambda one: one.scale)
+    low = min(without, key=lambda one: one.inertia_scale)
     assert not certify_robot(tdc_of_candidate(low, shape), both, box, samples=200).certified
 
 
@@ -162,24 +166,24 @@ def test_peaks_between_the_frequencies_are_seen():
                 delays=[3 - delay],
                 computation_delay=delay,
             )
-            (one,) = assess_candidates(trials, RobustnessSpec.plain(4.0))
+            (one,) = assess_candidates(trials, RobustnessSpec.from_spread(4.0))
             assert not one.feasible
-            assert one.reach < 3.0
+            assert one.max_spread < 3.0
 
 
 @pytest.mark.parametrize("delay", [0, 2])
 def test_settling_and_peak_are_those_of_the_loop_run(delay):
     checked = 0
     for one in feasible_candidates(4.0, seed=1, computation_delay=delay):
-        for ratio in (one.scale, 4.0 * one.scale):
+        for ratio in (one.inertia_scale, 4.0 * one.inertia_scale):
             steps = int(40 / (one.natural_frequency * PERIOD)) + 5000
-            errors = step_error(one, ratio, steps)
+            errors = recurrence_errors(one, ratio, steps)
             if abs(errors[-1]) > 1e-6 * np.abs(errors).max():  # too slow to be seen to settle
                 continue
             checked += 1
             channel = one.channel()
-            assert settling(channel, ratio) == pytest.approx(np.sqrt(PERIOD * np.sum(errors**2)), rel=1e-5)
-            assert peak(channel, ratio) == pytest.approx(np.abs(errors[:4000]).max(), rel=1e-6)
+            assert step_error(channel, ratio) == pytest.approx(np.sqrt(PERIOD * np.sum(errors**2)), rel=1e-5)
+            assert peak_error(channel, ratio) == pytest.approx(np.abs(errors[:4000]).max(), rel=1e-6)
     assert checked > 10
 
 
@@ -187,7 +191,7 @@ def test_settling_and_peak_are_those_of_the_loop_run(delay):
 def test_noise_and_error_are_those_of_the_loop_run(delay):
     """The response to a single measurement off by one holds the root mean square of white noise."""
     for one in feasible_candidates(4.0, seed=2, computation_delay=delay):
-        ratios = one.scale * np.array([1.0, 2.0, 4.0])
+        ratios = one.inertia_scale * np.array([1.0, 2.0, 4.0])
         sizes = []
         for ratio in ratios:
             law = hand_recurrence(one)
@@ -196,8 +200,10 @@ def test_noise_and_error_are_those_of_the_loop_run(delay):
             top = np.polynomial.polynomial.polymul(law.q, [1.0, -2.0, 1.0])
             answer = np.asarray(lfilter(top, loop_polynomials(law, ratio).closed, pulse))
             sizes.append(np.sqrt(np.sum(answer**2)))
-        assert one.noise == pytest.approx(one.scale * max(sizes), rel=1e-4)
-        assert one.error == pytest.approx(max(r / one.scale * settling(one.channel(), r) for r in ratios), rel=1e-9)
+        assert one.noise == pytest.approx(one.inertia_scale * max(sizes), rel=1e-4)
+        assert one.error == pytest.approx(
+            max(r / one.inertia_scale * step_error(one.channel(), r) for r in ratios), rel=1e-9
+        )
 
 
 @pytest.mark.parametrize("synchronised", [False, True])
@@ -206,7 +212,7 @@ def test_noise_and_error_of_a_simulated_robot(synchronised):
     trials = enumerate_candidates(
         PERIOD, natural_frequencies=[20.0], windows=[8], degrees=[2], synchronised=[synchronised]
     )
-    one = assess_candidates(trials, RobustnessSpec.plain(4.0))[1]
+    one = assess_candidates(trials, RobustnessSpec.from_spread(4.0))[1]
     still = signals.Sinusoid(amplitude=[0.0], frequency=1.0, offset=[0.0])
     noises, errors = [], []
     for ratio in (1.0, 2.0, 4.0):
@@ -222,7 +228,9 @@ def test_noise_and_error_of_a_simulated_robot(synchronised):
 
 
 def test_front_is_not_dominated_and_dominates_the_rest():
-    looked = assess_candidates(enumerate_candidates(PERIOD, windows=[4, 8, 15], degrees=[2]), RobustnessSpec.plain(4.0))
+    looked = assess_candidates(
+        enumerate_candidates(PERIOD, windows=[4, 8, 15], degrees=[2]), RobustnessSpec.from_spread(4.0)
+    )
     best = pareto_front(looked)
     assert len(best) > 5
     assert [one.noise for one in best] == sorted(one.noise for one in best)
@@ -247,7 +255,9 @@ def test_delays_of_literal_laws(late, delays):
     assert {one.delay for one in trials if not one.synchronised} == delays
     assert {one.delay for one in trials if one.synchronised} == {1}
     literal = [
-        one for one in assess_candidates(trials, RobustnessSpec.plain(1.4)) if one.feasible and not one.synchronised
+        one
+        for one in assess_candidates(trials, RobustnessSpec.from_spread(1.4))
+        if one.feasible and not one.synchronised
     ]
     assert {one.delay for one in literal} == {max(delays)}
     for one in literal[:3]:
@@ -272,49 +282,51 @@ def test_more_is_asked_for_fewer_do():
 
     def able(spread, **options):
         steps.clear()
-        looked = assess_candidates(trials, RobustnessSpec.plain(spread), done=lambda: steps.append(1), **options)
+        looked = assess_candidates(trials, RobustnessSpec.from_spread(spread), done=lambda: steps.append(1), **options)
         assert len(steps) == len(trials)
         return {(o.window, o.degree, o.synchronised, o.natural_frequency) for o in looked if o.feasible}
 
-    some, wider, roomier, steeper = able(4.0), able(12.0), able(4.0, room=1.5), able(4.0, slope_share=3.0)
+    some, wider, roomier, steeper = able(4.0), able(12.0), able(4.0, min_margin=1.5), able(4.0, slope_ratio=3.0)
     for fewer in (wider, roomier, steeper):
         assert fewer < some
     assert not able(200.0)
-    closely = assess_candidates(trials[:30], RobustnessSpec.plain(4.0), closely=True)
-    few = assess_candidates(trials[:30], RobustnessSpec.plain(4.0))
-    assert {one.scale for one in few} < {one.scale for one in closely}
+    closely = assess_candidates(trials[:30], RobustnessSpec.from_spread(4.0), exhaustive=True)
+    few = assess_candidates(trials[:30], RobustnessSpec.from_spread(4.0))
+    assert {one.inertia_scale for one in few} < {one.inertia_scale for one in closely}
 
 
 def test_a_spread_of_nothing_and_gains_that_make_no_law():
     trials = enumerate_candidates(PERIOD, natural_frequencies=[10.0], windows=[5], degrees=[2])
-    single = assess_candidates(trials, RobustnessSpec.plain(1.0))
+    single = assess_candidates(trials, RobustnessSpec.from_spread(1.0))
     assert any(one.feasible for one in single)
     for one in single:
         if one.feasible:
-            assert certify_varying_ratio(tdc_of_candidate(one), contains=(one.scale, one.scale)).certified
+            assert certify_varying_ratio(
+                tdc_of_candidate(one), contains=(one.inertia_scale, one.inertia_scale)
+            ).certified
     assert (
         assess_candidates(
             enumerate_candidates(PERIOD, natural_frequencies=[10.0], windows=[5], damping_ratio=-1.0),
-            RobustnessSpec.plain(2.0),
+            RobustnessSpec.from_spread(2.0),
         )
         == []
     )
 
 
 def test_demand():
-    plain = RobustnessSpec.plain(4.0)
-    np.testing.assert_allclose(plain.shares, [0.6])
-    np.testing.assert_array_equal(plain.weights, [0.0])
+    plain = RobustnessSpec.from_spread(4.0)
+    np.testing.assert_allclose(plain.radius_ratios, [0.6])
+    np.testing.assert_array_equal(plain.stiffness_weights, [0.0])
     E = np.array([np.eye(2), 4.0 * np.eye(2), np.diag([1.0, 4.0])])
-    none = RobustnessSpec.of(4.0, Mismatches(E, 0 * E, 0 * E))
-    np.testing.assert_array_equal(none.shares, plain.shares)
+    none = RobustnessSpec.from_samples(4.0, Mismatches(E, 0 * E, 0 * E))
+    np.testing.assert_array_equal(none.radius_ratios, plain.radius_ratios)
     H = np.array([10.0 * np.eye(2), 0 * np.eye(2), 0 * np.eye(2)])
-    some = RobustnessSpec.of(4.0, Mismatches(E, H, 0 * E))
+    some = RobustnessSpec.from_samples(4.0, Mismatches(E, H, 0 * E))
     # the first posture alone: [1 − 2.5, 10/η] over 2.5
-    expected = np.hypot(1.5, 10.0 / some.weights) / 2.5
-    np.testing.assert_allclose(some.shares, np.maximum(expected, 0.6))
+    expected = np.hypot(1.5, 10.0 / some.stiffness_weights) / 2.5
+    np.testing.assert_allclose(some.radius_ratios, np.maximum(expected, 0.6))
     for wrong in (0.5, np.nan, np.inf):
         with pytest.raises(TarcError, match="spread"):
-            RobustnessSpec.plain(wrong)
+            RobustnessSpec.from_spread(wrong)
     with pytest.raises(TarcError, match="period"):
         enumerate_candidates(0.0)

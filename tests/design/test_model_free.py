@@ -13,7 +13,7 @@ ARM = tarc.plants.TwoLinkArm(viscous=[1.0, 1.0], coulomb=[1.0, 0.5])
 def test_from_positions_and_torques_to_tracking():
     """The robot's model is used by the simulation alone."""
     measured = identify(ARM, sensor=tarc.signals.Encoder(bits=17), duration=10.0, diagonal=False).inertia
-    made = design_without_model(measured, 12.0, 8.0, expected=10.0)
+    made = design_without_model(measured, 12.0, 8.0, expected_step=10.0)
     assert made.certificate.certified
     assert made.certificate.verify()
     sines = tarc.signals.Sinusoid(amplitude=0.4, frequency=[1.5, 2.1], phase=np.pi / 2, offset=[0.0, 1.2])
@@ -26,7 +26,7 @@ def test_from_positions_and_torques_to_tracking():
 def test_what_is_certified_is_what_was_asked_for(expected):
     """The ball holds every M whose eigenvalues against the one measured are within √spread, either way."""
     M = np.array([[3.0, 1.0], [1.0, 1.0]])
-    made = design_without_model(M, 16.0, 5.0, expected=expected)
+    made = design_without_model(M, 16.0, 5.0, expected_step=expected)
     low, high = made.certificate.numbers["low"], made.certificate.numbers["high"]
     for factor in (0.25, 1.0, 4.0):
         ratios = np.linalg.eigvals(np.linalg.solve(factor * M, made.law.M)).real

@@ -5,7 +5,7 @@ import pytest
 
 from tarc import plants
 from tarc.design import design_controller
-from tarc.design.selection import NEAR, NOISE
+from tarc.design.selection import DEFAULT_NOISE_BUDGET, MAX_BUDGET_FACTOR
 
 ARM = plants.TwoLinkArm()
 LIMITS = np.array([100.0, 50.0])
@@ -13,7 +13,7 @@ LIMITS = np.array([100.0, 50.0])
 
 def design_arm(**options):
     return design_controller(
-        ARM, payload=(0.0, 1.0), torque_limit=LIMITS, speed=1.0, samples=100, progress=False, **options
+        ARM, payload=(0.0, 1.0), torque_limits=LIMITS, speed=1.0, samples=100, progress=False, **options
     )
 
 
@@ -21,7 +21,7 @@ def noise_levels(found):
     """Torque noise over the limit of each loop on the front, where it is greatest, and of the one chosen."""
     sigma = found.sensor.step_size / 12**0.5
     share = np.max(np.linalg.norm(found.shape * sigma, axis=1) / LIMITS)
-    return np.array([one.noise for one in found.front]) * share, found.chosen.noise * share
+    return np.array([one.noise for one in found.front]) * share, found.candidate.noise * share
 
 
 @pytest.fixture(scope="module")
@@ -31,29 +31,31 @@ def default_design():
 
 def test_noise_beyond_the_budget_is_traded_against_error(default_design):
     noise, level = noise_levels(default_design)
-    free = max(NOISE, noise.min())
-    assert level <= NEAR * free
+    free = max(DEFAULT_NOISE_BUDGET, noise.min())
+    assert level <= MAX_BUDGET_FACTOR * free
     assert level == pytest.approx(np.max(default_design.torque_noise / LIMITS))
     worth = np.maximum(noise, free) ** 2 * [one.error for one in default_design.front]
-    assert max(level, free) ** 2 * default_design.chosen.error == pytest.approx(worth[noise <= NEAR * free].min())
+    assert max(level, free) ** 2 * default_design.candidate.error == pytest.approx(
+        worth[noise <= MAX_BUDGET_FACTOR * free].min()
+    )
 
 
 def test_a_budget_that_is_given_is_kept_and_used(default_design):
     _, level = noise_levels(default_design)
     for share in (0.5, 3.0):
-        given = design_arm(noise=share * level)
+        given = design_arm(noise_budget=share * level)
         noise, now = noise_levels(given)
         assert now <= share * level
-        assert given.chosen.error == min(
+        assert given.candidate.error == min(
             one.error for one, size in zip(given.front, noise, strict=True) if size <= share * level
         )
         assert given.certificates["robot"].certified
-        assert (given.chosen.error < default_design.chosen.error) == (share > 1)
+        assert (given.candidate.error < default_design.candidate.error) == (share > 1)
 
 
 def test_a_slower_robot_has_no_worse_a_loop(default_design):
-    slow = design_controller(ARM, payload=(0.0, 1.0), torque_limit=LIMITS, speed=0.2, samples=100, progress=False)
-    assert slow.chosen.error <= 1.1 * default_design.chosen.error
+    slow = design_controller(ARM, payload=(0.0, 1.0), torque_limits=LIMITS, speed=0.2, samples=100, progress=False)
+    assert slow.candidate.error <= 1.1 * default_design.candidate.error
     assert slow.certificates["robot"].numbers["rate"] < default_design.certificates["robot"].numbers["rate"]
 
 

@@ -10,7 +10,7 @@ from tarc import TarcError
 from tarc.analysis import Workspace
 from tarc.certificates import certify_robot
 from tarc.design import design_controller
-from tarc.design.stress import FINE, stress_test
+from tarc.design.stress import TOLERANCE, stress_test
 from tarc.estimators import Algebraic
 from tarc.plants import TwoLinkArm
 
@@ -25,7 +25,7 @@ def arm_design():
         patch.setattr(import_module("tarc.design.selection"), "WINDOWS", (12,))
         patch.setattr(import_module("tarc.design.enumerate_candidates"), "BANDWIDTHS", (8.0,))
         space = Workspace.box([-np.pi, -2.0], [np.pi, 2.0], speed=[1.0, 2.0])
-        return design_controller(TwoLinkArm(), payload=(0, 0.5), workspace=space, torque_limit=LIMIT, samples=SAMPLES)
+        return design_controller(TwoLinkArm(), payload=(0, 0.5), workspace=space, torque_limits=LIMIT, samples=SAMPLES)
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def is_certified(arm_design, law=None, mass=None, delay=0):
 def test_payload_lies_between_certified_and_not(arm_design, stress_limits):
     one = stress_limits["payload"]
     assert 0.5 <= one.value < one.beyond
-    assert one.beyond - one.value <= 2 * FINE * one.beyond
+    assert one.beyond - one.value <= 2 * TOLERANCE * one.beyond
     masses = [0.9 * one.value, one.value, one.beyond, 1.5 * one.beyond]
     assert [is_certified(arm_design, mass=mass) for mass in masses] == [True, True, False, False]
     assert one.verdict.startswith("certified")
@@ -51,16 +51,16 @@ def test_payload_lies_between_certified_and_not(arm_design, stress_limits):
 
 def law_at_rate(arm_design, rate):
     """The law at another rate, its window as near as whole periods allow."""
-    window = arm_design.chosen.window * arm_design.law.period
-    count = max(round(window * rate), arm_design.chosen.degree)
-    estimator = Algebraic(window=count / rate, degree=arm_design.chosen.degree)
+    window = arm_design.candidate.window * arm_design.law.period
+    count = max(round(window * rate), arm_design.candidate.degree)
+    estimator = Algebraic(window=count / rate, degree=arm_design.candidate.degree)
     return replace(arm_design.law, period=1 / rate, estimator=estimator)
 
 
 def test_rate_lies_between_certified_and_not(arm_design, stress_limits):
     one = stress_limits["rate"]
     assert one.beyond < one.value <= 1 / arm_design.law.period
-    assert one.value - one.beyond <= 3 * FINE * one.value
+    assert one.value - one.beyond <= 3 * TOLERANCE * one.value
     assert [is_certified(arm_design, law=law_at_rate(arm_design, rate)) for rate in (one.value, one.beyond)] == [
         True,
         False,
@@ -94,13 +94,13 @@ def test_bits_by_the_noise_that_was_predicted(arm_design, stress_limits):
     own = np.max(arm_design.torque_noise / LIMIT)
     allowed = max(0.05, own)
     assert own * 2 ** (17 - one.value) <= allowed < own * 2 ** (17 - one.beyond)
-    looser = stress_test(arm_design, questions="bits", noise=4.1 * allowed, simulate=False)["bits"]
+    looser = stress_test(arm_design, questions="bits", noise_budget=4.1 * allowed, simulate=False)["bits"]
     assert looser.value == one.value - 2
     assert looser.run is looser.confirmed is None
 
 
 def test_own_noise_is_always_allowed(arm_design):
-    one = stress_test(arm_design, questions=["bits"], noise=1e-9, simulate=False)["bits"]
+    one = stress_test(arm_design, questions=["bits"], noise_budget=1e-9, simulate=False)["bits"]
     assert one.value == 17
 
 
@@ -145,7 +145,7 @@ def test_questions_that_do_not_apply(arm_design, monkeypatch):
     ("options", "message"),
     [
         ({"questions": ["paylod"]}, "Did you mean 'payload'?"),
-        ({"noise": 0}, "noise: got 0; needs a finite number above 0"),
+        ({"noise_budget": 0}, "noise_budget: got 0; needs a finite number above 0"),
         ({"duration": 0.1}, "duration: got 0.1; needs a finite number of at least 1"),
     ],
 )

@@ -228,8 +228,8 @@ def design(
     from tarc.core.errors import TarcError
     from tarc.design import design_controller as choose
     from tarc.design import stress_test as stands
-    from tarc.design.robot_facts import rated, within
-    from tarc.design.writer import save, target
+    from tarc.design.robot_facts import joint_workspace, velocity_limits
+    from tarc.design.writer import check_writable, save
     from tarc.plants import MujocoPlant
     from tarc.signals import Encoder
 
@@ -246,19 +246,19 @@ def design(
     asked = {
         "period": 1 / check.number("--rate", rate, 0, strict=True),
         "sensor": Encoder(bits=check.integer("--encoder-bits", encoder_bits, 1, 52)),
-        "workspace": within(plant, reach).with_speed_limits(rated(plant)),
+        "workspace": joint_workspace(plant, reach).with_speed_limits(velocity_limits(plant)),
         "speed": _numbers("--speed", speed),
         "acceleration": _numbers("--acceleration", acceleration),
-        "torque_limit": _numbers("--torque-limit", torque_limit),
+        "torque_limits": _numbers("--torque-limit", torque_limit),
         "law": check.one_of("--law", law.lower(), ("tarc", "tdc")).upper(),
     }
-    here = target(out)
+    here = check_writable(out)
     result = choose(
         plant,
         payload=payload,
         natural_frequency=natural_frequency,
         damping_ratio=damping,
-        noise=noise,
+        noise_budget=noise,
         diagonal=diagonal,
         computation_delay=computation_delay,
         samples=samples,

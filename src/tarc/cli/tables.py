@@ -250,10 +250,10 @@ def _noise(design: "Design") -> list[tuple[str, float, float | None]]:
 
 def print_design(design: "Design", files: list[Path]) -> None:
     """What was chosen and why, the verdict, the torque noise to be expected, and where the files are."""
-    from tarc.design.writer import name_of
+    from tarc.design.writer import plant_name
 
     console = Console()
-    title = f"{type(design.law).__name__} for {name_of(design.plants[0])}, {1 / design.law.period:g} Hz"
+    title = f"{type(design.law).__name__} for {plant_name(design.plants[0])}, {1 / design.law.period:g} Hz"
     table = Table(title=title, title_justify="left", show_lines=True)
     table.add_column("choice", width=12)
     table.add_column("value", max_width=24)
@@ -272,18 +272,18 @@ def print_design(design: "Design", files: list[Path]) -> None:
     ]
     console.print(f"predicted torque noise, RMS (of the limit): {', '.join(noise)}", highlight=False)
     loudest = max((share for _, _, share in _noise(design) if share is not None), default=0.0)
-    least = loudest * design.front[0].noise / design.chosen.noise
-    if design.budget is not None and loudest > 1.0001 * design.budget >= 1.0001 * least:
+    least = loudest * design.front[0].noise / design.candidate.noise
+    if design.noise_budget is not None and loudest > 1.0001 * design.noise_budget >= 1.0001 * least:
         console.print(
-            f"[yellow]torque noise is above {100 * design.budget:.3g} %, for it buys more than its square in error; "
-            f"--noise {design.budget:g} keeps to it[/]",
+            f"[yellow]torque noise is above {100 * design.noise_budget:.3g} %: the error falls faster than its square; "
+            f"--noise {design.noise_budget:g} keeps to it[/]",
             highlight=False,
         )
-    elif design.budget is not None and loudest > 1.0001 * design.budget:
+    elif design.noise_budget is not None and loudest > 1.0001 * design.noise_budget:
         console.print(
-            f"[yellow]torque noise is above the {100 * design.budget:.3g} % aimed at, for no certified loop makes so "
-            f"little: an encoder with {math.ceil(math.log2(loudest / design.budget))} more bits would, and more rotor "
-            "inertia, less payload or a smaller reach lower it[/]",
+            f"[yellow]torque noise is above {100 * design.noise_budget:.3g} %: no certified loop has less. "
+            f"An encoder with {math.ceil(math.log2(loudest / design.noise_budget))} more bits keeps to it; more rotor "
+            "inertia, less payload or a smaller joint range lower the noise[/]",
             highlight=False,
         )
     console.print("written: " + ", ".join(escape(str(file)) for file in files), soft_wrap=True)

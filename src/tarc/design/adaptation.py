@@ -7,12 +7,12 @@ import numpy as np
 
 from tarc.analysis.workspace import Workspace
 from tarc.core import validation as check
-from tarc.design.candidates import Candidate, peak
+from tarc.design.candidates import Candidate, peak_error
 from tarc.plants.base import Plant
 
-RATIO = 3.0
+RISE_TO_FALL = 3.0
 """Rise over fall."""
-QUANTA = 5.0
+MIN_LAYER_TO_NOISE = 5.0
 """The boundary layer is never thinner than so many standard deviations of the measurement noise."""
 
 
@@ -33,7 +33,7 @@ class Adaptation:
     max_gain: float
     gain_factor: float = 1.0
 
-    def options(self) -> dict[str, float]:
+    def law_options(self) -> dict[str, float]:
         """As keyword arguments of the law, rounded to four digits, the cap so that its slope does not grow."""
         rounded = {name: float(f"{value:.4g}") for name, value in asdict(self).items()}
         slope = self.gain_factor * self.max_gain / self.boundary_layer
@@ -68,14 +68,14 @@ def choose_adaptation(candidate: Candidate, expected: float, *, noise: float = 0
     Paper, Section III-B, on what is too high and too low; theory of the slope: `tarc.certificates.certify_sector`.
     """
     check.number("expected", expected, 0, strict=True)
-    slope = check.number("slope", candidate.slope, 0, strict=True)
+    slope = check.number("robust_slope", candidate.robust_slope, 0, strict=True)
     channel = candidate.channel()
-    response = max(peak(channel, candidate.scale * ratio) for ratio in (1.0, candidate.spread))
-    boundary_layer = max(expected * response, QUANTA * noise)
+    response = max(peak_error(channel, candidate.inertia_scale * ratio) for ratio in (1.0, candidate.required_spread))
+    boundary_layer = max(expected * response, MIN_LAYER_TO_NOISE * noise)
     max_gain = slope * boundary_layer
     rate = slope * candidate.natural_frequency
     return Adaptation(
-        rise_rate=RATIO * rate,
+        rise_rate=RISE_TO_FALL * rate,
         fall_rate=rate,
         min_gain=max_gain / 100,
         boundary_layer=boundary_layer,

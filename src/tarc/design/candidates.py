@@ -15,39 +15,39 @@ from tarc.analysis.uncertain_loop import Parts, Responses, parts_of, system
 from tarc.certificates.iqc import best_multiplier
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
-from tarc.design.robustness import RobustnessSpec, share_of, spread_of
+from tarc.design.robustness import RobustnessSpec, radius_ratio_of, spread_of
 from tarc.estimators.algebraic import Algebraic
 from tarc.laws.tdc import TDC
 from tarc.numerics.norms import h2_norm
 
 WINDOWS = (3, 4, 5, 6, 8, 10, 12, 15, 20, 25, 30)
 """Windows tried, in periods."""
-BANDWIDTHS = (2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0, 60.0, 90.0, 130.0)
+NATURAL_FREQUENCIES = (2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0, 60.0, 90.0, 130.0)
 """Bandwidths tried [rad/s] at a period of 1 ms; at another they scale with the rate."""
-TRIED = 6
+MAX_CENTRES = 6
 """Most centres at which a loop is looked at on the first pass."""
-CLOSELY = 16
+MAX_CENTRES_EXHAUSTIVE = 16
 """And on a second."""
 CENTRES = np.geomspace(0.006, 1.5, 48)
 """Centres of the ball tried: inertia ratios."""
-SLOW_FIRST, SLOW_LOWER, SLOW_BESIDE = 0.7, 0.4, (0.9, 0.55)
+FIRST_CENTRE, LOWER_CENTRE, NEIGHBOUR_CENTRES = 0.7, 0.4, (0.9, 0.55)
 """For a robot of bounded speed: where centres are tried, on the logarithmic scale between those that constant ratios
 allow. First one, then where it bears the robot a lower one, of less noise, and else those beside it."""
-SLOW_CLOSELY = 0.7, 0.55, 0.4, 0.85
+EXHAUSTIVE_CENTRES = 0.7, 0.55, 0.4, 0.85
 """And on a second pass."""
-FREQUENCIES = 200
+FREQUENCY_COUNT = 200
 """At which a loop is looked at: few, since the choice is certified afterwards."""
-CLOSE = 1.06
+RADIUS_TOLERANCE = 1.06
 """How near to the widest ball the search for one ends."""
-LIGHTER = 2
+MAX_LIGHTER_WEIGHTS = 2
 """Most weights of the position at which a centre is looked at."""
-NEARLY = -0.15
+MIN_MARGIN_FOR_MIDPOINT = -0.15
 """Room at which the place between is tried too."""
-SLOW_ENOUGH = 2
+MAX_FEASIBLE_PER_WINDOW = 2
 """And after how many natural frequencies that bear it, from the highest down, the lower ones are not looked at."""
-HOPELESS = -0.35
+MIN_MARGIN_FOR_NEIGHBOURS = -0.35
 """Room at which no other centre is tried."""
-FEW = 5
+MAX_STABILITY_TESTS = 5
 """Centres at which a loop is looked at for any speed, where what counts is a bounded one."""
 
 
@@ -92,25 +92,25 @@ class Candidate:
     damping_ratio: float
     period: float
     computation_delay: int = 0
-    slope: float = 0.0
-    spread: float = 1.0
-    reach: float = 0.0
-    scale: float = 0.0
-    room: float = 0.0
+    robust_slope: float = 0.0
+    required_spread: float = 1.0
+    max_spread: float = 0.0
+    inertia_scale: float = 0.0
+    spread_margin: float = 0.0
     noise: float = np.inf
     error: float = np.inf
 
     @property
     def feasible(self) -> bool:
         """Whether it bears the spread."""
-        return self.scale > 0
+        return self.inertia_scale > 0
 
     @property
     def estimator(self) -> Algebraic:
         """The estimator."""
         return Algebraic(window=self.window * self.period, degree=self.degree)
 
-    def options(self) -> dict[str, Any]:
+    def law_options(self) -> dict[str, Any]:
         """What a law on time-delay estimation takes, but for the inertia and the estimator."""
         late = None if self.delay == 1 else self.delay * self.period
         return {
@@ -124,7 +124,7 @@ class Candidate:
 
     def channel(self) -> Channel:
         """The loop of one joint of unit inertia."""
-        return decouple(TDC(inertia=1.0, estimator=self.estimator, **self.options()), self.computation_delay)[0]
+        return decouple(TDC(inertia=1.0, estimator=self.estimator, **self.law_options()), self.computation_delay)[0]
 
 
 def enumerate_candidates(
@@ -146,7 +146,7 @@ def enumerate_candidates(
     if delays is None:
         delays = (1, 2) if computation_delay % 2 else (1,)
     rate = 1e-3 / check.number("period", period, 0, strict=True)
-    speeds = [rate * one for one in BANDWIDTHS] if natural_frequencies is None else list(natural_frequencies)
+    speeds = [rate * one for one in NATURAL_FREQUENCIES] if natural_frequencies is None else list(natural_frequencies)
     return [
         Candidate(
             window=window,
@@ -169,12 +169,12 @@ def enumerate_candidates(
 
 
 def assess_candidates(
-    trials: Sequence[Candidate],
-    demand: RobustnessSpec,
+    candidates: Sequence[Candidate],
+    spec: RobustnessSpec,
     *,
-    slope_share: float = 0.0,
-    room: float = 0.1,
-    closely: bool = False,
+    slope_ratio: float = 0.0,
+    min_margin: float = 0.1,
+    exhaustive: bool = False,
     done: Callable[[], object] = lambda: None,
 ) -> list[Candidate]:
     """What each candidate can do; those that bear the robot come once for each scale of M̂ worth having.
@@ -202,31 +202,31 @@ def assess_candidates(
     done
         Called after each candidate, to show progress.
     """
-    quick = np.isfinite(demand.rate) and not closely
-    order = list(range(len(trials)))
+    quick = np.isfinite(spec.max_rate) and not exhaustive
+    order = list(range(len(candidates)))
     if quick:
-        order.sort(key=lambda i: (trials[i].window, -trials[i].natural_frequency))
+        order.sort(key=lambda i: (candidates[i].window, -candidates[i].natural_frequency))
     found: dict[int, list[Candidate]] = {}
     bearing: dict[tuple, dict[int, list[Candidate]]] = {}
     for i in order:
-        one = trials[i]
+        one = candidates[i]
         windows = bearing.setdefault((one.degree, one.delay, one.synchronised), {})
         able = windows.setdefault(one.window, [])
         shorter = [most[0] for window, most in windows.items() if window < one.window and most]
-        alike = able[-1] if len(able) >= SLOW_ENOUGH else None
+        alike = able[-1] if len(able) >= MAX_FEASIBLE_PER_WINDOW else None
         if shorter and one.natural_frequency > shorter[-1].natural_frequency:  # what a shorter window does not bear
-            alike = replace(shorter[-1], reach=demand.spread)
+            alike = replace(shorter[-1], max_spread=spec.spread)
         if quick and alike is not None:
-            slope = slope_share * one.natural_frequency**2
-            found[i] = [replace(one, slope=slope, spread=demand.spread, reach=alike.reach)]
+            slope = slope_ratio * one.natural_frequency**2
+            found[i] = [replace(one, robust_slope=slope, required_spread=spec.spread, max_spread=alike.max_spread)]
         else:
             with warnings.catch_warnings(), np.errstate(all="ignore"):
                 warnings.simplefilter("ignore")  # what rounding spoils is thrown out below, not trusted
-                found[i] = _assess(one, demand, slope_share, room, closely)
+                found[i] = _assess(one, spec, slope_ratio, min_margin, exhaustive)
             if found[i] and found[i][0].feasible:
                 able.append(found[i][0])
         done()
-    return [one for i in range(len(trials)) for one in found[i]]
+    return [one for i in range(len(candidates)) for one in found[i]]
 
 
 def _assess(one: Candidate, demand: RobustnessSpec, slope_share: float, room: float, closely: bool) -> list[Candidate]:
@@ -235,25 +235,31 @@ def _assess(one: Candidate, demand: RobustnessSpec, slope_share: float, room: fl
     except TarcError:  # gains that are not Hurwitz, a window that is too short
         return []
     spread = demand.spread
-    needed = np.array([share_of(spread_of(share) * (1 + room)) if share < 1 else np.inf for share in demand.shares])
+    needed = np.array(
+        [radius_ratio_of(spread_of(share) * (1 + room)) if share < 1 else np.inf for share in demand.radius_ratios]
+    )
     slope = slope_share * one.natural_frequency**2
-    parts = parts_of(channel, slope, intersample=True, lead=demand.lead / one.period)
-    responses = Responses(parts, count=FREQUENCIES)
+    parts = parts_of(channel, slope, intersample=True, lead=demand.velocity_weight / one.period)
+    responses = Responses(parts, count=FREQUENCY_COUNT)
     free = 1 - CENTRES[:, None] * responses.held[:, 0]
     plain = np.min(np.abs(free) / np.linalg.norm(responses.mismatch[:, 0], axis=1), axis=1) / CENTRES
-    loop, without = _Loop(parts, responses, demand, needed, one.period), parts_of(channel, 0.0, intersample=True)
-    slow = np.isfinite(demand.rate)
-    plain = np.array([_first_stable(without, CENTRES, plain)]) if slow else _where_stable(without, CENTRES, plain)
-    one = replace(one, slope=slope, spread=spread, reach=spread_of(float(np.max(plain))))
+    loop, without = LoopMargins(parts, responses, demand, needed, one.period), parts_of(channel, 0.0, intersample=True)
+    slow = np.isfinite(demand.max_rate)
+    plain = (
+        np.array([max_stable_radius_ratio(without, CENTRES, plain)])
+        if slow
+        else stable_radius_ratios(without, CENTRES, plain)
+    )
+    one = replace(one, robust_slope=slope, required_spread=spread, max_spread=spread_of(float(np.max(plain))))
     if slow:
-        rooms = loop.slow_rooms(room, closely)
+        rooms = loop.rate_bounded_margins(room, closely)
         widest = max(rooms.values(), default=-1.0)
-        one = replace(one, reach=max(one.reach, (1 + widest) * spread))
+        one = replace(one, max_spread=max(one.max_spread, (1 + widest) * spread))
         rooms = {centre: spare for centre, spare in rooms.items() if spare >= room}
     else:
-        rooms = loop.rooms(CENTRES[plain >= needed.min()], closely)
+        rooms = loop.margins(CENTRES[plain >= needed.min()], closely)
     able = sorted(rooms)
-    stable = _where_stable(parts, np.array(able), np.ones(len(able))) if able else np.zeros(0)
+    stable = stable_radius_ratios(parts, np.array(able), np.ones(len(able))) if able else np.zeros(0)
     able = [centre for centre, fine in zip(able, stable, strict=True) if fine]
     result = []
     if not closely and able:
@@ -262,35 +268,35 @@ def _assess(one: Candidate, demand: RobustnessSpec, slope_share: float, room: fl
         scale = 2 * centre / (spread + 1)
         ratios = scale, scale * spread**0.5, scale * spread
         noise = scale * max(h2_norm(*from_noise(channel, ratio)) for ratio in ratios)
-        error = max(ratio / scale * settling(channel, ratio) for ratio in ratios)
+        error = max(ratio / scale * step_error(channel, ratio) for ratio in ratios)
         if np.isfinite(noise) and np.isfinite(error):
-            result.append(replace(one, scale=scale, room=rooms[centre], noise=noise, error=error))
+            result.append(replace(one, inertia_scale=scale, spread_margin=rooms[centre], noise=noise, error=error))
     return result or [one]
 
 
 @dataclass(frozen=True)
-class _Loop:
+class LoopMargins:
     """A loop against a demand: at which centres of the ball it bears the robot, and with how much room."""
 
     parts: Parts
     responses: Responses
-    demand: RobustnessSpec
-    needed: np.ndarray
+    spec: RobustnessSpec
+    min_radius_ratios: np.ndarray
     period: float
 
     def weight(self, number: int, centre: float) -> float:
         """η of the demand at this centre."""
-        return float(self.demand.weights[number] * (1 + self.demand.spread) / (2 * centre))
+        return float(self.spec.stiffness_weights[number] * (1 + self.spec.spread) / (2 * centre))
 
-    def rooms(self, centres: np.ndarray, closely: bool) -> dict[float, float]:
+    def margins(self, centres: np.ndarray, closely: bool) -> dict[float, float]:
         """By centre, of those that bear the robot however fast it moves."""
-        most = CLOSELY if closely else TRIED
+        most = MAX_CENTRES_EXHAUSTIVE if closely else MAX_CENTRES
         if len(centres) > most:
             centres = centres[np.linspace(0, len(centres) - 1, most).round().astype(int)]
         found = {}
         for centre in centres:
             enough, spare = False, -1.0
-            for number, (share, least) in enumerate(zip(self.demand.shares, self.needed, strict=True)):
+            for number, (share, least) in enumerate(zip(self.spec.radius_ratios, self.min_radius_ratios, strict=True)):
                 borne = self.responses.best(float(centre), self.weight(number, centre))[1] / centre
                 now = spread_of(borne) / spread_of(float(share)) - 1
                 past = now < spare
@@ -301,39 +307,39 @@ class _Loop:
                 found[float(centre)] = spare
         return found
 
-    def slow_rooms(self, room: float, closely: bool) -> dict[float, float]:
+    def rate_bounded_margins(self, room: float, closely: bool) -> dict[float, float]:
         """By centre, within the speed, of those that were tried; enough room, or less, and not how much exactly."""
-        low, high = self.constant()
-        least = float(self.needed.min())
+        low, high = self.constant_ratio_interval()
+        least = float(self.min_radius_ratios.min())
         low, high = low / (1 - least) if least < 1 else np.inf, high / (1 + least)
         if not low < high:
             return {}
         found: dict[float, float] = {}
 
         def look(place: float) -> float:
-            found[place] = self.slow_room(float(low * (high / low) ** place))
+            found[place] = self.rate_bounded_margin(float(low * (high / low) ** place))
             return found[place]
 
         if closely:
-            for place in SLOW_CLOSELY:
+            for place in EXHAUSTIVE_CENTRES:
                 look(place)
-        elif look(SLOW_FIRST) >= room:
-            look(SLOW_LOWER)
-        elif found[SLOW_FIRST] > HOPELESS:
-            best = max(SLOW_BESIDE, key=look)
-            if NEARLY < found[best] < room:
-                look((SLOW_FIRST + best) / 2)
+        elif look(FIRST_CENTRE) >= room:
+            look(LOWER_CENTRE)
+        elif found[FIRST_CENTRE] > MIN_MARGIN_FOR_NEIGHBOURS:
+            best = max(NEIGHBOUR_CENTRES, key=look)
+            if MIN_MARGIN_FOR_MIDPOINT < found[best] < room:
+                look((FIRST_CENTRE + best) / 2)
         return {float(low * (high / low) ** place): spare for place, spare in found.items()}
 
-    def slow_room(self, centre: float) -> float:
+    def rate_bounded_margin(self, centre: float) -> float:
         """The room at a centre, with the weight that serves best at any speed, or a lighter one while that is better.
 
         Where it is not enough, a bound on it.
         """
-        able = [int(number) for number in np.flatnonzero(self.needed < 1)]
+        able = [int(number) for number in np.flatnonzero(self.min_radius_ratios < 1)]
         if not able or np.abs(np.linalg.eigvals(system(self.parts, centre)[0])).max() >= 1:
             return -1.0
-        shares = [float(one) for one in self.demand.shares[able]]
+        shares = [float(one) for one in self.spec.radius_ratios[able]]
 
         @cache
         def borne(i: int) -> float:
@@ -347,19 +353,19 @@ class _Loop:
             before = first
             first = max((i for i in (first, first - 1, first + 1) if 0 <= i < len(able)), key=room)
         spare = -1.0
-        for i in range(first, max(first - LIGHTER, -1), -1):
-            number, least = able[i], float(self.needed[able[i]])
+        for i in range(first, max(first - MAX_LIGHTER_WEIGHTS, -1), -1):
+            number, least = able[i], float(self.min_radius_ratios[able[i]])
             if borne(i) >= least:  # at any speed
                 return room(i)
             _, radius, bound = best_multiplier(
                 self.parts,
                 centre,
-                self.demand.rate * self.period * (1 + self.demand.spread) / (2 * centre),
+                self.spec.max_rate * self.period * (1 + self.spec.spread) / (2 * centre),
                 weight=self.weight(number, centre),
-                stiffness=self.demand.stiffness,
+                stiffness=self.spec.stiffness,
                 responses=self.responses,
                 enough=1.0001 * least * centre,
-                close=CLOSE,
+                close=RADIUS_TOLERANCE,
             )
             if radius / centre >= least:
                 return spread_of(min(radius / centre, 1 - 1e-9)) / spread_of(shares[i]) - 1
@@ -369,7 +375,7 @@ class _Loop:
             spare = now
         return spare
 
-    def constant(self) -> tuple[float, float]:
+    def constant_ratio_interval(self) -> tuple[float, float]:
         """The widest interval of constant ratios with which the loop is stable, up to the grid of frequencies."""
         held = self.responses.held[:, 0]
         change = np.flatnonzero(np.diff(np.sign(held.imag)))
@@ -385,7 +391,7 @@ class _Loop:
         return best
 
 
-def _where_stable(parts: Parts, centres: np.ndarray, shares: np.ndarray) -> np.ndarray:
+def stable_radius_ratios(parts: Parts, centres: np.ndarray, shares: np.ndarray) -> np.ndarray:
     """Radius of the ball over its centre, zero where it is small or the loop not stable."""
     result = np.where(shares > 0.2, shares, 0.0)
     worth = np.flatnonzero(result)
@@ -395,15 +401,15 @@ def _where_stable(parts: Parts, centres: np.ndarray, shares: np.ndarray) -> np.n
     return result
 
 
-def _first_stable(parts: Parts, centres: np.ndarray, shares: np.ndarray) -> float:
+def max_stable_radius_ratio(parts: Parts, centres: np.ndarray, shares: np.ndarray) -> float:
     """The largest of `_where_stable`, of the few that are looked at."""
-    for i in np.argsort(shares)[::-1][:FEW]:
+    for i in np.argsort(shares)[::-1][:MAX_STABILITY_TESTS]:
         if shares[i] > 0.2 and np.abs(np.linalg.eigvals(system(parts, float(centres[i]))[0])).max() < 1:
             return float(shares[i])
     return 0.0
 
 
-def settling(channel: Channel, ratio: float) -> float:
+def step_error(channel: Channel, ratio: float) -> float:
     """Root of the integral of the squared error after a step of 1 rad/s² [rad s^½]: (T Σ e_k²)^½.
 
     The step's response settles at x∞ = (I − A)⁻¹B, with no error; e_k = −C Aᵏ x∞.
@@ -413,7 +419,7 @@ def settling(channel: Channel, ratio: float) -> float:
     return float(np.sqrt(channel.period) * h2_norm(A, settled, C, 0 * D))
 
 
-def peak(channel: Channel, ratio: float, horizon: int = 4000) -> float:
+def peak_error(channel: Channel, ratio: float, horizon: int = 4000) -> float:
     """Greatest error after a step of 1 rad/s² [rad], within so many periods."""
     A, B, C, _ = from_disturbance(channel, ratio)
     state, greatest = np.zeros((len(A), 1)), 0.0
@@ -426,10 +432,10 @@ def peak(channel: Channel, ratio: float, horizon: int = 4000) -> float:
     return greatest
 
 
-def pareto_front(found: Sequence[Candidate]) -> list[Candidate]:
+def pareto_front(candidates: Sequence[Candidate]) -> list[Candidate]:
     """Those that bear the spread and that no other beats in both noise and error, by noise."""
     best, result = np.inf, []
-    for one in sorted((one for one in found if one.feasible), key=lambda one: (one.noise, one.error)):
+    for one in sorted((one for one in candidates if one.feasible), key=lambda one: (one.noise, one.error)):
         if one.error < best:
             best = one.error
             result.append(one)

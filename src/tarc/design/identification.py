@@ -26,19 +26,19 @@ WINDOWS = (6, 9, 13, 20, 30, 45, 65, 100, 150, 220)
 """Windows [periods] that are tried where none is given."""
 BLOCKS = 20
 """Parts of a record that count as independent, for the standard error."""
-ALIKE = 100.0
+MAX_CONDITION = 100.0
 """Condition number of the accelerations' correlation beyond which joints are not told apart."""
-EXPLAINED = 0.5
+MIN_EXPLAINED = 0.5
 """Least share that M q̈ must have of the torque that friction and gravity leave."""
-SHARE = 0.15
+MIN_TORQUE_SHARE = 0.15
 """Least RMS that M q̈ must have, by that of the torque; a joint that friction holds has less, whatever it explains."""
-LEAST = 5 * BLOCKS
+MIN_ROWS = 5 * BLOCKS
 """Fewest instants."""
-UNSURE = 0.25
+MAX_RELATIVE_ERROR = 0.25
 """Largest standard error, by the inertia itself."""
-RUNGS = 12
+MAX_RUNS = 12
 """Most tries of `identify`."""
-RATIO = 0.5
+INERTIA_RATIO = 0.5
 """Inertia ratio of its last run, well within the stable range of its law, 0.013 to 2.97 at 1 ms."""
 
 
@@ -138,18 +138,18 @@ def inertia_from_data(
         periods = [N for N in WINDOWS if degree < N and len(q) >= 30 * N]
     else:
         periods = [check.whole_periods("window", window, T)]
-    fits = [fit for fit in (_Fit(q, tau, T, N, degree) for N in periods if len(q) > N) if fit.rows >= LEAST]
+    fits = [fit for fit in (_Fit(q, tau, T, N, degree) for N in periods if len(q) > N) if fit.rows >= MIN_ROWS]
     if not fits:
         whole = int(np.sum(np.isfinite(q + tau).all(axis=1)))
         raise TarcError(
             f"position: got {len(q)} samples, {whole} of them whole, and too few windows without a gap; needs "
-            f"{LEAST} of them: record for longer, lose fewer samples or take a shorter window"
+            f"{MIN_ROWS} of them: record for longer, lose fewer samples or take a shorter window"
         )
     best = max(fits, key=lambda fit: float(np.mean(fit.explained)))
-    best.refuse()
+    best.check_identifiable()
     error = np.sqrt((best.error**2 + best.error.T**2) / 4 * (1 + np.eye(len(best.M))))
     found = Identified(
-        inertia=_definite((best.M + best.M.T) / 2),
+        inertia=nearest_positive_definite((best.M + best.M.T) / 2),
         error=error,
         explained=best.explained,
         share=best.share,
@@ -341,7 +341,9 @@ def identify(
     path = motion.sample(np.arange(0, length, period))[0]
     reach, size = float(np.max(np.ptp(path, axis=1))), np.std(path, axis=1)
     if not np.all(size > 0):
-        raise TarcError("reference: it leaves a joint at rest; give all of them a motion, as excitation(…) does")
+        raise TarcError(
+            "reference: it leaves a joint at rest; give all of them a motion, as excitation_reference(…) does"
+        )
     inertia = np.full(plant.n_joints, check.number("guess", guess, 0, strict=True))
     estimator = Algebraic(window=10 * period)
 
@@ -358,7 +360,7 @@ def identify(
             run.data["measured_position"].values, run.data["torque"].values, period, diagonal=False
         )
 
-    for _ in range(RUNGS):
+    for _ in range(MAX_RUNS):
         run = move(inertia)
         missed = np.abs(run.data["measured_position"].values - run.data["reference"].values)
         behind = np.sqrt(np.nanmean(missed**2, axis=0)) > 0.5 * size
@@ -378,7 +380,7 @@ def identify(
             f"identify: with an M̂ from {guess:g} up to {inertia.max() / 4:g} the robot does not follow the motion; "
             "start from another guess, or give a reference that is slower, or larger where friction holds the joint"
         )
-    run = move(RATIO * found.inertia)
+    run = move(INERTIA_RATIO * found.inertia)
     if run.status.completed:
         with suppress(TarcError):
             found = shown(run)
@@ -404,7 +406,9 @@ def _record(position: Table, torque: Table) -> tuple[Array, Array]:
     q = np.where(np.isfinite(q), q, np.nan)
     span = np.nanmax(q, axis=0, initial=-np.inf) - np.nanmin(q, axis=0, initial=np.inf)
     if not np.all(span > 0):
-        raise TarcError(f"position: joint {np.argmin(span) + 1} never moves; move each joint, as excitation(…) does")
+        raise TarcError(
+            f"position: joint {np.argmin(span) + 1} never moves; move each joint, as excitation_reference(…) does"
+        )
     jumps = np.nanmax(np.abs(np.diff(q, axis=0)), axis=0, initial=0)
     if np.any(jumps > np.pi):
         i = int(np.argmax(jumps))
@@ -428,13 +432,13 @@ class _Fit:
         sound = np.flatnonzero(np.isfinite(table.sum(axis=1)))
         acceleration, torque, place, rate, sign = np.split(table[sound], 5, axis=1)
         self.rows = len(acceleration)
-        if self.rows < LEAST:
+        if self.rows < MIN_ROWS:
             return
         block = BLOCKS * sound // len(table)
         self.M, self.error, self.explained, self.condition = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), 1.0
         for i in range(n):
             rest = np.column_stack([np.ones(self.rows), place, rate[:, i], sign[:, i]])
-            X, y = _less(rest, acceleration), _less(rest, torque[:, i])
+            X, y = residual(rest, acceleration), residual(rest, torque[:, i])
             size = np.maximum(np.sqrt(np.sum(X**2, axis=0)), 1e-300)
             X = X / size
             values, vectors = np.linalg.eigh(X.T @ X)
@@ -448,23 +452,24 @@ class _Fit:
             self.explained[i] = 1 - left @ left / max(y @ y, 1e-300)
         self.share = np.std(acceleration @ self.M.T, axis=0) / np.maximum(np.std(torque, axis=0), 1e-300)
 
-    def refuse(self) -> None:
+    def check_identifiable(self) -> None:
         """Raise `TarcError` if the motion does not show M."""
-        if self.condition > ALIKE:
+        if self.condition > MAX_CONDITION:
             raise TarcError(
-                f"position: the joints accelerate together, with condition {self.condition:.3g} of at most {ALIKE:g}; "
-                "give each several frequencies of its own, as excitation(…) does"
+                f"position: the joints accelerate together, with condition {self.condition:.3g} of at most "
+                f"{MAX_CONDITION:g}; "
+                "give each several frequencies of its own, as excitation_reference(…) does"
             )
         found, error = np.diag(self.M), np.diag(self.error)
-        weak = (self.explained < EXPLAINED) | (self.share < SHARE)
-        bad = np.flatnonzero(weak | (found <= 0) | (error > UNSURE * found))
+        weak = (self.explained < MIN_EXPLAINED) | (self.share < MIN_TORQUE_SHARE)
+        bad = np.flatnonzero(weak | (found <= 0) | (error > MAX_RELATIVE_ERROR * found))
         if bad.size:
             i = int(bad[0])
             raise TarcError(
                 f"torque: joint {i + 1} does not show its inertia, found as {found[i]:.3g} ± {error[i]:.2g}. M q̈ is "
                 f"{self.share[i]:.0%} of the torque and explains {self.explained[i]:.0%} of what friction and gravity "
-                f"leave; needs {SHARE:.0%}, {EXPLAINED:.0%} and an error within {UNSURE:.0%}: move it faster and "
-                "farther, and for longer"
+                f"leave; needs {MIN_TORQUE_SHARE:.0%}, {MIN_EXPLAINED:.0%} and an error within "
+                f"{MAX_RELATIVE_ERROR:.0%}: move it faster, farther and for longer"
             )
 
 
@@ -473,7 +478,7 @@ def _filter(values: Array, weights: Array) -> Array:
     return np.column_stack([np.convolve(column, weights, "valid") for column in values.T])
 
 
-def _less(rest: Array, values: Array) -> Array:
+def residual(rest: Array, values: Array) -> Array:
     """What the columns of rest do not account for; twice, for the rounding of the first time.
 
     By normal equations: for tall matrices a threaded LAPACK takes far longer where the cores are shared.
@@ -485,7 +490,7 @@ def _less(rest: Array, values: Array) -> Array:
     return values
 
 
-def _definite(M: Array) -> Array:
+def nearest_positive_definite(M: Array) -> Array:
     """The matrix with its diagonal kept and the eigenvalues of its correlation raised to 0.01."""
     root = np.sqrt(np.diag(M))
     values, vectors = np.linalg.eigh(M / np.outer(root, root))

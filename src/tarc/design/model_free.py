@@ -39,7 +39,7 @@ class ModelFreeDesign:
     law: TDC | TARC
     certificate: Certificate
     spread: float
-    chosen: Candidate
+    candidate: Candidate
     torque_noise: np.ndarray
 
 
@@ -50,10 +50,10 @@ def design_without_model(
     *,
     period: float = 1e-3,
     sensor: Encoder | None = None,
-    damping: float = 1.0,
-    expected: float | None = None,
+    damping_ratio: float = 1.0,
+    expected_step: float | None = None,
     computation_delay: int = 0,
-    room: float = 0.1,
+    min_margin: float = 0.1,
 ) -> ModelFreeDesign:
     """Choose window, synchronisation, scale of M̂ and adaptation for a measured inertia, and certify the loop.
 
@@ -88,33 +88,35 @@ def design_without_model(
     """
     joints = max((1, *np.shape(check.float_array("inertia", inertia))))
     M = check.positive_definite("inertia", inertia, joints)
-    demand = RobustnessSpec.plain(spread)
+    demand = RobustnessSpec.from_spread(spread)
     sensor = Encoder(bits=17) if sensor is None else sensor
     natural_frequency = check.number("natural_frequency", natural_frequency, 0, strict=True)
-    check.number("damping_ratio", damping, 0, strict=True)
+    check.number("damping_ratio", damping_ratio, 0, strict=True)
     trials = enumerate_candidates(
         period,
         natural_frequencies=[natural_frequency],
         windows=range(2, 31),
-        damping_ratio=damping,
+        damping_ratio=damping_ratio,
         computation_delay=check.integer("computation_delay", computation_delay),
     )
-    looked = assess_candidates(trials, demand, slope_share=0.0 if expected is None else 1.0, room=room)
+    looked = assess_candidates(trials, demand, slope_ratio=0.0 if expected_step is None else 1.0, min_margin=min_margin)
     able = pareto_front(looked)
     if not able:
-        reach = max((one.reach for one in looked), default=1.0)
+        reach = max((one.max_spread for one in looked), default=1.0)
         raise TarcError(
             f"spread: no loop of {natural_frequency:g} rad/s at {1 / period:g} Hz bears a spread of {spread:g}; one of "
-            f"{reach / (1 + room):.3g} is borne. Lower the natural frequency, or raise the rate"
+            f"{reach / (1 + min_margin):.3g} is borne. Lower the natural frequency, or raise the rate"
         )
     best, shape = able[0], M * spread**0.5
     sigma = np.broadcast_to(np.sqrt(sensor.noise**2 + sensor.step_size**2 / 12), (joints,))
-    common = {**best.options(), "inertia": best.scale * shape, "estimator": best.estimator}
-    if expected is None:
+    common = {**best.law_options(), "inertia": best.inertia_scale * shape, "estimator": best.estimator}
+    if expected_step is None:
         law: TDC | TARC = TDC(**common)
     else:
-        law = TARC(**{**common, **choose_adaptation(best, expected, noise=float(np.linalg.norm(sigma))).options()})
-    ends = best.scale, best.scale * spread
+        law = TARC(
+            **{**common, **choose_adaptation(best, expected_step, noise=float(np.linalg.norm(sigma))).law_options()}
+        )
+    ends = best.inertia_scale, best.inertia_scale * spread
     certificate = certify_varying_ratio(
         law, contains=ends, slope=law.robust_slope_bound, computation_delay=computation_delay
     )
@@ -123,4 +125,4 @@ def design_without_model(
             f"spread: the loop chosen is {certificate.verdict}, margin {certificate.margin:.3g}; raise room"
         )
     noise = best.noise * np.linalg.norm(shape * sigma, axis=1)
-    return ModelFreeDesign(law=law, certificate=certificate, spread=spread, chosen=best, torque_noise=noise)
+    return ModelFreeDesign(law=law, certificate=certificate, spread=spread, candidate=best, torque_noise=noise)

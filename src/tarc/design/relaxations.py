@@ -14,13 +14,13 @@ from tarc.design.candidates import Candidate, assess_candidates, enumerate_candi
 from tarc.design.robustness import RobustnessSpec
 from tarc.plants.base import Plant
 
-STEPS = 6
+BISECTIONS = 6
 """Bisections: to one part in 64 of the range."""
-STRIDE = 1.5
+FREQUENCY_RATIO = 1.5
 """Ratio of natural frequencies tried one after the other."""
-MOST = 50
+MAX_CANDIDATES = 50
 """Loops tried again where a requirement is relaxed."""
-QUICK = 200
+SAMPLES = 200
 """Postures sampled for a first answer."""
 
 
@@ -59,13 +59,13 @@ def largest_bandwidth(like: Candidate, demand: RobustnessSpec, above: float, roo
 
     One that is far lower does not do either, where gravity asks for stiffness: so the steps down are small.
     """
-    return _first(like, demand, above, room, [STRIDE**-k for k in range(1, 15)])
+    return _first(like, demand, above, room, [FREQUENCY_RATIO**-k for k in range(1, 15)])
 
 
 def least_bandwidth(like: Candidate, demand: RobustnessSpec, below: float, room: float) -> float | None:
     """The least natural frequency [rad/s] above one that is too small at which a loop bears a robot; None if none
     does."""
-    return _first(like, demand, below, room, [STRIDE**k for k in range(1, 8)])
+    return _first(like, demand, below, room, [FREQUENCY_RATIO**k for k in range(1, 8)])
 
 
 def _first(
@@ -104,13 +104,17 @@ def slower(
     """
     if workspace.speed is None or not looked:
         return None
-    share = looked[0].slope / looked[0].natural_frequency ** 2
-    found = inertia_spread(plants, shape, workspace, samples=QUICK)
-    trials = [replace(one, scale=0.0, room=0.0) for one in looked[:: -(-len(looked) // MOST)]]
+    share = looked[0].robust_slope / looked[0].natural_frequency ** 2
+    found = inertia_spread(plants, shape, workspace, samples=SAMPLES)
+    trials = [
+        replace(one, inertia_scale=0.0, spread_margin=0.0) for one in looked[:: -(-len(looked) // MAX_CANDIDATES)]
+    ]
 
     def fits(log: float) -> bool:
-        demand = RobustnessSpec.of_robot(plants, workspace.scale_speed(float(np.exp(log))), shape, found, search=False)
-        return any(one.feasible for one in assess_candidates(trials, demand, room=room, slope_share=share))
+        demand = RobustnessSpec.from_robot(
+            plants, workspace.scale_speed(float(np.exp(log))), shape, found, search=False
+        )
+        return any(one.feasible for one in assess_candidates(trials, demand, min_margin=room, slope_ratio=share))
 
     low = np.log(0.01)
     return float(np.exp(_bisect(fits, low, 0.0))) if fits(low) else None
@@ -124,15 +128,17 @@ def _bears(like: Candidate, demand: RobustnessSpec, natural_frequency: float, pe
         damping_ratio=like.damping_ratio,
         computation_delay=like.computation_delay,
     )
-    share = like.slope / like.natural_frequency**2
+    share = like.robust_slope / like.natural_frequency**2
     return any(
-        one.feasible for trial in trials for one in assess_candidates([trial], demand, room=room, slope_share=share)
+        one.feasible
+        for trial in trials
+        for one in assess_candidates([trial], demand, min_margin=room, slope_ratio=share)
     )
 
 
 def _bisect(fits: Callable[[float], bool], good: float, bad: float) -> float:
     """The last value that fits, between one that does and one that does not."""
-    for _ in range(STEPS):
+    for _ in range(BISECTIONS):
         middle = (good + bad) / 2
         good, bad = (middle, bad) if fits(middle) else (good, middle)
     return good
@@ -152,22 +158,22 @@ Fits = Callable[[Sequence[Plant], Workspace], bool]
 
 def _bearable(looked: Sequence[Candidate], room: float, plants: Sequence[Plant], workspace: Workspace) -> bool:
     try:
-        shape, ratio = best_inertia_shape(plants, workspace, samples=QUICK, tolerance=0.1)
+        shape, ratio = best_inertia_shape(plants, workspace, samples=SAMPLES, tolerance=0.1)
     except TarcError:
         return False
-    trials = [one for one in looked if one.reach >= (1 + room) * ratio]
+    trials = [one for one in looked if one.max_spread >= (1 + room) * ratio]
     if not trials:
         return False
-    found = inertia_spread(plants, shape, workspace, samples=QUICK)
+    found = inertia_spread(plants, shape, workspace, samples=SAMPLES)
     shape = shape / found.min_ratio
-    demand = RobustnessSpec.of_robot(
-        plants, workspace, shape, inertia_spread(plants, shape, workspace, samples=QUICK), search=False
+    demand = RobustnessSpec.from_robot(
+        plants, workspace, shape, inertia_spread(plants, shape, workspace, samples=SAMPLES), search=False
     )
-    share = trials[0].slope / trials[0].natural_frequency ** 2
+    share = trials[0].robust_slope / trials[0].natural_frequency ** 2
     # where the spread is small most of them will do
-    some = trials[:: -(-len(trials) // MOST)]
+    some = trials[:: -(-len(trials) // MAX_CANDIDATES)]
     return any(
-        one.feasible for trial in some for one in assess_candidates([trial], demand, room=room, slope_share=share)
+        one.feasible for trial in some for one in assess_candidates([trial], demand, min_margin=room, slope_ratio=share)
     )
 
 

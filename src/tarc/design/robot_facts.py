@@ -14,11 +14,11 @@ from tarc.core.errors import TarcError
 from tarc.plants.base import Plant
 from tarc.plants.mujoco import MujocoPlant
 
-WEIGHED = 200
+WEIGHT_SAMPLES = 200
 """Postures in which the weight is looked at."""
 
 
-def within(plant: Plant, reach: float | None = None) -> Workspace:
+def joint_workspace(plant: Plant, reach: float | None = None) -> Workspace:
     """All that the joints of a robot reach, or the part of it within ±reach [rad or m] of the home posture.
 
     Raises
@@ -43,7 +43,7 @@ def within(plant: Plant, reach: float | None = None) -> Workspace:
     return Workspace.box(np.where(np.isfinite(low), low, -np.pi), np.where(np.isfinite(high), high, np.pi))
 
 
-def rated(plant: Plant) -> np.ndarray | None:
+def velocity_limits(plant: Plant) -> np.ndarray | None:
     """The velocity limits of a robot's file [rad/s or m/s], shape (n,); None where a joint has none."""
     found = np.broadcast_to(getattr(plant, "velocity_limits", np.inf), (plant.n_joints,))
     return found if np.isfinite(found).all() else None
@@ -59,7 +59,7 @@ def _ranges(plant: Plant) -> tuple[np.ndarray, np.ndarray]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Weight:
+class GravityLoad:
     """The torque that holds the robot at rest, as a share of the limit: where it is greatest.
 
     Attributes
@@ -90,7 +90,9 @@ class Weight:
     beyond: float
 
 
-def weight(plants: Sequence[Plant], workspace: Workspace, limits: np.ndarray, seed: int = 0) -> Weight | None:
+def gravity_load(
+    plants: Sequence[Plant], workspace: Workspace, limits: np.ndarray, seed: int = 0
+) -> GravityLoad | None:
     """What it takes to hold the robot over the workspace; None where no torque limit is known.
 
     Raises
@@ -110,7 +112,7 @@ def weight(plants: Sequence[Plant], workspace: Workspace, limits: np.ndarray, se
     if at_home > 1:
         raise TarcError(_too_heavy(plants, home, limits))
     greatest, where, beyond = -1.0, (0, 0, home), 0
-    postures = [home, *workspace.sample(WEIGHED, seed)]
+    postures = [home, *workspace.sample(WEIGHT_SAMPLES, seed)]
     for posture in postures:
         shares = np.array([_loads(plant, posture, limits) for plant in plants])
         beyond += bool(np.any(shares > 1))
@@ -119,7 +121,7 @@ def weight(plants: Sequence[Plant], workspace: Workspace, limits: np.ndarray, se
             where = (*np.unravel_index(int(np.argmax(shares)), shares.shape), posture)
     number, joint, posture = where
     plant = plants[int(number)]
-    return Weight(
+    return GravityLoad(
         load=greatest,
         joint=first.joint_names[int(joint)],
         torque=greatest * float(limits[joint]),
@@ -161,8 +163,8 @@ def _too_heavy(plants: Sequence[Plant], home: np.ndarray, limits: np.ndarray) ->
     )
 
 
-def premises(
-    plants: Sequence[Plant], workspace: Workspace, limits: np.ndarray, held: Weight | None, *, own: bool
+def assumptions(
+    plants: Sequence[Plant], workspace: Workspace, limits: np.ndarray, held: GravityLoad | None, *, own: bool
 ) -> list[tuple[str, str, str]]:
     """Name, value and reason of what was taken from the robot rather than chosen; ``own`` for its own torque limits."""
     plant = plants[0]
@@ -213,7 +215,7 @@ def _workspace(plant: Plant, workspace: Workspace) -> tuple[str, str, str]:
 
 
 def _speed(plant: Plant, workspace: Workspace) -> tuple[str, str, str]:
-    speed, own = workspace.speed, rated(plant)
+    speed, own = workspace.speed, velocity_limits(plant)
     if speed is None:
         text = "no joint's speed is bounded, so that M(q) may change at any rate; a bound makes better gains possible"
         return "speed", "any", text
@@ -240,7 +242,7 @@ def _torque_limit(plant: Plant, limits: np.ndarray, own: bool) -> tuple[str, str
     return "torque limit", value, f"{text}; the measure of torque noise, and the certificate holds below it"
 
 
-def _weight(plant: Plant, held: Weight) -> tuple[str, str, str]:
+def _weight(plant: Plant, held: GravityLoad) -> tuple[str, str, str]:
     carried = f" with {held.payload:g} kg" if held.payload else ""
     text = (
         f"joint {held.joint} takes {held.torque:.3g} of {held.limit:.3g} {_torque_unit(plant, held.joint)} to stay at "

@@ -20,7 +20,7 @@ from tarc.analysis.workspace import Workspace
 from tarc.core import validation as check
 from tarc.plants.base import Plant
 
-LEAD = 1.0
+DAMPING_WEIGHT = 1.0
 """Of the damping beside the stiffness, over that for which both count as much."""
 
 
@@ -48,31 +48,31 @@ class RobustnessSpec:
     """
 
     spread: float
-    shares: np.ndarray
-    weights: np.ndarray
-    rate: float = np.inf
+    radius_ratios: np.ndarray
+    stiffness_weights: np.ndarray
+    max_rate: float = np.inf
     stiffness: float = 0.0
-    lead: float = 0.0
+    velocity_weight: float = 0.0
 
     @classmethod
-    def plain(cls, spread: float, rate: float = np.inf) -> "RobustnessSpec":
+    def from_spread(cls, spread: float, rate: float = np.inf) -> "RobustnessSpec":
         """Of a robot without stiffness and damping of its own."""
         spread = check.number("spread", spread, 1)
-        return cls(spread, np.array([share_of(spread)]), np.zeros(1), rate)
+        return cls(spread, np.array([radius_ratio_of(spread)]), np.zeros(1), rate)
 
     @classmethod
-    def of(cls, spread: float, found: Mismatches, rate: float = np.inf) -> "RobustnessSpec":
+    def from_samples(cls, spread: float, found: Mismatches, rate: float = np.inf) -> "RobustnessSpec":
         """Of a robot with these mismatches and this greatest rate, for M̂ = X."""
-        lead = LEAD * found.lead()
+        lead = DAMPING_WEIGHT * found.lead()
         stiffness, centre = float(found.sizes(lead).max()), (1 + spread) / 2
         if not stiffness > NEGLIGIBLE:
-            return cls.plain(spread, rate)
+            return cls.from_spread(spread, rate)
         weights = np.array(found.weights(centre, lead)[::-1])
         norms = np.array([found.needed(centre, float(weight), lead) for weight in weights])
-        return cls(spread, np.maximum(norms / centre, share_of(spread)), weights, rate, stiffness, lead)
+        return cls(spread, np.maximum(norms / centre, radius_ratio_of(spread)), weights, rate, stiffness, lead)
 
     @classmethod
-    def of_robot(
+    def from_robot(
         cls,
         plants: Sequence[Plant],
         workspace: Workspace,
@@ -98,7 +98,7 @@ class RobustnessSpec:
         ends = (plants[found.min_plant], found.min_posture), (plants[found.max_plant], found.max_posture)
         instants = [Instant.at_rest(*one) for one in ends] + sampled(plants, workspace, found.samples, seed)
         mismatch = mismatches(shape, instants)
-        lead = LEAD * mismatch.lead()
+        lead = DAMPING_WEIGHT * mismatch.lead()
         stiffness, middle = float(mismatch.sizes(lead).max()), (1 + found.ratio) / 2
         if search and stiffness > NEGLIGIBLE:
             units = workspace.units(found.samples, seed)
@@ -106,10 +106,10 @@ class RobustnessSpec:
             for eta in mismatch.weights(middle, lead)[::2]:
                 instants, mismatch = searched(instants, mismatch, workspace, units, shape, middle, eta, lead)
         rate = greatest_rate(plants, shape, workspace, found.samples, seed)
-        return cls.of(found.ratio, mismatch, rate)
+        return cls.from_samples(found.ratio, mismatch, rate)
 
 
-def share_of(spread: float) -> float:
+def radius_ratio_of(spread: float) -> float:
     """Radius over centre of the interval whose ends have this ratio."""
     return (spread - 1) / (spread + 1)
 

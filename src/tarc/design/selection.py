@@ -19,7 +19,7 @@ from tarc.core.progress import Progress
 from tarc.core.validation import Numbers
 from tarc.design.adaptation import Adaptation, choose_adaptation, expected_step
 from tarc.design.candidates import WINDOWS, Candidate, assess_candidates, enumerate_candidates, pareto_front
-from tarc.design.robot_facts import premises, rated, weight
+from tarc.design.robot_facts import assumptions, gravity_load, velocity_limits
 from tarc.design.robustness import RobustnessSpec
 from tarc.laws.tarc import TARC
 from tarc.laws.tdc import TDC
@@ -32,16 +32,16 @@ if TYPE_CHECKING:
     from tarc.scenario.model import Scenario
 
 
-NOISE = 0.01
+DEFAULT_NOISE_BUDGET = 0.01
 """RMS of the torque that measurement noise makes, as a share of the torque limit, where nothing else is asked for."""
-NEAR = 2.0
+MAX_BUDGET_FACTOR = 2.0
 """How much more noise is taken than that share, or than the quietest certified loop makes where it is above it, if that
 makes the error less by more than the square of it."""
-STEPS = 5
+MAX_REFINEMENTS = 5
 """Most times that the neighbours of the best loop are looked at closely."""
-SLOPE = 1.0
+SLOPE_RATIO = 1.0
 """Slope of TARC's robust term at its cap over the stiffness K1: it costs up to a quarter of the spread borne."""
-ROOM = 0.1
+MIN_SPREAD_MARGIN = 0.1
 """By which share the spread that the loop bears must exceed the robot's."""
 
 
@@ -95,10 +95,10 @@ class Design:
     shape: np.ndarray
     spread: float
     candidates: tuple[Candidate, ...]
-    chosen: Candidate
+    candidate: Candidate
     torque_noise: np.ndarray
     payload: tuple[float, float] = (0.0, 0.0)
-    budget: float | None = None
+    noise_budget: float | None = None
 
     @property
     def front(self) -> list[Candidate]:
@@ -121,9 +121,9 @@ class Design:
 
     def to_yaml(self) -> str:
         """The scenario as YAML, each choice with its reason beside the key that it concerns, the verdict on top."""
-        from tarc.design.writer import written
+        from tarc.design.writer import to_commented_yaml
 
-        return written(self)
+        return to_commented_yaml(self)
 
     def save(self, path: str | Path = "design.yaml", figures: bool = True) -> list[Path]:
         """Write what `to_yaml` gives, the certificates as JSON beside it, and figures; the files written.
@@ -160,8 +160,8 @@ def design_controller(
     acceleration: Numbers | None = None,
     natural_frequency: float | None = None,
     damping_ratio: float = 1.0,
-    noise: float | None = None,
-    torque_limit: Numbers | None = None,
+    noise_budget: float | None = None,
+    torque_limits: Numbers | None = None,
     law: str = "TARC",
     diagonal: bool = False,
     computation_delay: int = 0,
@@ -231,17 +231,19 @@ def design_controller(
     if high < low:
         raise TarcError(f"payload: got {low:g} to {high:g} kg; needs the least one first")
     check.number("damping_ratio", damping_ratio, 0, strict=True)
-    share = SLOPE if law == "TARC" else 0.0
+    share = SLOPE_RATIO if law == "TARC" else 0.0
     plants = _with_payloads(plant, low, high)
-    workspace = Workspace.from_joint_limits(plant).with_speed_limits(rated(plant)) if workspace is None else workspace
+    workspace = (
+        Workspace.from_joint_limits(plant).with_speed_limits(velocity_limits(plant)) if workspace is None else workspace
+    )
     if speed is not None or acceleration is not None:
         workspace = workspace.with_speed_limits(workspace.speed if speed is None else speed, acceleration)
-    limits = _limits(plant, torque_limit)
+    limits = _limits(plant, torque_limits)
     sigma = _deviation(sensor, plant.n_joints)
-    _check_budget(plant.joint_names, natural_frequency, noise, limits, sigma)
+    _check_budget(plant.joint_names, natural_frequency, noise_budget, limits, sigma)
     if natural_frequency is not None:
         natural_frequency = check.number("natural_frequency", natural_frequency, 0, strict=True)
-    held = weight(plants, workspace, limits, seed)
+    held = gravity_load(plants, workspace, limits, seed)
     trials = enumerate_candidates(
         period,
         natural_frequencies=None if natural_frequency is None else [natural_frequency],
@@ -254,16 +256,19 @@ def design_controller(
         shape, _ = best_inertia_shape(plants, workspace, samples=samples, diagonal=diagonal, tolerance=0.03, seed=seed)
         found = inertia_spread(plants, shape, workspace, samples=samples, seed=seed)
         shape, ratio = shape / found.min_ratio, found.ratio  # so that the eigenvalues of M(q)⁻¹X are 1 and above
-        demand = RobustnessSpec.of_robot(plants, workspace, shape, found, seed=seed)
+        demand = RobustnessSpec.from_robot(plants, workspace, shape, found, seed=seed)
         bar.advance(20)
-        looked = assess_candidates(trials, demand, slope_share=share, room=ROOM, done=bar.advance)
-        need = _Need(plants, workspace, shape, demand, sigma, limits, natural_frequency, noise, looked)
+        looked = assess_candidates(trials, demand, slope_ratio=share, min_margin=MIN_SPREAD_MARGIN, done=bar.advance)
+        need = _Need(plants, workspace, shape, demand, sigma, limits, natural_frequency, noise_budget, looked)
         best = need.pick()
         seen: set[Candidate] = set()
-        for _ in range(STEPS):
+        for _ in range(MAX_REFINEMENTS):
             near = [one for one in _near(best, natural_frequency is None) if one not in seen]
             seen.update(near)
-            looked = [*looked, *assess_candidates(near, demand, slope_share=share, room=ROOM, closely=True)]
+            looked = [
+                *looked,
+                *assess_candidates(near, demand, slope_ratio=share, min_margin=MIN_SPREAD_MARGIN, exhaustive=True),
+            ]
             before, best = best, replace(need, looked=looked).pick()
             if best == before:
                 break
@@ -276,8 +281,10 @@ def design_controller(
             if verdict.certified:
                 break
             near = _near(best, natural_frequency is None)
-            roomier = assess_candidates(near, demand, slope_share=share, room=ROOM + more, closely=True)
-            roomier += [one for one in looked if one.room >= ROOM + more]
+            roomier = assess_candidates(
+                near, demand, slope_ratio=share, min_margin=MIN_SPREAD_MARGIN + more, exhaustive=True
+            )
+            roomier += [one for one in looked if one.spread_margin >= MIN_SPREAD_MARGIN + more]
             if not any(one.feasible for one in roomier):
                 break
             best = replace(need, looked=roomier).pick()
@@ -305,12 +312,12 @@ def design_controller(
         shape=shape,
         spread=ratio,
         candidates=tuple(looked),
-        chosen=best,
+        candidate=best,
         torque_noise=predicted,
         payload=(low, high),
-        budget=None if natural_frequency is not None and noise is None else need.budget,
+        noise_budget=None if natural_frequency is not None and noise_budget is None else need.budget,
     )
-    given = [Choice(*one) for one in premises(plants, workspace, limits, held, own=torque_limit is None)]
+    given = [Choice(*one) for one in assumptions(plants, workspace, limits, held, own=torque_limits is None)]
     return replace(result, choices=(*given, *_choices(result, found, adapted, limits, need)))
 
 
@@ -395,7 +402,7 @@ class _Need:
     @property
     def budget(self) -> float:
         """Torque noise allowed, as a share of the limit."""
-        return NOISE if self.noise is None else self.noise
+        return DEFAULT_NOISE_BUDGET if self.noise is None else self.noise
 
     @property
     def free(self) -> float:
@@ -423,7 +430,7 @@ class _Need:
                 )
             return best
         least, free = able[0], self.free
-        allowed = free if self.noise is not None else NEAR * free
+        allowed = free if self.noise is not None else MAX_BUDGET_FACTOR * free
         quiet = [one for one in able if self.level(one) <= allowed]
         if quiet:
             return min(quiet, key=lambda one: max(self.level(one), free) ** 2 * one.error)
@@ -439,17 +446,18 @@ class _Need:
     def _out_of_reach(self) -> str:
         from tarc.design.relaxations import remedies
 
-        widest = max(self.looked, key=lambda one: one.reach, default=None)
-        reach = 1.0 if widest is None else widest.reach
+        widest = max(self.looked, key=lambda one: one.max_spread, default=None)
+        reach = 1.0 if widest is None else widest.max_spread
         asked = "" if self.natural_frequency is None else f" at {self.natural_frequency:g} rad/s"
-        enough = reach >= (1 + ROOM) * self.demand.spread
+        enough = reach >= (1 + MIN_SPREAD_MARGIN) * self.demand.spread
         gravity = "; those that bear this are not stiff enough for gravity and motion" if enough else ""
         advice = remedies(
-            self.plants, self.workspace, self.shape, self.demand, self.looked, self.natural_frequency, ROOM
+            self.plants, self.workspace, self.shape, self.demand, self.looked, self.natural_frequency, MIN_SPREAD_MARGIN
         )
         return (
             f"design: nothing can be certified{asked}: the eigenvalues of M(q)⁻¹M̂ spread by {self.demand.spread:.3g}, "
-            f"and the loops bear at most {reach:.3g} (of which {100 * ROOM:.0f} % is kept as room){gravity}. {advice}"
+            f"and the loops bear at most {reach:.3g} (of which "
+            f"{100 * MIN_SPREAD_MARGIN:.0f} % is kept as room){gravity}. {advice}"
         )
 
 
@@ -462,7 +470,7 @@ def _law(
     sensor: Encoder,
     limits: np.ndarray,
 ) -> tuple[TDC | TARC, tuple[Adaptation, float] | None]:
-    common = {**best.options(), "inertia": best.scale * shape, "estimator": best.estimator}
+    common = {**best.law_options(), "inertia": best.inertia_scale * shape, "estimator": best.estimator}
     if np.isfinite(limits).any():
         common["torque_limit"] = limits
     if kind == "TDC":
@@ -470,13 +478,13 @@ def _law(
     expected = expected_step(plants, workspace)
     noise = float(np.linalg.norm(_deviation(sensor, len(shape))))
     adapted = choose_adaptation(best, expected, noise=noise)
-    return TARC(**{**common, **adapted.options()}), (adapted, expected)
+    return TARC(**{**common, **adapted.law_options()}), (adapted, expected)
 
 
 def _choices(
     made: Design, found: Any, adapted: tuple[Adaptation, float] | None, limits: np.ndarray, need: _Need
 ) -> list[Choice]:
-    best, T = made.chosen, made.chosen.period
+    best, T = made.candidate, made.candidate.period
     diagonal = np.count_nonzero(made.shape - np.diag(np.diag(made.shape))) == 0
     level = need.level(best)
     share = f"{100 * level:.2g} % of its limit" if np.isfinite(limits).any() else "no limit is known"
@@ -487,16 +495,17 @@ def _choices(
         "the least noise of all that do" if need.natural_frequency is not None else "the least error within the budget"
     )
     if above and need.natural_frequency is None:
-        least = f"the least error times noise squared within {NEAR:g} times the "
+        least = f"the least error times noise squared within {MAX_BUDGET_FACTOR:g} times the "
         least += "noise of the quietest" if scarce else "budget"
     result = [
         Choice(
             "inertia",
-            f"{best.scale:.4g} times the shape, a {'diagonal' if diagonal else 'full'} matrix",
+            f"{best.inertia_scale:.4g} times the shape, a {'diagonal' if diagonal else 'full'} matrix",
             f"of all {'diagonal ' if diagonal else ''}M̂ this shape spreads the eigenvalues of M(q)⁻¹M̂ least: by "
             f"{made.spread:.3g} over {'the payloads and ' if len(made.plants) > 1 else ''}the workspace "
-            f"({found.samples} samples and local search); scaled they lie between {best.scale:.3g} and "
-            f"{best.scale * made.spread:.3g}, which the loop bears with at least {100 * best.room:.0f} % to spare",
+            f"({found.samples} samples and local search); scaled they lie between {best.inertia_scale:.3g} and "
+            f"{best.inertia_scale * made.spread:.3g}, which the loop bears with "
+            f"at least {100 * best.spread_margin:.0f} % to spare",
         ),
         Choice(
             "window",
@@ -546,7 +555,7 @@ def _choices(
                 "boundary, cap",
                 f"{values.boundary_layer:.3g} rad, {values.max_gain:.3g} rad/s²",
                 f"a step of {expected:.3g} rad/s², the largest of payload or friction, leaves this error without the "
-                f"switching term; the cap keeps its slope at {best.slope:.4g} 1/s², which is certified",
+                f"switching term; the cap keeps its slope at {best.robust_slope:.4g} 1/s², which is certified",
             ),
             Choice(
                 "rise, fall",

@@ -26,13 +26,13 @@ from tarc.simulation.simulator import simulate
 
 QUESTIONS = {"payload": "kg", "bits": "bits", "rate": "Hz", "computation_delay": "periods", "speed": "rad/s"}
 """What may be asked, with units."""
-TRIES = 10
+MAX_CERTIFICATES = 10
 """Most certificates a question."""
-FINE = 0.01
+TOLERANCE = 0.01
 """A limit is found to this share of it, if the tries suffice."""
-TENFOLD = 10.0
+MAX_ERROR_RATIO = 10.0
 """An RMS error so many times that of the design itself counts as unstable: nonlinear loops swing and do not diverge."""
-SMOOTH = 51
+SMOOTHING_PERIODS = 51
 """Periods of torque that a parabola is fitted to; what it leaves counts as noise."""
 
 
@@ -64,13 +64,13 @@ class Outcome:
     status: str
     rms_error: float
     torque_noise: np.ndarray
-    excess: float
+    saturation_share: float
 
     def __str__(self) -> str:
         if np.isnan(self.rms_error):
             return self.status
-        swings = "" if self.stable else f" but at over {TENFOLD:g} times the error of the design itself"
-        beyond = f", {self.excess:.2%} of torques beyond their limit" if self.excess else ""
+        swings = "" if self.stable else f" but at over {MAX_ERROR_RATIO:g} times the error of the design itself"
+        beyond = f", {self.saturation_share:.2%} of torques beyond their limit" if self.saturation_share else ""
         noise = f"noise up to {self.torque_noise.max():.3g}"
         return f"{self.status}{swings}, RMS error {self.rms_error:.3g}, {noise}{beyond}"
 
@@ -134,7 +134,7 @@ def stress_test(
     design: Design,
     *,
     questions: Sequence[str] = tuple(QUESTIONS),
-    noise: float = 0.05,
+    noise_budget: float = 0.05,
     simulate: bool = True,
     duration: float = 4.0,
     progress: bool | None = None,
@@ -181,17 +181,17 @@ def stress_test(
     asked = [questions] if isinstance(questions, str) else list(questions)
     for name in asked:
         check.one_of("questions", name, QUESTIONS)
-    check.number("noise", noise, 0, strict=True)
+    check.number("noise_budget", noise_budget, 0, strict=True)
     check.number("duration", duration, 1.0)
     mass = float(np.squeeze(design.plants[-1].parameters["payload"])) if len(design.plants) > 1 else None
-    base = _Case(design, design.law, design.sensor, design.chosen.computation_delay, mass, design.workspace)
+    base = _Case(design, design.law, design.sensor, design.candidate.computation_delay, mass, design.workspace)
     found, usual = {}, base.simulate(np.nan, duration).rms_error if simulate else np.nan
-    with Progress("limits", len(asked) * (TRIES + 3), progress) as bar:
+    with Progress("limits", len(asked) * (MAX_CERTIFICATES + 3), progress) as bar:
         for number, name in enumerate(asked, 1):
             if name == "payload":
                 limit = _payload(base, bar)
             elif name == "bits":
-                limit = _bits(base, noise)
+                limit = _bits(base, noise_budget)
             elif name == "speed":
                 limit = _speed(base, bar)
             else:
@@ -204,7 +204,7 @@ def stress_test(
                     bar.advance()
                 limit = replace(limit, run=runs[0], beyond_runs=tuple(runs[1:]))
             found[name] = limit
-            bar.advance(number * (TRIES + 3) - bar.done)
+            bar.advance(number * (MAX_CERTIFICATES + 3) - bar.done)
     return found
 
 
@@ -261,7 +261,7 @@ class _Case:
         if made.status.completed:
             error, noise = made.metrics(min(1.0, duration / 4))["rms_error"], _rough(torque)
         excess = float(np.mean(np.abs(torque) > self.law.torque_limits))
-        return Outcome(value, bool(error <= TENFOLD * usual), str(made.status), error, noise, excess)
+        return Outcome(value, bool(error <= MAX_ERROR_RATIO * usual), str(made.status), error, noise, excess)
 
 
 def _quickest(sines: dict[str, Any], workspace: Workspace) -> float:
@@ -281,7 +281,7 @@ def _rough(torque: np.ndarray) -> np.ndarray:
     """RMS of what a moving parabola leaves of the torques (k, n), shape (n,)."""
     from scipy.signal import savgol_filter
 
-    odd = min(SMOOTH, len(torque) - 1 + len(torque) % 2)
+    odd = min(SMOOTHING_PERIODS, len(torque) - 1 + len(torque) % 2)
     return np.sqrt(np.mean((torque - savgol_filter(torque, odd, 2, axis=0)) ** 2, axis=0))
 
 
@@ -295,7 +295,7 @@ def _changed(base: _Case, name: str, value: float) -> _Case:
         return replace(base, workspace=base.workspace.scale_speed(value / base.workspace.speed.max()), fast=True)
     if name == "computation_delay":
         return replace(base, delay=base.delay + int(value))
-    chosen, period = base.design.chosen, 1 / value
+    chosen, period = base.design.candidate, 1 / value
     shrink = chosen.period / period
     late = int(np.ceil(chosen.computation_delay * shrink - 1e-9))
     window = max(chosen.degree, round(chosen.window * shrink))
@@ -325,8 +325,8 @@ def _search(base: _Case, bar: Progress, name: str, start: float, step: float) ->
     whole = name == "computation_delay"
     good, bad = start, None
     said = {start: _said(base.design.certificates["robot"])}
-    for _ in range(TRIES):
-        if bad is not None and (whole or bad - good <= FINE * bad):
+    for _ in range(MAX_CERTIFICATES):
+        if bad is not None and (whole or bad - good <= TOLERANCE * bad):
             break
         trial = good + step if bad is None else (good + bad) / 2
         found = _changed(base, name, 1 / trial if name == "rate" else trial).certificate()
@@ -377,7 +377,7 @@ def _bits(base: _Case, noise: float) -> Limit:
 
     def share(sensor: Encoder) -> float:
         sigma = np.sqrt(sensor.noise**2 + sensor.step_size**2 / 12)
-        predicted = base.design.chosen.noise * np.linalg.norm(base.design.shape * sigma, axis=1)
+        predicted = base.design.candidate.noise * np.linalg.norm(base.design.shape * sigma, axis=1)
         return float(np.max(predicted / base.law.torque_limits))
 
     shares = {bits: share(_changed(base, "bits", bits).sensor) for bits in range(1, 53)}

@@ -23,20 +23,20 @@ if TYPE_CHECKING:
     from tarc.design.selection import Design
 
 
-AMPLITUDE = 0.4
+MAX_AMPLITUDE = 0.4
 """Greatest amplitude of the sines [rad or m]."""
-SLOW = 1.5
+BASE_FREQUENCY = 1.5
 """Frequency of the first joint's sine [rad/s]; the others are a fifth apart."""
-PACE = 0.8
+MAX_SPEED_SHARE = 0.8
 """Share of the joints' greatest speed that the sines may reach."""
 DURATION = 10.0
 """Of the scenario [s]."""
-HELD = 0.7
+MAX_GRAVITY_SHARE = 0.7
 """Share of the torque limit that the weight may take along the sines; where it takes more they are made smaller."""
 WIDTH = 110
 """Columns of the file."""
 
-BESIDE = {
+COMMENT_KEYS = {
     "robot": ("robot", "file"),
     "workspace": ("reference",),
     "speed": ("reference",),
@@ -61,7 +61,7 @@ def scenario_of(design: "Design", duration: float = DURATION) -> Scenario:
     return Scenario.parse(sections(design, duration))
 
 
-def name_of(plant: Plant) -> str:
+def plant_name(plant: Plant) -> str:
     """A robot by its file, without the ending, or by its class."""
     return Path(plant.label).stem if isinstance(plant, MujocoPlant) else type(plant).__name__
 
@@ -73,19 +73,19 @@ def sections(design: "Design", duration: float = DURATION) -> dict[str, Any]:
     if reference is not None:
         duration = min(duration, float(design.workspace.high[0]))
     content: dict[str, Any] = {
-        "name": f"{name_of(design.plants[0])} designed",
+        "name": f"{plant_name(design.plants[0])} designed",
         "robot": robot_section(design.plants[0]),
         "law": law_section(design.law),
         "estimator": {
             "kind": "Algebraic",
-            "window": round(design.chosen.window * design.law.period, 9),
-            "degree": design.chosen.degree,
+            "window": round(design.candidate.window * design.law.period, 9),
+            "degree": design.candidate.degree,
         },
         "reference": reference_section(design),
-        "sensor": _plain({key: value for key, value in _given(design.sensor).items() if value is not None}),
+        "sensor": _plain({key: value for key, value in _non_defaults(design.sensor).items() if value is not None}),
         "initial_torque": "rest",
         "period": design.law.period,
-        "computation_delay": design.chosen.computation_delay,
+        "computation_delay": design.candidate.computation_delay,
         "duration": duration,
         "metrics_start": min(1.0, duration / 4),
     }
@@ -99,7 +99,7 @@ def robot_section(plant: Plant) -> dict[str, Any]:
     if isinstance(plant, MujocoPlant):
         return {**_plain(plant.options), "file": _located(str(plant.options["file"]))}
     if type(plant).__module__.startswith("tarc.plants"):
-        return {"kind": type(plant).__name__, **_plain(_given(plant))}
+        return {"kind": type(plant).__name__, **_plain(_non_defaults(plant))}
     raise TarcError(
         f"scenario: {type(plant).__name__} is neither from a file nor one of tarc.plants; run it with tarc.simulate"
     )
@@ -115,7 +115,7 @@ def _located(name: str) -> str:
 
 def law_section(law: Any) -> dict[str, Any]:
     """A law as a scenario writes it, without its estimator and period."""
-    options = {name: value for name, value in _given(law).items() if name not in ("period", "estimator")}
+    options = {name: value for name, value in _non_defaults(law).items() if name not in ("period", "estimator")}
     limit = options.get("torque_limit")
     if limit is not None and not np.all(np.isfinite(limit)):
         options.pop("torque_limit")
@@ -131,16 +131,16 @@ def reference_section(design: "Design") -> dict[str, Any]:
     n, speed, acceleration = design.law.n_joints, design.workspace.speed, design.workspace.acceleration
     if design.workspace.reference is not None:
         given = design.workspace.reference
-        return {"kind": type(given).__name__, **_plain(_given(given))}
+        return {"kind": type(given).__name__, **_plain(_non_defaults(given))}
     low, high = design.workspace.low, design.workspace.high
     section: dict[str, Any] = {}
     for share in (1.0, 0.5, 0.25, 0.1):
-        amplitude = share * np.minimum(AMPLITUDE, (high - low) / 4)
+        amplitude = share * np.minimum(MAX_AMPLITUDE, (high - low) / 4)
         middle = np.clip(np.clip(design.plants[0].home, low, high), low + amplitude, high - amplitude)
-        frequency = SLOW * (1 + 0.2 * np.arange(n))
+        frequency = BASE_FREQUENCY * (1 + 0.2 * np.arange(n))
         if speed is not None and acceleration is not None:
             wide = np.maximum(amplitude, 1e-9)
-            frequency = np.minimum(frequency, PACE * np.minimum(speed / wide, (acceleration / wide) ** 0.5))
+            frequency = np.minimum(frequency, MAX_SPEED_SHARE * np.minimum(speed / wide, (acceleration / wide) ** 0.5))
         section = {
             "kind": "Sinusoid",
             "amplitude": amplitude.round(4).tolist(),
@@ -160,10 +160,10 @@ def _holds(design: "Design", section: dict[str, Any]) -> bool:
     limit, plant = design.law.torque_limits, design.plants[-1]
     path = Sinusoid(**{key: value for key, value in section.items() if key != "kind"})
     postures = path.sample(np.linspace(0, DURATION, 100))[0].T
-    return all(np.all(np.abs(np.asarray(plant.gravity_torque(one))) <= HELD * limit) for one in postures)
+    return all(np.all(np.abs(np.asarray(plant.gravity_torque(one))) <= MAX_GRAVITY_SHARE * limit) for one in postures)
 
 
-def _given(part: Any) -> dict[str, Any]:
+def _non_defaults(part: Any) -> dict[str, Any]:
     """Parameters of a component that are not at their default."""
     return {one.name: value for one in fields(part) if not _same(value := getattr(part, one.name), one.default)}
 
@@ -183,7 +183,7 @@ def _plain(content: Any) -> Any:
     return float(f"{content:.8g}") if isinstance(content, float) else content
 
 
-def written(design: "Design", *, command: str = "", file: Path | None = None) -> str:
+def to_commented_yaml(design: "Design", *, command: str = "", file: Path | None = None) -> str:
     """The scenario as YAML with the reasons as comments.
 
     Parameters
@@ -202,7 +202,7 @@ def written(design: "Design", *, command: str = "", file: Path | None = None) ->
     content["law"] = _whole(design, content["law"])
     notes: dict[tuple[str, ...], list[str]] = {}
     for one in design.choices:
-        where = BESIDE.get(one.name, ())
+        where = COMMENT_KEYS.get(one.name, ())
         while where and not _holds_key(content, where):
             where = where[:-1]
         notes.setdefault(where, []).append(f"{one.name}: {one.value}; {one.reason}")
@@ -220,7 +220,7 @@ def _whole(design: "Design", law: dict[str, Any]) -> dict[str, Any]:
     content = {
         **law,
         "inertia": _plain(np.diag(M) if np.count_nonzero(M - np.diag(np.diag(M))) == 0 else M),
-        "damping_ratio": design.chosen.damping_ratio,
+        "damping_ratio": design.candidate.damping_ratio,
         "synchronised": made.synchronised,
         "delay": late,
     }
@@ -243,20 +243,20 @@ def _verdict(design: "Design", command: str, file: Path | None) -> list[str]:
     lines.append(f"Verdict: {verdict.verdict}; {verdict.margin_meaning}: {verdict.margin:.4g}. Assumed:")
     lines += [f"- {one}" for one in verdict.assumptions]
     if file is not None:
-        lines.append(f"Certificates: {proof_of(file).name}")
+        lines.append(f"Certificates: {certificates_path(file).name}")
     name = "this file" if file is None else file.name
-    lines.append(f"Run it: tarc run {name}. Certify it again: tarc certify {name} {again(design)}")
+    lines.append(f"Run it: tarc run {name}. Certify it again: tarc certify {name} {certify_options(design)}")
     return lines
 
 
-def proof_of(file: Path) -> Path:
+def certificates_path(file: Path) -> Path:
     """Where the certificates are that belong to a design's YAML file."""
     return file.with_name(f"{file.stem}-certificates.json")
 
 
-def again(design: "Design") -> str:
+def certify_options(design: "Design") -> str:
     """Options with which ``tarc certify`` looks at the workspace of a design, or at the part that it moves in."""
-    from tarc.design.robot_facts import within
+    from tarc.design.robot_facts import joint_workspace
 
     workspace = design.workspace
     pace = ""
@@ -268,7 +268,7 @@ def again(design: "Design") -> str:
     if workspace.reference is not None:
         return f"--tube {float(workspace.high[1:].max()):g}{pace}"
     try:
-        reach = within(design.plants[0])
+        reach = joint_workspace(design.plants[0])
     except TarcError:
         return f"--tube 0.01{pace}"
     full = np.allclose(reach.low, workspace.low) and np.allclose(reach.high, workspace.high)
@@ -316,7 +316,7 @@ def _inline(value: Any) -> str:
     return text.removesuffix("...\n").strip()
 
 
-def target(path: str | Path) -> Path:
+def check_writable(path: str | Path) -> Path:
     """Where a design may be written: the YAML file itself, in a folder that is there and can be written.
 
     Raises
@@ -352,9 +352,9 @@ def save(
     design: "Design", path: str | Path = "design.yaml", figures: "Mapping[str, Figure] | None" = None, command: str = ""
 ) -> list[Path]:
     """See `Design.save`; ``command`` is what made the design, for the first line of the file."""
-    here = target(path)
-    proof = proof_of(here)
-    text = written(design, command=command, file=here)
+    here = check_writable(path)
+    proof = certificates_path(here)
+    text = to_commented_yaml(design, command=command, file=here)
     content = {kind: json.loads(one.to_json()) for kind, one in design.certificates.items()}
     files = [here, proof]
     try:

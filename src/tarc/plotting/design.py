@@ -30,7 +30,7 @@ def plot_front(design: "Design") -> Figure:
     shares = 100 * design.torque_noise / limit
     known = bool(np.any(np.isfinite(limit)))
     loudest = int(np.argmax(shares if known else design.torque_noise))
-    per_noise = (shares if known else design.torque_noise)[loudest] / design.chosen.noise
+    per_noise = (shares if known else design.torque_noise)[loudest] / design.candidate.noise
     heaviest = int(np.argmax(np.diag(design.shape)))
     per_error = 1e3 / float(design.shape[heaviest, heaviest])
 
@@ -45,9 +45,9 @@ def plot_front(design: "Design") -> Figure:
         if members:
             axes.plot(*points(members), marker, ms=3.5, alpha=0.45, color=colour, ls="", label=label)
     axes.plot(*points(design.front), color="0.4", lw=1, drawstyle="steps-post", label="not beaten in both")
-    axes.plot(*points([design.chosen]), label="chosen", **STAR)
-    if design.budget is not None and known:
-        allowed = 100 * design.budget
+    axes.plot(*points([design.candidate]), label="chosen", **STAR)
+    if design.noise_budget is not None and known:
+        allowed = 100 * design.noise_budget
         axes.axvline(allowed, color=COLOURS[2], ls="--", label=f"budget, {allowed:.3g} %")
     _log(axes, "x")
     _log(axes, "y")
@@ -82,7 +82,7 @@ def _region(design: "Design") -> Figure:
     able = [one for one in design.candidates if one.feasible]
     limited = design.law.torque_limit is not None
     loudest = float(np.max(100 * design.torque_noise / design.law.torque_limits if limited else design.torque_noise))
-    noise = {one: loudest * one.noise / design.chosen.noise for one in able}
+    noise = {one: loudest * one.noise / design.candidate.noise for one in able}
     least, most = np.log10(min(noise.values())), np.log10(max(noise.values()))
     drawn: Any = None
     for axes, synchronised in zip(panels, (False, True), strict=True):
@@ -101,8 +101,8 @@ def _region(design: "Design") -> Figure:
                 s=30,
                 label=f"degree {degree}",
             )
-        if design.chosen.synchronised == synchronised:
-            axes.plot(design.chosen.window, design.chosen.natural_frequency, **STAR)
+        if design.candidate.synchronised == synchronised:
+            axes.plot(design.candidate.window, design.candidate.natural_frequency, **STAR)
         axes.set_title("synchronised" if synchronised else "literal", fontsize="medium")
         axes.set_xlabel("window [periods]")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -132,7 +132,7 @@ def _grid(design: "Design", synchronised: bool) -> tuple[np.ndarray, np.ndarray,
     for one in design.candidates:
         if one.synchronised == synchronised and one.degree == _degree(design, synchronised):
             found[one.window, one.natural_frequency] = max(
-                one.reach, found.get((one.window, one.natural_frequency), 1.0)
+                one.max_spread, found.get((one.window, one.natural_frequency), 1.0)
             )
     # the neighbours of the choice, looked at later, have few windows a natural frequency and few natural frequencies
     # a window
@@ -144,7 +144,7 @@ def _grid(design: "Design", synchronised: bool) -> tuple[np.ndarray, np.ndarray,
 
 def _degree(design: "Design", synchronised: bool) -> int:
     """That of the choice; literal loops have degree 2."""
-    return design.chosen.degree if synchronised else min(design.chosen.degree, 2)
+    return design.candidate.degree if synchronised else min(design.candidate.degree, 2)
 
 
 def _frequent(values: list[Any]) -> np.ndarray:
@@ -167,8 +167,8 @@ def _map(design: "Design", sides: dict[bool, tuple[np.ndarray, np.ndarray, np.nd
         able = [one for one in design.candidates if one.feasible and one.synchronised == synchronised]
         able = [one for one in able if one.degree == _degree(design, synchronised)]
         axes.plot([one.window for one in able], [one.natural_frequency for one in able], "o", color="black", ms=2.5)
-        if design.chosen.synchronised == synchronised:
-            axes.plot(design.chosen.window, design.chosen.natural_frequency, clip_on=False, **STAR)
+        if design.candidate.synchronised == synchronised:
+            axes.plot(design.candidate.window, design.candidate.natural_frequency, clip_on=False, **STAR)
         axes.set_facecolor("0.9")
         word = "synchronised" if synchronised else "literal"
         axes.set_title(f"{word}, degree {_degree(design, synchronised)}", fontsize="medium")
@@ -197,20 +197,22 @@ def _lines(design: "Design") -> Figure:
             best: dict[int, Candidate] = {}
             for one in design.candidates:
                 if (one.synchronised, one.degree) == (synchronised, degree):
-                    best[one.window] = max(one, best.get(one.window, one), key=lambda any: (any.feasible, any.reach))
+                    best[one.window] = max(
+                        one, best.get(one.window, one), key=lambda any: (any.feasible, any.max_spread)
+                    )
             windows = sorted(best)
             if not windows:
                 continue
-            reach = [float(np.clip(best[window].reach, 1.0, 10 * WIDEST)) for window in windows]
+            reach = [float(np.clip(best[window].max_spread, 1.0, 10 * WIDEST)) for window in windows]
             axes.plot(windows, reach, style, color=colour, lw=1.2, label=f"{word}, degree {degree}")
             able += [one for one in best.values() if one.feasible]
-    axes.plot([one.window for one in able], [one.reach for one in able], "o", color="black", ms=3.5)
+    axes.plot([one.window for one in able], [one.max_spread for one in able], "o", color="black", ms=3.5)
     axes.axhline(design.spread, color="0.4", lw=1.5, label=f"the robot's spread, {design.spread:.3g}")
-    axes.plot(design.chosen.window, design.chosen.reach, label="chosen", **STAR)
+    axes.plot(design.candidate.window, design.candidate.max_spread, label="chosen", **STAR)
     axes.set_xlabel("window [periods]")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     _log(axes, "y")
-    axes.set_ylabel(f"spread that the loop bears\nat {design.chosen.natural_frequency:.4g} rad/s")
+    axes.set_ylabel(f"spread that the loop bears\nat {design.candidate.natural_frequency:.4g} rad/s")
     axes.legend(frameon=False, fontsize="small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
     axes.grid(alpha=0.3)
     figure.suptitle(
@@ -220,12 +222,12 @@ def _lines(design: "Design") -> Figure:
 
 
 def _title(design: "Design") -> str:
-    from tarc.design.writer import name_of
+    from tarc.design.writer import plant_name
 
     low, high = design.payload
     carried = f", {low:g} to {high:g} kg" if high > low else f", {high:g} kg" if high else ""
     rate = 1 / design.law.period
-    return f"{name_of(design.plants[0])}{carried}: {type(design.law).__name__} at {rate:.4g} Hz"
+    return f"{plant_name(design.plants[0])}{carried}: {type(design.law).__name__} at {rate:.4g} Hz"
 
 
 def _force(design: "Design", joint: int) -> str:
@@ -259,6 +261,6 @@ MAX_MAP_WINDOW = 20
 def design_figures(design: "Design") -> dict[str, Figure]:
     """All figures of a design, by name; that of the law only where its map does not take long."""
     found = {kind: draw(design) for kind, draw in FIGURES.items()}
-    if design.chosen.window <= MAX_MAP_WINDOW:
-        found["law"] = design_figure(design.law, design.certificates, design.chosen.computation_delay)
+    if design.candidate.window <= MAX_MAP_WINDOW:
+        found["law"] = design_figure(design.law, design.certificates, design.candidate.computation_delay)
     return found
