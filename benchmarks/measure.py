@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 import tarc
-from tarc.simulation.monitor import Watch
-from tarc.simulation.sampled_inputs import Plan
+from tarc.simulation.monitor import DivergenceMonitor
+from tarc.simulation.sampled_inputs import SampledInputs
 
 
 class Row(NamedTuple):
@@ -48,25 +48,25 @@ def best(calls: list[Callable[[], object]], repeat: int, rounds: int = 15) -> li
     return least
 
 
-class Stopwatch(Watch):
+class Stopwatch(DivergenceMonitor):
     """Times what an engine simulates: ``times``, a period [s] in each stretch of four looks, without its set-up.
 
     ``between`` is called after every stretch, off the clock, with where the next one begins: for taking turns, in
     stretches long enough that what the other left in the caches does not matter.
     """
 
-    def __init__(self, plan: Plan, between: Callable[[int], object] = lambda at: None):
+    def __init__(self, plan: SampledInputs, between: Callable[[int], object] = lambda at: None):
         super().__init__(plan, 100.0, False)
         self.times: list[float] = []
         self.between = between
         self._looks, self._at, self._clock = 0, 0, 0.0
 
-    def look(self, begin: int, positions: np.ndarray) -> bool:
+    def update(self, first: int, positions: np.ndarray) -> bool:
         """As it was, with the time taken; the first stretch began with the set-up and is left out."""
-        go_on = super().look(begin, positions)
+        go_on = super().update(first, positions)
         self._looks += 1
         if self._looks % 4 == 0:
-            now, end = time.perf_counter(), begin + len(positions)
+            now, end = time.perf_counter(), first + len(positions)
             if self._at:
                 self.times.append((now - self._clock) / (end - self._at))
             self.between(end)

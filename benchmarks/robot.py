@@ -8,9 +8,8 @@ import numpy as np
 import tarc
 from benchmarks.measure import Row, Stopwatch, law
 from tarc.control.digital_controller import DigitalController
-from tarc.simulation.mujoco_backend import run_stepping
-from tarc.simulation.sampled_inputs import plan as sample_plan
-from tarc.simulation.sampled_inputs import start
+from tarc.simulation.mujoco_backend import run_mujoco
+from tarc.simulation.sampled_inputs import initial_conditions, sample_inputs
 
 
 def closed_loop() -> list[Row]:
@@ -27,9 +26,9 @@ def _closed_loop(native: bool) -> Row:
     n = arm.n_joints
     drive = DigitalController(tarc.signals.Encoder(bits=17), law(np.full(n, 0.1), 10, 50.0, arm.torque_limits))
     reference = tarc.signals.Sinusoid(amplitude=0.2, frequency=np.linspace(1.0, 2.0, n), offset=arm.home)
-    plan = sample_plan(arm, drive.law, reference, 40.0, drive.sensor, [], 1, 0)
-    begin = start(arm, plan, None, 0.0, "rest")
-    record = run_stepping(arm, drive, begin, plan, Stopwatch(plan), native).arrays
+    plan = sample_inputs(arm, drive.law, reference, 40.0, drive.sensor, [], 1, 0)
+    begin = initial_conditions(arm, plan, None, 0.0, "rest")
+    record = run_mujoco(arm, drive, begin, plan, Stopwatch(plan), native).arrays
     torque = np.ascontiguousarray(record["torque"])
 
     model = arm.copy_model()
@@ -52,7 +51,7 @@ def _closed_loop(native: bool) -> Row:
         at = end
 
     watch = Stopwatch(plan, replay)
-    run_stepping(arm, drive, begin, plan, watch, native)
+    run_mujoco(arm, drive, begin, plan, watch, native)
     ratio = float(np.median(np.divide(bare[1:], watch.times)))
     what = "UR5e in MuJoCo under TARC, window 10, 17-bit encoder, 1 kHz: a control period, "
     what += "compiled" if native else "virtual machine"

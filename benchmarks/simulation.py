@@ -12,10 +12,9 @@ import tarc
 from benchmarks.measure import Row, Stopwatch, law
 from tarc.control.digital_controller import DigitalController
 from tarc.plants import TwoLinkArm
-from tarc.simulation.casadi_backend import run_fused
+from tarc.simulation.casadi_backend import run_casadi
 from tarc.simulation.closed_loop import ClosedLoop
-from tarc.simulation.sampled_inputs import plan as sample_plan
-from tarc.simulation.sampled_inputs import start
+from tarc.simulation.sampled_inputs import initial_conditions, sample_inputs
 
 
 def fused(
@@ -24,9 +23,9 @@ def fused(
     """Times of a control period [s]: law, plant and recording; one a stretch."""
     drive = DigitalController(tarc.signals.Encoder(), law(0.05 * arm.inertia([0.0, np.pi / 2]), 10, 2000.0))
     reference = tarc.signals.Sinusoid(amplitude=0.6, frequency=[2.0, 2.5])
-    plan = sample_plan(arm, drive.law, reference, 50.0, drive.sensor, [], substeps, 0)
-    begin, watch = start(arm, plan, None, 0.0, "rest"), Stopwatch(plan, between)
-    run_fused(ClosedLoop(arm, drive, substeps), begin, plan, watch, native)
+    plan = sample_inputs(arm, drive.law, reference, 50.0, drive.sensor, [], substeps, 0)
+    begin, watch = initial_conditions(arm, plan, None, 0.0, "rest"), Stopwatch(plan, between)
+    run_casadi(ClosedLoop(arm, drive, substeps), begin, plan, watch, native)
     return watch.times
 
 

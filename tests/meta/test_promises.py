@@ -83,7 +83,7 @@ def test_symbols_exist():
         elif callable(thing):
             known |= set(inspect.signature(thing).parameters)
     from tarc.laws.base import ControlInput
-    from tarc.simulation.run import VARIABLES
+    from tarc.simulation.quantities import VARIABLES
 
     known |= set(VARIABLES) | set(ControlInput._fields)
     law = tarc.laws.TDC(

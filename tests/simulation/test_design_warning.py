@@ -57,15 +57,15 @@ def test_a_payload_to_come_counts_from_when_it_comes():
         tarc.simulate(ARM, design, SWING, 0.4, disturbance=lighter)
 
 
-def test_variants_are_the_robot_as_it_is_from_each_instant():
-    from tarc.simulation.sampled_inputs import variants
+def test_scheduled_plants_have_the_changes_up_to_each_time():
+    from tarc.simulation.sampled_inputs import scheduled_plants
 
     events = [
         tarc.signals.Payload(mass=2.0, start_time=1.0),
         tarc.signals.Schedule(parameter="viscous", times=[0.0, 3.0], values=[1.0, 2.0]),
     ]
     robot = tarc.plants.MujocoPlant.from_file("ur5e", armature=0.1)
-    found = variants(robot, events)
+    found = scheduled_plants(robot, events)
     assert [begin for begin, _ in found] == [0.0, 1.0, 3.0]
     assert [float(one.parameters["payload"]) for _, one in found] == [0.0, 2.0, 2.0]
     assert [one.parameters["viscous"][0] for _, one in found] == [1.0, 1.0, 2.0]

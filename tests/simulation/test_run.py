@@ -92,10 +92,10 @@ def test_a_gain_that_chatters_at_its_floor_counts_as_still():
 @pytest.mark.parametrize(
     ("smooth", "message"),
     [
-        (-0.1, "smooth: got -0.1; needs a finite number of at least 0"),
-        (0.015, r"smooth: got 0.015 s, which is no whole multiple of the period 0.01 s"),
-        (1.0, "smooth: got 1 s, and what is measured lasts 1 s; use less"),
-        (None, "smooth: got None"),
+        (-0.1, "averaging_time: got -0.1; needs a finite number of at least 0"),
+        (0.015, r"averaging_time: got 0.015 s, which is no whole multiple of the period 0.01 s"),
+        (1.0, "averaging_time: got 1 s; the measured part of the run lasts 1 s, use less"),
+        (None, "averaging_time: got None"),
     ],
 )
 def test_bad_smoothing_is_refused(smooth, message):
@@ -119,7 +119,7 @@ def test_divergence_ends_early_with_status():
     assert run.data.sizes["time"] < 5000
     assert str(run.status).startswith(f"diverged at {run.status.divergence_time:.3f} s")
     assert np.all(np.isfinite(run.data["torque"]))
-    with pytest.raises(TarcError, match=r"start: got 4 s; the run ends at .* \(diverged at"):
+    with pytest.raises(TarcError, match=r"start_time: got 4 s; the run ends at .* \(diverged at"):
         run.metrics(start_time=4.0)
 
 
@@ -158,9 +158,12 @@ def test_tde_error_is_acceleration_minus_u():
 
 def test_save_and_load(tmp_path):
     run = simulate(Pendulum(), pendulum_law(), REFERENCE, 0.5, sensor=signals.Encoder(bits=12), seed=4)
-    again = Run.load(run.save(tmp_path / "deep" / "run.nc"))
+    again = Run.load(run.save(tmp_path / "run.nc"))
     xr.testing.assert_identical(run.data, again.data)
     assert str(again.status) == str(run.status)
+    with pytest.raises(TarcError, match=r"save: got '.*nodir/x.nc'; the folder .*nodir does not exist"):
+        run.save(tmp_path / "nodir" / "x.nc")
+    assert not (tmp_path / "nodir").exists()
     with pytest.raises(TarcError, match="load: no file"):
         Run.load(tmp_path / "none.nc")
     (tmp_path / "bad.nc").write_text("no netCDF")
@@ -200,11 +203,22 @@ def test_computation_delay_holds_the_torque_back():
 
 def test_figures_draw(tmp_path):
     run = simulate(Pendulum(), pendulum_law(), REFERENCE, 0.5)
-    for kind in ("screen", "column"):
-        run.plot(kind, again=run).savefig(tmp_path / f"{kind}.png")
-    assert run.plot("column").get_figwidth() == 3.5
-    with pytest.raises(TarcError, match="kind: got 'poster'; known are screen, column"):
+    for style in ("screen", "column"):
+        run.plot(style, others={"again": run}).savefig(tmp_path / f"{style}.png")
+    assert run.plot(style="column").get_figwidth() == 3.5
+    with pytest.raises(TarcError, match="style: got 'poster'; known are screen, column"):
         run.plot("poster")
+
+
+def test_a_run_says_what_it_is():
+    run = simulate(Pendulum(), pendulum_law(), REFERENCE, 0.5)
+    rms = 1e3 * run.metrics()["rms_error"]
+    assert repr(run) == f"<Run of TDC on Pendulum: 500 samples, completed, RMS error {rms:.4g} mrad>"
+    html = run._repr_html_()
+    assert "<b>TDC on Pendulum</b>, 500 samples, completed" in html
+    assert f"<td>RMS error</td><td>{rms:.4g}</td><td>mrad</td>" in html
+    lost = simulate(Pendulum(), pendulum_law(3.0), REFERENCE, 5.0)
+    assert f"diverged at {lost.status.divergence_time:.3f} s" in repr(lost)
 
 
 @pytest.mark.parametrize(
@@ -213,8 +227,8 @@ def test_figures_draw(tmp_path):
         ({"duration": 0.0}, "duration: got 0"),
         ({"substeps": 0}, "substeps: got 0; needs a whole number of at least 1"),
         ({"computation_delay": -1}, "computation_delay: got -1"),
-        ({"position": [1.0, 2.0]}, r"position: got shape \(2,\)"),
-        ({"torque": "brake"}, "torque: got 'brake'; known are rest"),
+        ({"initial_position": [1.0, 2.0]}, r"initial_position: got shape \(2,\)"),
+        ({"initial_torque": "brake"}, "initial_torque: got 'brake'; known are rest"),
         ({"disturbance": 3.0}, "disturbance: got 3.0; needs a Disturbance"),
         ({"law": laws.TDC}, "law: got .*constructed"),
         ({"plant": "ur5e"}, "plant: got 'ur5e'"),

@@ -17,22 +17,25 @@ if TYPE_CHECKING:
 COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000"]
 """Okabe and Ito's palette, told apart by colour-blind readers."""
 
-STYLE = {"screen": (9.0, "medium", 1.1), "column": (7.0, "small", 0.8)}
+STYLES = ("screen", "column")
 COLUMN_WIDTH = 3.5
+"""Width of a column of a paper [in]."""
+COLUMN_FONT_SIZE = 7.0
+COLUMN_LINE_WIDTH = 0.8
 
 
-def run_figure(runs: dict[str, "Run"], kind: str = "screen") -> Figure:
-    """Tracking, error, torque and gain of one or more runs of the same robot.
+def run_figure(runs: dict[str, "Run"], style: str = "screen") -> Figure:
+    """Draw tracking, error, torque and gain of one or more runs of the same robot.
 
     Parameters
     ----------
     runs
         Runs by the name to show.
-    kind
+    style
         ``screen`` shows every joint; ``column`` is 3.5 inches wide, for a paper.
     """
-    check.one_of("kind", kind, STYLE)
-    return _column(runs) if kind == "column" else _screen(runs)
+    check.one_of("style", style, STYLES)
+    return _column(runs) if style == "column" else _screen(runs)
 
 
 def _screen(runs: dict[str, "Run"]) -> Figure:
@@ -78,7 +81,7 @@ def _screen(runs: dict[str, "Run"]) -> Figure:
 
 
 def _column(runs: dict[str, "Run"]) -> Figure:
-    size, _, line = STYLE["column"]
+    size, line = COLUMN_FONT_SIZE, COLUMN_LINE_WIDTH
     first = next(iter(runs.values())).data
     gains = {name: run for name, run in runs.items() if "gain" in run.data}
     rows = 3 if gains else 2

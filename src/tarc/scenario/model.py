@@ -21,7 +21,7 @@ from tarc.plants.base import Plant
 from tarc.scenario.loader import _Loader, apply_setting, find_scenario
 from tarc.scenario.schema import construct, explain, validate
 from tarc.simulation.run import Run
-from tarc.simulation.sampled_inputs import variants
+from tarc.simulation.sampled_inputs import scheduled_plants
 from tarc.simulation.simulator import simulate
 
 
@@ -219,7 +219,7 @@ class Scenario(BaseModel):
             Show a progress bar when it takes more than two seconds; None for when standard error is a terminal.
         """
         plant, reference = self.build_plant(), self.build_reference()
-        robots = [robot for begin, robot in variants(plant, self.build_disturbances()) if begin < self.duration]
+        robots = [robot for begin, robot in scheduled_plants(plant, self.build_disturbances()) if begin < self.duration]
         workspace = (
             Workspace.from_joint_limits(plant)
             if full_range

@@ -6,41 +6,48 @@ from tarc.core.codegen import compiled
 from tarc.core.tracing import BUFFER_PERIODS, PeriodBuffer, trace
 from tarc.core.trees import pack
 from tarc.simulation.closed_loop import ClosedLoop, LoopInput
-from tarc.simulation.monitor import CHUNK, Watch
+from tarc.simulation.monitor import DIVERGENCE_CHECK_INTERVAL, DivergenceMonitor
 from tarc.simulation.record import Record
-from tarc.simulation.sampled_inputs import Plan, Start
+from tarc.simulation.sampled_inputs import InitialConditions, SampledInputs
 
 
-def run_fused(loop: "ClosedLoop", begin: Start, plan: Plan, watch: Watch, native: bool = False) -> Record:
-    """The whole loop as one CasADi function, mapped over many periods a call."""
+def run_casadi(
+    loop: ClosedLoop,
+    initial: InitialConditions,
+    inputs: SampledInputs,
+    monitor: DivergenceMonitor,
+    native: bool = False,
+) -> Record:
+    """Trace the whole loop into one CasADi function and call it once per period over fixed memory."""
     n = loop.plant.n_joints
-    state = loop.init(begin.position, begin.velocity, begin.torque, plan.noise[:, 0])
-    shapes = {name: np.array(loop.plant.parameters[name]) for name in plan.schedules}
-    rest = np.zeros(n)
-    value = LoopInput(rest, rest, rest, rest, np.zeros((n, loop.substeps)), shapes)
+    state = loop.init(initial.position, initial.velocity, initial.torque, inputs.noise[:, 0])
+    parameters = {name: np.array(loop.plant.parameters[name]) for name in inputs.schedules}
+    zero = np.zeros(n)
+    value = LoopInput(zero, zero, zero, zero, np.zeros((n, loop.substeps)), parameters)
     function, example = trace(loop.step, state, value, name="period")
-    function = compiled(function) if native else function
+    buffer = PeriodBuffer(compiled(function) if native else function, pack(state), BUFFER_PERIODS)
 
-    count = len(plan.times)
-    outside = np.concatenate(
-        [
-            *plan.reference,
-            plan.noise,
-            plan.disturbance.transpose(2, 0, 1).reshape(n * loop.substeps, count),
-            *plan.schedules.values(),
-        ]
-    ).T
-    ring = PeriodBuffer(function, pack(state), BUFFER_PERIODS)
-    rows, seen, end = np.empty((count, function.nnz_out(1))), 0, 0
-    with watch.progress:
-        for at in range(0, count, BUFFER_PERIODS):
-            end = min(at + BUFFER_PERIODS, count)
-            ring.rows["u"][: end - at] = outside[at:end]
-            for call in ring.calls[: end - at]:
+    n_periods = len(inputs.times)
+    columns = _input_rows(inputs)
+    rows = np.empty((n_periods, function.nnz_out(1)))
+    n_checked = 0
+    stop = 0
+    with monitor.progress:
+        for start in range(0, n_periods, BUFFER_PERIODS):
+            stop = min(start + BUFFER_PERIODS, n_periods)
+            buffer.rows["u"][: stop - start] = columns[start:stop]
+            for call in buffer.calls[: stop - start]:
                 call()
-            rows[at:end] = ring.rows["y"][: end - at]
-            if end - seen >= CHUNK or end == count:
-                if not watch.look(seen, rows[seen:end, :n]):
+            rows[start:stop] = buffer.rows["y"][: stop - start]
+            if stop - n_checked >= DIVERGENCE_CHECK_INTERVAL or stop == n_periods:
+                if not monitor.update(n_checked, rows[n_checked:stop, :n]):
                     break
-                seen = end
-    return Record.from_rows(example, rows[: watch.end(end)])
+                n_checked = stop
+    return Record.from_rows(example, rows[: monitor.valid_rows(stop)])
+
+
+def _input_rows(inputs: SampledInputs) -> np.ndarray:
+    """Return the inputs of each period as a row, in the order of `LoopInput`."""
+    n, n_periods, substeps = inputs.disturbance.shape
+    disturbance = inputs.disturbance.transpose(2, 0, 1).reshape(n * substeps, n_periods)
+    return np.concatenate([*inputs.reference, inputs.noise, disturbance, *inputs.schedules.values()]).T

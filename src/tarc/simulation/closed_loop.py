@@ -1,85 +1,99 @@
-"""The closed loop: sensor, law, actuator, plant; and `simulate`, which runs it."""
+"""The closed loop: sensor, law, computation delay and plant, one control period per step."""
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
+import casadi as ca
 import numpy as np
 
 from tarc.control.digital_controller import ControllerInput, ControllerOutput, ControllerState, DigitalController
 from tarc.core.system import System
+from tarc.core.types import Vector
+from tarc.core.validation import Numbers
 from tarc.plants.euler_lagrange import EulerLagrange
+
+V = TypeVar("V", np.ndarray, ca.SX, ca.MX)
+"""Numbers or symbols, the same for all arguments."""
 
 
 class LoopInput(NamedTuple):
-    """What comes from outside in one period: drive inputs (n,), disturbance (n, substeps), plant parameters."""
+    """Inputs of one period: reference and noise (n,), disturbance (n, substeps), plant parameters by name."""
 
-    reference: Any
-    velocity_reference: Any
-    acceleration_reference: Any
-    noise: Any
-    disturbance: Any
+    reference: Vector
+    velocity_reference: Vector
+    acceleration_reference: Vector
+    noise: Vector
+    disturbance: Vector
     parameters: dict[str, Any]
 
 
 class LoopState(NamedTuple):
-    """Controller state, position and velocity of the plant."""
+    """State of the controller, position and velocity of the plant."""
 
-    drive: ControllerState
-    position: Any
-    velocity: Any
+    controller: ControllerState
+    position: Vector
+    velocity: Vector
 
 
 class LoopOutput(NamedTuple):
-    """True motion at the instant of sampling, the acceleration just after the torque was set, and the drive's."""
+    """True motion at the sampling instant, acceleration just after the torque was set, output of the controller."""
 
-    position: Any
-    velocity: Any
-    acceleration: Any
-    drive: ControllerOutput
+    position: Vector
+    velocity: Vector
+    acceleration: Vector
+    controller: ControllerOutput
 
 
 @dataclass(frozen=True, eq=False)
 class ClosedLoop(System):
-    """One control period: the drive at its start, then the plant under zero-order hold by Runge–Kutta substeps."""
+    """One control period: the controller at its start, then the plant under zero-order hold by Runge–Kutta substeps."""
 
     plant: EulerLagrange
-    drive: DigitalController
+    controller: DigitalController
     substeps: int = 2
 
-    def init(self, position: Any, velocity: Any = 0.0, torque: Any = 0.0, noise: Any = 0.0) -> LoopState:
-        """The robot at a position (n,) with a velocity, the drive at rest there."""
-        drive, velocity = self.drive.init(position, torque, noise), velocity + np.zeros(np.shape(position))
-        acceleration = self.plant.evaluate("acceleration", position, velocity, drive.torque_delay_line[:, -1])
-        return LoopState(self.drive.with_true_derivatives(drive, velocity, acceleration), position, velocity)
+    def init(self, position: Vector, velocity: Numbers = 0.0, torque: Numbers = 0.0, noise: Numbers = 0.0) -> LoopState:
+        """Return the state with the robot at a position (n,) with a velocity, and the controller at rest."""
+        velocity = np.asarray(velocity) + np.zeros(np.shape(position))
+        controller = self.controller.init(position, torque, noise)
+        acceleration = self.plant.evaluate("acceleration", position, velocity, controller.torque_delay_line[:, -1])
+        return LoopState(self.controller.with_true_derivatives(controller, velocity, acceleration), position, velocity)
 
     def step(self, state: LoopState, value: LoopInput) -> tuple[LoopState, LoopOutput]:
         """Measure and compute at t_k; hold the torque and integrate to t_k + T."""
-        q, dq = state.position, state.velocity
-        drive, output = self.drive.step(state.drive, ControllerInput(q, *value[:4]))
-        dt = self.drive.law.period / self.substeps
-        torque, first = output.torque, None
+        q: Any = state.position
+        dq: Any = state.velocity
+        controller, output = self.controller.step(state.controller, ControllerInput(q, *value[:4]))
+        dt = self.controller.law.period / self.substeps
+        torque = output.torque
+        first_acceleration: Any = None
         for i in range(self.substeps):
             torque = output.torque + value.disturbance[:, i]
             q, dq, acceleration = runge_kutta(self.plant, q, dq, torque, dt, value.parameters)
-            first = acceleration if first is None else first
-        last = self.plant.evaluate("acceleration", q, dq, torque, parameters=value.parameters)
-        drive = self.drive.with_true_derivatives(drive, dq, last)
-        return LoopState(drive, q, dq), LoopOutput(state.position, state.velocity, first, output)
+            first_acceleration = acceleration if first_acceleration is None else first_acceleration
+        last_acceleration = self.plant.evaluate("acceleration", q, dq, torque, parameters=value.parameters)
+        controller = self.controller.with_true_derivatives(controller, dq, last_acceleration)
+        return LoopState(controller, q, dq), LoopOutput(state.position, state.velocity, first_acceleration, output)
 
 
 def runge_kutta(
-    plant: EulerLagrange, q: Any, dq: Any, torque: Any, dt: float, parameters: dict[str, Any] | None = None
-) -> tuple[Any, Any, Any]:
-    """Position and velocity after dt by the classical fourth-order method, and the acceleration at its start."""
+    plant: EulerLagrange,
+    q: V,
+    dq: V,
+    torque: Vector,
+    dt: float,
+    parameters: dict[str, Any] | None = None,
+) -> tuple[V, V, V]:
+    """Integrate by the classical fourth-order method; return position and velocity after dt, acceleration before it."""
 
-    def slope(q: Any, dq: Any) -> Any:
+    def acceleration(q: V, dq: V) -> V:
         return plant.evaluate("acceleration", q, dq, torque, parameters=parameters)
 
-    a1 = slope(q, dq)
+    a1 = acceleration(q, dq)
     v2 = dq + dt / 2 * a1
-    a2 = slope(q + dt / 2 * dq, v2)
+    a2 = acceleration(q + dt / 2 * dq, v2)
     v3 = dq + dt / 2 * a2
-    a3 = slope(q + dt / 2 * v2, v3)
+    a3 = acceleration(q + dt / 2 * v2, v3)
     v4 = dq + dt * a3
-    a4 = slope(q + dt * v3, v4)
+    a4 = acceleration(q + dt * v3, v4)
     return q + dt / 6 * (dq + 2 * v2 + 2 * v3 + v4), dq + dt / 6 * (a1 + 2 * a2 + 2 * a3 + a4), a1

@@ -1,119 +1,172 @@
-"""The law in CasADi and the robot in MuJoCo, step by step."""
+"""The controller in CasADi and the robot in MuJoCo, step by step."""
 
+from collections.abc import Callable
 from itertools import pairwise
-from typing import Any
+from typing import NamedTuple
 
 import casadi as ca
 import mujoco
 import numpy as np
 
-from tarc.control.digital_controller import ControllerInput, DigitalController
+from tarc.control.digital_controller import ControllerInput, ControllerOutput, ControllerState, DigitalController
 from tarc.core.codegen import compiled
 from tarc.core.tracing import BUFFER_PERIODS, PeriodBuffer, trace
 from tarc.core.trees import pack
+from tarc.core.types import Vector
 from tarc.estimators.oracle import TrueDerivatives
-from tarc.plants.base import Plant
 from tarc.plants.mujoco import MujocoPlant
 from tarc.plants.robot_file import without_log_file
 from tarc.simulation.closed_loop import LoopOutput
-from tarc.simulation.monitor import CHUNK, Watch
+from tarc.simulation.monitor import DIVERGENCE_CHECK_INTERVAL, DivergenceMonitor
 from tarc.simulation.record import Record
-from tarc.simulation.sampled_inputs import Plan, Start
+from tarc.simulation.sampled_inputs import InitialConditions, SampledInputs
 
 
-def run_stepping(
-    plant: Plant, drive: "DigitalController", begin: Start, plan: Plan, watch: Watch, native: bool = False
+class _Measurement(NamedTuple):
+    """True velocity and acceleration, each (n,), and the inputs of the controller."""
+
+    velocity: Vector
+    acceleration: Vector
+    value: ControllerInput
+
+
+class _MujocoLoop:
+    """A MuJoCo model and the traced controller, which share their arrays.
+
+    The controller reads position, velocity and acceleration from the simulator's arrays and writes the torque there.
+    """
+
+    def __init__(
+        self,
+        plant: MujocoPlant,
+        controller: DigitalController,
+        initial: InitialConditions,
+        inputs: SampledInputs,
+        native: bool,
+    ):
+        n = plant.n_joints
+        self.plant = plant
+        self.model = plant.copy_model()
+        self.model.opt.timestep = controller.law.period / inputs.disturbance.shape[2]
+        self.data = mujoco.MjData(self.model)
+        self.data.qpos[:] = initial.position
+        self.data.qvel[:] = initial.velocity
+        self.inputs = inputs
+        # Runge–Kutta leaves the acceleration of its last stage behind, so the one at the start is computed beforehand
+        self.is_runge_kutta = self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
+        self.is_oracle = isinstance(controller.law.estimator, TrueDerivatives)
+        self.is_plain = inputs.disturbance.shape[2] == 1 and not self.is_runge_kutta and not self.is_oracle
+        self.acceleration = self.data.qacc if self.is_plain else np.zeros(n)
+        self.final_acceleration = np.zeros(n)
+        self.substep_torques = np.diff(inputs.disturbance, axis=2).transpose(1, 2, 0)
+
+        state = controller.init(initial.position, initial.torque, inputs.noise[:, 0])
+        zero = np.zeros(n)
+        value = _Measurement(zero, zero, ControllerInput(zero, zero, zero, zero, zero))
+        function, self.example = trace(_step_with_true_derivatives(controller), state, value, name="controller")
+        function = _with_simulator_arrays(function, n)
+        shared = {
+            "q": self.data.qpos,
+            "v": self.data.qvel,
+            "a": self.acceleration,
+            "last": self.final_acceleration,
+            "torque": self.data.qfrc_applied,
+        }
+        self.buffer = PeriodBuffer(compiled(function) if native else function, pack(state), BUFFER_PERIODS, shared)
+        if self.is_oracle:
+            self.data.qfrc_applied[:] = state.torque_delay_line[:, -1]
+            self._update_final_acceleration()
+
+    def _update_final_acceleration(self) -> None:
+        """Compute the acceleration under the present torque, which the oracle reads before the torque changes."""
+        mujoco.mj_forward(self.model, self.data)
+        self.final_acceleration[:] = self.data.qacc
+
+    def advance(self, start: int, stop: int, input_rows: np.ndarray) -> np.ndarray:
+        """Simulate the periods from ``start`` to ``stop``, which lie in one buffer; return their rows."""
+        step, model, data = mujoco.mj_step, self.model, self.data
+        place = slice(start % BUFFER_PERIODS, start % BUFFER_PERIODS + stop - start)
+        self.buffer.rows["outside"][place] = input_rows
+        if self.is_plain:
+            for call in self.buffer.calls[place]:
+                call()
+                step(model, data)
+        else:
+            for call, torques in zip(self.buffer.calls[place], self.substep_torques[start:stop], strict=True):
+                call()
+                if self.is_runge_kutta:
+                    mujoco.mj_forward(model, data)
+                    self.acceleration[:] = data.qacc
+                step(model, data)
+                if not self.is_runge_kutta:
+                    self.acceleration[:] = data.qacc
+                for torque in torques:
+                    data.qfrc_applied += torque
+                    step(model, data)
+                if self.is_oracle:
+                    self._update_final_acceleration()
+        return self.buffer.rows["row"][place]
+
+
+def run_mujoco(
+    plant: MujocoPlant,
+    controller: DigitalController,
+    initial: InitialConditions,
+    inputs: SampledInputs,
+    monitor: DivergenceMonitor,
+    native: bool = False,
 ) -> Record:
-    """MuJoCo steps the plant; the drive is called between steps over fixed memory."""
-
-    def tell_and_drive(state: Any, value: tuple[Any, Any, ControllerInput]) -> tuple[Any, Any]:
-        velocity, acceleration, given = value
-        return drive.step(drive.with_true_derivatives(state, velocity, acceleration), given)
-
-    assert isinstance(plant, MujocoPlant)
-    n, count, substeps = plant.n_joints, len(plan.times), plan.disturbance.shape[2]
-    model = plant.copy_model()
-    model.opt.timestep = drive.law.period / substeps
-    data = mujoco.MjData(model)
-    data.qpos[:], data.qvel[:] = begin.position, begin.velocity
-    state = drive.init(begin.position, begin.torque, plan.noise[:, 0])
-    rest = np.zeros(n)
-    value = rest, rest, ControllerInput(rest, rest, rest, rest, rest)
-    function, example = trace(tell_and_drive, state, value, name="drive")
-    # Runge–Kutta leaves the acceleration of its last stage behind, so the one at the start is computed beforehand
-    before = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
-    oracle = isinstance(drive.law.estimator, TrueDerivatives)
-    plain = substeps == 1 and not before and not oracle
-    acceleration, last = data.qacc if plain else np.zeros(n), np.zeros(n)
-    plug = {"q": data.qpos, "v": data.qvel, "a": acceleration, "last": last, "torque": data.qfrc_applied}
-    plugged = _plugged(function, n)
-    ring = PeriodBuffer(compiled(plugged) if native else plugged, pack(state), BUFFER_PERIODS, plug)
-
-    outside = np.concatenate([*plan.reference, plan.noise, plan.disturbance[:, :, 0]]).T
-    later = np.diff(plan.disturbance, axis=2).transpose(1, 2, 0)
-    changes = _changes(plan)
-    rows = np.empty((count, ring.rows["row"].shape[1]))
-    stops = sorted({*range(0, count, BUFFER_PERIODS), *changes, count})
-    advance, seen, end = mujoco.mj_step, 0, 0
-
-    def look_back() -> None:
-        """The acceleration that the oracle is told, of the torque that is about to change."""
-        mujoco.mj_forward(model, data)
-        last[:] = data.qacc
-
-    with watch.progress, without_log_file():
-        if oracle:
-            data.qfrc_applied[:] = state.torque_delay_line[:, -1]
-            look_back()
-        for at, end in pairwise(stops):
-            if at in changes:
-                plant.set_parameters(model, changes[at])
-            here = slice(at % BUFFER_PERIODS, at % BUFFER_PERIODS + end - at)
-            ring.rows["outside"][here] = outside[at:end]
-            if plain:
-                for call in ring.calls[here]:
-                    call()
-                    advance(model, data)
-            else:
-                for call, steps in zip(ring.calls[here], later[at:end], strict=True):
-                    call()
-                    if before:
-                        mujoco.mj_forward(model, data)
-                        acceleration[:] = data.qacc
-                    advance(model, data)
-                    if not before:
-                        acceleration[:] = data.qacc
-                    for change in steps:
-                        data.qfrc_applied += change
-                        advance(model, data)
-                    if oracle:
-                        look_back()
-            rows[at:end] = ring.rows["row"][here]
-            if end - seen >= CHUNK or end == count:
-                if not watch.look(seen, rows[seen:end, :n]):
+    """Step the plant in MuJoCo; call the controller between the steps over fixed memory."""
+    n, n_periods = plant.n_joints, len(inputs.times)
+    changes = _parameter_changes(inputs)
+    input_rows = np.concatenate([*inputs.reference, inputs.noise, inputs.disturbance[:, :, 0]]).T
+    stop = 0
+    n_checked = 0
+    with monitor.progress, without_log_file():
+        loop = _MujocoLoop(plant, controller, initial, inputs, native)
+        rows = np.empty((n_periods, loop.buffer.rows["row"].shape[1]))
+        stops = sorted({*range(0, n_periods, BUFFER_PERIODS), *changes, n_periods})
+        for start, stop in pairwise(stops):
+            if start in changes:
+                plant.set_parameters(loop.model, changes[start])
+            rows[start:stop] = loop.advance(start, stop, input_rows[start:stop])
+            if stop - n_checked >= DIVERGENCE_CHECK_INTERVAL or stop == n_periods:
+                if not monitor.update(n_checked, rows[n_checked:stop, :n]):
                     break
-                seen = end
-    log = rows[:end, 2 * n : 3 * n]  # each row has the acceleration of the step before
-    log[:-1], log[-1] = log[1:].copy(), acceleration
-    blank = LoopOutput(rest, rest, rest, example)
-    return Record.from_rows(blank, rows[: watch.end(end)])
+                n_checked = stop
+    acceleration = rows[:stop, 2 * n : 3 * n]  # each row has the acceleration of the step before
+    acceleration[:-1] = acceleration[1:].copy()
+    acceleration[-1] = loop.acceleration
+    zero = np.zeros(n)
+    return Record.from_rows(LoopOutput(zero, zero, zero, loop.example), rows[: monitor.valid_rows(stop)])
 
 
-def _plugged(drive: ca.Function, n: int) -> ca.Function:
-    """The drive as it is plugged into a simulator, which it hands the torque; a row is all there is to record."""
-    x, outside = ca.SX.sym("x", drive.nnz_in(0)), ca.SX.sym("outside", 5 * n)
+def _step_with_true_derivatives(
+    controller: DigitalController,
+) -> Callable[[ControllerState, _Measurement], tuple[ControllerState, ControllerOutput]]:
+    """Return the controller's step, with the true derivatives for the oracle among its inputs."""
+
+    def step(state: ControllerState, value: _Measurement) -> tuple[ControllerState, ControllerOutput]:
+        return controller.step(controller.with_true_derivatives(state, value.velocity, value.acceleration), value.value)
+
+    return step
+
+
+def _with_simulator_arrays(controller: ca.Function, n: int) -> ca.Function:
+    """Split the controller's input by the simulator's arrays; join its outputs, and what is recorded, in one row."""
+    x, outside = ca.SX.sym("x", controller.nnz_in(0)), ca.SX.sym("outside", 5 * n)
     q, v, a, last = (ca.SX.sym(name, n) for name in ("q", "v", "a", "last"))
-    x_next, y = drive(x, ca.vertcat(v, last, q, outside[:-n]))
+    x_next, y = controller(x, ca.vertcat(v, last, q, outside[:-n]))
     torque = y[n : 2 * n] + outside[-n:]
     names = ["x", "q", "v", "a", "last", "outside"], ["x_next", "torque", "row"]
-    return ca.Function("plugged", [x, q, v, a, last, outside], [x_next, torque, ca.vertcat(q, v, a, y)], *names)
+    return ca.Function("controller", [x, q, v, a, last, outside], [x_next, torque, ca.vertcat(q, v, a, y)], *names)
 
 
-def _changes(plan: Plan) -> dict[int, dict[str, np.ndarray]]:
-    """Scheduled parameters that change, by the period in which they do."""
-    result: dict[int, dict[str, np.ndarray]] = {}
-    for name, values in plan.schedules.items():
-        steps = np.any(np.diff(values, axis=1) != 0, axis=0)
-        for k in [0, *(1 + np.flatnonzero(steps))]:
-            result.setdefault(int(k), {})[name] = values[:, k]
-    return result
+def _parameter_changes(inputs: SampledInputs) -> dict[int, dict[str, np.ndarray]]:
+    """Return the scheduled parameters that change, by the period in which they do."""
+    changes: dict[int, dict[str, np.ndarray]] = {}
+    for name, values in inputs.schedules.items():
+        is_change = np.any(np.diff(values, axis=1) != 0, axis=0)
+        for k in [0, *(1 + np.flatnonzero(is_change))]:
+            changes.setdefault(int(k), {})[name] = values[:, k]
+    return changes

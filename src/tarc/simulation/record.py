@@ -1,24 +1,31 @@
-"""What a backend records."""
+"""Raw output of a simulation."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from tarc.core.errors import TarcError
 from tarc.core.trees import leaves, names
+from tarc.simulation.closed_loop import LoopOutput
 
 
 @dataclass(frozen=True)
 class Record:
-    """Recorded outputs: dotted name to array with time first."""
+    """Recorded outputs: signal name to array, with time as the first axis."""
 
     arrays: dict[str, np.ndarray]
 
     @classmethod
-    def from_rows(cls, example: Any, rows: np.ndarray) -> "Record":
-        """Split rows, one an instant, by an output of the same structure."""
-        arrays, start = {}, 0
+    def from_rows(cls, example: LoopOutput, rows: np.ndarray) -> "Record":
+        """Split rows, one per instant, by an output of the same structure.
+
+        Raises
+        ------
+        TarcError
+            When two signals have the same name.
+        """
+        arrays: dict[str, np.ndarray] = {}
+        start = 0
         for label, leaf in zip(names(example), leaves(example), strict=True):
             name = label.split(".")[-1]
             if name in arrays:

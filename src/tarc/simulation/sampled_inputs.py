@@ -1,13 +1,13 @@
-"""All that a run is given from outside: reference, noise, disturbances and schedules, sampled beforehand."""
+"""What acts on a run from outside: reference, noise, disturbances and schedules, sampled beforehand."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
+from tarc.core.validation import Numbers
 from tarc.laws.base import Law
 from tarc.plants.base import Plant
 from tarc.plants.euler_lagrange import EulerLagrange
@@ -16,33 +16,58 @@ from tarc.signals.disturbances import Disturbance, Payload, Schedule
 from tarc.signals.references import Reference
 from tarc.signals.sensors import Encoder
 
-LONGEST = 10_000_000
-"""Most periods of a run."""
+Event = Disturbance | Payload | Schedule
+"""A disturbance torque, a payload that is picked up, or a parameter that changes over time."""
+
+MAX_PERIODS = 10_000_000
+"""Largest number of control periods in a run."""
 
 
 @dataclass(frozen=True)
-class Plan:
-    """All that a run is given from outside, sampled beforehand: arrays with time last."""
+class SampledInputs:
+    """Inputs of a run, sampled beforehand; every array has time as its last axis.
+
+    Attributes
+    ----------
+    times
+        Instants t_k = k T [s], shape (k,).
+    reference
+        Position, velocity and acceleration reference, each of shape (n, k).
+    noise
+        Sensor noise [rad or m], shape (n, k).
+    disturbance
+        Torque [N m or N] in each substep, shape (n, k, substeps).
+    schedules
+        Values of the plant parameters that change, by name, shape (…, k).
+    events
+        Disturbances, payloads and schedules of which the arrays are samples.
+    """
 
     times: np.ndarray
     reference: tuple[np.ndarray, np.ndarray, np.ndarray]
     noise: np.ndarray
     disturbance: np.ndarray
     schedules: dict[str, np.ndarray]
-    events: tuple[Any, ...] = ()
+    events: tuple[Event, ...] = ()
 
 
 @dataclass(frozen=True)
-class Start:
-    """Where the robot and the law begin, each of shape (n,)."""
+class InitialConditions:
+    """Position, velocity and applied torque at the start, each of shape (n,)."""
 
     position: np.ndarray
     velocity: np.ndarray
     torque: np.ndarray
 
 
-def fit(plant: Plant, law: Law, reference: Reference, sensor: Encoder) -> None:
-    """Check that all parts have the same number of joints."""
+def check_compatible(plant: Plant, law: Law, reference: Reference, sensor: Encoder) -> None:
+    """Check the types of the parts, and that all have the same number of joints.
+
+    Raises
+    ------
+    TarcError
+        For an argument of a wrong type, and for different numbers of joints.
+    """
     if not isinstance(plant, EulerLagrange | MujocoPlant):
         raise TarcError(f"plant: got {plant!r}; needs one of tarc.plants")
     if not isinstance(law, Law):
@@ -57,78 +82,96 @@ def fit(plant: Plant, law: Law, reference: Reference, sensor: Encoder) -> None:
         )
     if not plant.n_joints == law.n_joints == reference.n_joints:
         raise TarcError(
-            f"joints: the plant has {plant.n_joints}, the law {law.n_joints} (told by its inertia), the reference "
-            f"{reference.n_joints}; they must be the same: give one number a joint ({', '.join(plant.joint_names)})"
+            f"joints: the plant has {plant.n_joints}, the law {law.n_joints} (the size of its inertia), the reference "
+            f"{reference.n_joints}; they must be equal: give one number per joint ({', '.join(plant.joint_names)})"
         )
 
 
-def plan(
+def sample_inputs(
     plant: Plant,
     law: Law,
     reference: Reference,
     duration: float,
     sensor: Encoder,
-    events: Sequence[Any],
+    events: Sequence[Event],
     substeps: int,
     seed: int,
-) -> Plan:
-    """Sample reference, noise, disturbances and schedules over the run."""
-    n, T = plant.n_joints, law.period
-    count = round(check.number("duration", duration, T, high=LONGEST * T) / T)
-    times = np.arange(count) * T
-    noise_rng, *rngs = np.random.default_rng(seed).spawn(1 + len(events))
-    torque, schedules = np.zeros((n, count * substeps)), {}
-    for event, rng in zip(events, rngs, strict=True):
-        if isinstance(event, Payload):
-            event = event.schedule
+) -> SampledInputs:
+    """Sample reference, noise, disturbances and schedules over the run.
+
+    Raises
+    ------
+    TarcError
+        For a duration below one period or above `MAX_PERIODS`, and for events that the plant cannot have.
+    """
+    n = plant.n_joints
+    period = law.period
+    n_periods = round(check.number("duration", duration, period, high=MAX_PERIODS * period) / period)
+    times = np.arange(n_periods) * period
+    substep_times = np.arange(n_periods * substeps) * (period / substeps)
+    noise_rng, *event_rngs = np.random.default_rng(seed).spawn(1 + len(events))
+    torque = np.zeros((n, n_periods * substeps))
+    schedules: dict[str, np.ndarray] = {}
+    for event, rng in zip(events, event_rngs, strict=True):
         if isinstance(event, Disturbance):
-            torque += event.sample(np.arange(count * substeps) * (T / substeps), n, rng)
-        elif isinstance(event, Schedule):
-            known = plant.parameters
-            name = check.one_of("schedule parameter", event.parameter, known)
-            _check_schedule(plant, event)
+            torque += event.sample(substep_times, n, rng)
+        elif isinstance(event, Payload | Schedule):
+            schedule = event.schedule if isinstance(event, Payload) else event
+            name, values = _sample_schedule(plant, schedule, times)
             if name in schedules:
                 raise TarcError(f"disturbance: two schedules change {name!r}; put both into one Schedule")
-            schedules[name] = event.sample(times, known[name])
+            schedules[name] = values
         else:
             raise TarcError(f"disturbance: got {event!r}; needs a Disturbance, Payload or Schedule of tarc.signals")
-    blocks = torque.reshape(n, count, substeps)
-    return Plan(
-        times, reference.sample(times), sensor.sample_noise(n, count, noise_rng), blocks, schedules, tuple(events)
+    return SampledInputs(
+        times,
+        reference.sample(times),
+        sensor.sample_noise(n, n_periods, noise_rng),
+        torque.reshape(n, n_periods, substeps),
+        schedules,
+        tuple(events),
     )
 
 
-def variants(plant: Plant, events: Sequence[Any]) -> list[tuple[float, Plant]]:
-    """The robot as it is from each instant [s] on, with what payloads and schedules have made of it by then."""
+def scheduled_plants(plant: Plant, events: Sequence[Event]) -> list[tuple[float, Plant]]:
+    """Return the plant after each change by a payload or schedule, with the time [s] of the change."""
     schedules = [event.schedule if isinstance(event, Payload) else event for event in events]
     schedules = [event for event in schedules if isinstance(event, Schedule)]
     knots = sorted({0.0, *(float(max(time, 0.0)) for event in schedules for time in np.ravel(event.times))})
-    known, result = plant.parameters, []
+    nominal = plant.parameters
+    plants: list[tuple[float, Plant]] = []
     for knot in knots:
         values = {}
         for event in schedules:
-            value = event.sample(np.array([knot]), known[event.parameter])[:, 0]
-            values[event.parameter] = np.reshape(value, np.shape(known[event.parameter]))
-        result.append((knot, plant.with_parameters(values) if values else plant))
-    return result
+            value = event.sample(np.array([knot]), nominal[event.parameter])[:, 0]
+            values[event.parameter] = np.reshape(value, np.shape(nominal[event.parameter]))
+        plants.append((knot, plant.with_parameters(values) if values else plant))
+    return plants
 
 
-def start(plant: Plant, plan: Plan, position: Any, velocity: Any, torque: Any) -> Start:
-    """Initial position, velocity and torque from what the user gave."""
+def initial_conditions(
+    plant: Plant, inputs: SampledInputs, position: Numbers | None, velocity: Numbers, torque: Numbers | str
+) -> InitialConditions:
+    """Return the initial conditions: by default the reference's first position, at rest, without torque."""
     n = plant.n_joints
-    q = plan.reference[0][:, 0] if position is None else check.vector("initial_position", position, n)
+    q = inputs.reference[0][:, 0] if position is None else check.vector("initial_position", position, n)
     if isinstance(torque, str):
         check.one_of("initial_torque", torque, ["rest"])
         torque = plant.gravity_torque(q)
-    return Start(q.copy(), check.vector("initial_velocity", velocity, n), check.vector("initial_torque", torque, n))
+    return InitialConditions(
+        q.copy(), check.vector("initial_velocity", velocity, n), check.vector("initial_torque", torque, n)
+    )
 
 
-def _check_schedule(plant: Plant, event: Schedule) -> None:
-    """Refuse values that the plant itself would refuse."""
-    shape = np.shape(plant.parameters[event.parameter])
-    for value in event.values:
+def _sample_schedule(plant: Plant, schedule: Schedule, times: np.ndarray) -> tuple[str, np.ndarray]:
+    """Return the name of the parameter that a schedule changes, and its values over time."""
+    parameters = plant.parameters
+    name = check.one_of("schedule parameter", schedule.parameter, parameters)
+    shape = np.shape(parameters[name])
+    for value in schedule.values:
         value = np.reshape(value, shape) if np.size(value) == np.prod(shape) else value
         if isinstance(plant, EulerLagrange):
-            replace(plant, **{event.parameter: value})
-        elif np.any(check.array(f"schedule of {event.parameter!r}, values", value) < 0):
-            raise TarcError(f"schedule of {event.parameter!r}: got {np.asarray(value).tolist()}; must be at least 0")
+            replace(plant, **{name: value})
+        elif np.any(check.array(f"schedule of {name!r}, values", value) < 0):
+            raise TarcError(f"schedule of {name!r}: got {np.asarray(value).tolist()}; must be at least 0")
+    return name, schedule.sample(times, parameters[name])

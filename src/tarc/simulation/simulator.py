@@ -4,7 +4,6 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -12,33 +11,27 @@ from tarc.analysis.rest_stability import remedy, unstable_posture
 from tarc.control.digital_controller import DigitalController
 from tarc.core import validation as check
 from tarc.core.errors import DesignWarning
+from tarc.core.validation import Numbers
 from tarc.laws.base import Law
 from tarc.plants.base import Plant
 from tarc.plants.euler_lagrange import EulerLagrange
+from tarc.plants.mujoco import MujocoPlant
 from tarc.signals.references import Reference
 from tarc.signals.sensors import Encoder
-from tarc.simulation.casadi_backend import run_fused
+from tarc.simulation.casadi_backend import run_casadi
 from tarc.simulation.closed_loop import ClosedLoop
-from tarc.simulation.monitor import Watch
-from tarc.simulation.mujoco_backend import run_stepping
+from tarc.simulation.dataset import dataset
+from tarc.simulation.monitor import DivergenceMonitor
+from tarc.simulation.mujoco_backend import run_mujoco
 from tarc.simulation.run import Run
-from tarc.simulation.sampled_inputs import Plan, fit, start, variants
-from tarc.simulation.sampled_inputs import plan as sample_plan
-
-
-def warn_if_unstable(plant: Plant, law: Law, plan: Plan, computation_delay: int, postures: int = 60) -> None:
-    """Warn of a design whose loop, at rest in a posture of the reference, is unstable, with the remedy."""
-    moments = np.unique(np.linspace(0, len(plan.times) - 1, postures).astype(int))
-    robots = variants(plant, plan.events)
-    found = None
-    for (begin, robot), (end, _) in pairwise([*robots, (np.inf, plant)]):
-        during = moments[(plan.times[moments] >= begin) & (plan.times[moments] < end)]
-        if during.size:
-            witness = unstable_posture(law, robot, plan.reference[0][:, during], computation_delay)
-            if witness and (found is None or witness["growth rate [1/s]"] > found["growth rate [1/s]"]):
-                found = witness
-    if found:
-        warnings.warn(remedy(law, found, computation_delay), DesignWarning, stacklevel=3)
+from tarc.simulation.sampled_inputs import (
+    Event,
+    SampledInputs,
+    check_compatible,
+    initial_conditions,
+    sample_inputs,
+    scheduled_plants,
+)
 
 
 def simulate(
@@ -48,10 +41,10 @@ def simulate(
     duration: float,
     *,
     sensor: Encoder | None = None,
-    disturbance: Any = (),
-    initial_position: Any = None,
-    initial_velocity: Any = 0.0,
-    initial_torque: Any = 0.0,
+    disturbance: Event | Sequence[Event] = (),
+    initial_position: Numbers | None = None,
+    initial_velocity: Numbers = 0.0,
+    initial_torque: Numbers | str = 0.0,
     computation_delay: int = 0,
     substeps: int | None = None,
     divergence_threshold: float = 5.0,
@@ -61,39 +54,42 @@ def simulate(
 ) -> Run:
     """Run a law on a robot along a reference.
 
-    The law is called once a period with the measured position and the reference; its torque is held until the next
-    call while the plant is integrated in substeps. Plants from energies run fused with the law in CasADi's virtual
-    machine, robots from files step by step in MuJoCo; the equations are the same.
+    The law is called once per period with the measured position and the reference. Its torque is held until the next
+    call while the plant is integrated in substeps. Plants from energies run with the law in one CasADi function,
+    robots from files step by step in MuJoCo. The equations are the same.
 
     Parameters
     ----------
     plant, law, reference
-        Of the same number of joints n. A law without a torque limit gets the robot's, if it has one.
+        With the same number of joints n. A law without torque limits gets those of the robot, if it has any.
     duration
-        [s].
+        Simulated time [s].
     sensor
-        What the law sees; None for the true position.
+        Sensor between the true position and the law; None for the true position.
     disturbance
         One or a list of `tarc.signals` disturbances, payloads and schedules.
-    position, velocity
-        Start of the robot, shape (n,); None for the reference's first position, at rest.
-    torque
-        Torque applied before the start, shape (n,), with which the law's memory is filled; ``"rest"`` for the one
-        that holds the robot, as a real arm's brakes or servo would have.
+    initial_position
+        Position [rad or m] at the start, shape (n,); None for the reference's first position.
+    initial_velocity
+        Velocity [rad/s or m/s] at the start, shape (n,).
+    initial_torque
+        Torque [N m or N] applied before the start, shape (n,), which initialises the law's past torques. ``"rest"``
+        is the torque that holds the robot, as a real arm's brakes or servo would have.
     computation_delay
-        Periods between a measurement and its torque on the joints. A law that knows of it, by ``actuation_delay``,
-        pairs its estimates with the torques that acted; one that does not bears only a smaller inertia.
+        Periods between a measurement and its torque on the joints. A law that models the delay, by
+        ``actuation_delay``, pairs its estimates with the torques that acted. A law that does not model it is stable
+        only for a smaller M̂.
     substeps
-        Plant steps a period; None for 2 with Runge–Kutta and 1 with MuJoCo.
+        Plant steps per period; None for 2 with Runge–Kutta and 1 with MuJoCo.
     divergence_threshold
         Error [rad or m] beyond which the run ends as diverged.
     seed
-        Of all noise.
+        Seed of all noise.
     native
-        Compile the traced functions to machine code, which takes a second or so the first time and is kept; needs a C
-        compiler. The result is the same to rounding.
+        Compile the traced functions to machine code. The first time takes a second or so, later the result is
+        reused; needs a C compiler. The result is the same to rounding.
     progress
-        Show a progress bar when it takes more than two seconds; None for when standard error is a terminal.
+        Show a progress bar when the run takes more than two seconds; None for when standard error is a terminal.
 
     Returns
     -------
@@ -108,24 +104,50 @@ def simulate(
     Warns
     -----
     DesignWarning
-        When held at rest somewhere along the reference the loop is unstable; the run goes on all the same.
+        When the loop is unstable at rest in a posture of the reference; the run goes on all the same.
     """
     sensor = Encoder() if sensor is None else sensor
-    check.integer("seed", seed, 0, 2**63 - 1)
     events = list(disturbance) if isinstance(disturbance, Sequence) else [disturbance]
-    fit(plant, law, reference, sensor)
-    limit = getattr(plant, "torque_limits", None)
-    if law.torque_limit is None and limit is not None and np.any(np.isfinite(limit)):
-        law = replace(law, torque_limit=limit)
-    drive = DigitalController(sensor, law, check.integer("computation_delay", computation_delay, 0))
-    fused = isinstance(plant, EulerLagrange)
-    steps = check.integer("substeps", (2 if fused else 1) if substeps is None else substeps, 1)
-    plan = sample_plan(plant, law, reference, duration, sensor, events, steps, seed)
-    begin = start(plant, plan, initial_position, initial_velocity, initial_torque)
-    warn_if_unstable(plant, law, plan, computation_delay)
-    watch = Watch(plan, divergence_threshold, progress)
+    check.integer("seed", seed, 0, 2**63 - 1)
+    check_compatible(plant, law, reference, sensor)
+    controller = DigitalController(
+        sensor, _with_limits(law, plant), check.integer("computation_delay", computation_delay, 0)
+    )
+    default_substeps = 2 if isinstance(plant, EulerLagrange) else 1
+    substeps = check.integer("substeps", default_substeps if substeps is None else substeps, 1)
+    inputs = sample_inputs(plant, law, reference, duration, sensor, events, substeps, seed)
+    initial = initial_conditions(plant, inputs, initial_position, initial_velocity, initial_torque)
+    warn_if_unstable(plant, controller.law, inputs, computation_delay)
+
+    monitor = DivergenceMonitor(inputs, divergence_threshold, progress)
     if isinstance(plant, EulerLagrange):
-        record = run_fused(ClosedLoop(plant, drive, steps), begin, plan, watch, native)
+        record = run_casadi(ClosedLoop(plant, controller, substeps), initial, inputs, monitor, native)
     else:
-        record = run_stepping(plant, drive, begin, plan, watch, native)
-    return Run.from_record(plant, drive, reference, plan, record, watch, seed)
+        assert isinstance(plant, MujocoPlant)
+        record = run_mujoco(plant, controller, initial, inputs, monitor, native)
+    return Run(dataset(plant, controller, reference, inputs, record, monitor.divergence_index, seed))
+
+
+def warn_if_unstable(
+    plant: Plant, law: Law, inputs: SampledInputs, computation_delay: int, n_postures: int = 60
+) -> None:
+    """Warn of a loop that is unstable at rest in a posture of the reference, with the remedy."""
+    indices = np.unique(np.linspace(0, len(inputs.times) - 1, n_postures).astype(int))
+    times = inputs.times[indices]
+    postures = inputs.reference[0][:, indices]
+    witnesses = []
+    for (start, present_plant), (stop, _) in pairwise([*scheduled_plants(plant, inputs.events), (np.inf, plant)]):
+        is_present = (times >= start) & (times < stop)
+        if np.any(is_present):
+            witnesses.append(unstable_posture(law, present_plant, postures[:, is_present], computation_delay))
+    worst = max(filter(None, witnesses), key=lambda witness: witness["growth rate [1/s]"], default=None)
+    if worst:
+        warnings.warn(remedy(law, worst, computation_delay), DesignWarning, stacklevel=3)
+
+
+def _with_limits(law: Law, plant: Plant) -> Law:
+    """Return the law itself, or with the robot's torque limits where it has none."""
+    limits = getattr(plant, "torque_limits", None)
+    if law.torque_limit is None and limits is not None and np.any(np.isfinite(limits)):
+        return replace(law, torque_limit=limits)
+    return law

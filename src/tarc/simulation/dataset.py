@@ -1,0 +1,124 @@
+"""A simulation's raw output as a labelled dataset."""
+
+import json
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from tarc.control.digital_controller import DigitalController
+from tarc.core.array_ops import HUGE
+from tarc.core.units import unit_for_joints
+from tarc.core.version import __version__
+from tarc.plants.base import Plant
+from tarc.signals.references import Reference
+from tarc.simulation.quantities import VARIABLES
+from tarc.simulation.record import Record
+from tarc.simulation.sampled_inputs import SampledInputs
+
+
+def dataset(
+    plant: Plant,
+    controller: DigitalController,
+    reference: Reference,
+    inputs: SampledInputs,
+    record: Record,
+    divergence_index: int | None,
+    seed: int,
+) -> xr.Dataset:
+    """Label a record: variables with names and units over time and joint, and how the run was made as attributes.
+
+    Parameters
+    ----------
+    plant, controller, reference, inputs, seed
+        As simulated.
+    record
+        Raw output.
+    divergence_index
+        Sample at which the run diverged, or None.
+    """
+    arrays = _with_derived_signals(record, controller, inputs)
+    n_samples = len(arrays["position"])
+    order = list(VARIABLES)
+    variables = {}
+    for name in sorted(arrays, key=lambda name: order.index(name) if name in order else len(order)):
+        label, unit = VARIABLES.get(name, (name.replace("_", " "), "1"))
+        attributes = {"long_name": label, "units": unit_for_joints(unit, plant.joint_units)}
+        dimensions = ("time",) if arrays[name].ndim == 1 else ("time", "joint")
+        variables[name] = (dimensions, arrays[name], attributes)
+    limits = controller.law.torque_limits
+    label = {"long_name": "largest torque that the law applies", "units": unit_for_joints("N m", plant.joint_units)}
+    variables["torque_limit"] = ("joint", np.where(limits < HUGE, limits, np.inf), label)
+    coordinates = {
+        "time": ("time", inputs.times[:n_samples], {"units": "s", "long_name": "time"}),
+        "joint": ("joint", plant.joint_names),
+    }
+    attributes = {
+        "title": f"{type(controller.law).__name__} on {getattr(plant, 'label', type(plant).__name__)}",
+        "source": f"tarc-control {__version__}",
+        "plant": _to_json(_describe(plant)),
+        "law": _to_json(_describe(controller.law)),
+        "reference_signal": _to_json(_describe(reference)),
+        "sensor": _to_json(_describe(controller.sensor)),
+        "disturbance": _to_json([_describe(event) for event in inputs.events]),
+        "period": controller.law.period,
+        "substeps": inputs.disturbance.shape[2],
+        "computation_delay": controller.computation_delay,
+        "seed": seed,
+        "duration": len(inputs.times) * controller.law.period,
+        "divergence_time": np.nan if divergence_index is None else inputs.times[divergence_index],
+    }
+    return xr.Dataset(variables, coords=coordinates, attrs=attributes)
+
+
+def _with_derived_signals(
+    record: Record, controller: DigitalController, inputs: SampledInputs
+) -> dict[str, np.ndarray]:
+    """Return the recorded arrays with the reference, the TDE error and the noise-free ‖s‖."""
+    arrays = dict(record.arrays)
+    n_samples = len(arrays["position"])
+    names = ("reference", "velocity_reference", "acceleration_reference")
+    for name, values in zip(names, inputs.reference, strict=True):
+        arrays[name] = values[:, :n_samples].T
+    if "auxiliary" in arrays:
+        is_tracking = np.reshape(arrays["fault"] == 0, (-1, 1))  # after a fault, u is not what is applied
+        arrays["tde_error"] = np.where(is_tracking, arrays["acceleration"] - arrays["auxiliary"], np.nan)
+    sliding = getattr(controller.law, "sliding", None)
+    if sliding is not None:
+        error = arrays["position"] - arrays["reference"]
+        error_rate = arrays["velocity"] - arrays["velocity_reference"]
+        arrays["sliding"] = np.linalg.norm(sliding(error.T, error_rate.T), axis=0)
+    return arrays
+
+
+def _to_json(content: object) -> str:
+    """Return the JSON of a description, with arrays as lists and infinities as text."""
+
+    def plain(value: object) -> object:
+        if isinstance(value, np.ndarray | np.generic):
+            return plain(value.tolist())
+        if isinstance(value, dict):
+            return {key: plain(item) for key, item in value.items()}
+        if isinstance(value, list | tuple | range):
+            return [plain(item) for item in value]
+        if isinstance(value, float) and not np.isfinite(value):
+            return str(value)
+        return value if value is None or isinstance(value, int | float | str) else str(value)
+
+    return json.dumps(plain(content))
+
+
+def _describe(part: Any) -> dict[str, Any]:
+    """Return kind and parameters of a component, ready for JSON."""
+    result: dict[str, Any] = {"kind": type(part).__name__}
+    if is_dataclass(part):
+        for field in fields(part):
+            value = getattr(part, field.name)
+            if is_dataclass(value):
+                value = _describe(value)
+            if value is not None:
+                result[field.name] = value
+    else:
+        result |= {"file": part.label, **{name: value.tolist() for name, value in part.parameters.items()}}
+    return result
