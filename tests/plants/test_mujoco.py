@@ -85,7 +85,7 @@ def test_reading_leaves_inertia_home_and_limits_as_in_the_file(robot: MujocoPlan
     assert np.array_equal(robot.home, data.qpos)
     assert np.array_equal(robot.torque_limits, model.jnt_actfrcrange[:, 1])
     assert robot.joint_names == [model.joint(i).name for i in range(model.njnt)]
-    assert set(robot.joint_units) == {"rad"}
+    assert set(robot.units) == {"rad"}
 
 
 @every_robot
@@ -315,7 +315,7 @@ def test_all_sixteen_urdfs_were_found() -> None:
 def test_tdc_runs_on_real_urdfs(file: Path) -> None:
     robot = MujocoPlant.from_file(file, armature=0.1)
     middle = np.where(robot.model.jnt_limited, robot.model.jnt_range.mean(axis=1), 0.0)
-    amplitude = [0.1 if unit == "rad" else 0.01 for unit in robot.joint_units]  # the Panda's finger slides
+    amplitude = [0.1 if unit == "rad" else 0.01 for unit in robot.units]  # the Panda's finger slides
     reference = tarc.signals.Sinusoid(amplitude=amplitude, frequency=3.0, phase=np.pi / 2, offset=middle.tolist())
     run = tarc.simulate(robot, synchronised_tdc(robot.inertia(middle)), reference, 0.3, initial_torque="rest")
     assert run.status.completed

@@ -115,8 +115,10 @@ def whole(law: PolePlacement, computation_delay: int = 0) -> Channel:
 
 def alike(law: Law) -> bool:
     """Whether K1, K2 and, with a robust term, P2 are multiples of the identity, so that all joints' loops are one."""
-    matrices = (law.K1, law.K2, getattr(law, "P2", law.K1)) if isinstance(law, PolePlacement) else ()
-    return bool(matrices) and all(_scalar(K) for K in matrices)
+    if not isinstance(law, PolePlacement):
+        return False
+    matrices = [law.K1, law.K2] if law.P2 is None else [law.K1, law.K2, law.P2]
+    return all(_scalar(K) for K in matrices)
 
 
 def _scalar(K: Array) -> bool:
@@ -125,21 +127,15 @@ def _scalar(K: Array) -> bool:
 
 def _decouple(law: PolePlacement, gain: float) -> list[Channel]:
     diagonal = all(np.abs(K - np.diag(np.diag(K))).max() <= 1e-9 * np.abs(K).max() for K in (law.K1, law.K2))
-    P2 = getattr(law, "P2", np.zeros_like(law.K1)) if gain else np.zeros_like(law.K1)
-    scalar = all(_scalar(K) for K in (law.K1, law.K2, P2))
+    P2 = law.P2 if gain else None
+    scalar = all(_scalar(K) for K in (law.K1, law.K2)) and (P2 is None or _scalar(P2))
     if not (scalar or (diagonal and not gain)):
         return [_linearise(law, gain, tuple(range(law.n_joints)))]
     groups: dict[tuple[float, float], list[int]] = {}
     for joint in range(law.n_joints):
         groups.setdefault((float(law.K1[joint, joint]), float(law.K2[joint, joint])), []).append(joint)
-    plain: dict[str, Any] = {"inertia": 1.0, "torque_limit": None, "natural_frequency": None, "damping_ratio": 1.0}
-    plain["safe_torque"] = "zero"
-    if gain and hasattr(law, "lyapunov_weight"):
-        plain["lyapunov_weight"] = [2 * law.K1[0, 0] * P2[0, 0], 2.0]  # the weight Q of one joint that has this P2
-    elif hasattr(law, "lyapunov_weight"):
-        plain["lyapunov_weight"] = None
-    ones = {gains: replace(law, **plain, position_gain=gains[0], velocity_gain=gains[1]) for gains in groups}
-    return [_linearise(ones[gains], gain, tuple(joints)) for gains, joints in groups.items()]
+    weight = None if P2 is None else float(P2[0, 0])
+    return [_linearise(law.single_joint(*gains, weight), gain, tuple(joints)) for gains, joints in groups.items()]
 
 
 def _linearise(law: PolePlacement, gain: float, joints: tuple[int, ...]) -> Channel:
@@ -153,9 +149,13 @@ def _linearise(law: PolePlacement, gain: float, joints: tuple[int, ...]) -> Chan
     rest = np.zeros(n)
     state = drive.init(rest)
     labels = [label.split(".")[-1] for label in names(state)]
-    values = [gain + 0 * leaf if label == "gain" else leaf for label, leaf in zip(labels, leaves(state), strict=True)]
-    # what is frozen stays a number, and so does the reference, so that the graph is that of the loop alone
-    moving = [i for i, label in enumerate(labels) if label not in law.frozen]
+    constants = law.linearisation_constants(gain)
+    values = [
+        leaf if constants.get(label) is None else constants[label] + 0 * leaf
+        for label, leaf in zip(labels, leaves(state), strict=True)
+    ]
+    # constant states and the reference stay numbers, so that the graph is that of the loop alone
+    moving = [i for i, label in enumerate(labels) if label not in constants]
     symbols = {i: ca.SX.sym("x", *(*np.shape(values[i]), 1, 1)[:2]) for i in moving}
     position, asked = ca.SX.sym("q", n), ca.SX.sym("a", n)
     mixed = rebuild(state, [symbols.get(i, value) for i, value in enumerate(values)])

@@ -108,15 +108,11 @@ class Workspace:
         TarcError
             For a joint in metres without a range.
         """
-        from tarc.plants.mujoco import MujocoPlant
-
-        low, high = np.full(plant.n_joints, -np.pi), np.full(plant.n_joints, np.pi)
-        limited = np.zeros(plant.n_joints, dtype=bool)
-        if isinstance(plant, MujocoPlant):
-            limited = plant.model.jnt_limited.astype(bool)
-            low, high = np.where(limited[:, None], plant.model.jnt_range, np.column_stack([low, high])).T
-        for name, unit, known in zip(plant.joint_names, plant.joint_units, limited, strict=True):
-            if unit != "rad" and not known:
+        low, high = plant.position_limits.T
+        limited = np.isfinite(low) & np.isfinite(high)
+        low, high = np.where(limited, low, -np.pi), np.where(limited, high, np.pi)
+        for name, unit, has_range in zip(plant.joint_names, plant.units, limited, strict=True):
+            if unit != "rad" and not has_range:
                 raise TarcError(
                     f"workspace: joint {name} slides [m] and has no range; give the ranges of all joints with "
                     "Workspace.box(low, high)"

@@ -265,7 +265,7 @@ def print_design(design: "Design", files: list[Path]) -> None:
     verdict = design.certificates["robot"]
     console.print(f"[green]{verdict.verdict}[/]: {escape(verdict.claim)}", highlight=False)
     console.print(f"margin {verdict.margin:.3g}, {escape(verdict.margin_meaning)}", highlight=False)
-    units = ["N" if unit == "m" else "N m" for unit in design.plants[0].joint_units]
+    units = ["N" if unit == "m" else "N m" for unit in design.plants[0].units]
     noise = [
         f"{escape(name)} {rms:.3g} {unit}" + ("" if share is None else f" ({100 * share:.2g} %)")
         for (name, rms, share), unit in zip(_noise(design), units, strict=True)

@@ -26,13 +26,13 @@ def joint_workspace(plant: Plant, reach: float | None = None) -> Workspace:
     TarcError
         For a reach that is not above zero, and without one for a slide that has no range in the file.
     """
-    low, high = _ranges(plant)
+    low, high = plant.position_limits.T
     if reach is not None:
         reach = check.number("reach", reach, 0, strict=True)
         low, high = np.maximum(low, plant.home - reach), np.minimum(high, plant.home + reach)
     endless = [
         name
-        for name, unit, end in zip(plant.joint_names, plant.joint_units, high - low, strict=True)
+        for name, unit, end in zip(plant.joint_names, plant.units, high - low, strict=True)
         if unit == "m" and not np.isfinite(end)
     ]
     if endless:
@@ -45,17 +45,8 @@ def joint_workspace(plant: Plant, reach: float | None = None) -> Workspace:
 
 def velocity_limits(plant: Plant) -> np.ndarray | None:
     """The velocity limits of a robot's file [rad/s or m/s], shape (n,); None where a joint has none."""
-    found = np.broadcast_to(getattr(plant, "velocity_limits", np.inf), (plant.n_joints,))
-    return found if np.isfinite(found).all() else None
-
-
-def _ranges(plant: Plant) -> tuple[np.ndarray, np.ndarray]:
-    """Ends of the joints' ranges [rad or m], infinite where the robot has none."""
-    low, high = np.full(plant.n_joints, -np.inf), np.full(plant.n_joints, np.inf)
-    if isinstance(plant, MujocoPlant):
-        limited = plant.model.jnt_limited.astype(bool)
-        low[limited], high[limited] = plant.model.jnt_range[limited].T
-    return low, high
+    limits = plant.velocity_limits
+    return limits if np.isfinite(limits).all() else None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,33 +162,32 @@ def assumptions(
     found = [_robot(plant), _workspace(plant, workspace), _speed(plant, workspace)]
     masses = [_payload(one) for one in plants]
     if max(masses) > 0:
-        where = f"at {plant.carrier}" if isinstance(plant, MujocoPlant) else "as the robot's parameter"
         both = f"{masses[0]:g} to {masses[-1]:g} kg" if len(masses) > 1 else f"{masses[0]:g} kg"
-        found.append(("payload", both, f"{where}; M(q) grows with it, so that the two ends stand for all between"))
+        found.append(
+            ("payload", both, f"{plant.payload_place}; M(q) grows with it, so that the two ends stand for all between")
+        )
     if held is not None:
         found += [_torque_limit(plant, limits, own), _weight(plant, held)]
     return found
 
 
 def _robot(plant: Plant) -> tuple[str, str, str]:
-    name = plant.label if isinstance(plant, MujocoPlant) else type(plant).__name__
     text = f"driven: {', '.join(plant.joint_names)}"
-    locked = plant.locked if isinstance(plant, MujocoPlant) else {}
-    if locked:
-        text += "; locked at zero: " + ", ".join(f"{joint} ({reason})" for joint, reason in locked.items())
+    if plant.locked:
+        text += "; locked at zero: " + ", ".join(f"{joint} ({reason})" for joint, reason in plant.locked.items())
     rotor = np.asarray(plant.parameters.get("armature", 1.0), dtype=float)
     if not np.all(rotor > 0):
         text += (
             "; no rotor inertia is known, and behind a gear it is most of a light link's: give armature if the motors "
             "have gears"
         )
-    return "robot", f"{name}, {plant.n_joints} joint{'s' if plant.n_joints > 1 else ''}", text
+    return "robot", f"{plant.label}, {plant.n_joints} joint{'s' if plant.n_joints > 1 else ''}", text
 
 
 def _workspace(plant: Plant, workspace: Workspace) -> tuple[str, str, str]:
     if workspace.reference is not None:
         return "workspace", "a tube about the reference", "certified for these postures and no others"
-    low, high = _ranges(plant)
+    low, high = plant.position_limits.T
     endless = [name for name, end in zip(plant.joint_names, high, strict=True) if not np.isfinite(end)]
     low, high = np.where(np.isfinite(low), low, -np.pi), np.where(np.isfinite(high), high, np.pi)
     full = np.allclose(workspace.low, low) and np.allclose(workspace.high, high)
@@ -219,7 +209,7 @@ def _speed(plant: Plant, workspace: Workspace) -> tuple[str, str, str]:
     if speed is None:
         text = "no joint's speed is bounded, so that M(q) may change at any rate; a bound makes better gains possible"
         return "speed", "any", text
-    unit = "rad/s" if "m" not in plant.joint_units else "rad/s or m/s"
+    unit = "rad/s" if "m" not in plant.units else "rad/s or m/s"
     value = f"{_alike(speed)} {unit}"
     source = "the limits in the robot's file" if own is not None and np.allclose(own, speed) else "as given"
     swift = ""
@@ -233,7 +223,7 @@ def _speed(plant: Plant, workspace: Workspace) -> tuple[str, str, str]:
 
 def _torque_limit(plant: Plant, limits: np.ndarray, own: bool) -> tuple[str, str, str]:
     equal = np.ptp(limits[np.isfinite(limits)]) == 0 and np.isfinite(limits).all()
-    unit = "N m" if "m" not in plant.joint_units else "N m or N"
+    unit = "N m" if "m" not in plant.units else "N m or N"
     value = f"{limits[0]:.4g} {unit}" if equal else f"{_listed(limits)} {unit}"
     unknown = [name for name, one in zip(plant.joint_names, limits, strict=True) if not np.isfinite(one)]
     text = "from the robot's file" if own else "as given"
@@ -258,7 +248,7 @@ def _weight(plant: Plant, held: GravityLoad) -> tuple[str, str, str]:
 
 def _torque_unit(plant: Plant, joint: int | str) -> str:
     number = plant.joint_names.index(joint) if isinstance(joint, str) else joint
-    return "N" if plant.joint_units[number] == "m" else "N m"
+    return "N" if plant.units[number] == "m" else "N m"
 
 
 def _alike(numbers: np.ndarray) -> str:

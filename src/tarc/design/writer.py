@@ -63,7 +63,7 @@ def scenario_of(design: "Design", duration: float = DURATION) -> Scenario:
 
 def plant_name(plant: Plant) -> str:
     """A robot by its file, without the ending, or by its class."""
-    return Path(plant.label).stem if isinstance(plant, MujocoPlant) else type(plant).__name__
+    return Path(plant.label).stem
 
 
 def sections(design: "Design", duration: float = DURATION) -> dict[str, Any]:

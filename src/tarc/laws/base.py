@@ -4,7 +4,7 @@ from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -111,8 +111,29 @@ class Law(Component, System):
         else:
             check.one_of("safe_torque", self.safe_torque, ["zero", "hold"])
 
-    frozen: ClassVar[tuple[str, ...]] = ("missing", "fault")
-    """States that a linearisation holds still, by name: those that count, latch or adapt."""
+    def linearisation_constants(self, gain: float) -> dict[str, float | None]:
+        """Return the states that a linearisation at rest holds constant, by name, with their values.
+
+        These are the states that count, latch or adapt. None stands for the value before the first step.
+
+        Parameters
+        ----------
+        gain
+            Value of the switching gain ĉ or ϱ [rad/s²], for a law that has one.
+        """
+        return {"missing": None, "fault": None}
+
+    @property
+    def robust_slope_bound(self) -> float:
+        """Return a bound on the slope of the robust term over the error [1/s²], if all else in the law is linear.
+
+        Infinite by default, so that no certificate leaves out the robust term of a law that states no bound.
+        """
+        return np.inf
+
+    def sliding(self, error: Any, error_rate: Any) -> Any:
+        """Return the sliding variable s, shape (n,) or (n, k), or None for a law without one."""
+        return None
 
     @property
     @abstractmethod

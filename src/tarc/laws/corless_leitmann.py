@@ -64,8 +64,7 @@ class CorlessLeitmann(PolePlacement):
         check.number("boundary_layer", self.boundary_layer, 0, strict=True)
         if self.model is not None and not isinstance(self.model, Plant):
             raise TarcError(f"model: got {self.model!r}; needs one of tarc.plants, or None")
-        # the certificates make a law of one joint out of this one, where N̂ has no place
-        if self.model is not None and self.n_joints > 1 and self.model.n_joints != self.n_joints:
+        if self.model is not None and self.model.n_joints != self.n_joints:
             raise TarcError(
                 f"model: it has {self.model.n_joints} joints, the inertia {self.n_joints}; they must be the same"
             )
@@ -74,6 +73,10 @@ class CorlessLeitmann(PolePlacement):
     def P(self) -> np.ndarray:
         """Solution of AᵀP + PA = −Q, shape (2n, 2n)."""
         return solution(self)
+
+    def _single_joint_parameters(self, position_gain: float, velocity_gain: float, P2: float | None) -> dict[str, Any]:
+        """Return those of every law, without N̂."""
+        return {**super()._single_joint_parameters(position_gain, velocity_gain, P2), "model": None}
 
     @property
     def error_bound(self) -> float:
@@ -97,7 +100,7 @@ class CorlessLeitmann(PolePlacement):
         s = self.P[n:, :n] @ tracking.error + self.P[n:, n:] @ tracking.error_rate
         correction = -self.uncertainty_bound * s / ops.norm(s, self.boundary_layer)
         torque = self.M @ (self.feedback(tracking) + correction)
-        if self.model is not None and self.model.n_joints == n:
+        if self.model is not None:
             _, bias = inertia_and_bias(self.model, tracking.estimate.position, tracking.estimate.velocity)
             torque = torque + bias
         return memory, torque, {"surface": s}

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -57,8 +57,6 @@ class AdaptiveFuzzy(PolePlacement):
     L.-X. Wang, Stable adaptive fuzzy control of nonlinear systems, IEEE Trans. Fuzzy Syst. 1(2), 1993.
     """
 
-    frozen: ClassVar[tuple[str, ...]] = (*PolePlacement.frozen, "consequents")
-
     adaptation_rate: float
     max_consequent: float
     memberships: int = 5
@@ -70,6 +68,10 @@ class AdaptiveFuzzy(PolePlacement):
         for name in ("adaptation_rate", "max_consequent", "position_span", "velocity_span"):
             check.number(name, getattr(self, name), 0, strict=True)
         check.integer("memberships", self.memberships, 2, 20)
+
+    def linearisation_constants(self, gain: float) -> dict[str, float | None]:
+        """Return those of every law, and the states that adapt."""
+        return {**super().linearisation_constants(gain), "consequents": None}
 
     @cached_property
     def P(self) -> np.ndarray:

@@ -1,8 +1,8 @@
 """Pole placement scaled by an inertia: what most laws here begin with."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -98,12 +98,33 @@ class PolePlacement(Law):
         return np.block([[np.zeros((n, n)), np.eye(n)], [-self.K1, -self.K2]])
 
     @property
-    def robust_slope_bound(self) -> float:
-        """Greatest slope of the robust term over the error [1/s²], if that is all that is not linear in the law.
+    def P2(self) -> np.ndarray | None:
+        """Return the weight of the error in the robust term, s = P2 e1, shape (n, n); None for a law without one."""
+        return None
 
-        Infinite for a law that does not say, so that no certificate takes its robust term for nothing.
+    def single_joint(self, position_gain: float, velocity_gain: float, P2: float | None = None) -> Self:
+        """Return this law for one joint with M̂ = 1 kg m² and no torque limit.
+
+        Parameters
+        ----------
+        position_gain, velocity_gain
+            K1 [1/s²] and K2 [1/s] of the joint.
+        P2
+            Weight of the error in the robust term, s = P2 e1, for a law that has one; None for its default.
         """
-        return np.inf
+        return replace(self, **self._single_joint_parameters(position_gain, velocity_gain, P2))
+
+    def _single_joint_parameters(self, position_gain: float, velocity_gain: float, P2: float | None) -> dict[str, Any]:
+        """Return the parameters in which `single_joint` differs from this law."""
+        return {
+            "inertia": 1.0,
+            "natural_frequency": None,
+            "damping_ratio": 1.0,
+            "position_gain": position_gain,
+            "velocity_gain": velocity_gain,
+            "torque_limit": None,
+            "safe_torque": "zero",
+        }
 
     def feedback(self, tracking: ControlInput) -> Any:
         """q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 [rad/s² or m/s²], shape (n,)."""

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -74,8 +74,6 @@ class ProjectionARC(ModelBased):
     33(5), 1997; paper, Section I, on what it needs that TARC does without.
     """
 
-    frozen: ClassVar[tuple[str, ...]] = (*ModelBased.frozen, "adapted")
-
     parameter_bounds: dict[str, Sequence[float]]
     adaptation_gain: float = 1.0
     robust_fraction: float = 1.0
@@ -100,6 +98,10 @@ class ProjectionARC(ModelBased):
             if not (low < high and np.all(own >= low) and np.all(own <= high)):
                 raise TarcError(f"bounds of {name}: got {low:g} to {high:g}; the model's own is {own.tolist()}")
         _ = self.model_torque
+
+    def linearisation_constants(self, gain: float) -> dict[str, float | None]:
+        """Return those of every law, and the states that adapt."""
+        return {**super().linearisation_constants(gain), "adapted": None}
 
     @property
     def robot(self) -> EulerLagrange:

@@ -3,7 +3,7 @@
 from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -45,8 +45,6 @@ class Switching(TDE):
         be a bound on M̂⁻¹N, and M̂ should be near the inertia; the estimator needs no acceleration then.
     """
 
-    frozen: ClassVar[tuple[str, ...]] = (*TDE.frozen, "gain")
-
     boundary_layer: float = 0.2
     surface_slope: float | None = None
     time_delay: bool = True
@@ -57,6 +55,10 @@ class Switching(TDE):
         if self.surface_slope is not None:
             check.number("surface_slope", self.surface_slope, 0, strict=True)
         _ = self.start_gain
+
+    def linearisation_constants(self, gain: float) -> dict[str, float | None]:
+        """Return those of every law, and the states that adapt."""
+        return {**super().linearisation_constants(gain), "gain": gain}
 
     @property
     def uses_tde(self) -> bool:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -63,8 +63,6 @@ class TARC(TDE):
     Paper, Section II-B: the control input (tarc input), (delta u), the adaptive law (ATRC), condition (c2).
     """
 
-    frozen: ClassVar[tuple[str, ...]] = (*TDE.frozen, "gain", "sliding")
-
     rise_rate: float
     fall_rate: float
     boundary_layer: float = 0.01
@@ -95,6 +93,10 @@ class TARC(TDE):
                 "such as the default"
             )
 
+    def linearisation_constants(self, gain: float) -> dict[str, float | None]:
+        """Return those of every law, and the states that adapt."""
+        return {**super().linearisation_constants(gain), "gain": gain, "sliding": None}
+
     @property
     def start_gain(self) -> float:
         """The initial gain ĉ(0) [rad/s²]."""
@@ -124,6 +126,11 @@ class TARC(TDE):
     def P2(self) -> np.ndarray:
         """Lower left block of P, shape (n, n): s = P2 e1."""
         return self.P[self.n_joints :, : self.n_joints]
+
+    def _single_joint_parameters(self, position_gain: float, velocity_gain: float, P2: float | None) -> dict[str, Any]:
+        """Return those of every law, and the weight Q = diag(2 K1 P2, 2), whose solution has this P2."""
+        weight = None if P2 is None else [2 * position_gain * P2, 2.0]
+        return {**super()._single_joint_parameters(position_gain, velocity_gain, P2), "lyapunov_weight": weight}
 
     @property
     def P3(self) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What every plant offers: joints, parameters, and the inertia matrix for the certificates."""
+"""Contract of a plant: joints, limits, parameters, inertia matrix and linearisation."""
 
 from abc import ABC, abstractmethod
 from typing import Any, Self
@@ -15,17 +15,47 @@ class Plant(ABC):
     @property
     @abstractmethod
     def n_joints(self) -> int:
-        """How many joints n."""
+        """Return the number of joints n."""
 
     @property
-    @abstractmethod
+    def label(self) -> str:
+        """Return the name in tables, figures and messages; by default that of the class."""
+        return type(self).__name__
+
+    @property
     def joint_names(self) -> list[str]:
-        """A name a joint."""
+        """Return one name per joint; by default ``joint1``, ``joint2``, …"""
+        return [f"joint{i + 1}" for i in range(self.n_joints)]
 
     @property
-    def joint_units(self) -> list[str]:
-        """``rad`` or ``m``, one a joint."""
+    def units(self) -> list[str]:
+        """Return the unit of each joint's position, ``rad`` or ``m``; by default all ``rad``."""
         return ["rad"] * self.n_joints
+
+    @property
+    def torque_limits(self) -> np.ndarray:
+        """Return the largest torque of each joint [N m or N], shape (n,), infinite where there is no limit."""
+        return np.full(self.n_joints, np.inf)
+
+    @property
+    def velocity_limits(self) -> np.ndarray:
+        """Return the largest speed of each joint [rad/s or m/s], shape (n,), infinite where there is no limit."""
+        return np.full(self.n_joints, np.inf)
+
+    @property
+    def position_limits(self) -> np.ndarray:
+        """Return the range of each joint [rad or m], shape (n, 2), infinite where there is no limit."""
+        return np.tile([-np.inf, np.inf], (self.n_joints, 1))
+
+    @property
+    def locked(self) -> dict[str, str]:
+        """Return why each locked joint is locked, by the joint's name; by default no joint is locked."""
+        return {}
+
+    @property
+    def payload_place(self) -> str:
+        """Return where the payload acts, for messages."""
+        return "as the robot's parameter"
 
     @property
     @abstractmethod

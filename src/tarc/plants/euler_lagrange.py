@@ -67,11 +67,6 @@ class EulerLagrange(Component, Plant):
         """Check the fields, with a `TarcError` that names the one at fault; nothing unless overridden."""
 
     @property
-    def joint_names(self) -> list[str]:
-        """``joint1``, ``joint2``, …"""
-        return [f"joint{i + 1}" for i in range(self.n_joints)]
-
-    @property
     def parameters(self) -> dict[str, np.ndarray]:
         """The numeric fields."""
         return {field.name: np.array(getattr(self, field.name), dtype=float) for field in fields(self)}

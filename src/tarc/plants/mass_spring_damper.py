@@ -43,7 +43,7 @@ class MassSpringDamper(EulerLagrange):
         return np.size(self.masses)
 
     @property
-    def joint_units(self) -> list[str]:
+    def units(self) -> list[str]:
         """All slide."""
         return ["m"] * self.n_joints
 

@@ -41,15 +41,8 @@ class MujocoPlant(Plant):
     ----------
     model
         The ``mujoco.MjModel``.
-    torque_limits
-        Limits from the file [N m or N], shape (n,), infinite where it has none; the smaller one where a range is
-        not symmetric.
-    velocity_limits
-        Limits from a URDF [rad/s or m/s], shape (n,), infinite where it has none.
     options
         How to make this robot again: ``file`` and the other arguments of `from_file`.
-    locked
-        Why a joint of the file is locked, by its name.
     carrier
         What carries the payload, in words.
     """
@@ -59,9 +52,9 @@ class MujocoPlant(Plant):
         body.add_body(
             name="tarc_payload", pos=place, ipos=[0.0] * 3, mass=0.0, inertia=[0.0] * 3, explicitinertial=True
         )
-        self.locked: dict[str, str] = {}
+        self._locked: dict[str, str] = {}
         self.model: mujoco.MjModel = compile_model(spec, label)
-        self.label = label
+        self._label = label
         self.options: dict[str, Any] = {}
         self._home = np.array(
             [home.get(name, middle) for name, middle in zip(self.joint_names, self._middles(), strict=True)]
@@ -69,8 +62,8 @@ class MujocoPlant(Plant):
         self._scratch = mujoco.MjData(self.model)
         self._payload_body = self.model.body("tarc_payload").id
         limited, ranges = self.model.jnt_actfrclimited.astype(bool), np.abs(self.model.jnt_actfrcrange)
-        self.torque_limits = np.where(limited, ranges.min(axis=1), np.inf)
-        self.velocity_limits = np.full(self.n_joints, np.inf)
+        self._torque_limits = np.where(limited, ranges.min(axis=1), np.inf)
+        self._velocity_limits = np.full(self.n_joints, np.inf)
         self.set_parameters(self.model, {"payload": np.array(payload)})
         values, vectors = np.linalg.eigh(self.inertia(self._home))
         if not values[0] > 1e-9:
@@ -156,9 +149,9 @@ class MujocoPlant(Plant):
             "tool": tool,
             "contact": contact or None,
         }
-        plant.locked = locked
+        plant._locked = locked
         speeds = speed_limits(file)
-        plant.velocity_limits = np.array([speeds.get(joint, np.inf) for joint in plant.joint_names])
+        plant._velocity_limits = np.array([speeds.get(joint, np.inf) for joint in plant.joint_names])
         plant.options = {"file": str(path), **{key: value for key, value in given.items() if value is not None}}
         return plant
 
@@ -168,13 +161,47 @@ class MujocoPlant(Plant):
         return self.model.nv
 
     @property
+    def label(self) -> str:
+        """Return the file's name."""
+        return self._label
+
+    @property
+    def torque_limits(self) -> np.ndarray:
+        """Return the torque limits of the file [N m or N], shape (n,), infinite where it has none.
+
+        Where a range is not symmetric, the smaller end counts.
+        """
+        return self._torque_limits
+
+    @property
+    def velocity_limits(self) -> np.ndarray:
+        """Return the velocity limits of a URDF [rad/s or m/s], shape (n,), infinite where it has none."""
+        return self._velocity_limits
+
+    @property
+    def position_limits(self) -> np.ndarray:
+        """Return the joint ranges of the file [rad or m], shape (n, 2), infinite where it has none."""
+        limited = self.model.jnt_limited.astype(bool)
+        return np.where(limited[:, None], self.model.jnt_range, [-np.inf, np.inf])
+
+    @property
+    def locked(self) -> dict[str, str]:
+        """Return why each locked joint of the file is locked, by the joint's name."""
+        return self._locked
+
+    @property
+    def payload_place(self) -> str:
+        """Return the body or site that carries the payload, for messages."""
+        return f"at {self.carrier}"
+
+    @property
     def joint_names(self) -> list[str]:
-        """As in the file."""
+        """Return the names of the file."""
         return [self.model.joint(i).name or f"joint{i + 1}" for i in range(self.n_joints)]
 
     @property
-    def joint_units(self) -> list[str]:
-        """``m`` for slides."""
+    def units(self) -> list[str]:
+        """Return ``m`` for slides and ``rad`` for hinges."""
         return ["m" if kind == mujoco.mjtJoint.mjJNT_SLIDE else "rad" for kind in self.model.jnt_type]
 
     @property

@@ -44,18 +44,18 @@ def dataset(
     variables = {}
     for name in sorted(arrays, key=lambda name: order.index(name) if name in order else len(order)):
         label, unit = VARIABLES.get(name, (name.replace("_", " "), "1"))
-        attributes = {"long_name": label, "units": unit_for_joints(unit, plant.joint_units)}
+        attributes = {"long_name": label, "units": unit_for_joints(unit, plant.units)}
         dimensions = ("time",) if arrays[name].ndim == 1 else ("time", "joint")
         variables[name] = (dimensions, arrays[name], attributes)
     limits = controller.law.torque_limits
-    label = {"long_name": "largest torque that the law applies", "units": unit_for_joints("N m", plant.joint_units)}
+    label = {"long_name": "largest torque that the law applies", "units": unit_for_joints("N m", plant.units)}
     variables["torque_limit"] = ("joint", np.where(limits < HUGE, limits, np.inf), label)
     coordinates = {
         "time": ("time", inputs.times[:n_samples], {"units": "s", "long_name": "time"}),
         "joint": ("joint", plant.joint_names),
     }
     attributes = {
-        "title": f"{type(controller.law).__name__} on {getattr(plant, 'label', type(plant).__name__)}",
+        "title": f"{type(controller.law).__name__} on {plant.label}",
         "source": f"tarc-control {__version__}",
         "plant": _to_json(_describe(plant)),
         "law": _to_json(_describe(controller.law)),
@@ -84,11 +84,11 @@ def _with_derived_signals(
     if "auxiliary" in arrays:
         is_tracking = np.reshape(arrays["fault"] == 0, (-1, 1))  # after a fault, u is not what is applied
         arrays["tde_error"] = np.where(is_tracking, arrays["acceleration"] - arrays["auxiliary"], np.nan)
-    sliding = getattr(controller.law, "sliding", None)
+    error = arrays["position"] - arrays["reference"]
+    error_rate = arrays["velocity"] - arrays["velocity_reference"]
+    sliding = controller.law.sliding(error.T, error_rate.T)
     if sliding is not None:
-        error = arrays["position"] - arrays["reference"]
-        error_rate = arrays["velocity"] - arrays["velocity_reference"]
-        arrays["sliding"] = np.linalg.norm(sliding(error.T, error_rate.T), axis=0)
+        arrays["sliding"] = np.linalg.norm(sliding, axis=0)
     return arrays
 
 

@@ -147,7 +147,6 @@ def warn_if_unstable(
 
 def _with_limits(law: Law, plant: Plant) -> Law:
     """Return the law itself, or with the robot's torque limits where it has none."""
-    limits = getattr(plant, "torque_limits", None)
-    if law.torque_limit is None and limits is not None and np.any(np.isfinite(limits)):
-        return replace(law, torque_limit=limits)
+    if law.torque_limit is None and np.any(np.isfinite(plant.torque_limits)):
+        return replace(law, torque_limit=plant.torque_limits)
     return law
