@@ -1,5 +1,6 @@
 """Frozen parameter classes that refuse unknown and missing keywords with a helpful `TarcError`."""
 
+import inspect
 from abc import ABCMeta
 from dataclasses import MISSING, fields
 from typing import TYPE_CHECKING, Any
@@ -17,6 +18,12 @@ class _Checked(ABCMeta):
             if not cls.__abstractmethods__:
                 _check_keywords(cls, args, keywords)
             return super().__call__(*args, **{name: _own(value) for name, value in keywords.items()})
+
+        @property
+        def __signature__(cls) -> inspect.Signature:
+            """Signature of the dataclass, which ``help`` and notebooks show."""
+            own = inspect.signature(cls.__init__)
+            return own.replace(parameters=list(own.parameters.values())[1:], return_annotation=cls)
 
 
 class Component(metaclass=_Checked):
