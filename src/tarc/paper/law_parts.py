@@ -1,12 +1,12 @@
-"""What the certificates by semidefinite programming share: parts that decouple, the solver, and a search upward.
+"""Parts of a law that the conditions of the paper share: its gains, delay and window, split where joints decouple."""
 
-No solver's word is proof: all that comes from here is a candidate, to be judged from its matrices.
-"""
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from tarc.core import validation as check
-from tarc.core.errors import TarcError
+from tarc.core.errors import UnsupportedLaw
 from tarc.core.types import Array
 from tarc.estimators.algebraic import Algebraic
 from tarc.laws.base import Law
@@ -14,113 +14,165 @@ from tarc.laws.tde import TDE
 from tarc.numerics.sdp import symmetric
 
 
-def delayed(law: Law) -> TDE:
-    """The law, which must be one on time-delay estimation.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GainPart:
+    """Gains of joints that are independent of all others.
+
+    Attributes
+    ----------
+    K1, K2
+        Position and velocity gain, each (n, n) [1/s², 1/s].
+    """
+
+    K1: Array
+    K2: Array
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints n."""
+        return len(np.atleast_1d(self.K1))
+
+    def has_gain_shapes(self) -> bool:
+        """Return whether K1 and K2 are (n, n)."""
+        n = self.n_joints
+        return self.K1.shape == self.K2.shape == (n, n)
+
+
+def are_symmetric(size: int, *matrices: Array) -> bool:
+    """Return whether all matrices are (size, size) and symmetric to the last bit."""
+    return all(matrix.shape == (size, size) and np.array_equal(matrix, matrix.T) for matrix in matrices)
+
+
+def require_tde(law: Law) -> TDE:
+    """Return the law, which must use time-delay estimation.
 
     Raises
     ------
-    TarcError
-        For any other.
+    UnsupportedLaw
+        For any other law.
     """
     if not isinstance(law, TDE):
-        raise TarcError(f"law: got {type(law).__name__}; needs a law on time-delay estimation, such as tarc.laws.TDC")
+        raise UnsupportedLaw(
+            f"law: got {type(law).__name__}; needs a law on time-delay estimation, such as tarc.laws.TDC"
+        )
     return law
 
 
-def delay_of(law: TDE, delay: float | None) -> float:
-    """h [s]: the one given, else the law's own."""
-    return law.delay_periods * law.period if delay is None else check.number("delay", delay, 0, strict=True)
-
-
-def gains(law: TDE, *weights: Array) -> list[tuple[Array, ...]]:
-    """The parts (K1, K2, *weights) of a law that do not touch each other, equal ones once.
-
-    Joints belong together where an entry of K1, K2 or a weight couples them; weights are (2n, 2n), for (e1, ė1).
-    That the rest may be taken apart loses nothing: a matrix inequality that is linear in its unknowns and invariant
-    under a group of rotations holds for the average over the group if it holds at all. Diagonal gains are invariant
-    under a change of any joint's sign, so that the average has no block between different joints. Scalar gains are
-    invariant under every rotation of the joints, so that it is p ⊗ I with one p for all.
-    """
-    from scipy.sparse.csgraph import connected_components
-
-    n = law.n_joints
-    linked = (law.K1 != 0) | (law.K2 != 0)
-    for weight in weights:
-        linked |= np.any(weight.reshape(2, n, 2, n) != 0, axis=(0, 2))
-    count, owner = connected_components(linked)
-    parts: dict[bytes, tuple[Array, ...]] = {}
-    for i in range(count):
-        joints = np.flatnonzero(owner == i)
-        both = np.concatenate([joints, n + joints])
-        part = (
-            *(K[np.ix_(joints, joints)] for K in (law.K1, law.K2)),
-            *(weight[np.ix_(both, both)] for weight in weights),
-        )
-        parts.setdefault(b"".join(block.tobytes() for block in part), part)
-    return list(parts.values())
-
-
-def windowed(law: TDE) -> Algebraic:
-    """The law's estimator, which must be the one with a kernel.
+def require_algebraic(law: TDE) -> Algebraic:
+    """Return the law's estimator, which must have a kernel Ω_j.
 
     Raises
     ------
-    TarcError
-        For any other, to which the theorems on Ω_j do not apply.
+    UnsupportedLaw
+        For a law with any other estimator.
     """
     estimator = law.estimator
     if not isinstance(estimator, Algebraic):
-        raise TarcError(
+        raise UnsupportedLaw(
             f"law: its estimator is {type(estimator).__name__}; this certificate is about the kernel of "
             "tarc.estimators.Algebraic, so give the law that one"
         )
     return estimator
 
 
-def rate(K1: Array) -> float:
-    """A natural frequency [1/s] to measure time in: det(K1)^(1/2n), so that the solver sees numbers around one."""
+def delay_or_default(law: TDE, delay: float | None) -> float:
+    """Return the delay h [s], by default that of the law.
+
+    Raises
+    ------
+    InvalidParameter
+        For a delay that is not positive.
+    """
+    return law.delay_periods * law.period if delay is None else check.number("delay", delay, 0, strict=True)
+
+
+def window_or_default(estimator: Algebraic, window: float | None) -> float:
+    """Return the window ς [s], by default that of the estimator.
+
+    Raises
+    ------
+    InvalidParameter
+        For a window that is not positive.
+    """
+    return estimator.window if window is None else check.number("window", window, 0, strict=True)
+
+
+def independent_parts(law: TDE, *weights: Array) -> list[tuple[Array, ...]]:
+    """Split gains and weights into parts without any coupling, equal parts once.
+
+    Two joints belong to one part where an entry of K1, K2 or a weight couples them. To split loses nothing. A matrix
+    inequality that is linear in its unknowns and invariant under a group of rotations holds for the group's average
+    if it holds at all. Diagonal gains are invariant under a change of any joint's sign, so the average has no block
+    between different joints. Scalar gains are invariant under every rotation of the joints, so it is p ⊗ I.
+
+    Parameters
+    ----------
+    law
+        The law with K1 and K2.
+    weights
+        Each (2n, 2n), for (e1, ė1).
+
+    Returns
+    -------
+    list
+        Per part the tuple (K1, K2, *weights), each restricted to the part's joints.
+    """
+    from scipy.sparse.csgraph import connected_components
+
+    n = law.n_joints
+    coupled = (law.K1 != 0) | (law.K2 != 0)
+    for weight in weights:
+        coupled |= np.any(weight.reshape(2, n, 2, n) != 0, axis=(0, 2))
+    count, owner = connected_components(coupled)
+    parts: dict[bytes, tuple[Array, ...]] = {}
+    for i in range(count):
+        joints = np.flatnonzero(owner == i)
+        states = np.concatenate([joints, n + joints])
+        part = (
+            *(gain[np.ix_(joints, joints)] for gain in (law.K1, law.K2)),
+            *(weight[np.ix_(states, states)] for weight in weights),
+        )
+        parts.setdefault(b"".join(block.tobytes() for block in part), part)
+    return list(parts.values())
+
+
+def time_scale(K1: Array) -> float:
+    """Return det(K1)^(1/2n) [1/s], a natural frequency to scale time by, so that the solver's numbers are near one."""
     return float(np.exp(np.linalg.slogdet(K1)[1] / (2 * len(K1))))
 
 
-def stretch(n: int, omega: float) -> Array:
-    """The matrix T of e = T e′ from e1 and de1/d(ωt) to e1 and ė1, shape (2n, 2n)."""
+def time_transformation(n: int, omega: float) -> Array:
+    """Return T of e = T e′, (2n, 2n), from the error in scaled time, e1 and de1/d(ωt), to e1 and ė1."""
     return np.diag(np.concatenate([np.ones(n), np.full(n, omega)]))
 
 
 def companion(K1: Array, K2: Array) -> tuple[Array, Array]:
-    """A1 = [0 I; 0 0] and B1 = [0 0; −K1 −K2], of floats or of balls."""
-    none = np.zeros_like(K1)
-    return np.block([[none, none + np.eye(len(K1), dtype=int)], [none, none]]), np.block([[none, none], [-K1, -K2]])
+    """Return A1 = [0 I; 0 0] and B1 = [0 0; −K1 −K2], of floats or of balls."""
+    zero = np.zeros_like(K1)
+    identity = zero + np.eye(len(K1), dtype=int)
+    return np.block([[zero, identity], [zero, zero]]), np.block([[zero, zero], [-K1, -K2]])
 
 
 def lyapunov(K1: Array, K2: Array, Q: Array) -> Array:
-    """P of AᵀP + PA = −Q, A = A1 + B1."""
+    """Return the P of AᵀP + PA = −Q with A = A1 + B1."""
     from scipy.linalg import solve_continuous_lyapunov
 
     A1, B1 = companion(K1, K2)
     return symmetric(solve_continuous_lyapunov((A1 + B1).T, -Q))
 
 
-def gather(matrices: dict[str, Array], shapes: dict[str, tuple[int, int]]) -> list[tuple[Array, ...]]:
-    """The stored matrices part by part, in the order of the names: (K1_0, K2_0, P_0, …), (K1_1, …).
+def largest_certified(limit: float, is_certified: Callable[[float], bool]) -> float:
+    """Return the largest value slightly below a limit that is certified in ball arithmetic; 0.0 for none.
 
-    Shapes are in units of the part's number of joints. Empty when a matrix is missing, of another shape, or not
-    symmetric though no gain: then nothing is proven.
+    Parameters
+    ----------
+    limit
+        Limit that floating point found.
+    is_certified
+        Whether a value is certified.
     """
-    count = sum(name.startswith("K1_") for name in matrices)
-    parts = []
-    for i in range(count):
-        part = tuple(np.asarray(matrices.get(f"{name}_{i}", np.zeros(0))) for name in shapes)
-        n = len(part[0])
-        for block, (name, shape) in zip(part, shapes.items(), strict=True):
-            if block.shape != (shape[0] * n, shape[1] * n):
-                return []
-            if not name.startswith("K") and not np.array_equal(block, block.T):
-                return []
-        parts.append(part)
-    return parts
-
-
-def store(parts: list[tuple[Array, ...]], names: tuple[str, ...]) -> dict[str, Array]:
-    """The matrices of `gather`, named."""
-    return {f"{name}_{i}": block for i, part in enumerate(parts) for name, block in zip(names, part, strict=False)}
+    for reduction in (1e-7, 1e-6, 1e-5, 1e-4, 1e-3):
+        value = limit * (1 - reduction)
+        if value > 0 and is_certified(value):
+            return float(value)
+    return 0.0

@@ -1,15 +1,15 @@
 """Conditions of the paper on the matrices alone: Lemma 1 on M̂ over a workspace, and condition (c2) on P."""
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from tarc.analysis.inertia_ratio import extremes, inverse_ratios
-from tarc.analysis.stability import Witness
 from tarc.analysis.workspace import Workspace
-from tarc.certificates.base import FORMS, JUDGES, Certificate, dict_certificate
-from tarc.core.errors import TarcError
+from tarc.certificates.base import Certificate, Evidence, Judgement, Verdict
+from tarc.core.errors import InvalidParameter, UnsupportedLaw
 from tarc.core.types import Array
 from tarc.laws.base import Law
 from tarc.laws.pole_placement import PolePlacement
@@ -19,64 +19,124 @@ from tarc.numerics.matrix_tests import definite
 from tarc.plants.base import Plant
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Lemma1Witness:
+    """A posture at which Lemma 1 fails.
+
+    Attributes
+    ----------
+    posture
+        q, shape (n,) [rad or m].
+    norm
+        ‖M(q)⁻¹M̂ − I‖ there.
+    """
+
+    posture: Array
+    norm: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Lemma1Evidence(Evidence):
+    """The worst posture for Lemma 1, and the inertia ratios of the workspace.
+
+    Attributes
+    ----------
+    inertia, nominal_inertia
+        M(q) at the posture, and M̂, each (n, n).
+    posture
+        The posture with the largest norm, shape (n,) [rad or m].
+    norm
+        ‖M(q)⁻¹M̂ − I‖ at the posture, in the joints' own units.
+    scaled_norm
+        Largest ‖E(q) − I‖ with E = M̂^½ M⁻¹ M̂^½, the same condition in coordinates that do not depend on units.
+    min_ratio, max_ratio
+        Smallest and largest eigenvalue of M(q)⁻¹M̂ over the workspace.
+    samples
+        Number of sampled postures.
+    plant_index
+        Index of the plant with the largest norm.
+    """
+
+    kind: ClassVar[str] = "lemma1"
+    witness_type: ClassVar[type[Lemma1Witness]] = Lemma1Witness
+
+    inertia: Array
+    nominal_inertia: Array
+    posture: Array
+    norm: float
+    scaled_norm: float
+    min_ratio: float
+    max_ratio: float
+    samples: int
+    plant_index: int
+
+    def judge(self) -> Judgement:
+        """Return the verdict at the stored posture, in ball arithmetic."""
+        M, nominal = self.inertia, self.nominal_inertia
+        norm = float(np.linalg.norm(np.linalg.solve(M, nominal) - np.eye(len(M)), 2))
+        _, _, vector = definite(lemma1_form(M, nominal))
+        if prove(lambda: positive(lemma1_form(balls(M), balls(nominal)))):
+            return Judgement(Verdict.CERTIFIED, 1 - norm)
+        if prove(lambda: negative_at(lemma1_form(balls(M), balls(nominal)), vector)):
+            return Judgement(Verdict.REFUTED, 1 - norm, Lemma1Witness(posture=self.posture, norm=norm))
+        return Judgement(Verdict.INCONCLUSIVE, 1 - norm)
+
+    def forms(self) -> dict[str, Array]:
+        """Return M M̂ + M̂ M − M̂²."""
+        return {"M M̂ + M̂ M − M̂²": lemma1_form(self.inertia, self.nominal_inertia)}
+
+
 def check_lemma1(
     law: Law, plant: Plant | Sequence[Plant], workspace: Workspace, *, samples: int = 2000, seed: int = 0
-) -> Certificate:
+) -> Certificate[Lemma1Evidence]:
     """Test ‖M(q)⁻¹M̂ − I‖ < 1 over a workspace.
 
-    For symmetric matrices it says that M M̂ + M̂ M − M̂² is positive definite, which is affine in M: where it holds for a
-    robot without and with its payload, it holds for every payload between. It is decided at the worst posture found.
+    For symmetric matrices this is M M̂ + M̂ M − M̂² > 0, which is affine in M. So if it holds for a robot without and
+    with its payload, it holds for every payload between. It is decided at the posture with the largest norm.
 
     Parameters
     ----------
     law
-        A law on time-delay estimation; its M̂ is tested.
+        A law on time-delay estimation, whose M̂ is tested.
     plant
         The robot, or several, such as one without and one with its payload.
     workspace
         The postures.
     samples, seed
-        How many postures to sample before a local search, and their seed.
+        Number of sampled postures before the local search, and the seed.
 
     Returns
     -------
     Certificate
-        Its margin is 1 less the largest norm found. Its numbers: that ``norm``, the least (``low``) and greatest
-        (``high``) eigenvalue of M⁻¹M̂, and ``norm for M̂``, the largest of ‖E(q) − I‖ for E = M̂^½ M⁻¹ M̂^½, which is the
-        same condition in coordinates that do not depend on units. Where refuted the witness is a posture.
+        The margin is 1 − ‖M(q)⁻¹M̂ − I‖ at the worst posture. The witness of a refutation is a `Lemma1Witness`.
 
     Raises
     ------
+    UnsupportedLaw
+        For a law without a nominal inertia M̂.
+    InvalidParameter
+        For numbers of joints that differ.
     TarcError
-        For a law without an inertia, joints that do not match, and an M(q) that is singular somewhere.
+        For an M(q) that is singular at a posture.
 
     References
     ----------
     Paper, Lemma 1, (mass).
     """
     if not isinstance(law, PolePlacement):
-        raise TarcError(f"law: got {type(law).__name__}; Lemma 1 is about M̂, so give a law on time-delay estimation")
-    nominal, eye = law.M, np.eye(law.n_joints)
+        raise UnsupportedLaw(
+            f"law: got {type(law).__name__}; Lemma 1 is about M̂, so give a law on time-delay estimation"
+        )
     robots = list(plant) if isinstance(plant, Sequence) else [plant]
     for robot in robots:
         if isinstance(robot, Plant) and robot.n_joints != law.n_joints:
-            raise TarcError(f"law: it drives {law.n_joints} joints and the robot has {robot.n_joints}; give as many")
-    worst, low, high = extremes(
-        (
-            lambda M: np.linalg.norm(np.linalg.solve(M, nominal) - eye, 2, axis=(1, 2)),
-            lambda M: inverse_ratios(M, nominal)[:, -1],
-            lambda M: -inverse_ratios(M, nominal)[:, 0],
-        ),
-        robots,
-        workspace,
-        samples=samples,
-        seed=seed,
-    )
-    matrices = {"M": robots[worst.plant].inertia(worst.posture), "inertia": nominal, "position": worst.posture}
-    verdict, margin, witness = judge_lemma1(matrices, {})
-    ends = 1 / low.value, -1 / high.value
-    return dict_certificate(
-        kind="lemma1",
+            raise InvalidParameter(
+                f"law: it drives {law.n_joints} joints and the robot has {robot.n_joints}; give as many"
+            )
+    evidence = _worst_posture(law.M, robots, workspace, samples, seed)
+    verdict, margin, witness = evidence.judge()
+    return Certificate(
+        evidence=evidence,
         claim="Lemma 1 of the paper holds: ‖M(q)⁻¹M̂ − I‖ < 1 at every posture of the workspace.",
         problem="M(q) M̂ + M̂ M(q) − M̂² > 0, the same for symmetric matrices",
         verdict=verdict,
@@ -86,59 +146,138 @@ def check_lemma1(
             f"the largest norm is the one found from {samples} postures and a local search; a larger one elsewhere is "
             "not excluded",
             "M(q) is the model's, computed in floating point",
-            "the norm is that of the joints' own units; where they differ, the norm for M̂ among the numbers says more",
-            "left out: the lemma bounds the estimation error for the true acceleration an instant ago. This law "
-            "estimates the acceleration over a window, and its loop is stable only for far smaller ratios: see the "
-            "certificates of the loop and of the ball",
+            "the norm is in the joints' own units; where they differ, the scaled norm of the evidence says more",
+            "left out: the lemma bounds the estimation error for the true acceleration at t − h. This law estimates "
+            "the acceleration over a window, and its loop is stable only for far smaller ratios: see the certificates "
+            "of the constant and the varying ratio",
         ),
-        matrices=matrices,
-        numbers={
-            "norm": worst.value,
-            "low": ends[0],
-            "high": ends[1],
-            "norm for M̂": max(abs(1 - end) for end in ends),
-            "samples": float(samples),
-            "plant": float(worst.plant),
-        },
         witness=witness,
-        proof_grade=verdict == "refuted",
+        basis=f"{samples} sampled postures and local search",
+        proof_grade=verdict == Verdict.REFUTED,
     )
 
 
-def judge_lemma1(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, float, Witness | None]:
-    """Verdict, margin and witness at the stored posture; refuted only if proven in ball arithmetic."""
-    M, nominal = matrices["M"], matrices["inertia"]
-    norm = float(np.linalg.norm(np.linalg.solve(M, nominal) - np.eye(len(M)), 2))
-    _, _, vector = definite(_lemma1_form(M, nominal))
-    if prove(lambda: positive(_lemma1_form(balls(M), balls(nominal)))):
-        return "certified", 1 - norm, None
-    if prove(lambda: negative_at(_lemma1_form(balls(M), balls(nominal)), vector)):
-        return "refuted", 1 - norm, {"position": matrices["position"].tolist(), "norm": norm}
-    return "inconclusive", 1 - norm, None
-
-
-def _lemma1_form(M: Array, nominal: Array) -> Array:
-    """M² − (M̂ − M)²: with B = M⁻¹M̂ − I, I − BBᵀ multiplied by M from both sides."""
+def lemma1_form(M: Array, nominal: Array) -> Array:
+    """Return M M̂ + M̂ M − M̂², which is M (I − BBᵀ) M with B = M⁻¹M̂ − I."""
     return M @ nominal + nominal @ M - nominal @ nominal
 
 
-def check_condition_c2(law: Law) -> Certificate:
+def _worst_posture(
+    nominal: Array, robots: Sequence[Plant], workspace: Workspace, samples: int, seed: int
+) -> Lemma1Evidence:
+    """Return the posture with the largest norm, and the extreme inertia ratios."""
+    identity = np.eye(len(nominal))
+    worst, low, high = extremes(
+        (
+            lambda M: np.linalg.norm(np.linalg.solve(M, nominal) - identity, 2, axis=(1, 2)),
+            lambda M: inverse_ratios(M, nominal)[:, -1],
+            lambda M: -inverse_ratios(M, nominal)[:, 0],
+        ),
+        robots,
+        workspace,
+        samples=samples,
+        seed=seed,
+    )
+    min_ratio, max_ratio = 1 / low.value, -1 / high.value
+    return Lemma1Evidence(
+        inertia=robots[worst.plant].inertia(worst.posture),
+        nominal_inertia=nominal,
+        posture=worst.posture,
+        norm=worst.value,
+        scaled_norm=max(abs(1 - min_ratio), abs(1 - max_ratio)),
+        min_ratio=min_ratio,
+        max_ratio=max_ratio,
+        samples=samples,
+        plant_index=worst.plant,
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ConditionC2Witness:
+    """A unit vector at which the form of P3 P2ᵀ is not positive, shape (n,)."""
+
+    vector: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Counterexample:
+    """An error and its rate at which Δsᵀs = ė1ᵀ P3 P2 e1 is negative, although (c2) holds.
+
+    Attributes
+    ----------
+    error, error_rate
+        e1 and ė1, unit vectors, each (n,).
+    value
+        Δsᵀs there.
+    """
+
+    error: Array
+    error_rate: Array
+    value: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ConditionC2Evidence(Evidence):
+    """The Lyapunov equation of a law, and where (c2) does not imply Δsᵀs > 0.
+
+    Attributes
+    ----------
+    A, P, Q
+        Matrices of AᵀP + PA = −Q, each (2n, 2n).
+    residual
+        ‖AᵀP + PA + Q‖ / ‖Q‖.
+    shrinking
+        Counterexample with ė1 = −e1, an error that shrinks.
+    growing
+        Counterexample where ‖s‖ grows; None where P3 P2 and P2ᵀP2 are parallel.
+    """
+
+    kind: ClassVar[str] = "c2"
+    witness_type: ClassVar[type[ConditionC2Witness]] = ConditionC2Witness
+
+    A: Array
+    P: Array
+    Q: Array
+    residual: float
+    shrinking: Counterexample
+    growing: Counterexample | None
+
+    def judge(self) -> Judgement:
+        """Return the verdict from A and P, in ball arithmetic."""
+        values, vectors = np.linalg.eigh(condition_c2_form(self.P))
+        margin = float(values[0] / max(np.max(np.abs(values)), 1e-300))
+
+        def holds() -> bool:
+            A, P = balls(self.A), balls(self.P)
+            return positive(P) and positive(-(A.T @ P + P @ A)) and positive(condition_c2_form(P))
+
+        if prove(holds):
+            return Judgement(Verdict.CERTIFIED, margin)
+        if prove(lambda: negative_at(condition_c2_form(balls(self.P)), vectors[:, 0])):
+            return Judgement(Verdict.REFUTED, margin, ConditionC2Witness(vector=vectors[:, 0]))
+        return Judgement(Verdict.INCONCLUSIVE, margin)
+
+    def forms(self) -> dict[str, Array]:
+        """Return P, −(AᵀP + PA) and the symmetric part of P3 P2ᵀ."""
+        A, P = self.A, self.P
+        return {"P": P, "−(AᵀP + PA)": -(A.T @ P + P @ A), "P3 P2ᵀ": condition_c2_form(P)}
+
+
+def check_condition_c2(law: Law) -> Certificate[ConditionC2Evidence]:
     """Test condition (c2), P3 P2ᵀ > 0 (its symmetric part), for the P of a law.
 
-    P is known in floating point, and so solves its Lyapunov equation for a Q a little off. The paper asks for some
-    Q > 0; that P > 0, AᵀP + PA < 0 and (c2) hold for the very P in use is decided in ball arithmetic.
+    P is a floating-point matrix, and solves its Lyapunov equation for a slightly different Q. The paper needs some
+    Q > 0. Ball arithmetic decides P > 0, AᵀP + PA < 0 and (c2) for exactly the stored P.
 
     Returns
     -------
     Certificate
-        Its margin is the least eigenvalue of (P3 P2ᵀ + P2 P3)/2 over the greatest. Its numbers: the relative
-        ``residual`` of the Lyapunov equation; ``shrinking``, the value of Δsᵀs = ė1ᵀ P3 P2 e1 at ``e1`` and ė1 = −e1 of
-        the matrices, an error that shrinks; and where P3 P2 and P2ᵀP2 are not parallel, ``growing``, its value at the
-        unit ``f1`` and ``df1``, where ‖s‖ grows. Both are negative: (c2) does not give Δsᵀs > 0.
+        The margin is the least eigenvalue of (P3 P2ᵀ + P2 P3)/2 over the largest. The evidence contains states at
+        which Δsᵀs is negative: (c2) does not imply Δsᵀs > 0.
 
     Raises
     ------
-    TarcError
+    UnsupportedLaw
         For a law without a P.
 
     References
@@ -146,16 +285,19 @@ def check_condition_c2(law: Law) -> Certificate:
     Paper, (c2), and (new 1) in the proof of Theorem 2, which does not follow from it.
     """
     if not isinstance(law, TARC):
-        raise TarcError(f"law: got {type(law).__name__}; condition (c2) is about the P of tarc.laws.TARC")
-    matrices = {"A": law.A, "P": law.P, "Q": law.Q, **_counterexamples(law)}
-    verdict, margin, witness = judge_c2(matrices, {})
+        raise UnsupportedLaw(f"law: got {type(law).__name__}; condition (c2) is about the P of tarc.laws.TARC")
     residual = np.linalg.norm(law.A.T @ law.P + law.P @ law.A + law.Q, 2) / np.linalg.norm(law.Q, 2)
-    product = law.P3 @ law.P2
-    numbers = {"residual": float(residual), "shrinking": float(-matrices["e1"] @ product @ matrices["e1"])}
-    if "f1" in matrices:
-        numbers["growing"] = float(matrices["df1"] @ product @ matrices["f1"])
-    return dict_certificate(
-        kind="c2",
+    evidence = ConditionC2Evidence(
+        A=law.A,
+        P=law.P,
+        Q=law.Q,
+        residual=float(residual),
+        shrinking=_shrinking_counterexample(law),
+        growing=_growing_counterexample(law),
+    )
+    verdict, margin, witness = evidence.judge()
+    return Certificate(
+        evidence=evidence,
         claim="Condition (c2) of the paper holds: P3 P2ᵀ is positive definite.",
         problem="P > 0, AᵀP + PA < 0, P3 P2ᵀ + P2 P3 > 0",
         verdict=verdict,
@@ -164,59 +306,37 @@ def check_condition_c2(law: Law) -> Certificate:
         assumptions=(
             "gains and P are the floating-point numbers that the law runs with",
             "left out: the paper concludes Δsᵀs > 0 from it, but Δsᵀs = ė1ᵀ P3 P2 e1 is negative where the error "
-            "shrinks as from the stored e1 at ė1 = −e1",
+            "shrinks, as from the stored e1 at ė1 = −e1",
         ),
-        matrices=matrices,
-        numbers=numbers,
         witness=witness,
-        proof_grade=verdict != "inconclusive",
+        proof_grade=verdict != Verdict.INCONCLUSIVE,
     )
 
 
-def judge_c2(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, float, Witness | None]:
-    """Verdict, margin and witness from A and P, in ball arithmetic."""
-    A, P = matrices["A"], matrices["P"]
-    values, vectors = np.linalg.eigh(_c2_form(P))
-    margin = float(values[0] / max(np.max(np.abs(values)), 1e-300))
-
-    def holds() -> bool:
-        a, p = balls(A), balls(P)
-        return positive(p) and positive(-(a.T @ p + p @ a)) and positive(_c2_form(p))
-
-    if prove(holds):
-        return "certified", margin, None
-    if prove(lambda: negative_at(_c2_form(balls(P)), vectors[:, 0])):
-        return "refuted", margin, {"vector": vectors[:, 0].tolist()}
-    return "inconclusive", margin, None
-
-
-def _c2_form(P: Array) -> Array:
-    """Symmetric part of P3 P2ᵀ."""
+def condition_c2_form(P: Array) -> Array:
+    """Return the symmetric part of P3 P2ᵀ."""
     n = len(P) // 2
     product = P[n:, n:] @ P[n:, :n].T
     return (product + product.T) / 2
 
 
-def _c2_forms(matrices: dict[str, Array], _: dict[str, Any]) -> dict[str, Array]:
-    A, P = matrices["A"], matrices["P"]
-    return {"P": P, "−(AᵀP + PA)": -(A.T @ P + P @ A), "P3 P2ᵀ": _c2_form(P)}
+def _shrinking_counterexample(law: TARC) -> Counterexample:
+    """Return a state with ė1 = −e1 and Δsᵀs < 0.
+
+    The trace of P3 P2 is that of P3 P2ᵀ, positive under (c2), so the top eigenvalue is positive as well.
+    """
+    product = law.P3 @ law.P2
+    e1 = np.linalg.eigh((product + product.T) / 2)[1][:, -1]
+    return Counterexample(error=e1, error_rate=-e1, value=float(-e1 @ product @ e1))
 
 
-def _counterexamples(law: TARC) -> dict[str, Array]:
-    """Errors and their rates at which Δsᵀs < 0: e1 with −e1, which shrinks, and f1 with df1, where ‖s‖ grows."""
+def _growing_counterexample(law: TARC) -> Counterexample | None:
+    """Return a state where ‖s‖ grows and Δsᵀs < 0; None where P3 P2 and P2ᵀP2 are parallel."""
     product, growth = law.P3 @ law.P2, law.P2.T @ law.P2
-    # the trace of P3 P2 is that of P3 P2ᵀ, positive under (c2), so that the top eigenvalue is
-    top = np.linalg.eigh((product + product.T) / 2)[1][:, -1]
-    found = {"e1": top}
     for e1 in np.eye(law.n_joints):
-        ahead, behind = growth @ e1 / np.linalg.norm(growth @ e1), product @ e1 / np.linalg.norm(product @ e1)
+        ahead = growth @ e1 / np.linalg.norm(growth @ e1)
+        behind = product @ e1 / np.linalg.norm(product @ e1)
         if np.linalg.norm(ahead - behind) > 1e-6:
-            found |= {"f1": e1, "df1": (ahead - behind) / np.linalg.norm(ahead - behind)}
-            break
-    return found
-
-
-JUDGES["lemma1"] = judge_lemma1
-JUDGES["c2"] = judge_c2
-FORMS["lemma1"] = lambda matrices, _: {"M M̂ + M̂ M − M̂²": _lemma1_form(matrices["M"], matrices["inertia"])}
-FORMS["c2"] = _c2_forms
+            rate = (ahead - behind) / np.linalg.norm(ahead - behind)
+            return Counterexample(error=e1, error_rate=rate, value=float(rate @ product @ e1))
+    return None

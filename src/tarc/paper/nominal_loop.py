@@ -1,11 +1,11 @@
 """Theorem 2 repaired, for the nominal loop: input-to-state stability with a delay and a derivative window.
 
-Theorem 2 of the paper has no solution (see `tarc.paper.check_theorem2`). The loop that it is about, with the delay h,
-the window ς and the kernel Ω_1,
+Theorem 2 of the paper has no solution (see `tarc.paper.check_theorem2`). Its loop, with the delay h, the window ς and
+the kernel Ω_1,
 
     ë1 = −K1 e1(t−h) − K2 ∫_{−ς}^0 Ω_1(ψ) e1(t−h+ψ) dψ + σ′,
 
-has a condition that does. By parts ∫Ω_1 e1 = ∫w e2 with e2 = ė1, w(ψ) = −∫_{−ς}^ψ Ω_1 and ∫w = 1. So with
+has a condition that can be met. By parts ∫Ω_1 e1 = ∫w e2 with e2 = ė1, w(ψ) = −∫_{−ς}^ψ Ω_1 and ∫w = 1. So with
 z1 = ∫_{−h}^0 e2(t+θ)dθ, z2 = ∫_{−h−ς}^0 g(θ) ė2(t+θ)dθ and g(θ) = ∫_{−ς}^{min(0, θ+h)} w,
 
     ė2 = −K1 e1 − K2 e2 + K1 z1 + K2 z2 + σ′.
@@ -18,33 +18,143 @@ Jensen's inequality, which with |g| as the weight needs no sign of w, gives V̇ 
 
     F = 2eᵀPė + 2a eᵀPe + h e2ᵀR1e2 + G ė2ᵀR2ė2 − e^{−2ah}/h z1ᵀR1z1 − e^{−2a(h+ς)}/G z2ᵀR2z2 − γ²‖σ′‖².
 
-F grows with G, so that any upper bound of G will do, and its sign at one window is its sign at all shorter ones.
+F grows with G, so any upper bound of G suffices, and F < 0 at one window implies F < 0 at all shorter ones.
 """
 
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
-from tarc.certificates.base import FORMS, JUDGES, Certificate, dict_certificate
+from tarc.certificates.base import Certificate, Evidence, Judgement, Verdict
 from tarc.core import validation as check
 from tarc.core.types import Array
 from tarc.laws.base import Law
 from tarc.numerics.ball_arithmetic import BALLS, FLOATS, Arithmetic, positive, prove
-from tarc.numerics.sdp import furthest, least, longest, solve, symmetric
+from tarc.numerics.sdp import bisect, max_feasible, min_scaled_eigenvalue, solve, symmetric
 from tarc.paper.kernel import lag_area
-from tarc.paper.law_parts import delay_of, delayed, gains, gather, rate, store, stretch, windowed
+from tarc.paper.law_parts import (
+    GainPart,
+    are_symmetric,
+    delay_or_default,
+    independent_parts,
+    largest_certified,
+    require_algebraic,
+    require_tde,
+    time_scale,
+    time_transformation,
+    window_or_default,
+)
 
-NAMES = ("K1", "K2", "P", "R1", "R2")
-SHAPES = {"K1": (1, 1), "K2": (1, 1), "P": (2, 2), "R1": (1, 1), "R2": (1, 1)}
+
+@dataclass(frozen=True, kw_only=True)
+class NominalLoop:
+    """The numbers of the nominal loop.
+
+    Attributes
+    ----------
+    delay, window
+        h and ς [s].
+    degree
+        Λ of the estimator.
+    decay_rate
+        a [1/s].
+    """
+
+    delay: float
+    window: float
+    degree: int
+    decay_rate: float
+
+    def is_valid(self) -> bool:
+        """Return whether all numbers are finite and in range."""
+        finite = bool(np.all(np.isfinite([self.delay, self.window, self.decay_rate])))
+        return finite and min(self.delay, self.window) > 0 and self.decay_rate >= 0 and 1 <= self.degree <= 6
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NominalPart(GainPart):
+    """The functional V for joints that are independent of all others.
+
+    Attributes
+    ----------
+    K1, K2
+        Gains, each (n, n).
+    P, R1, R2
+        Symmetric positive definite: (2n, 2n), (n, n) and (n, n).
+    """
+
+    P: Array
+    R1: Array
+    R2: Array
+
+    def is_consistent(self) -> bool:
+        """Return whether the shapes fit, and P, R1 and R2 are symmetric."""
+        n = self.n_joints
+        return self.has_gain_shapes() and are_symmetric(2 * n, self.P) and are_symmetric(n, self.R1, self.R2)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NominalEvidence(Evidence):
+    """The functional V and the gain γ.
+
+    Attributes
+    ----------
+    loop
+        Delay, window, degree and decay rate.
+    parts
+        One per group of joints that is independent of the others; empty where the program found none.
+    gamma
+        γ; None where the program found none.
+    mean_square_gain
+        γ [s²], without decay: from rest ∫‖e1‖² ≤ γ²∫‖σ′‖². None unless certified.
+    peak_gain
+        γ/√(2a) [s²], with decay, where P ≥ CᵀC with C = [I 0]: limsup ‖e1‖ is at most this times sup ‖σ′‖. None unless
+        certified.
+    """
+
+    kind: ClassVar[str] = "nominal"
+
+    loop: NominalLoop
+    parts: tuple[NominalPart, ...]
+    gamma: float | None
+    mean_square_gain: float | None = None
+    peak_gain: float | None = None
+
+    def judge(self) -> Judgement:
+        """Return the verdict in ball arithmetic; the margin is the least scaled eigenvalue of the first condition."""
+        gamma = self.gamma
+        if not self.parts or gamma is None or not np.isfinite(gamma) or gamma <= 0 or not self.loop.is_valid():
+            return Judgement(Verdict.INCONCLUSIVE, 0.0)
+        if not all(part.is_consistent() for part in self.parts):
+            return Judgement(Verdict.INCONCLUSIVE, 0.0)
+        margin = min(min_scaled_eigenvalue(conditions(part, self.loop, gamma, FLOATS)[0])[0] for part in self.parts)
+
+        def is_positive(part: NominalPart) -> bool:
+            weights = (BALLS.matrix(weight) for weight in (part.P, part.R1, part.R2))
+            return all(positive(form) for form in (*weights, *conditions(part, self.loop, gamma, BALLS)))
+
+        proven = margin > 0 and all(prove(lambda part=part: is_positive(part)) for part in self.parts)
+        return Judgement(Verdict.CERTIFIED if proven else Verdict.INCONCLUSIVE, margin)
+
+    def forms(self) -> dict[str, Array]:
+        """Return −F of each part."""
+        gamma = self.gamma
+        if gamma is None:
+            return {}
+        return {
+            f"−F, part {i + 1}": conditions(part, self.loop, gamma, FLOATS)[0] for i, part in enumerate(self.parts)
+        }
 
 
 def check_nominal_loop(
-    law: Law, *, window: float | None = None, delay: float | None = None, decay: float = 0.0
-) -> Certificate:
-    """Input-to-state stability of the nominal loop with its delay and its derivative window.
+    law: Law, *, window: float | None = None, delay: float | None = None, decay_rate: float = 0.0
+) -> Certificate[NominalEvidence]:
+    """Certify input-to-state stability of the nominal loop with its delay and its derivative window.
 
-    A semidefinite program finds P, R1, R2 and the least γ², whose inequality is then proven in ball arithmetic. Joints
-    that the gains do not couple cost what their different gains cost.
+    A semidefinite program finds P, R1, R2 and the least γ². Ball arithmetic then proves the inequality. The cost
+    depends on the number of different gains, not on the number of joints.
 
     Parameters
     ----------
@@ -52,100 +162,128 @@ def check_nominal_loop(
         A law on time-delay estimation with the estimator `tarc.estimators.Algebraic`, for K1, K2, h, ς and Λ.
     window, delay
         ς and h [s]; None for the law's own.
-    decay
+    decay_rate
         a [1/s]. At zero γ is a gain in mean square; above, e decays as e^{−at} where σ′ is zero.
 
     Returns
     -------
     Certificate
-        Certified or inconclusive: the condition is sufficient only. Its numbers: ``gamma``, and what it means for e1:
-        without decay ``mean square gain`` [s²], ∫‖e1‖² ≤ γ²∫‖σ′‖² from rest; with decay, where P ≥ CᵀC with
-        C = [I 0], ``peak gain`` [s²], limsup ‖e1‖ ≤ γ/√(2a) sup ‖σ′‖. Its margin is the least eigenvalue of the
-        negated form once its diagonal is scaled to one.
+        Certified or inconclusive, because the condition is only sufficient. The margin is the least eigenvalue of the
+        negated form with its diagonal scaled to one.
 
     Raises
     ------
-    TarcError
-        For another estimator, and a window, delay or decay out of range.
+    UnsupportedLaw
+        For a law without time-delay estimation, or with another estimator.
+    InvalidParameter
+        For a window, delay or decay rate out of range.
     """
-    law = delayed(law)
-    estimator = windowed(law)
-    numbers = {
-        "delay": delay_of(law, delay),
-        "window": estimator.window if window is None else check.number("window", window, 0, strict=True),
-        "degree": float(estimator.degree),
-        "decay": check.number("decay", decay, 0),
-    }
-    points = [_Program(K1, K2, numbers).least_gain(numbers) for K1, K2 in gains(law)]
-    if all(point is not None for point in points):
-        parts = [point[0] for point in points if point is not None]
-        numbers["gamma"] = max(point[1] for point in points if point is not None)
-    else:
-        parts = gains(law)
-    matrices = store(parts, NAMES)
-    verdict, margin, _ = judge(matrices, numbers)
-    a = numbers["decay"]
-    if verdict == "certified":
-        meaning = "peak gain" if a else "mean square gain"
-        numbers[meaning] = numbers["gamma"] / (float(np.sqrt(2 * a)) if a else 1.0)
-    return dict_certificate(
-        kind="nominal",
-        claim=f"The nominal loop with h = {numbers['delay']:g} s, ς = {numbers['window']:g} s and Λ = "
-        f"{estimator.degree} is input-to-state stable from σ′ to the error"
-        + (f", with decay rate {a:g} 1/s" if a else "")
-        + "; this is not stability of the loop that runs.",
+    law = require_tde(law)
+    estimator = require_algebraic(law)
+    loop = NominalLoop(
+        delay=delay_or_default(law, delay),
+        window=window_or_default(estimator, window),
+        degree=estimator.degree,
+        decay_rate=check.number("decay_rate", decay_rate, 0),
+    )
+    solutions = [_Program(K1, K2, loop.degree, loop.decay_rate).least_gain(loop) for K1, K2 in independent_parts(law)]
+    valid = [solution for solution in solutions if solution is not None]
+    evidence = NominalEvidence(loop=loop, parts=(), gamma=None)
+    if len(valid) == len(solutions):
+        evidence = replace(evidence, parts=tuple(part for part, _ in valid), gamma=max(gamma for _, gamma in valid))
+    verdict, margin, _ = evidence.judge()
+    if verdict == Verdict.CERTIFIED:
+        evidence = _with_gain(evidence)
+    return Certificate(
+        evidence=evidence,
+        claim=_claim(loop),
         verdict=verdict,
         margin=margin,
         margin_meaning="least eigenvalue of the negated form, its diagonal scaled to one",
-        assumptions=(
-            "σ′ is an input of its own: what is left out is that it holds the TDE error with M⁻¹M̂(q̈_h − q̈̂_h), which "
-            "depends on the loop's own state and is of its own order; for the loop that runs use "
-            "tarc.certificates.certify_constant_ratio",
-            "continuous time and the kernel Ω_1 with its sign corrected; no sampling",
-            "the switching term, the adaptation and torque limits are left out or count as σ′",
-            "sufficient only: where it is inconclusive, the nominal loop may still be stable",
-        ),
-        matrices=matrices,
-        numbers=numbers,
+        assumptions=ASSUMPTIONS,
         problem="2eᵀPė + 2a eᵀPe + h e2ᵀR1e2 + G ė2ᵀR2ė2 − e^{−2ah}/h z1ᵀR1z1 − e^{−2a(h+ς)}/G z2ᵀR2z2 "
-        + ("− γ²‖σ′‖² < 0, P > CᵀC" if a else "+ ‖e1‖² − γ²‖σ′‖² < 0"),
-        proof_grade=verdict != "inconclusive",
+        + ("− γ²‖σ′‖² < 0, P > CᵀC" if loop.decay_rate else "+ ‖e1‖² − γ²‖σ′‖² < 0"),
+        proof_grade=verdict != Verdict.INCONCLUSIVE,
     )
 
 
-def nominal_max_window(law: Law, *, delay: float | None = None, decay: float = 0.0) -> float:
-    """The largest window ς [s] that `nominal` certifies for the gains, delay and degree of a law; 0.0 for none.
+ASSUMPTIONS = (
+    "σ′ is an input of its own. Left out: σ′ holds the TDE error with M⁻¹M̂(q̈_h − q̈̂_h), which depends on the loop's own "
+    "state and is of its own order; for the loop that runs use tarc.certificates.certify_constant_ratio",
+    "continuous time and the kernel Ω_1 with its sign corrected; no sampling",
+    "the switching term, the adaptation and torque limits are left out or count as σ′",
+    "sufficient only: where it is inconclusive, the nominal loop may still be stable",
+)
 
-    At damping 1 and a delay of 0.01 over the natural frequency: 0.980, 1.240 and 1.263 over the natural frequency
-    for Λ = 1, 2, 3.
+
+def _claim(loop: NominalLoop) -> str:
+    decay = f", with decay rate {loop.decay_rate:g} 1/s" if loop.decay_rate else ""
+    return (
+        f"The nominal loop with h = {loop.delay:g} s, ς = {loop.window:g} s and Λ = {loop.degree} is input-to-state "
+        f"stable from σ′ to the error{decay}; this is not stability of the loop that runs."
+    )
+
+
+def _with_gain(evidence: NominalEvidence) -> NominalEvidence:
+    """Return certified evidence with its gain from σ′ to e1."""
+    gamma, a = evidence.gamma, evidence.loop.decay_rate
+    if gamma is None or not a:
+        return replace(evidence, mean_square_gain=gamma)
+    return replace(evidence, peak_gain=gamma / float(np.sqrt(2 * a)))
+
+
+def nominal_max_window(law: Law, *, delay: float | None = None, decay_rate: float = 0.0) -> float:
+    """Return the largest window ς [s] that `check_nominal_loop` certifies for the gains and delay of a law; 0.0 for none.
+
+    With damping ratio 1 and ωn h = 0.01, ωn ς is at most 0.980, 1.240 and 1.263 for Λ = 1, 2, 3.
+
+    Raises
+    ------
+    UnsupportedLaw, InvalidParameter
+        As in `check_nominal_loop`.
     """
-    law = delayed(law)
-    return _longest(law, "window", {"delay": delay_of(law, delay)}, decay)
+    law = require_tde(law)
+    h, degree = delay_or_default(law, delay), require_algebraic(law).degree
+    a = check.number("decay_rate", decay_rate, 0)
+    limit = _max_over_parts(law, lambda window: NominalLoop(delay=h, window=window, degree=degree, decay_rate=a))
+    return largest_certified(
+        limit, lambda window: check_nominal_loop(law, delay=h, window=window, decay_rate=a).certified
+    )
 
 
-def nominal_max_delay(law: Law, *, window: float | None = None, decay: float = 0.0) -> float:
-    """The largest delay h [s] that `nominal` certifies for the gains, window and degree of a law; 0.0 for none."""
-    law = delayed(law)
-    window = windowed(law).window if window is None else check.number("window", window, 0, strict=True)
-    return _longest(law, "delay", {"window": window}, decay)
+def nominal_max_delay(law: Law, *, window: float | None = None, decay_rate: float = 0.0) -> float:
+    """Return the largest delay h [s] that `check_nominal_loop` certifies for the gains and window of a law; 0.0 for none.
+
+    Raises
+    ------
+    UnsupportedLaw, InvalidParameter
+        As in `check_nominal_loop`.
+    """
+    law = require_tde(law)
+    estimator = require_algebraic(law)
+    length, degree = window_or_default(estimator, window), estimator.degree
+    a = check.number("decay_rate", decay_rate, 0)
+    limit = _max_over_parts(law, lambda h: NominalLoop(delay=h, window=length, degree=degree, decay_rate=a))
+    return largest_certified(limit, lambda h: check_nominal_loop(law, delay=h, window=length, decay_rate=a).certified)
 
 
-def _longest(law: Any, name: str, fixed: dict[str, float], decay: float) -> float:
-    numbers = {**fixed, "degree": float(windowed(law).degree), "decay": check.number("decay", decay, 0)}
-    end = min(_Program(K1, K2, numbers).longest(name, numbers) for K1, K2 in gains(law))
-    for room in (1e-7, 1e-6, 1e-5, 1e-4, 1e-3):
-        value = end * (1 - room)
-        if value > 0 and check_nominal_loop(law, **{**fixed, name: value}, decay=decay).certified:
-            return value
-    return 0.0
+def _max_over_parts(law: Law, loop_at: Callable[[float], NominalLoop]) -> float:
+    """Return the largest window or delay [s] that is feasible for all independent parts."""
+    loop = loop_at(1.0)
+    return min(
+        _Program(K1, K2, loop.degree, loop.decay_rate).max_value(loop_at)
+        for K1, K2 in independent_parts(require_tde(law))
+    )
 
 
-def form(part: tuple[Array, ...], numbers: dict[str, Any], kit: Arithmetic) -> Array:
-    """−F, shape (5n, 5n), in (e1, e2, z1, z2, σ′), at K1, K2, P, R1, R2."""
-    K1, K2, P, R1, R2 = (kit.matrix(one) for one in part)
-    h, window, a, gamma = (kit.number(numbers[name]) for name in ("delay", "window", "decay", "gamma"))
-    G = h + window * kit.number(lag_area(int(numbers["degree"])))
-    e1, e2, z1, z2, disturbance = kit.matrix(np.eye(5 * len(K1))).reshape(5, len(K1), -1)
+def negated_form(part: NominalPart, loop: NominalLoop, gamma: float, arithmetic: Arithmetic) -> Array:
+    """Return −F, (5n, 5n), in (e1, e2, z1, z2, σ′)."""
+    matrices = (part.K1, part.K2, part.P, part.R1, part.R2)
+    K1, K2, P, R1, R2 = (arithmetic.matrix(matrix) for matrix in matrices)
+    values = (loop.delay, loop.window, loop.decay_rate, gamma)
+    h, window, a, gamma_value = (arithmetic.number(value) for value in values)
+    G = h + window * arithmetic.number(lag_area(loop.degree))
+    e1, e2, z1, z2, disturbance = arithmetic.matrix(np.eye(5 * len(K1))).reshape(5, len(K1), -1)
     e2_rate = -K1 @ e1 - K2 @ e2 + K1 @ z1 + K2 @ z2 + disturbance
     e, e_rate = np.concatenate([e1, e2]), np.concatenate([e2, e2_rate])
     power = e.T @ P @ e_rate
@@ -155,158 +293,161 @@ def form(part: tuple[Array, ...], numbers: dict[str, Any], kit: Arithmetic) -> A
         + 2 * a * (e.T @ P @ e)
         + h * (e2.T @ R1 @ e2)
         + G * (e2_rate.T @ R2 @ e2_rate)
-        - kit.exp(-2 * a * h) / h * (z1.T @ R1 @ z1)
-        - kit.exp(-2 * a * (h + window)) / G * (z2.T @ R2 @ z2)
-        - gamma * gamma * (disturbance.T @ disturbance)
+        - arithmetic.exp(-2 * a * h) / h * (z1.T @ R1 @ z1)
+        - arithmetic.exp(-2 * a * (h + window)) / G * (z2.T @ R2 @ z2)
+        - gamma_value * gamma_value * (disturbance.T @ disturbance)
     )
     return -F
 
 
-def conditions(part: tuple[Array, ...], numbers: dict[str, Any], kit: Arithmetic) -> tuple[Array, Array]:
-    """What must be positive definite: −F and P, less CᵀC with e1 = C e in the first, with decay in the second."""
-    left, P = form(part, numbers, kit), kit.matrix(part[2])
-    if numbers["decay"]:
-        return left, P - _seen(part, P, kit)
-    return left - _seen(part, left, kit), P
+def conditions(part: NominalPart, loop: NominalLoop, gamma: float, arithmetic: Arithmetic) -> tuple[Array, Array]:
+    """Return −F and P, which must be positive definite, less CᵀC: from −F without decay, from P with it."""
+    negated, P = negated_form(part, loop, gamma, arithmetic), arithmetic.matrix(part.P)
+    if loop.decay_rate:
+        return negated, P - _squared_position(part.n_joints, len(P), arithmetic)
+    return negated - _squared_position(part.n_joints, len(negated), arithmetic), P
 
 
-def _seen(part: tuple[Array, ...], like: Array, kit: Arithmetic) -> Array:
-    """‖e1‖² as a form of the same size."""
-    return kit.matrix(np.diag(np.arange(len(like)) < len(part[0])).astype(float))
-
-
-def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, float, None]:
-    """Verdict and margin from the stored matrices, by ball arithmetic alone."""
-    parts = gather(matrices, SHAPES)
-    positives = [numbers.get(name, 0.0) for name in ("delay", "window", "gamma")]
-    legal = np.all(np.isfinite([*positives, numbers["decay"]])) and min(positives) > 0 and numbers["decay"] >= 0
-    if not parts or not legal or numbers["degree"] not in range(1, 7):
-        return "inconclusive", 0.0, None
-    margin = min(least(conditions(part, numbers, FLOATS)[0])[0] for part in parts)
-
-    def holds(part: tuple[Array, ...]) -> bool:
-        weights = (BALLS.matrix(one) for one in part[2:])
-        return all(positive(one) for one in (*weights, *conditions(part, numbers, BALLS)))
-
-    proven = margin > 0 and all(prove(lambda part=part: holds(part)) for part in parts)
-    return ("certified" if proven else "inconclusive"), margin, None
-
-
-JUDGES["nominal"] = judge
-FORMS["nominal"] = lambda matrices, numbers: {
-    f"−F, part {i + 1}": conditions(part, numbers, FLOATS)[0] for i, part in enumerate(gather(matrices, SHAPES))
-}
+def _squared_position(n: int, size: int, arithmetic: Arithmetic) -> Array:
+    """Return the form of ‖e1‖², (size, size)."""
+    return arithmetic.matrix(np.diag(np.arange(size) < n).astype(float))
 
 
 class _Program:
-    """The semidefinite programs of one part, in time scaled by ω, with R1/h and R2/G for unknowns.
+    """The semidefinite programs of one part, in time scaled by ω, with R1/h and R2/G as unknowns.
 
-    ``centre`` is as far inside F < 0 (without σ′) as tr P = 2n lets it be; ``gain`` has the least γ².
+    ``centre`` maximises the distance from F = 0 (without σ′) at tr P = 2n; ``gain`` minimises γ².
     """
 
-    def __init__(self, K1: Array, K2: Array, numbers: dict[str, float]) -> None:
+    def __init__(self, K1: Array, K2: Array, degree: int, decay_rate: float) -> None:
         import cvxpy as cp
 
         n = len(K1)
-        self.gains, self.omega = (K1, K2), rate(K1)
-        self.area = float(lag_area(int(numbers["degree"])))
-        k1, k2 = K1 / self.omega**2, K2 / self.omega
-        self.P, self.S1, self.S2 = (cp.Variable((size, size), symmetric=True) for size in (2 * n, n, n))
-        self.h2, self.G2, self.w1, self.w2 = (cp.Parameter(nonneg=True) for _ in range(4))
-        self.square, t = cp.Variable(nonneg=True), cp.Variable()
-        a = numbers["decay"] / self.omega
+        self.K1, self.K2, self.omega = K1, K2, time_scale(K1)
+        self.area = float(lag_area(degree))
+        self.P = cp.Variable((2 * n, 2 * n), symmetric=True)
+        self.S1, self.S2 = (cp.Variable((n, n), symmetric=True) for _ in range(2))
+        self.h_squared, self.G_squared, self.h_decay, self.G_decay = (cp.Parameter(nonneg=True) for _ in range(4))
+        self.gamma_squared, t = cp.Variable(nonneg=True), cp.Variable()
+        a = decay_rate / self.omega
+        F = self._scaled_form(a)
+        free, slack = -F[: 4 * n, : 4 * n], t * np.eye(4 * n)
+        constraints = [cp.trace(self.P) == 2 * n, self.P >> slack[: 2 * n, : 2 * n]]
+        self.centre = cp.Problem(cp.Maximize(t), [(free + free.T) / 2 >> slack, *constraints])
+        disturbance = np.eye(5 * n)[4 * n :]
+        negated, position = self.gamma_squared * (disturbance.T @ disturbance) - F, np.eye(5 * n)[:n]
+        squared_position = position.T @ position
+        left, right = (
+            (negated, self.P - squared_position[: 2 * n, : 2 * n]) if a else (negated - squared_position, self.P)
+        )
+        self.gain = cp.Problem(cp.Minimize(self.gamma_squared), [(left + left.T) / 2 >> 0, right >> 0])
+
+    def _scaled_form(self, a: float):  # noqa: ANN202 - an expression of cvxpy, which is imported in functions only
+        """Return F without γ in scaled time, an expression in P, R1/h and R2/G."""
+        n, k1, k2 = len(self.K1), self.K1 / self.omega**2, self.K2 / self.omega
         e1, e2, z1, z2, disturbance = np.eye(5 * n).reshape(5, n, 5 * n)
         e2_rate = -k1 @ e1 - k2 @ e2 + k1 @ z1 + k2 @ z2 + disturbance
         e, e_rate = np.concatenate([e1, e2]), np.concatenate([e2, e2_rate])
         power = e.T @ self.P @ e_rate
-        F = (
+        return (
             power
             + power.T
             + 2 * a * (e.T @ self.P @ e)
-            + self.h2 * (e2.T @ self.S1 @ e2)
-            + self.G2 * (e2_rate.T @ self.S2 @ e2_rate)
-            - self.w1 * (z1.T @ self.S1 @ z1)
-            - self.w2 * (z2.T @ self.S2 @ z2)
-        )
-        free, room = -F[: 4 * n, : 4 * n], t * np.eye(4 * n)
-        limits = [cp.trace(self.P) == 2 * n, self.P >> room[: 2 * n, : 2 * n]]
-        self.centre = cp.Problem(cp.Maximize(t), [(free + free.T) / 2 >> room, *limits])
-        whole, seen = self.square * (disturbance.T @ disturbance) - F, e1.T @ e1
-        left, right = (whole, self.P - seen[: 2 * n, : 2 * n]) if a else (whole - seen, self.P)
-        self.gain = cp.Problem(cp.Minimize(self.square), [(left + left.T) / 2 >> 0, right >> 0])
-
-    def _set(self, numbers: dict[str, float]) -> None:
-        h, window, a = numbers["delay"], numbers["window"], numbers["decay"]
-        self.h2.value = (self.omega * h) ** 2
-        self.G2.value = (self.omega * (h + window * self.area)) ** 2
-        self.w1.value, self.w2.value = np.exp(-2 * a * h), np.exp(-2 * a * (h + window))
-
-    def _part(self, found: list[Array], numbers: dict[str, float], scale: float = 1.0) -> tuple[Array, ...]:
-        """K1, K2, P, R1, R2 of what a program found, in seconds."""
-        P, S1, S2 = found[:3]
-        back = stretch(len(S1), 1 / self.omega)
-        h, G = numbers["delay"], numbers["delay"] + numbers["window"] * self.area
-        return (
-            *self.gains,
-            *(symmetric(scale * one) for one in (back @ P @ back, self.omega * h * S1, G / self.omega * S2)),
+            + self.h_squared * (e2.T @ self.S1 @ e2)
+            + self.G_squared * (e2_rate.T @ self.S2 @ e2_rate)
+            - self.h_decay * (z1.T @ self.S1 @ z1)
+            - self.G_decay * (z2.T @ self.S2 @ z2)
         )
 
-    def middle(self, numbers: dict[str, float]) -> list[Array] | None:
-        """P, R1/h, R2/G in scaled time, as far inside as can be."""
-        self._set(numbers)
+    def central_solution(self, loop: NominalLoop) -> list[Array] | None:
+        """Return P, R1/h, R2/G in scaled time, as far from F = 0 as possible."""
+        h, window, a = loop.delay, loop.window, loop.decay_rate
+        self.h_squared.value = (self.omega * h) ** 2
+        self.G_squared.value = (self.omega * (h + window * self.area)) ** 2
+        self.h_decay.value, self.G_decay.value = np.exp(-2 * a * h), np.exp(-2 * a * (h + window))
         return solve(self.centre, self.P, self.S1, self.S2)
 
-    def least_gain(self, numbers: dict[str, float]) -> tuple[tuple[Array, ...], float] | None:
-        """K1, K2, P, R1, R2 and γ, or None.
+    def least_gain(self, loop: NominalLoop) -> tuple[NominalPart, float] | None:
+        """Return the part and its γ, or None.
 
-        The least γ² is on the edge of the feasible set; the point returned is the first strictly inside on the way
-        from there to a point of the middle.
+        The least γ² lies on the boundary of the feasible set. The result is the first point strictly inside on the
+        way from there to a central point.
         """
-        middle = self.middle(numbers)
-        if middle is None:
+        central = self.central_solution(loop)
+        if central is None:
             return None
-        inner = self._within(self._part(middle, numbers), numbers)
+        inner = self._normalised(self._part(central, loop), loop)
         if inner is None:
             return None
-        edge = solve(self.gain, self.P, self.S1, self.S2, self.square)
-        scale = 1.0 if numbers["decay"] else 1 / self.omega
-        if edge is None:
+        boundary = solve(self.gain, self.P, self.S1, self.S2, self.gamma_squared)
+        if boundary is None:
             return inner
+        scale = 1.0 if loop.decay_rate else 1 / self.omega
+        outer = self._part(boundary[:3], loop, scale)
+        outer_square = float(boundary[3]) * scale / self.omega**3
         for share in (1e-4, 1e-3, 1e-2, 1e-1):
-            weights = zip(self._part(edge, numbers, scale)[2:], inner[0][2:], strict=True)
-            part = (*self.gains, *(symmetric((1 - share) * p + share * q) for p, q in weights))
-            square = float(edge[3]) * scale / self.omega**3
-            gamma = float(np.sqrt((1 - share) * square + share * inner[1] ** 2))
-            if min(least(one)[0] for one in conditions(part, {**numbers, "gamma": gamma}, FLOATS)) > 1e-9:
+            part = _mix(outer, inner[0], share)
+            gamma = float(np.sqrt((1 - share) * outer_square + share * inner[1] ** 2))
+            if min(min_scaled_eigenvalue(form)[0] for form in conditions(part, loop, gamma, FLOATS)) > 1e-9:
                 return part, gamma
         return inner
 
-    def _within(self, part: tuple[Array, ...], numbers: dict[str, float]) -> tuple[tuple[Array, ...], float] | None:
-        """The point times what makes ‖e1‖² take no more than half, and its γ by a Schur complement; None if F is not
-        negative without σ′.
+    def max_value(self, loop_at: Callable[[float], NominalLoop]) -> float:
+        """Return the largest window or delay [s] for which a solution is valid."""
+        inside = slice(4 * len(self.K1))
+
+        def max_valid(solution: list[Array]) -> float:
+            def is_valid(value: float) -> bool:
+                loop = loop_at(value)
+                form = negated_form(self._part(solution, loop), loop, 0.0, FLOATS)
+                return min_scaled_eigenvalue(form[inside, inside])[0] > 1e-9
+
+            return bisect(is_valid, 1e-9 / self.omega, 100 / self.omega)
+
+        return max_feasible(lambda value: self.central_solution(loop_at(value)), max_valid, 1e-3 / self.omega)
+
+    def _part(self, solution: list[Array], loop: NominalLoop, scale: float = 1.0) -> NominalPart:
+        """Return P, R1, R2 of a solution, in seconds."""
+        P, S1, S2 = solution
+        to_seconds = time_transformation(len(S1), 1 / self.omega)
+        h, G = loop.delay, loop.delay + loop.window * self.area
+        return NominalPart(
+            K1=self.K1,
+            K2=self.K2,
+            P=symmetric(scale * (to_seconds @ P @ to_seconds)),
+            R1=symmetric(scale * (self.omega * h * S1)),
+            R2=symmetric(scale * (G / self.omega * S2)),
+        )
+
+    def _normalised(self, part: NominalPart, loop: NominalLoop) -> tuple[NominalPart, float] | None:
+        """Return the part scaled so that ‖e1‖² takes half of it, and its γ by a Schur complement.
+
+        None where F is not negative without σ′.
         """
         from scipy.linalg import LinAlgError, eigh
 
-        n = len(part[0])
-        left = form(part, {**numbers, "gamma": 0.0}, FLOATS)
-        inside, cross, own = left[: 4 * n, : 4 * n], left[: 4 * n, 4 * n :], left[4 * n :, 4 * n :]
+        n = len(part.K1)
+        form = negated_form(part, loop, 0.0, FLOATS)
+        inside, cross, own = form[: 4 * n, : 4 * n], form[: 4 * n, 4 * n :], form[4 * n :, 4 * n :]
         try:
-            taken = [eigh(_seen(part, one, FLOATS), one, eigvals_only=True)[-1] for one in (inside, part[2])]
+            shares = [
+                eigh(_squared_position(n, len(matrix), FLOATS), matrix, eigvals_only=True)[-1]
+                for matrix in (inside, part.P)
+            ]
         except LinAlgError:
             return None
-        scale = 2 * max(taken)
+        scale = 2 * max(shares)
         square = scale * np.linalg.eigvalsh(2 * cross.T @ np.linalg.solve(inside, cross) - own)[-1]
-        return (*self.gains, *(scale * one for one in part[2:])), float(np.sqrt(1.01 * square))
+        scaled = replace(part, P=scale * part.P, R1=scale * part.R1, R2=scale * part.R2)
+        return scaled, float(np.sqrt(1.01 * square))
 
-    def longest(self, name: str, numbers: dict[str, float]) -> float:
-        """The largest window or delay [s] for which a point is found."""
-        inside = slice(4 * len(self.gains[0]))
 
-        def reach(found: list[Array]) -> float:
-            def holds(value: float) -> bool:
-                at = {**numbers, name: value, "gamma": 0.0}
-                return least(form(self._part(found, at), at, FLOATS)[inside, inside])[0] > 1e-9
+def _mix(outer: NominalPart, inner: NominalPart, share: float) -> NominalPart:
+    """Return the part between two, with a share of the inner one."""
 
-            return furthest(holds, 1e-9 / self.omega, 100 / self.omega)
+    def between(outer_weight: Array, inner_weight: Array) -> Array:
+        return symmetric((1 - share) * outer_weight + share * inner_weight)
 
-        return longest(lambda value: self.middle({**numbers, name: value}), reach, 1e-3 / self.omega)
+    return replace(
+        inner, P=between(outer.P, inner.P), R1=between(outer.R1, inner.R1), R2=between(outer.R2, inner.R2)
+    )

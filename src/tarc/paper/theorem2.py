@@ -1,4 +1,4 @@
-"""Theorem 2 of the paper: Θ > 0, which no gains, delay, window or weights meet; and the vector that shows it.
+"""Theorem 2 of the paper: Θ > 0, which no gains, delay, window or weights meet, and the vector that shows it.
 
 With the notation of `tarc.paper.check_theorem1`, B̄ = B [K2 0], B̆ = B [0 K2] and J = [0 I], the condition is
 
@@ -8,36 +8,161 @@ With the notation of `tarc.paper.check_theorem1`, B̄ = B [K2 0], B̆ = B [0 K2]
 
     Ē = β P B1 (A1 D⁻¹A1ᵀ + B1 D⁻¹B1ᵀ + D⁻¹ + B̄ D⁻¹B̄ᵀ) B1ᵀ P,     F̄ = ((h²/β) D + L) ς∫Ω_1².
 
-As printed it is singular: JᵀLJ is (4n, 4n) of rank 2n. In the reduced form ∫Ω_1 e_h stands for the stacked integral and
-L for JᵀLJ, J in the corner left out: size 6n. That is not positive definite either. With A_b = A + B̆ = [0 I; −K1 0] and
-S = PA_b + A_bᵀP, tr(P⁻¹S) = 2 tr A_b = 0, so that some e ≠ 0 has eᵀSe ≥ 0, and at (e, −e, 0)
+As printed it is singular: JᵀLJ is (4n, 4n) of rank 2n. In the reduced form ∫Ω_1 e_h stands for the stacked integral,
+and L for JᵀLJ, without J in the corner: size 6n. That form is not positive definite either. With A_b = A + B̆ =
+[0 I; −K1 0] and S = PA_b + A_bᵀP, tr(P⁻¹S) = 2 tr A_b = 0. So some e ≠ 0 has eᵀSe ≥ 0, and at (e, −e, 0)
 
     Θ:  −eᵀSe − 2(h²/β) eᵀDe − eᵀ(Ē + F̄)e < 0.
 
-The proof in the paper gives −PB̆ in place of PB̆; then it is (e, e, 0). For the nominal loop there is a condition that
-can be met, in `tarc.paper.check_nominal_loop`.
+The proof in the paper gives −PB̆ in place of PB̆; then the vector is (e, e, 0). `tarc.paper.check_nominal_loop` tests a
+condition for the nominal loop that can be met.
 """
 
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from tarc.analysis.stability import Witness
-from tarc.certificates.base import FORMS, JUDGES, Certificate, dict_certificate
+from tarc.certificates.base import Certificate, Evidence, Judgement, Verdict
 from tarc.core import validation as check
 from tarc.core.types import Array
 from tarc.laws.base import Law
 from tarc.numerics.ball_arithmetic import BALLS, FLOATS, Arithmetic, negative_at, positive, prove
-from tarc.numerics.sdp import least, solve, symmetric
+from tarc.numerics.sdp import min_scaled_eigenvalue, solve, symmetric
 from tarc.paper.kernel import kernel_energy
-from tarc.paper.law_parts import companion, delay_of, delayed, gains, gather, lyapunov, rate, store, stretch, windowed
+from tarc.paper.law_parts import (
+    GainPart,
+    are_symmetric,
+    companion,
+    delay_or_default,
+    independent_parts,
+    lyapunov,
+    require_algebraic,
+    require_tde,
+    time_scale,
+    time_transformation,
+    window_or_default,
+)
 
 if TYPE_CHECKING:
     from tarc.core.validation import Matrix
 
 
-NAMES = ("K1", "K2", "P", "D", "L")
-SHAPES = {"K1": (1, 1), "K2": (1, 1), "P": (2, 2), "D": (2, 2), "L": (2, 2)}
+@dataclass(frozen=True, kw_only=True)
+class Theorem2Condition:
+    """The numbers of Θ.
+
+    Attributes
+    ----------
+    delay, window
+        h and ς [s].
+    degree
+        Λ of the estimator.
+    beta, xi
+        β > 0 and ξ > 1.
+    """
+
+    delay: float
+    window: float
+    degree: int
+    beta: float
+    xi: float
+
+    def is_valid(self) -> bool:
+        """Return whether all numbers are finite and in range."""
+        values = (self.delay, self.window, self.beta, self.xi)
+        positive_values = min(self.delay, self.window, self.beta) > 0
+        return bool(np.all(np.isfinite(values)) and positive_values and self.xi > 1 and 1 <= self.degree <= 6)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Theorem2Part(GainPart):
+    """Matrices of Θ for joints that are independent of all others.
+
+    Attributes
+    ----------
+    K1, K2
+        Gains, each (n, n).
+    P, D, L
+        Symmetric positive definite, each (2n, 2n).
+    """
+
+    P: Array
+    D: Array
+    L: Array
+
+    def is_consistent(self) -> bool:
+        """Return whether the shapes fit, and P, D and L are symmetric."""
+        return self.has_gain_shapes() and are_symmetric(2 * self.n_joints, self.P, self.D, self.L)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Theorem2Witness:
+    """A vector on which the reduced Θ is negative.
+
+    Attributes
+    ----------
+    e
+        Unit vector, shape (2n,).
+    value
+        Θ at (e, −e, 0).
+    """
+
+    e: Array
+    value: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Theorem2Evidence(Evidence):
+    """The matrices of Θ.
+
+    Attributes
+    ----------
+    condition
+        Delay, window, degree, β and ξ.
+    part
+        Matrices of one group of independent joints. If its Θ is not positive definite, the whole Θ is not.
+    last_block_size, last_block_rank
+        Size 4n and rank 2n of the printed block JᵀLJ for all joints.
+    """
+
+    kind: ClassVar[str] = "theorem2"
+    witness_type: ClassVar[type[Theorem2Witness]] = Theorem2Witness
+
+    condition: Theorem2Condition
+    part: Theorem2Part
+    last_block_size: int
+    last_block_rank: int
+
+    def judge(self) -> Judgement:
+        """Return refuted if ball arithmetic proves Θ negative at a vector, else inconclusive."""
+        from scipy.linalg import LinAlgError, eigh
+
+        part, condition = self.part, self.condition
+        if not part.is_consistent() or not condition.is_valid():
+            return Judgement(Verdict.INCONCLUSIVE, 0.0)
+        zero = np.zeros_like(part.K1)
+        A_b = np.block([[zero, np.eye(len(part.K1))], [-part.K1, zero]])
+        try:
+            form = theta(part, condition, FLOATS)
+            margin = min_scaled_eigenvalue(form)[0]
+            e = eigh(symmetric(part.P @ A_b) * 2, part.P)[1][:, -1]
+        except LinAlgError:
+            return Judgement(Verdict.INCONCLUSIVE, 0.0)
+        e /= np.linalg.norm(e)
+        vector = np.concatenate([e, -e, 0 * e])
+
+        def is_refuted() -> bool:
+            sound = all(positive(BALLS.matrix(weight)) for weight in (part.P, part.D, part.L))
+            return sound and negative_at(theta(part, condition, BALLS), vector)
+
+        if not prove(is_refuted):
+            return Judgement(Verdict.INCONCLUSIVE, margin)
+        return Judgement(Verdict.REFUTED, margin, Theorem2Witness(e=e, value=float(vector @ form @ vector)))
+
+    def forms(self) -> dict[str, Array]:
+        """Return the reduced Θ."""
+        return {"Θ": theta(self.part, self.condition, FLOATS)}
 
 
 def check_theorem2(
@@ -45,16 +170,16 @@ def check_theorem2(
     *,
     delay: float | None = None,
     window: float | None = None,
-    weight: "Matrix | None" = None,
+    lyapunov_weight: "Matrix | None" = None,
     D: "Matrix | None" = None,
     L: "Matrix | None" = None,
     beta: float = 1.0,
     xi: float | None = None,
-) -> Certificate:
-    """Theorem 2: the vector on which Θ is negative, for given numbers or the best that a semidefinite program finds.
+) -> Certificate[Theorem2Evidence]:
+    """Return the vector on which Θ of Theorem 2 is negative, for given matrices or the best of a program.
 
-    Joints that the gains and weights do not couple have a Θ each; one that is not positive definite is enough, and only
-    that is stored.
+    Groups of joints that the gains and weights do not couple have a Θ each. If one of them is not positive definite,
+    the whole is not, so that only one is stored.
 
     Parameters
     ----------
@@ -62,172 +187,153 @@ def check_theorem2(
         A law on time-delay estimation with the estimator `tarc.estimators.Algebraic`, for K1, K2, h, ς and Λ.
     delay, window
         h and ς [s]; None for the law's own.
-    weight, D, L
-        Q, D and L, each (2n, 2n) symmetric positive definite, one number or 2n. Where all are None, those that make
-        the least eigenvalue of Θ largest; else 1 for each that is None.
+    lyapunov_weight, D, L
+        Q, D and L, each (2n, 2n) symmetric positive definite, one number or 2n. Where all are None, those with the
+        largest least eigenvalue of Θ; else 1 for each that is None.
     beta, xi
         β > 0 and ξ > 1; None for ξ = 2 + ς∫Ω_1², for which the block of e_h can be positive.
 
     Returns
     -------
     Certificate
-        Refuted, with the vector (e, −e, 0) on which the reduced Θ, and with zeros the printed one, is negative in ball
-        arithmetic. Its margin is the least eigenvalue of the reduced Θ once its diagonal is scaled to one. Its numbers
-        tell the size and the rank of the printed JᵀLJ.
+        Refuted, with the vector (e, −e, 0). There the reduced Θ, and with zeros the printed one, is negative in ball
+        arithmetic. The margin is the least eigenvalue of the reduced Θ with its diagonal scaled to one.
 
     Raises
     ------
-    TarcError
-        For another estimator, weights that are not positive definite, β ≤ 0, ξ ≤ 1.
+    UnsupportedLaw
+        For a law without time-delay estimation, or with another estimator.
+    InvalidParameter
+        For matrices that are not positive definite, β ≤ 0 and ξ ≤ 1.
 
     References
     ----------
     Paper, Theorem 2, equation (delay value 1).
     """
-    law = delayed(law)
-    estimator = windowed(law)
+    law = require_tde(law)
+    estimator = require_algebraic(law)
     joints = law.n_joints
-    length = estimator.window if window is None else check.number("window", window, 0, strict=True)
-    easy = 2 + float(kernel_energy(estimator.degree)) / length**2
-    numbers = {
-        "delay": delay_of(law, delay),
-        "window": length,
-        "degree": float(estimator.degree),
-        "beta": check.number("beta", beta, 0, strict=True),
-        "xi": easy if xi is None else check.number("xi", xi, 1, strict=True),
-        "size of JᵀLJ": 4.0 * joints,
-        "rank of JᵀLJ": 2.0 * joints,
-    }
-    searched = weight is None and D is None and L is None
+    length = window_or_default(estimator, window)
+    default_xi = 2 + float(kernel_energy(estimator.degree)) / length**2
+    condition = Theorem2Condition(
+        delay=delay_or_default(law, delay),
+        window=length,
+        degree=estimator.degree,
+        beta=check.number("beta", beta, 0, strict=True),
+        xi=default_xi if xi is None else check.number("xi", xi, 1, strict=True),
+    )
+    is_searched = lyapunov_weight is None and D is None and L is None
     weights = [
-        check.positive_definite(name, 1.0 if one is None else one, 2 * joints)
-        for name, one in (("weight", weight), ("D", D), ("L", L))
+        check.positive_definite(name, 1.0 if weight is None else weight, 2 * joints)
+        for name, weight in (("lyapunov_weight", lyapunov_weight), ("D", D), ("L", L))
     ]
-    K1, K2, Q, *rest = gains(law, *weights)[0]
-    part = (_favourable(K1, K2, numbers) if searched else None) or (K1, K2, lyapunov(K1, K2, Q), *rest)
-    matrices = store([part], NAMES)
-    verdict, margin, witness = judge(matrices, numbers)
-    at = f"h = {numbers['delay']:g} s, ς = {length:g} s and Λ = {estimator.degree}"
-    return dict_certificate(
-        kind="theorem2",
-        claim=f"Condition Θ > 0 of Theorem 2 can be met for {at} by some P, Q, D, L, β, ξ."
-        if searched
-        else f"Condition Θ > 0 of Theorem 2 holds for {at} and the given weights.",
+    K1, K2, Q, given_D, given_L = independent_parts(law, *weights)[0]
+    given_part = Theorem2Part(K1=K1, K2=K2, P=lyapunov(K1, K2, Q), D=given_D, L=given_L)
+    evidence = Theorem2Evidence(
+        condition=condition,
+        part=(_best_part(K1, K2, condition) if is_searched else None) or given_part,
+        last_block_size=4 * joints,
+        last_block_rank=2 * joints,
+    )
+    verdict, margin, witness = evidence.judge()
+    return Certificate(
+        evidence=evidence,
+        claim=_claim(condition, is_searched),
         verdict=verdict,
         margin=margin,
         margin_meaning="least eigenvalue of the reduced Θ, its diagonal scaled to one",
-        assumptions=(
-            "the reduced form, with ∫Ω_1 e_h for the stacked integral; the printed one is singular besides, for its "
-            "last block has half the rank of its size",
-            "the vector is for the stored P, D, L, but no choice is better: S = PA_b + A_bᵀP with A_b = [0 I; −K1 0] "
-            "has tr(P⁻¹S) = 2 tr A_b = 0, so that some e has eᵀSe ≥ 0, and there Θ is below −2(h²/β)eᵀDe, whatever the "
-            "gains, weights, delay and window",
-            "it says that the printed proof of stability is none, not that the loop is unstable",
-        ),
-        matrices=matrices,
-        numbers=numbers,
+        assumptions=ASSUMPTIONS,
         witness=witness,
         problem="Θ = [Q − Ē − (1+ξ)(h²/β)D, PB̆, PB̄; ·, (ξ−1)(h²/β)D − F̄, 0; ·, ·, L] > 0",
-        proof_grade=verdict != "inconclusive",
+        proof_grade=verdict != Verdict.INCONCLUSIVE,
     )
 
 
-def theta(part: tuple[Array, ...], numbers: dict[str, Any], kit: Arithmetic) -> Array:
-    """The reduced Θ, shape (6n, 6n), in (e, e_h, ∫Ω_1 e_h), at K1, K2, P, D, L, with Q = −(AᵀP + PA)."""
-    K1, K2, P, D, L = (kit.matrix(one) for one in part)
-    h, beta, xi, window = (kit.number(numbers[name]) for name in ("delay", "beta", "xi", "window"))
-    energy = kit.number(kernel_energy(int(numbers["degree"]))) / (window * window)
-    A1, B1, B_bar, B_breve = (*companion(K1, K2), *couplings(K2))
+ASSUMPTIONS = (
+    "the reduced form, with ∫Ω_1 e_h for the stacked integral; the printed one is singular as well, because its last "
+    "block has half the rank of its size",
+    "the vector is for the stored P, D, L, but no choice is better: S = PA_b + A_bᵀP with A_b = [0 I; −K1 0] has "
+    "tr(P⁻¹S) = 2 tr A_b = 0. So some e has eᵀSe ≥ 0, and there Θ is below −2(h²/β)eᵀDe, for all gains, weights, "
+    "delays and windows",
+    "it shows that the printed proof of stability fails, not that the loop is unstable",
+)
+
+
+def _claim(condition: Theorem2Condition, is_searched: bool) -> str:
+    """Return what is refuted: that some matrices meet the condition, or that the given ones do."""
+    numbers = f"h = {condition.delay:g} s, ς = {condition.window:g} s and Λ = {condition.degree}"
+    if is_searched:
+        return f"Condition Θ > 0 of Theorem 2 can be met for {numbers} by some P, Q, D, L, β, ξ."
+    return f"Condition Θ > 0 of Theorem 2 holds for {numbers} and the given weights."
+
+
+def theta(part: Theorem2Part, condition: Theorem2Condition, arithmetic: Arithmetic) -> Array:
+    """Return the reduced Θ, (6n, 6n), in (e, e_h, ∫Ω_1 e_h), with Q = −(AᵀP + PA)."""
+    matrices = (part.K1, part.K2, part.P, part.D, part.L)
+    K1, K2, P, D, L = (arithmetic.matrix(matrix) for matrix in matrices)
+    values = (condition.delay, condition.beta, condition.xi, condition.window)
+    h, beta, xi, window = (arithmetic.number(value) for value in values)
+    energy = arithmetic.number(kernel_energy(condition.degree)) / (window * window)
+    A1, B1 = companion(K1, K2)
+    B_bar, B_breve = couplings(K2)
     A = A1 + B1
-    inverse = kit.inverse(D)
-    inner = A1 @ inverse @ A1.T + B1 @ inverse @ B1.T + inverse + B_bar @ inverse @ B_bar.T
+    D_inverse = arithmetic.inverse(D)
+    inner = A1 @ D_inverse @ A1.T + B1 @ D_inverse @ B1.T + D_inverse + B_bar @ D_inverse @ B_bar.T
     E = beta * (P @ B1 @ inner @ B1.T @ P)
-    slope = h * h / beta * D
-    F = (slope + L) * energy
-    first, second, third = -(A.T @ P + P @ A) - E - (1 + xi) * slope, P @ B_breve, P @ B_bar
-    none = np.zeros_like(P)
-    return np.block([[first, second, third], [second.T, (xi - 1) * slope - F, none], [third.T, none, L]])
+    delay_term = h * h / beta * D
+    F = (delay_term + L) * energy
+    first = -(A.T @ P + P @ A) - E - (1 + xi) * delay_term
+    second, third = P @ B_breve, P @ B_bar
+    zero = np.zeros_like(P)
+    return np.block([[first, second, third], [second.T, (xi - 1) * delay_term - F, zero], [third.T, zero, L]])
 
 
-def printed(theta: Array) -> Array:
-    """Θ as printed, shape (8n, 8n), from the reduced one: the block JᵀLJ has zeros for ∫Ω_1 e."""
-    n = len(theta) // 6
-    keep = np.concatenate([np.arange(4 * n), np.arange(6 * n, 8 * n)])
+def printed_theta(reduced: Array) -> Array:
+    """Return Θ as printed, (8n, 8n), from the reduced one: the block JᵀLJ has zeros for ∫Ω_1 e."""
+    n = len(reduced) // 6
+    kept = np.concatenate([np.arange(4 * n), np.arange(6 * n, 8 * n)])
     result = np.zeros((8 * n, 8 * n))
-    result[np.ix_(keep, keep)] = theta
+    result[np.ix_(kept, kept)] = reduced
     return result
 
 
 def couplings(K2: Array) -> tuple[Array, Array]:
-    """B̄ = [0 0; K2 0] and B̆ = [0 0; 0 K2]."""
-    none = np.zeros_like(K2)
-    return np.block([[none, none], [K2, none]]), np.block([[none, none], [none, K2]])
+    """Return B̄ = [0 0; K2 0] and B̆ = [0 0; 0 K2]."""
+    zero = np.zeros_like(K2)
+    return np.block([[zero, zero], [K2, zero]]), np.block([[zero, zero], [zero, K2]])
 
 
-def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, float, Witness | None]:
-    """Verdict, margin and witness from the stored matrices: refuted by ball arithmetic, or inconclusive."""
-    from scipy.linalg import LinAlgError, eigh
-
-    parts = gather(matrices, SHAPES)
-    positives = [numbers[name] for name in ("delay", "window", "beta")]
-    legal = np.all(np.isfinite([*positives, numbers["xi"]])) and min(positives) > 0 and numbers["xi"] > 1
-    if not parts or not legal or numbers["degree"] not in range(1, 7):
-        return "inconclusive", 0.0, None
-    part = parts[0]
-    K1, _, P, _, _ = part
-    none = np.zeros_like(K1)
-    A_b = np.block([[none, np.eye(len(K1))], [-K1, none]])
-    try:
-        form = theta(part, numbers, FLOATS)
-        margin = least(form)[0]
-        e = eigh(symmetric(P @ A_b) * 2, P)[1][:, -1]
-    except LinAlgError:
-        return "inconclusive", 0.0, None
-    e /= np.linalg.norm(e)
-    vector = np.concatenate([e, -e, 0 * e])
-
-    def refuted() -> bool:
-        legitimate = all(positive(BALLS.matrix(one)) for one in part[2:])
-        return legitimate and negative_at(theta(part, numbers, BALLS), vector)
-
-    if not prove(refuted):
-        return "inconclusive", margin, None
-    return "refuted", margin, {"e": e.tolist(), "Θ at (e, −e, 0)": float(vector @ form @ vector)}
-
-
-JUDGES["theorem2"] = judge
-FORMS["theorem2"] = lambda matrices, numbers: {
-    f"Θ, part {i + 1}": theta(part, numbers, FLOATS) for i, part in enumerate(gather(matrices, SHAPES))
-}
-
-
-def _favourable(K1: Array, K2: Array, numbers: dict[str, float]) -> tuple[Array, ...] | None:
-    """K1, K2, P, D, L for β and ξ with the largest least eigenvalue of Θ, in time scaled by ω and with tr P = 2n."""
+def _best_part(K1: Array, K2: Array, condition: Theorem2Condition) -> Theorem2Part | None:
+    """Return the matrices with the largest least eigenvalue of Θ, in time scaled by ω and with tr P = 2n."""
     import cvxpy as cp
 
-    n, omega = len(K1), rate(K1)
-    k1, k2 = K1 / omega**2, K2 / omega
-    h, xi = numbers["delay"] * omega, numbers["xi"]
-    energy = float(kernel_energy(int(numbers["degree"]))) / (numbers["window"] * omega) ** 2
-    A1, B1, B_bar, B_breve = (*companion(k1, k2), *couplings(k2))
-    A, size = A1 + B1, 2 * n
-    # printed with D where units want another weight: the last two factors, and D in F̄, have a unit of time to spare
+    omega, size = time_scale(K1), 2 * len(K1)
+    h, xi = condition.delay * omega, condition.xi
+    energy = float(kernel_energy(condition.degree)) / (condition.window * omega) ** 2
+    A1, B1 = companion(K1 / omega**2, K2 / omega)
+    B_bar, B_breve = couplings(K2 / omega)
+    A = A1 + B1
+    # printed with D where units need another weight: the last two factors, and D in F̄, have an additional unit of time
     factors = h * np.hstack([B1 @ A1, B1 @ B1, B1 / omega, B1 @ B_bar / omega])
     P, Y, L = (cp.Variable((size, size), symmetric=True) for _ in range(3))  # Y = h²D/β
-    t, none = cp.Variable(), np.zeros((size, size))
+    t, zero, wide = cp.Variable(), np.zeros((size, size)), np.zeros((size, 4 * size))
     form = cp.bmat(
         [
             [-(A.T @ P + P @ A) - (1 + xi) * Y, P @ B_breve, P @ B_bar, P @ factors],
-            [(P @ B_breve).T, (xi - 1) * Y - (omega**2 * Y + L) * energy, none, np.zeros((size, 4 * size))],
-            [(P @ B_bar).T, none, L, np.zeros((size, 4 * size))],
-            [(P @ factors).T, np.zeros((4 * size, 2 * size)), cp.kron(np.eye(4), Y)],
+            [(P @ B_breve).T, (xi - 1) * Y - (omega**2 * Y + L) * energy, zero, wide],
+            [(P @ B_bar).T, zero, L, wide],
+            [(P @ factors).T, wide.T, wide.T, cp.kron(np.eye(4), Y)],
         ]
     )
-    room = np.diag(np.concatenate([np.ones(3 * size), np.zeros(4 * size)]))
-    limits = [cp.trace(P) == size, *(one >> 1e-6 * np.eye(size) for one in (P, Y, L))]
-    found = solve(cp.Problem(cp.Maximize(t), [(form + form.T) / 2 >> t * room, *limits]), P, Y, L)
-    if found is None:
+    slack = np.diag(np.concatenate([np.ones(3 * size), np.zeros(4 * size)]))
+    constraints = [cp.trace(P) == size, *(weight >> 1e-6 * np.eye(size) for weight in (P, Y, L))]
+    values = solve(cp.Problem(cp.Maximize(t), [(form + form.T) / 2 >> t * slack, *constraints]), P, Y, L)
+    if values is None:
         return None
-    back = stretch(n, 1 / omega)
-    scales = (1.0, omega * numbers["beta"] / numbers["delay"] ** 2, 1 / omega)
-    return (K1, K2, *(symmetric(scale * back @ one @ back) for scale, one in zip(scales, found, strict=True)))
+    to_seconds = time_transformation(len(K1), 1 / omega)
+    scales = (1.0, omega * condition.beta / condition.delay**2, 1 / omega)
+    in_seconds = (
+        symmetric(scale * to_seconds @ value @ to_seconds) for scale, value in zip(scales, values, strict=True)
+    )
+    best_P, best_D, best_L = in_seconds
+    return Theorem2Part(K1=K1, K2=K2, P=best_P, D=best_D, L=best_L)
