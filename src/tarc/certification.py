@@ -22,10 +22,10 @@ from tarc.laws.base import Law
 from tarc.laws.pole_placement import PolePlacement
 from tarc.laws.tarc import TARC
 from tarc.laws.tde import TDE
-from tarc.paper.lemma1 import check_condition_c2, check_lemma1
-from tarc.paper.nominal_loop import check_nominal_loop
-from tarc.paper.theorem1 import check_theorem1
-from tarc.paper.theorem2 import check_theorem2
+from tarc.paper.lemma1 import ConditionC2Evidence, Lemma1Evidence, check_condition_c2, check_lemma1
+from tarc.paper.nominal_loop import NominalEvidence, check_nominal_loop
+from tarc.paper.theorem1 import Theorem1Evidence, check_theorem1
+from tarc.paper.theorem2 import Theorem2Evidence, check_theorem2
 from tarc.plants.base import Plant
 
 
@@ -138,7 +138,14 @@ def advice(law: PolePlacement, verdict: Certificate, computation_delay: int = 0)
 
 def _evidence_types() -> dict[str, type[Evidence]]:
     """Return the class of evidence of each kind of certificate."""
-    return {}
+    classes = (
+        Lemma1Evidence,
+        ConditionC2Evidence,
+        Theorem1Evidence,
+        Theorem2Evidence,
+        NominalEvidence,
+    )
+    return {evidence_type.kind: evidence_type for evidence_type in classes}
 
 
 def certificate_from_dict(content: dict[str, Any]) -> Certificate:

@@ -66,7 +66,7 @@ def test_inverse_encloses():
 def test_kernel_is_the_estimators(degree):
     estimator = Algebraic(window=1.0, degree=degree, period=0.1)
     psi = np.linspace(-0.999, 0, 7)
-    values = np.polynomial.polynomial.polyval(psi, [float(c) for c in kernel.kernel(degree)])
+    values = np.polynomial.polynomial.polyval(psi, [float(c) for c in kernel.kernel_coefficients(degree)])
     np.testing.assert_allclose(values, estimator.kernel(psi), rtol=1e-12)
 
 
@@ -80,8 +80,8 @@ def test_lag_area_is_the_known_and_the_integrated(degree, area):
     found = kernel.lag_area(degree)
     assert float(found) == pytest.approx(area, rel=1e-12)
     theta = (np.arange(200_000) + 0.5) / 200_000 - 1
-    g = np.polynomial.polynomial.polyval(theta, [float(c) for c in kernel.lag(degree)])
+    g = np.polynomial.polynomial.polyval(theta, [float(c) for c in kernel.lag_coefficients(degree)])
     assert np.mean(np.abs(g)) == pytest.approx(float(found), rel=1e-8)
     # g rises from 0 to ∫w = 1
-    assert kernel._at(kernel.lag(degree), exact.ball(-1)) == 0
-    assert kernel._at(kernel.lag(degree), exact.ball(0)) == 1
+    assert kernel._evaluate(kernel.lag_coefficients(degree), exact.ball(-1)) == 0
+    assert kernel._evaluate(kernel.lag_coefficients(degree), exact.ball(0)) == 1

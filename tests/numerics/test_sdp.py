@@ -1,5 +1,7 @@
 """Semidefinite programs with a known solution, and those at which the solver fails."""
 
+from typing import Any
+
 import cvxpy as cp
 import numpy as np
 import pytest
@@ -11,7 +13,8 @@ def stability_program(pole: float) -> tuple[cp.Problem, cp.Variable]:
     """Return the program of AᵀP + PA ≤ −t I with tr P = 2, A = −diag(pole, 1)."""
     P, t = cp.Variable((2, 2), symmetric=True), cp.Variable()
     A = -np.diag([pole, 1.0])
-    return cp.Problem(cp.Maximize(t), [-(A.T @ P + P @ A) >> t * np.eye(2), cp.trace(P) == 2]), P
+    constraints: list[Any] = [-(A.T @ P + P @ A) >> t * np.eye(2), cp.trace(P) == 2]
+    return cp.Problem(cp.Maximize(t), constraints), P
 
 
 def test_known_solution():

@@ -1,5 +1,7 @@
 """Lemma 1 and (c2) against sweeps, direct norms and random matrices, with what they leave out shown."""
 
+from dataclasses import replace
+
 import flint
 import numpy as np
 import pytest
@@ -10,9 +12,9 @@ from law_catalogue import make_law, make_tdc
 from tarc import TarcError, laws
 from tarc.analysis.workspace import Workspace
 from tarc.certificates import certify_constant_ratio
-from tarc.certificates.base import FORMS, JUDGES, Certificate
+from tarc.certification import certificate_from_json
 from tarc.numerics.ball_arithmetic import balls, positive
-from tarc.paper.lemma1 import _lemma1_form, check_condition_c2, check_lemma1
+from tarc.paper.lemma1 import check_condition_c2, check_lemma1, lemma1_form
 from tarc.plants import MassSpringDamper, MujocoPlant, NLinkArm, TwoLinkArm
 
 ARM = TwoLinkArm()
@@ -31,7 +33,7 @@ def test_norm_is_the_peak_of_a_dense_sweep(scale):
     nominal = scale * np.diag([1.0, 0.5])
     certificate = check_lemma1(make_tdc(inertia=nominal), ARM, ALL)
     known = largest_norm(ARM, nominal)
-    assert certificate.numbers["norm"] == pytest.approx(known, rel=1e-5)
+    assert certificate.evidence.norm == pytest.approx(known, rel=1e-5)
     assert certificate.margin == pytest.approx(1 - known, abs=1e-5 * known)
     assert certificate.certified == (known < 1)
     assert certificate.proof_grade == (certificate.verdict == "refuted")
@@ -46,7 +48,7 @@ def test_form_and_norm_are_the_same_condition(seed, size):
     norm = np.linalg.norm(np.linalg.solve(M, nominal) - np.eye(size), 2)
     if abs(norm - 1) > 1e-6:
         with flint.ctx.workprec(160):
-            assert positive(_lemma1_form(balls(M), balls(nominal))) == (norm < 1)
+            assert positive(lemma1_form(balls(M), balls(nominal))) == (norm < 1)
 
 
 def test_refuted_with_a_posture_that_shows_it():
@@ -54,11 +56,11 @@ def test_refuted_with_a_posture_that_shows_it():
     assert certificate.verdict == "refuted"
     assert certificate.proof_grade
     assert certificate.witness is not None
-    M = ARM.inertia(certificate.witness["position"])
+    M = ARM.inertia(certificate.witness.posture)
     norm = np.linalg.norm(np.linalg.solve(M, np.diag([3.0, 1.0])) - np.eye(2), 2)
-    assert certificate.witness["norm"] == pytest.approx(norm, rel=1e-12)
+    assert certificate.witness.norm == pytest.approx(norm, rel=1e-12)
     assert norm > 1
-    assert "Shown by: position (" in certificate.explain()
+    assert "Shown by: posture (" in certificate.explain()
 
 
 def test_at_the_edge_the_verdict_is_open():
@@ -81,9 +83,9 @@ def test_payloads_between_two_that_pass_pass():
 def test_norm_in_coordinates_without_units():
     """The lemma's norm depends on the coordinates: here it exceeds one with all ratios inside (0, 2)."""
     certificate = check_lemma1(make_tdc(inertia=[0.5, 0.2]), ARM, ALL)
-    assert certificate.numbers["norm for M̂"] < 1 < certificate.numbers["norm"]
-    ends = certificate.numbers["low"], certificate.numbers["high"]
-    assert certificate.numbers["norm for M̂"] == max(abs(1 - end) for end in ends)
+    assert certificate.evidence.scaled_norm < 1 < certificate.evidence.norm
+    ends = certificate.evidence.min_ratio, certificate.evidence.max_ratio
+    assert certificate.evidence.scaled_norm == max(abs(1 - end) for end in ends)
 
 
 def test_a_certified_lemma_does_not_certify_the_loop():
@@ -100,14 +102,14 @@ def test_a_real_robot():
     robot = MujocoPlant.from_file("ur5e", armature=0.1)
     certificate = check_lemma1(make_tdc(inertia=np.full(6, 0.1)), robot, Workspace.from_joint_limits(robot))
     assert certificate.certified
-    assert Certificate.from_json(certificate.to_json()).verify()
+    assert certificate_from_json(certificate.to_json()).verify()
 
 
 def test_tampering_shows():
     certificate = check_lemma1(make_tdc(inertia=[0.2, 0.2]), ARM, ALL)
     assert certificate.certified
-    certificate.matrices["inertia"][0, 0] = 50.0
-    assert not certificate.verify()
+    evidence = replace(certificate.evidence, nominal_inertia=np.diag([50.0, 0.2]))
+    assert not replace(certificate, evidence=evidence).verify()
 
 
 @pytest.mark.parametrize("joints", [1, 3, 7])
@@ -120,9 +122,9 @@ def test_c2_for_scalar_gains_in_closed_form(joints, lyapunov_weight):
     assert certificate.certified
     assert certificate.proof_grade
     assert certificate.margin == pytest.approx(1.0)
-    assert certificate.numbers["shrinking"] == pytest.approx(-P2 * P3, rel=1e-9)
-    assert "growing" not in certificate.numbers
-    assert certificate.numbers["residual"] < 1e-12
+    assert certificate.evidence.shrinking.value == pytest.approx(-P2 * P3, rel=1e-9)
+    assert certificate.evidence.growing is None
+    assert certificate.evidence.residual < 1e-12
     assert certificate.verify()
 
 
@@ -133,25 +135,29 @@ def test_c2_gives_no_sign_even_where_the_error_grows():
     law = make_law(laws.TARC, 2, lyapunov_weight=np.diag([288.0, 288.0, 2.0, 2.0]) + root @ root.T)
     certificate = check_condition_c2(law)
     assert certificate.certified
-    f1, df1, e1 = (certificate.matrices[name] for name in ("f1", "df1", "e1"))
+    growing, e1 = certificate.evidence.growing, certificate.evidence.shrinking.error
+    assert growing is not None
+    f1, df1 = growing.error, growing.error_rate
     assert (law.P2 @ f1) @ (law.P2 @ df1) > 0
-    assert (law.P3 @ df1) @ (law.P2 @ f1) == pytest.approx(certificate.numbers["growing"])
-    assert certificate.numbers["growing"] < 0
-    assert (law.P3 @ -e1) @ (law.P2 @ e1) == pytest.approx(certificate.numbers["shrinking"])
-    assert certificate.numbers["shrinking"] < 0
+    assert (law.P3 @ df1) @ (law.P2 @ f1) == pytest.approx(growing.value)
+    assert growing.value < 0
+    assert (law.P3 @ -e1) @ (law.P2 @ e1) == pytest.approx(certificate.evidence.shrinking.value)
+    assert certificate.evidence.shrinking.value < 0
 
 
 def test_c2_refuted_and_open_from_stored_matrices():
     """The law itself refuses such a P, so the evidence is changed by hand."""
     certificate = check_condition_c2(make_law(laws.TARC, 2))
-    certificate.matrices["P"][2:, :2] *= -1
-    assert not certificate.verify()
-    verdict, margin, witness = JUDGES["c2"](certificate.matrices, {})
+    P = certificate.evidence.P.copy()
+    P[2:, :2] *= -1
+    changed = replace(certificate.evidence, P=P)
+    assert not replace(certificate, evidence=changed).verify()
+    verdict, margin, witness = changed.judge()
     assert verdict == "refuted"
     assert margin < 0
     assert witness is not None
-    certificate.matrices["P"][2:, :2] = 0.0
-    assert JUDGES["c2"](certificate.matrices, {})[0] == "inconclusive"
+    P[2:, :2] = 0.0
+    assert replace(certificate.evidence, P=P).judge().verdict == "inconclusive"
 
 
 def test_figures_of_the_forms(tmp_path):
@@ -159,7 +165,7 @@ def test_figures_of_the_forms(tmp_path):
         check_lemma1(make_tdc(inertia=[0.2, 0.2]), ARM, ALL),
         check_condition_c2(make_law(laws.TARC, 2)),
     ):
-        for form in FORMS[certificate.kind](certificate.matrices, certificate.numbers).values():
+        for form in certificate.evidence.forms().values():
             assert np.linalg.eigvalsh(form)[0] > 0
         certificate.plot().savefig(tmp_path / "forms.png")
 

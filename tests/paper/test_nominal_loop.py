@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 from law_catalogue import make_tdc
 from tarc import TarcError, estimators, laws
-from tarc.certificates import Certificate, certify_constant_ratio
-from tarc.paper.nominal_loop import _Program, check_nominal_loop, nominal_max_delay, nominal_max_window
+from tarc.certificates import certify_constant_ratio
+from tarc.certification import certificate_from_dict, certificate_from_json
+from tarc.paper.nominal_loop import NominalLoop, _Program, check_nominal_loop, nominal_max_delay, nominal_max_window
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(20)
 
@@ -23,6 +24,13 @@ def tdc(natural_frequency: Any = 1.0, degree=2, joints=1, **options) -> laws.TDC
     estimator = estimators.Algebraic(window=0.1, degree=degree)
     gains = {"natural_frequency": natural_frequency} if natural_frequency else {}
     return laws.TDC(inertia=0.1 * np.eye(joints), period=0.01, estimator=estimator, **gains, **options)
+
+
+def max_window(K1, K2, delay, degree):
+    """Return the largest window of the whole program, without a split into parts."""
+    return _Program(K1, K2, degree, 0.0).max_value(
+        lambda window: NominalLoop(delay=delay, window=window, degree=degree, decay_rate=0.0)
+    )
 
 
 def kernel_points(window, degree):
@@ -81,8 +89,7 @@ def test_oracle_on_what_is_known_by_hand():
 @pytest.mark.parametrize(("degree", "window"), [(1, 0.980), (2, 1.240), (3, 1.263)])
 def test_known_windows(degree, window):
     """No law has degree 1, which gives no acceleration; the condition is about the velocity alone."""
-    numbers = {"delay": 0.01, "degree": float(degree), "decay": 0.0}
-    found = _Program(np.eye(1), 2 * np.eye(1), numbers).longest("window", numbers)
+    found = max_window(np.eye(1), 2 * np.eye(1), 0.01, degree)
     assert found == pytest.approx(window, abs=5e-4)
     if degree > 1:
         assert nominal_max_window(tdc(degree=degree)) == pytest.approx(found, rel=1e-5)
@@ -107,63 +114,66 @@ def test_certified_is_stable_as_fast_and_as_quiet_as_claimed(
 ):
     law = tdc(natural_frequency, degree, damping_ratio=damping_ratio)
     h, length, rate = delay / natural_frequency, window / natural_frequency, decay * natural_frequency
-    certificate = check_nominal_loop(law, delay=h, window=length, decay=rate)
+    certificate = check_nominal_loop(law, delay=h, window=length, decay_rate=rate)
     assert certificate.verify()
-    assert Certificate.from_json(certificate.to_json()).verify()
+    assert certificate_from_json(certificate.to_json()).verify()
     assert certificate.proof_grade == certificate.certified
     if not certificate.certified:
         assert certificate.verdict == "inconclusive"
         return
     assert rightmost_root(law.K1, law.K2, h, length, degree) < -rate
-    gain = certificate.numbers["peak gain" if decay else "mean square gain"]
+    gain = certificate.evidence.peak_gain if decay else certificate.evidence.mean_square_gain
+    assert gain is not None
     assert gain >= peak_gain(law.K1, law.K2, h, length, degree)
 
 
 def test_gain_is_close_to_the_true_one_for_a_small_delay_and_window():
     certificate = check_nominal_loop(tdc(), delay=0.001, window=0.01)
     truth = peak_gain(tdc().K1, tdc().K2, 0.001, 0.01, 2)
-    assert truth <= certificate.numbers["mean square gain"] < 1.01 * truth
+    gain = certificate.evidence.mean_square_gain
+    assert gain is not None
+    assert truth <= gain < 1.01 * truth
 
 
 @pytest.mark.parametrize("decay", [0.0, 0.3])
 def test_the_longest_window_certifies_and_a_longer_one_does_not(decay):
     law = tdc()
-    window = nominal_max_window(law, decay=decay)
-    assert check_nominal_loop(law, window=window, decay=decay).certified
-    assert check_nominal_loop(law, window=1.001 * window, decay=decay).verdict == "inconclusive"
+    window = nominal_max_window(law, decay_rate=decay)
+    assert check_nominal_loop(law, window=window, decay_rate=decay).certified
+    assert check_nominal_loop(law, window=1.001 * window, decay_rate=decay).verdict == "inconclusive"
     assert rightmost_root(law.K1, law.K2, 0.01, window, 2) < -decay
-    delay = nominal_max_delay(law, decay=decay)
-    assert check_nominal_loop(law, delay=delay, decay=decay).certified
-    assert check_nominal_loop(law, delay=1.001 * delay, decay=decay).verdict == "inconclusive"
+    delay = nominal_max_delay(law, decay_rate=decay)
+    assert check_nominal_loop(law, delay=delay, decay_rate=decay).certified
+    assert check_nominal_loop(law, delay=1.001 * delay, decay_rate=decay).verdict == "inconclusive"
     assert rightmost_root(law.K1, law.K2, delay, 0.1, 2) < -decay
 
 
 def test_no_window_for_a_decay_that_is_too_fast():
-    assert nominal_max_window(tdc(), decay=1.5) == 0.0
-    assert nominal_max_delay(tdc(), decay=1.5) == 0.0
+    assert nominal_max_window(tdc(), decay_rate=1.5) == 0.0
+    assert nominal_max_delay(tdc(), decay_rate=1.5) == 0.0
 
 
 @pytest.mark.parametrize("decay", [0.0, 1.0])
 def test_coupled_gains(decay):
     K1, K2 = np.array([[100.0, 20.0], [-20.0, 80.0]]), np.array([[20.0, 1.0], [3.0, 25.0]])
     law = tdc(None, joints=2, position_gain=K1, velocity_gain=K2)
-    certificate = check_nominal_loop(law, delay=0.005, window=0.03, decay=decay)
+    certificate = check_nominal_loop(law, delay=0.005, window=0.03, decay_rate=decay)
     assert certificate.certified
-    assert certificate.matrices["P_0"].shape == (4, 4)
+    assert certificate.evidence.parts[0].P.shape == (4, 4)
     assert rightmost_root(K1, K2, 0.005, 0.03, 2) < -decay
-    gain = certificate.numbers["peak gain" if decay else "mean square gain"]
+    gain = certificate.evidence.peak_gain if decay else certificate.evidence.mean_square_gain
+    assert gain is not None
     assert gain >= peak_gain(K1, K2, 0.005, 0.03, 2)
 
 
 def test_decoupled_equals_the_full_program():
     K1, K2 = np.diag([100.0, 144.0]), np.diag([20.0, 24.0])
-    numbers = {"delay": 0.005, "degree": 2.0, "decay": 0.0}
-    full = _Program(K1, K2, numbers).longest("window", numbers)
+    full = max_window(K1, K2, 0.005, 2)
     law = tdc(None, joints=2, position_gain=K1, velocity_gain=K2)
     assert nominal_max_window(law, delay=0.005) == pytest.approx(full, rel=1e-4)
     one, many = check_nominal_loop(tdc()), check_nominal_loop(tdc(joints=30))
-    assert one.numbers == many.numbers
-    assert many.matrices["P_0"].shape == (2, 2)
+    assert (one.evidence.loop, one.evidence.gamma) == (many.evidence.loop, many.evidence.gamma)
+    assert many.evidence.parts[0].P.shape == (2, 2)
 
 
 def test_it_is_not_stability_of_the_loop_that_runs():
@@ -171,7 +181,7 @@ def test_it_is_not_stability_of_the_loop_that_runs():
     law = make_tdc()
     certificate = check_nominal_loop(law)
     assert certificate.certified
-    assert certificate.numbers["window"] < 0.1 * nominal_max_window(law)
+    assert certificate.evidence.loop.window < 0.1 * nominal_max_window(law)
     running = certify_constant_ratio(law, 1.0)
     assert running.verdict == "refuted"
     assert running.numbers["spectral radius"] == pytest.approx(1.152, abs=5e-4)
@@ -194,15 +204,15 @@ def test_a_solver_that_fails_certifies_nothing(monkeypatch):
 @pytest.mark.parametrize(
     ("place", "value"),
     [
-        (("numbers", "window"), 2.0),
-        (("numbers", "delay"), 1.0),
-        (("numbers", "gamma"), 0.5),
-        (("numbers", "decay"), -1.0),
-        (("numbers", "degree"), 7.0),
-        (("matrices", "P_0"), [[1.0, 0.0], [0.0, -1.0]]),
-        (("matrices", "R1_0"), [[-1.0]]),
-        (("matrices", "R2_0"), [[0.0]]),
-        (("matrices", "K2_0"), [[0.1]]),
+        (("evidence", "loop", "window"), 2.0),
+        (("evidence", "loop", "delay"), 1.0),
+        (("evidence", "gamma"), 0.5),
+        (("evidence", "loop", "decay_rate"), -1.0),
+        (("evidence", "loop", "degree"), 7),
+        (("evidence", "parts", 0, "P"), [[1.0, 0.0], [0.0, -1.0]]),
+        (("evidence", "parts", 0, "R1"), [[-1.0]]),
+        (("evidence", "parts", 0, "R2"), [[0.0]]),
+        (("evidence", "parts", 0, "K2"), [[0.1]]),
         (("verdict",), "refuted"),
     ],
 )
@@ -212,7 +222,7 @@ def test_tampering_shows(place, value):
     for key in place[:-1]:
         within = within[key]
     within[place[-1]] = value
-    assert not Certificate.from_json(json.dumps(content)).verify()
+    assert not certificate_from_dict(content).verify()
 
 
 @pytest.mark.parametrize(
@@ -225,7 +235,7 @@ def test_tampering_shows(place, value):
         ),
         (lambda: check_nominal_loop(tdc(), window=-1.0), "window: got -1"),
         (lambda: check_nominal_loop(tdc(), delay=np.nan), "delay: got nan"),
-        (lambda: check_nominal_loop(tdc(), decay=-1.0), "decay: got -1"),
+        (lambda: check_nominal_loop(tdc(), decay_rate=-1.0), "decay_rate: got -1"),
         (lambda: nominal_max_window(tdc(), delay=0.0), "delay: got 0"),
         (lambda: nominal_max_delay(tdc(), window=0.0), "window: got 0"),
     ],

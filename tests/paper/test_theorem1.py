@@ -12,10 +12,11 @@ from hypothesis import strategies as st
 
 from law_catalogue import make_tdc
 from tarc import TarcError, laws
-from tarc.certificates import Certificate
+from tarc.certification import certificate_from_dict, certificate_from_json
 from tarc.numerics.ball_arithmetic import FLOATS
-from tarc.paper.law_parts import gains, gather
-from tarc.paper.theorem1 import SHAPES, _Program, check_theorem1, psi, theorem1_max_delay, ultimate_bound
+from tarc.paper.law_parts import independent_parts
+from tarc.paper.theorem1 import Theorem1Condition, Theorem1Part, _Program, check_theorem1, psi, theorem1_max_delay
+from tarc.paper.ultimate_bound import ultimate_bound
 
 
 def tdc(natural_frequency: Any = 1.0, joints=1, **options):
@@ -105,14 +106,14 @@ def test_certified_is_stable(natural_frequency, damping_ratio, term):
     beyond = check_theorem1(law, delay=1.001 * h, disturbance_term=term)
     assert beyond.verdict == "inconclusive"
     assert beyond.verify()
-    assert "P_0" not in beyond.matrices
+    assert beyond.evidence.parts == ()
 
 
 def test_decoupled_equals_the_full_program():
     position_gain = np.diag([100.0, 100.0, 225.0])
     law = coupled_tdc(position_gain, 2 * np.sqrt(position_gain))
-    assert len(gains(law)) == 2
-    full = _Program(law.K1, law.K2, None, True).longest()
+    assert len(independent_parts(law)) == 2
+    full = _Program(law.K1, law.K2, None, True).max_delay()
     assert theorem1_max_delay(law) == pytest.approx(full, rel=1e-5)
 
 
@@ -121,11 +122,11 @@ def test_rotated_gains_give_what_they_give_unrotated():
     turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
     omega = np.diag([8.0, 10.0, 15.0])
     law = coupled_tdc(turn @ omega**2 @ turn.T, 2 * turn @ omega @ turn.T)
-    assert len(gains(law)) == 1
+    assert len(independent_parts(law)) == 1
     assert theorem1_max_delay(law) == pytest.approx(theorem1_max_delay(tdc(15.0)), rel=1e-3)
     certificate = check_theorem1(law)
     assert certificate.certified
-    assert Certificate.from_json(certificate.to_json()).verify()
+    assert certificate_from_json(certificate.to_json()).verify()
 
 
 def test_many_joints_cost_and_give_what_one_does():
@@ -133,7 +134,7 @@ def test_many_joints_cost_and_give_what_one_does():
     begin = time.perf_counter()
     certificate = check_theorem1(tdc(10.0, joints=30))
     assert time.perf_counter() - begin < 1.0
-    assert certificate.matrices["P_0"].shape == (2, 2)
+    assert certificate.evidence.parts[0].P.shape == (2, 2)
     assert certificate.margin == check_theorem1(tdc(10.0)).margin
 
 
@@ -148,36 +149,35 @@ def test_psi_is_the_printed_one():
     A1[:2, 2:], B1[2:, :2], B1[2:, 2:] = np.eye(2), -K1, -K2
     Di, A = np.linalg.inv(D), A1 + B1
     E = beta * P @ B1 @ (A1 @ Di @ A1.T + B1 @ Di @ B1.T + Di) @ B1.T @ P
-    numbers = {"delay": h, "beta": beta, "xi": xi, "disturbance term": 1.0}
-    first, second = psi((K1, K2, P, D), numbers, FLOATS)
+    condition = Theorem1Condition(delay=h, beta=beta, xi=xi, disturbance_term=True)
+    first, second = psi(Theorem1Part(K1=K1, K2=K2, P=P, D=D), condition, FLOATS)
     np.testing.assert_allclose(first, -(A.T @ P + P @ A) - E - (1 + xi) * h**2 / beta * D)
     np.testing.assert_allclose(second, (xi - 1) * h**2 / beta * D)
 
 
 def test_given_numbers_are_certified_or_refuted_with_a_vector():
-    good = check_theorem1(tdc(), delay=0.01, weight=1.0, D=100.0)
+    good = check_theorem1(tdc(), delay=0.01, lyapunov_weight=1.0, D=100.0)
     assert good.certified
     assert good.verify()
-    bad = check_theorem1(tdc(), delay=0.26, weight=1.0, D=1.0, xi=1.1, beta=2.0)
+    bad = check_theorem1(tdc(), delay=0.26, lyapunov_weight=1.0, D=1.0, xi=1.1, beta=2.0)
     assert bad.verdict == "refuted"
     assert bad.proof_grade
     assert "the given Q and D" in bad.claim
     assert bad.witness is not None
-    e = np.array(bad.witness["e"])
-    part = tuple(bad.matrices[f"{name}_0"] for name in ("K1", "K2", "P", "D"))
-    assert e @ psi(part, bad.numbers, FLOATS)[0] @ e < 0
-    assert Certificate.from_json(bad.to_json()).verify()
+    e, part = bad.witness.e, bad.evidence.parts[0]
+    assert e @ psi(part, bad.evidence.condition, FLOATS)[0] @ e < 0
+    assert certificate_from_json(bad.to_json()).verify()
     # P is that of the given Q
     A = tdc().A
-    np.testing.assert_allclose(A.T @ part[2] + part[2] @ A, -np.eye(2), atol=1e-12)
+    np.testing.assert_allclose(A.T @ part.P + part.P @ A, -np.eye(2), atol=1e-12)
 
 
 def test_given_weight_alone_leaves_D_to_be_found():
-    certificate = check_theorem1(tdc(), delay=0.05, weight=[1.0, 2.0])
+    certificate = check_theorem1(tdc(), delay=0.05, lyapunov_weight=[1.0, 2.0])
     assert certificate.certified
-    P, A = certificate.matrices["P_0"], tdc().A
+    P, A = certificate.evidence.parts[0].P, tdc().A
     np.testing.assert_allclose(A.T @ P + P @ A, -np.diag([1.0, 2.0]), atol=1e-12)
-    assert check_theorem1(tdc(), delay=0.24, weight=1.0).verdict == "inconclusive"
+    assert check_theorem1(tdc(), delay=0.24, lyapunov_weight=1.0).verdict == "inconclusive"
 
 
 @pytest.mark.parametrize("term", [True, False])
@@ -188,7 +188,7 @@ def test_ultimate_bound_holds_against_the_worst_disturbance(term):
     bound = ultimate_bound(certificate, c)
     impulse = simulate_delay_equation(h, [0.0, 1.0], lambda i, e: 0.0, duration)
     signs = np.sign(impulse[::-1])
-    P = certificate.matrices["P_0"]
+    P = certificate.evidence.parts[0].P
     runs = [
         simulate_delay_equation(h, [0.0, 0.0], lambda i, e, k=k: c * signs[i, k], duration, steps) for k in (0, 1)
     ] + [simulate_delay_equation(h, [0.0, 0.0], lambda i, e: c * np.sign(P[1] @ e) if i else c, duration, steps)]
@@ -196,12 +196,12 @@ def test_ultimate_bound_holds_against_the_worst_disturbance(term):
     assert runs[0][-1, 0] == pytest.approx(worst_position, rel=1e-2)
     assert worst_position < bound.position < 10 * worst_position
     assert max(np.max(np.linalg.norm(run, axis=1)) for run in runs) < bound.error
-    assert bound.rate > 0
+    assert bound.decay_rate > 0
     assert ultimate_bound(certificate, 2 * c).position == pytest.approx(2 * bound.position)
-    numbers, part = certificate.numbers, tuple(certificate.matrices[f"{name}_0"] for name in ("K1", "K2", "P", "D"))
+    part = certificate.evidence.parts[0]
     if term:
-        narrow = min(np.linalg.eigvalsh(form)[0] for form in psi(part, numbers, FLOATS))
-        r, iota, Gamma = bound.printed, np.linalg.norm(P[1]), h**2 * c**2 * part[3][1, 1]
+        narrow = min(np.linalg.eigvalsh(form)[0] for form in psi(part, certificate.evidence.condition, FLOATS))
+        r, iota, Gamma = bound.printed_radius, np.linalg.norm(P[1]), h**2 * c**2 * part.D[1, 1]
         assert narrow * r**2 == pytest.approx(Gamma + 2 * iota * c * r)
 
 
@@ -233,16 +233,16 @@ def test_a_solver_that_fails_certifies_nothing(monkeypatch):
 @pytest.mark.parametrize(
     ("place", "value"),
     [
-        (("numbers", "delay"), 0.4),
-        (("numbers", "xi"), 5.0),
-        (("numbers", "xi"), 1.0),
-        (("matrices", "P_0"), [[1.0, 0.0], [0.0, 1.0]]),
-        (("matrices", "P_0"), [[1.0, 0.2], [0.1, 1.0]]),
-        (("matrices", "D_0"), [[-1.0, 0.0], [0.0, 1.0]]),
-        (("matrices", "D_0"), [[0.0, 0.0], [0.0, 0.0]]),
-        (("matrices", "K1_0"), [[9.0]]),
-        (("matrices", "K1_0"), [[1.0, 0.0], [0.0, 1.0]]),
-        (("matrices", "P_0"), [[1e400, 0.0], [0.0, 1.0]]),
+        (("evidence", "condition", "delay"), 0.4),
+        (("evidence", "condition", "xi"), 5.0),
+        (("evidence", "condition", "xi"), 1.0),
+        (("evidence", "parts", 0, "P"), [[1.0, 0.0], [0.0, 1.0]]),
+        (("evidence", "parts", 0, "P"), [[1.0, 0.2], [0.1, 1.0]]),
+        (("evidence", "parts", 0, "D"), [[-1.0, 0.0], [0.0, 1.0]]),
+        (("evidence", "parts", 0, "D"), [[0.0, 0.0], [0.0, 0.0]]),
+        (("evidence", "parts", 0, "K1"), [[9.0]]),
+        (("evidence", "parts", 0, "K1"), [[1.0, 0.0], [0.0, 1.0]]),
+        (("evidence", "parts", 0, "P"), [[1e400, 0.0], [0.0, 1.0]]),
         (("verdict",), "refuted"),
     ],
 )
@@ -252,7 +252,7 @@ def test_tampering_shows(place, value):
     for key in place[:-1]:
         within = within[key]
     within[place[-1]] = value
-    assert not Certificate.from_json(json.dumps(content)).verify()
+    assert not certificate_from_dict(content).verify()
 
 
 @pytest.mark.parametrize(
@@ -261,18 +261,21 @@ def test_tampering_shows(place, value):
         (lambda: check_theorem1("TDC"), "law: got str; needs a law on time-delay estimation"),  # type: ignore[arg-type]
         (lambda: theorem1_max_delay(3), "law: got int"),  # type: ignore[arg-type]
         (lambda: check_theorem1(tdc(), delay=0.0), "delay: got 0"),
-        (lambda: check_theorem1(tdc(), weight=[[1.0, 2.0], [2.0, 1.0]]), "weight: its smallest eigenvalue is -1"),
-        (lambda: check_theorem1(tdc(), weight=1.0, D=[1.0, np.nan]), "D: got nan"),
-        (lambda: check_theorem1(tdc(), weight=1.0, D=-1.0), "D: its smallest eigenvalue is -1"),
-        (lambda: check_theorem1(tdc(), weight=1.0, D=1.0, xi=1.0), "xi: got 1; needs a finite number above 1"),
-        (lambda: check_theorem1(tdc(), weight=1.0, D=1.0, beta=0.0), "beta: got 0"),
-        (lambda: check_theorem1(tdc(), D=1.0), "weight: missing"),
+        (
+            lambda: check_theorem1(tdc(), lyapunov_weight=[[1.0, 2.0], [2.0, 1.0]]),
+            "lyapunov_weight: its smallest eigenvalue is -1",
+        ),
+        (lambda: check_theorem1(tdc(), lyapunov_weight=1.0, D=[1.0, np.nan]), "D: got nan"),
+        (lambda: check_theorem1(tdc(), lyapunov_weight=1.0, D=-1.0), "D: its smallest eigenvalue is -1"),
+        (lambda: check_theorem1(tdc(), lyapunov_weight=1.0, D=1.0, xi=1.0), "xi: got 1; needs a finite number above 1"),
+        (lambda: check_theorem1(tdc(), lyapunov_weight=1.0, D=1.0, beta=0.0), "beta: got 0"),
+        (lambda: check_theorem1(tdc(), D=1.0), "lyapunov_weight: missing"),
         (lambda: check_theorem1(tdc(), xi=1.5), "beta, xi: given without D"),
         (
             lambda: ultimate_bound(check_theorem1(tdc(), delay=0.5), 1.0),
             "certificate: got one of theorem1 that is inconclusive",
         ),
-        (lambda: ultimate_bound(check_theorem1(tdc(), delay=0.1), -1.0), "bound: got -1"),
+        (lambda: ultimate_bound(check_theorem1(tdc(), delay=0.1), -1.0), "disturbance_bound: got -1"),
     ],
 )
 def test_bad_input(call, message):
@@ -284,11 +287,11 @@ def test_constants_of_the_ultimate_bound_are_the_papers():
     """ι = ‖BᵀP‖ and Γ1 = h²c²‖BᵀDB‖/β from the stored matrices; with them the printed radius."""
     certificate = check_theorem1(make_tdc(natural_frequency=5.0), delay=0.02)
     found = ultimate_bound(certificate, 2.0)
-    P, D = certificate.matrices["P_0"], certificate.matrices["D_0"]
+    P, D = certificate.evidence.parts[0].P, certificate.evidence.parts[0].D
     assert found.iota == pytest.approx(np.linalg.norm(P[1:]), rel=1e-12)
-    assert found.gamma == pytest.approx(0.02**2 * 4.0 * D[1, 1] / certificate.numbers["beta"], rel=1e-12)
-    assert 0 < found.z < 1
-    r = found.printed
+    assert found.gamma == pytest.approx(0.02**2 * 4.0 * D[1, 1] / certificate.evidence.condition.beta, rel=1e-12)
+    assert 0 < found.psi_share < 1
+    r = found.printed_radius
     least = (found.gamma + 2 * found.iota * 2.0 * r) / r**2
-    blocks = psi(gather(certificate.matrices, SHAPES)[0], certificate.numbers, FLOATS)
+    blocks = psi(certificate.evidence.parts[0], certificate.evidence.condition, FLOATS)
     assert least == pytest.approx(min(np.linalg.eigvalsh(block)[0] for block in blocks), rel=1e-9)

@@ -12,28 +12,34 @@ from scipy.integrate import quad
 
 from law_catalogue import make_tdc
 from tarc import TarcError, estimators
-from tarc.certificates import Certificate
+from tarc.certification import certificate_from_dict, certificate_from_json
 from tarc.numerics.ball_arithmetic import FLOATS
-from tarc.paper.law_parts import store
-from tarc.paper.theorem2 import NAMES, check_theorem2, judge, printed, theta
+from tarc.paper.theorem2 import (
+    Theorem2Condition,
+    Theorem2Evidence,
+    Theorem2Part,
+    check_theorem2,
+    printed_theta,
+    theta,
+)
 
-NUMBERS = {"delay": 0.01, "window": 0.1, "degree": 2.0, "beta": 1.0, "xi": 3.0}
+CONDITION = Theorem2Condition(delay=0.01, window=0.1, degree=2, beta=1.0, xi=3.0)
 
 
-def printed_form(part, numbers, sign=1.0):
+def printed_form(part, condition, sign=1.0):
     """Θ as the paper prints it, (8n, 8n), each block by its own formula; sign −1 for the (1,2) block of the proof."""
-    K1, K2, P, D, L = part
-    n, h, beta, xi = len(K1), numbers["delay"], numbers["beta"], numbers["xi"]
+    K1, K2, P, D, L = part.K1, part.K2, part.P, part.D, part.L
+    n, h, beta, xi = len(K1), condition.delay, condition.beta, condition.xi
     none, eye = np.zeros((n, n)), np.eye(n)
     A1, B1 = np.block([[none, eye], [none, none]]), np.block([[none, none], [-K1, -K2]])
     B = np.concatenate([none, eye])
     bar, breve = B @ np.concatenate([K2, none], axis=1), B @ np.concatenate([none, K2], axis=1)
     A, Di = A1 + B1, np.linalg.inv(D)
     Q = -(A.T @ P + P @ A)
-    estimator = estimators.Algebraic(window=numbers["window"], degree=int(numbers["degree"]))
-    energy = quad(lambda psi: float(estimator.kernel(psi)) ** 2, -numbers["window"], 0, epsabs=0)[0]
+    estimator = estimators.Algebraic(window=condition.window, degree=condition.degree)
+    energy = quad(lambda psi: float(estimator.kernel(psi)) ** 2, -condition.window, 0, epsabs=0)[0]
     E = beta * P @ B1 @ (A1 @ Di @ A1.T + B1 @ Di @ B1.T + Di + bar @ Di @ bar.T) @ B1.T @ P
-    F = (h**2 / beta * D + L) * numbers["window"] * energy
+    F = (h**2 / beta * D + L) * condition.window * energy
     J = np.concatenate([np.zeros((2 * n, 2 * n)), np.eye(2 * n)], axis=1)
     wide = np.zeros((2 * n, 4 * n))
     return np.block(
@@ -53,8 +59,9 @@ def random_part(seed, n, spread=1.0):
         basis = np.linalg.qr(rng.normal(size=(2 * n, 2 * n)))[0]
         weight = basis @ np.diag(10 ** rng.uniform(-spread, spread, 2 * n)) @ basis.T
         weights.append((weight + weight.T) / 2)
-    gains = (rng.normal(size=(n, n)) * 10 ** rng.uniform(-1, 2) for _ in range(2))
-    return (*gains, *weights)
+    K1, K2 = (rng.normal(size=(n, n)) * 10 ** rng.uniform(-1, 2) for _ in range(2))
+    P, D, L = weights
+    return Theorem2Part(K1=K1, K2=K2, P=P, D=D, L=L)
 
 
 @settings(deadline=None, max_examples=40)
@@ -67,24 +74,25 @@ def random_part(seed, n, spread=1.0):
 def test_refuted_whatever_the_numbers(seed, n, logs, degree):
     part = random_part(seed, n, spread=1.5)
     h, window, beta, above = (10**value for value in logs)
-    numbers = {"delay": h, "window": window, "degree": float(degree), "beta": beta, "xi": 1 + above}
-    verdict, margin, witness = judge(store([part], NAMES), numbers)
+    condition = Theorem2Condition(delay=h, window=window, degree=degree, beta=beta, xi=1 + above)
+    evidence = Theorem2Evidence(condition=condition, part=part, last_block_size=4 * n, last_block_rank=2 * n)
+    verdict, margin, witness = evidence.judge()
     assert verdict == "refuted"
     assert margin < 0
     assert witness is not None
-    e = np.array(witness["e"])
+    e = witness.e
     for sign in (1.0, -1.0):
         vector = np.concatenate([e, -sign * e, np.zeros(4 * n)])
-        assert vector @ printed_form(part, numbers, sign) @ vector < 0
+        assert vector @ printed_form(part, condition, sign) @ vector < 0
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3])
 @pytest.mark.parametrize("n", [1, 2])
 def test_theta_is_the_printed_one_and_singular(n, degree):
-    part, numbers = random_part(n, n), NUMBERS | {"degree": float(degree)}
-    reduced = theta(part, numbers, FLOATS)
-    expected = printed_form(part, numbers)
-    np.testing.assert_allclose(printed(reduced), expected, rtol=1e-7, atol=1e-9 * np.max(np.abs(expected)))
+    part, condition = random_part(n, n), replace(CONDITION, degree=degree)
+    reduced = theta(part, condition, FLOATS)
+    expected = printed_form(part, condition)
+    np.testing.assert_allclose(printed_theta(reduced), expected, rtol=1e-7, atol=1e-9 * np.max(np.abs(expected)))
     assert reduced.shape == (6 * n, 6 * n)
     assert np.linalg.matrix_rank(expected) <= 6 * n
     assert np.linalg.matrix_rank(expected[4 * n :, 4 * n :]) == 2 * n
@@ -93,14 +101,15 @@ def test_theta_is_the_printed_one_and_singular(n, degree):
 def test_trace_argument():
     """tr(P⁻¹S) = 2 tr A_b = 0 for any P and K1: no S is negative definite."""
     for seed in range(20):
-        K1, _, P, _, _ = random_part(seed, 2)
+        part = random_part(seed, 2)
+        K1, P = part.K1, part.P
         A_b = np.block([[np.zeros((2, 2)), np.eye(2)], [-K1, np.zeros((2, 2))]])
         S = P @ A_b + A_b.T @ P
         assert abs(np.trace(np.linalg.solve(P, S))) < 1e-9 * np.linalg.norm(S) * np.linalg.norm(np.linalg.inv(P))
         assert np.linalg.eigvalsh(S)[-1] > 0
 
 
-@pytest.mark.parametrize("weights", [{}, {"weight": 1.0}, {"D": 3.0, "L": [0.1, 2.0], "beta": 0.5, "xi": 2.0}])
+@pytest.mark.parametrize("weights", [{}, {"lyapunov_weight": 1.0}, {"D": 3.0, "L": [0.1, 2.0], "beta": 0.5, "xi": 2.0}])
 @pytest.mark.parametrize("natural_frequency", [1.0, 10.0, 100.0])
 def test_refuted_for_a_law(natural_frequency, weights):
     certificate = check_theorem2(make_tdc(natural_frequency=natural_frequency), **weights)
@@ -114,8 +123,8 @@ def test_refuted_for_a_law(natural_frequency, weights):
 
 def test_the_program_finds_a_better_least_eigenvalue_than_plain_weights():
     def worst(certificate):
-        part = tuple(certificate.matrices[f"{name}_0"] for name in NAMES)
-        return np.linalg.eigvalsh(theta(part, certificate.numbers, FLOATS) / np.trace(part[2]))[0]
+        evidence = certificate.evidence
+        return np.linalg.eigvalsh(theta(evidence.part, evidence.condition, FLOATS) / np.trace(evidence.part.P))[0]
 
     law = make_tdc(natural_frequency=1.0)
     best, plain = worst(check_theorem2(law, window=1.0)), worst(check_theorem2(law, window=1.0, D=1.0))
@@ -128,11 +137,11 @@ def test_a_coupled_law_and_many_joints():
     )
     certificate = check_theorem2(law)
     assert certificate.verdict == "refuted"
-    assert certificate.matrices["P_0"].shape == (4, 4)
+    assert certificate.evidence.part.P.shape == (4, 4)
     many = check_theorem2(make_tdc(natural_frequency=10.0, inertia=0.1 * np.eye(30)))
-    assert many.matrices["P_0"].shape == (2, 2)
-    assert many.numbers["size of JᵀLJ"] == 120
-    assert many.numbers["rank of JᵀLJ"] == 60
+    assert many.evidence.part.P.shape == (2, 2)
+    assert many.evidence.last_block_size == 120
+    assert many.evidence.last_block_rank == 60
 
 
 def test_a_solver_that_fails_changes_nothing(monkeypatch):
@@ -146,20 +155,20 @@ def test_a_solver_that_fails_changes_nothing(monkeypatch):
 def test_json_round_trip_verifies_and_tampering_shows():
     text = check_theorem2(make_tdc()).to_json()
     assert "NaN" not in text
-    assert Certificate.from_json(text).verify()
+    assert certificate_from_json(text).verify()
     for place, value in [
         (("verdict",), "certified"),
-        (("matrices", "P_0"), [[-1.0, 0.0], [0.0, 1.0]]),
-        (("matrices", "D_0"), [[1.0]]),
-        (("numbers", "xi"), 0.5),
-        (("numbers", "degree"), 40.0),
+        (("evidence", "part", "P"), [[-1.0, 0.0], [0.0, 1.0]]),
+        (("evidence", "part", "D"), [[1.0]]),
+        (("evidence", "condition", "xi"), 0.5),
+        (("evidence", "condition", "degree"), 40),
     ]:
         content = json.loads(text)
         within = content
         for key in place[:-1]:
             within = within[key]
         within[place[-1]] = value
-        assert not Certificate.from_json(json.dumps(content)).verify()
+        assert not certificate_from_dict(content).verify()
 
 
 @pytest.mark.parametrize(

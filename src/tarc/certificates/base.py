@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, Self, Type
 
 import numpy as np
 
-from tarc.analysis.stability import Witness
 from tarc.certificates.encoding import arrays, from_plain, to_plain
 from tarc.core.errors import TarcError
 from tarc.core.types import Array
@@ -31,7 +30,7 @@ class Judgement(NamedTuple):
 
     verdict: Verdict
     margin: float
-    witness: Witness | None = None
+    witness: Any = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,7 +46,7 @@ class Evidence(ABC):
     """
 
     kind: ClassVar[str]
-    witness_type: ClassVar[type[Witness] | None] = None
+    witness_type: ClassVar[type[Any] | None] = None
 
     @abstractmethod
     def judge(self) -> Judgement:

@@ -23,7 +23,7 @@ F grows with G, so any upper bound of G suffices, and F < 0 at one window implie
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -143,9 +143,7 @@ class NominalEvidence(Evidence):
         gamma = self.gamma
         if gamma is None:
             return {}
-        return {
-            f"−F, part {i + 1}": conditions(part, self.loop, gamma, FLOATS)[0] for i, part in enumerate(self.parts)
-        }
+        return {f"−F, part {i + 1}": conditions(part, self.loop, gamma, FLOATS)[0] for i, part in enumerate(self.parts)}
 
 
 def check_nominal_loop(
@@ -233,7 +231,7 @@ def _with_gain(evidence: NominalEvidence) -> NominalEvidence:
 
 
 def nominal_max_window(law: Law, *, delay: float | None = None, decay_rate: float = 0.0) -> float:
-    """Return the largest window ς [s] that `check_nominal_loop` certifies for the gains and delay of a law; 0.0 for none.
+    """Return the largest window ς [s] that `check_nominal_loop` certifies for a law's gains and delay; 0.0 for none.
 
     With damping ratio 1 and ωn h = 0.01, ωn ς is at most 0.980, 1.240 and 1.263 for Λ = 1, 2, 3.
 
@@ -252,7 +250,7 @@ def nominal_max_window(law: Law, *, delay: float | None = None, decay_rate: floa
 
 
 def nominal_max_delay(law: Law, *, window: float | None = None, decay_rate: float = 0.0) -> float:
-    """Return the largest delay h [s] that `check_nominal_loop` certifies for the gains and window of a law; 0.0 for none.
+    """Return the largest delay h [s] that `check_nominal_loop` certifies for a law's gains and window; 0.0 for none.
 
     Raises
     ------
@@ -342,7 +340,7 @@ class _Program:
         )
         self.gain = cp.Problem(cp.Minimize(self.gamma_squared), [(left + left.T) / 2 >> 0, right >> 0])
 
-    def _scaled_form(self, a: float):  # noqa: ANN202 - an expression of cvxpy, which is imported in functions only
+    def _scaled_form(self, a: float) -> Any:
         """Return F without γ in scaled time, an expression in P, R1/h and R2/G."""
         n, k1, k2 = len(self.K1), self.K1 / self.omega**2, self.K2 / self.omega
         e1, e2, z1, z2, disturbance = np.eye(5 * n).reshape(5, n, 5 * n)
@@ -448,6 +446,4 @@ def _mix(outer: NominalPart, inner: NominalPart, share: float) -> NominalPart:
     def between(outer_weight: Array, inner_weight: Array) -> Array:
         return symmetric((1 - share) * outer_weight + share * inner_weight)
 
-    return replace(
-        inner, P=between(outer.P, inner.P), R1=between(outer.R1, inner.R1), R2=between(outer.R2, inner.R2)
-    )
+    return replace(inner, P=between(outer.P, inner.P), R1=between(outer.R1, inner.R1), R2=between(outer.R2, inner.R2))

@@ -283,9 +283,8 @@ def _claim(condition: Theorem1Condition, has_weight: bool, has_D: bool) -> str:
         numbers = f"h = {condition.delay:g} s, the given Q and D and ξ = {condition.xi:g}."
     else:
         matrices = "the given Q and some D" if has_weight else "some P, Q, D"
-        numbers = (
-            f"h = {condition.delay:g} s and {matrices}: the nominal error of time-delayed control is ultimately bounded."
-        )
+        numbers = f"h = {condition.delay:g} s and {matrices}: the nominal error of time-delayed control is ultimately "
+        numbers += "bounded."
     return f"Condition Ψ > 0 of Theorem 1 holds for {numbers}"
 
 

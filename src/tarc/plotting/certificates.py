@@ -151,11 +151,9 @@ def _form(certificate: "Certificate") -> tuple[np.ndarray, ...]:
 
 def _forms(certificate: "Certificate") -> Figure:
     """Eigenvalues of the symmetric forms that must be positive definite, their diagonals scaled to one."""
-    from tarc.certificates.base import FORMS
-
     figure = Figure(figsize=(6, 3.8), layout="constrained")
     axes = figure.subplots()
-    forms = FORMS[certificate.kind](certificate.matrices, certificate.numbers)
+    forms = certificate.evidence.forms()
     for colour, (label, form) in zip(COLOURS, forms.items(), strict=False):
         scale = 1 / np.sqrt(np.maximum(np.abs(np.diag(form)), 1e-300))
         values = np.sort(np.linalg.eigvalsh(form * scale * scale[:, None]))
