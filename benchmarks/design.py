@@ -193,7 +193,7 @@ class Trial:
         self.scenario = made.scenario(duration)
         self.plant: Plant = made.plants[0]
         self.reference = self.scenario.build_reference()
-        self.events = self.scenario.build_disturbances()
+        self.events = self.scenario.build().events
         self.path = self.reference.sample(np.linspace(0, duration, 200))[0]
 
     def run(self, law: Any, *, loaded: bool = False, perfect: bool = False) -> Run:

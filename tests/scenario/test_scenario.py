@@ -4,11 +4,14 @@ import copy
 
 import numpy as np
 import pytest
-import yaml
 
+import tarc
 from tarc import Scenario, TarcError
+from tarc.core.errors import InvalidParameter, ScenarioError
+from tarc.scenario import schema
 from tarc.scenario.loader import apply_setting, shipped_scenarios
 from tarc.scenario.schema import SECTIONS, catalogue, parameters
+from tarc.scenario.yaml_text import read_yaml, write_yaml
 
 PLAIN = {
     "robot": {"kind": "TwoLinkArm"},
@@ -31,8 +34,6 @@ def content_with_settings(*settings):
 
 
 def test_runs_and_equals_the_library():
-    import tarc
-
     run = Scenario.parse(scenario_content()).run()["TDC"]
     law = tarc.laws.TDC(
         inertia=[0.15, 0.05], natural_frequency=10.0, period=1e-3, estimator=tarc.estimators.Algebraic(window=0.010)
@@ -62,8 +63,8 @@ def test_shipped_scenarios_run(name):
     ("settings", "message"),
     [
         (
-            ["law.bandwith=10"],
-            r"law.bandwith: unknown key; TDC has .*natural_frequency.* Did you mean 'natural_frequency'\?",
+            ["law.natural_frequensy=10"],
+            r"law.natural_frequensy: unknown key; TDC has .*natural_frequency.* Did you mean 'natural_frequency'\?",
         ),
         (["robot.mases=[1, 2]"], r"robot.mases: unknown key; .* Did you mean 'masses'\?"),
         (["law.natural_frequency=fast"], r"law.natural_frequency: got 'fast'; needs a number or a list of numbers"),
@@ -79,7 +80,7 @@ def test_shipped_scenarios_run(name):
         (["duratio=3"], r"duratio: unknown key; .* Did you mean 'duration'\?"),
         (["duration=long"], "duration: got 'long'; needs a number"),
         (["sensor.bit=12"], r"sensor.bit: unknown key; Encoder has .* Did you mean 'bits'\?"),
-        (["start.torqe=rest"], "start.torqe"),
+        (["initial_torqe=rest"], r"initial_torqe: unknown key.* Did you mean 'initial_torque'\?"),
         (["law.inertia={fraction: -1}"], "law.inertia.fraction: got -1; needs a finite number above 0"),
         (["law.inertia={fractoin: 0.1}"], r"law.inertia.fractoin: unknown key.* Did you mean 'fraction'\?"),
         (["reference.amplitude=[1, 1, 1]"], "joints: the plant has 2, the law 2 .*, the reference 3"),
@@ -148,7 +149,7 @@ def test_files_beside_the_scenario_are_found(tmp_path, monkeypatch):
     t = np.arange(0, 1, 0.01)
     np.savetxt(tmp_path / "path.csv", np.column_stack([t, 0.1 * t**2, 0.2 * t**2]), delimiter=",")
     content = scenario_content(reference={"kind": "Recorded", "path": "path.csv"})
-    (tmp_path / "a.yaml").write_text(yaml.safe_dump(content))
+    (tmp_path / "a.yaml").write_text(write_yaml(content))
     monkeypatch.chdir("/")
     run = Scenario.load(tmp_path / "a.yaml").run()["TDC"]
     assert run.data["reference"].values[100, 1] == pytest.approx(0.2 * 0.1**2)
@@ -161,7 +162,8 @@ def test_fraction_is_of_the_mean_inertia_along_the_path():
     from tarc.signals import Sinusoid
 
     reference = Sinusoid(amplitude=[0.2, 0.2], frequency=2.0)
-    law = parsed.build_law(content["law"], plant, reference)
+    (law,) = parsed.build_laws(plant, reference).values()
+    assert isinstance(law, tarc.laws.TDC)
     path = reference.sample(np.linspace(0, 0.2, 2001))[0]
     mean = np.mean([plant.inertia(q) for q in path.T], axis=0)
     np.testing.assert_allclose(law.M, 0.05 * np.diag(np.diag(mean)), rtol=1e-3)
@@ -177,7 +179,8 @@ def test_every_kind_has_parameters_with_words(section):
 
 def test_one_number_of_inertia_stands_for_every_joint():
     parsed = Scenario.parse(content_with_settings("law.inertia=0.05"))
-    law = parsed.build_law(parsed.laws["TDC"], parsed.build_plant(), parsed.build_reference())
+    (law,) = parsed.build().laws.values()
+    assert isinstance(law, tarc.laws.TDC)
     np.testing.assert_array_equal(law.M, 0.05 * np.eye(2))
 
 
@@ -186,9 +189,11 @@ def test_a_saved_scenario_runs_from_anywhere(tmp_path, monkeypatch):
     robot.write_text("<mujoco><worldbody><body><joint name='j'/><geom size='.1'/></body></worldbody></mujoco>")
     content = scenario_content(robot={"file": "robot.xml"}, law={**PLAIN["law"], "inertia": 1e-3})
     content["reference"] = {"kind": "Sinusoid", "amplitude": [0.1], "frequency": 2.0}
-    (tmp_path / "a.yaml").write_text(yaml.safe_dump(content))
+    (tmp_path / "a.yaml").write_text(write_yaml(content))
     (tmp_path / "elsewhere").mkdir()
-    (tmp_path / "elsewhere" / "saved.yaml").write_text(Scenario.load(tmp_path / "a.yaml").to_yaml())
+    saved = Scenario.load(tmp_path / "a.yaml").save(tmp_path / "elsewhere" / "saved.yaml")
+    assert str(tmp_path) not in saved.read_text()
+    assert read_yaml(saved.read_text(), "saved")["robot"] == {"file": "../robot.xml"}
     monkeypatch.chdir("/")
     assert Scenario.load(tmp_path / "elsewhere" / "saved.yaml").run()["TDC"].status.completed
 
@@ -201,5 +206,57 @@ def test_the_entry_at_fault_is_named_in_a_list_of_laws():
 
 def test_a_key_given_twice_is_refused(tmp_path):
     (tmp_path / "a.yaml").write_text("duration: 1.0\nseed: 1\nduration: 2.0\n")
-    with pytest.raises(TarcError, match="line 1: the key 'duration' is given twice"):
+    with pytest.raises(TarcError, match='a.yaml: line 3: found duplicate key "duration"; keep one'):
         Scenario.load(tmp_path / "a.yaml")
+
+
+def test_the_path_of_a_fault_is_an_attribute():
+    content = scenario_content(law=[dict(PLAIN["law"]), {**PLAIN["law"], "natural_frequency": "fast"}])
+    with pytest.raises(ScenarioError) as caught:
+        Scenario.parse(content)
+    assert caught.value.path == "law.1.natural_frequency"
+    content["law"][1]["natural_frequency"] = -1.0
+    with pytest.raises(InvalidParameter, match=r"law\.1\.natural_frequency: got") as refused:
+        Scenario.parse(content).build()
+    assert refused.value.path == "law.1.natural_frequency"
+
+
+def test_each_part_is_constructed_once(monkeypatch):
+    """Two laws: two laws, one estimator, one plant, and a schema class per distinct kind."""
+    content = scenario_content(law=[dict(PLAIN["law"]), {**PLAIN["law"], "kind": "TDC", "natural_frequency": 12.0}])
+    content["estimator"]["degree"] = 2
+    counts = {"law": 0, "estimator": 0, "plant": 0, "schema": 0}
+
+    def count(name, owner, attribute):
+        original = getattr(owner, attribute)
+
+        def counted(*arguments, **options):
+            counts[name] += 1
+            return original(*arguments, **options)
+
+        monkeypatch.setattr(owner, attribute, counted)
+
+    count("law", tarc.laws.Law, "__post_init__")
+    count("estimator", tarc.estimators.Estimator, "__post_init__")
+    count("plant", tarc.plants.TwoLinkArm, "__post_init__")
+    count("schema", schema, "create_model")
+    schema._parameter_model.cache_clear()
+    Scenario.parse(content).build()
+    # TwoLinkArm, TDC, Algebraic, Sinusoid, Encoder
+    assert counts == {"law": 2, "estimator": 1, "plant": 1, "schema": 5}
+    Scenario.parse(content)
+    assert counts["schema"] == 5
+
+
+def test_a_shipped_file_is_saved_by_its_name(tmp_path):
+    saved = Scenario.load("wheeled_figure_eight").save(tmp_path / "a.yaml")
+    assert "path: figure_eight.csv" in saved.read_text()
+    assert Scenario.load(saved).build_reference().n_joints > 0
+    with pytest.raises(TarcError, match=r"save: got '.*nodir/a.yaml'; the folder .*nodir does not exist"):
+        Scenario.load("ur5e").save(tmp_path / "nodir" / "a.yaml")
+
+
+def test_a_scenario_says_what_it_is():
+    scenario = Scenario.load("UR5e", ["law.0.label=a<b"])
+    assert repr(scenario) == "<Scenario ur5e: a<b, TDC on ur5e, 20 s>"
+    assert "label: a&lt;b" in scenario._repr_html_()

@@ -53,7 +53,17 @@ class RobotFileError(TarcError, ValueError):
 
 
 class ScenarioError(TarcError, ValueError):
-    """A scenario file cannot be read, or has wrong contents."""
+    """A scenario file cannot be read, or has wrong contents.
+
+    Attributes
+    ----------
+    path
+        Place of the first fault in the scenario, such as ``law.1.natural_frequency``; empty for a whole file.
+    """
+
+    def __init__(self, message: str, path: str = ""):
+        super().__init__(message)
+        self.path = path
 
 
 class MissingTool(TarcError, ImportError):

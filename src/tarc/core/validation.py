@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter, TarcError
 from tarc.core.types import Array
 
 Numbers = float | Sequence[float] | np.ndarray
@@ -26,12 +26,12 @@ def number(name: str, value: Any, low: float = -np.inf, *, strict: bool = False,
             raise ValueError
         result = float(value)
     except (TypeError, ValueError, OverflowError):
-        raise TarcError(f"{name}: got {value!r}; needs one number") from None
+        raise InvalidParameter(f"{name}: got {value!r}; needs one number", name) from None
     above = result > low if strict else result >= low
     if not np.isfinite(result) or not above or result > high:
         bound = f" {'above' if strict else 'of at least'} {low:g}" if np.isfinite(low) else ""
         bound += f" and at most {high:g}" if np.isfinite(high) else ""
-        raise TarcError(f"{name}: got {result:g}; needs a finite number{bound}")
+        raise InvalidParameter(f"{name}: got {result:g}; needs a finite number{bound}", name)
     return result
 
 
@@ -40,7 +40,7 @@ def integer(name: str, value: Any, low: int = 0, high: int | None = None) -> int
     limits = f"from {low} to {high}" if high is not None else f"of at least {low}"
     fits = isinstance(value, int | float | np.integer) and not isinstance(value, bool)
     if not fits or value % 1 != 0 or not low <= value <= (np.inf if high is None else high):
-        raise TarcError(f"{name}: got {value!r}; needs a whole number {limits}")
+        raise InvalidParameter(f"{name}: got {value!r}; needs a whole number {limits}", name)
     return int(value)
 
 
@@ -52,7 +52,7 @@ def float_array(name: str, value: Any) -> Array:
             return result
     except (TypeError, ValueError, OverflowError):
         pass
-    raise TarcError(f"{name}: got {value!r}; needs numbers")
+    raise InvalidParameter(f"{name}: got {value!r}; needs numbers", name)
 
 
 def array(name: str, value: Any) -> Array:
@@ -62,7 +62,9 @@ def array(name: str, value: Any) -> Array:
     if not finite.all():
         bad = np.argwhere(~finite)
         where = f" at {bad[0].tolist()}" if result.ndim else ""
-        raise TarcError(f"{name}: got {result[tuple(bad[0])]}{where}; needs finite numbers, not NaN or infinity")
+        raise InvalidParameter(
+            f"{name}: got {result[tuple(bad[0])]}{where}; needs finite numbers, not NaN or infinity", name
+        )
     return result
 
 
@@ -72,9 +74,13 @@ def vector(name: str, value: Any, size: int, low: float = -np.inf, *, strict: bo
     if result.ndim == 0:
         result = np.full(size, float(result))
     if result.shape != (size,):
-        raise TarcError(f"{name}: got shape {result.shape}; needs one number or {size} of them, one a joint")
+        raise InvalidParameter(
+            f"{name}: got shape {result.shape}; needs one number or {size} of them, one a joint", name
+        )
     if np.any(result <= low if strict else result < low):
-        raise TarcError(f"{name}: got {result.tolist()}; each must be {'above' if strict else 'at least'} {low:g}")
+        raise InvalidParameter(
+            f"{name}: got {result.tolist()}; each must be {'above' if strict else 'at least'} {low:g}", name
+        )
     return result
 
 
@@ -134,5 +140,7 @@ def one_of(name: str, value: str, known: Iterable[str]) -> str:
     """A word out of a known set."""
     known = list(known)
     if value not in known:
-        raise TarcError(f"{name}: got {value!r}; known are {', '.join(known)}.{did_you_mean(str(value), known)}")
+        raise InvalidParameter(
+            f"{name}: got {value!r}; known are {', '.join(known)}.{did_you_mean(str(value), known)}", name
+        )
     return value

@@ -47,6 +47,8 @@ class Estimator(Component, System):
     def with_period(self, period: float) -> Self:
         """The same estimator, running at this period [s]."""
         period = check.number("period", period, 0, strict=True)
+        if self.period == period:
+            return self
         if self.period is not None and abs(self.period - period) > 1e-9 * period:
             raise TarcError(
                 f"estimator: it is set to a period of {self.period:g} s, the law runs at {period:g} s; leave the "

@@ -1,79 +1,123 @@
 """Find, read and change the YAML of a scenario."""
 
+import os
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from tarc.core import validation as check
-from tarc.core.errors import TarcError
+from tarc.core.errors import ScenarioError
+from tarc.scenario.yaml_text import read_yaml
 
-
-class _Loader(yaml.SafeLoader):
-    """YAML that refuses a key given twice."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        """The mapping, each key once."""
-        keys = [key.value for key, _ in node.value]
-        for key, _ in node.value:
-            if keys.count(key.value) > 1:
-                raise TarcError(f"line {key.start_mark.line + 1}: the key {key.value!r} is given twice; keep one")
-        return super().construct_mapping(node, deep)
+SHIPPED = Path(str(files("tarc.scenario"))) / "shipped"
+"""Folder of the scenarios that come with the package, and of the files that they name."""
 
 
 def shipped_scenarios() -> list[str]:
-    """Names of the scenarios that come with the package."""
-    folder = files("tarc.scenario").joinpath("shipped")
-    return sorted(entry.name.removesuffix(".yaml") for entry in folder.iterdir() if entry.name.endswith(".yaml"))
+    """Return the names of the scenarios that come with the package."""
+    return sorted(file.stem for file in SHIPPED.glob("*.yaml"))
 
 
 def find_scenario(path: str | Path) -> Path:
-    """The file itself, or a shipped scenario by name."""
-    here = Path(path).expanduser()
-    if here.is_file():
-        return here
-    shipped = Path(str(files("tarc.scenario").joinpath("shipped"))) / f"{here.name.removesuffix('.yaml')}.yaml"
-    if len(here.parts) == 1 and shipped.is_file():
-        return shipped
+    """Return the file itself, or that of a shipped scenario by name, in upper or lower case.
+
+    Raises
+    ------
+    ScenarioError
+        For a name that is neither.
+    """
+    file = Path(path).expanduser()
+    if file.is_file():
+        return file
+    name = file.name.removesuffix(".yaml").lower()
     names = shipped_scenarios()
-    raise TarcError(
-        f"scenario: {str(path)!r} not found; looked for {here.resolve()} and among the shipped scenarios "
-        f"({', '.join(names)}).{check.did_you_mean(here.stem, names)}"
+    if len(file.parts) == 1 and name in names:
+        return SHIPPED / f"{name}.yaml"
+    raise ScenarioError(
+        f"scenario: {str(path)!r} not found; looked for {file.resolve()} and among the shipped scenarios "
+        f"({', '.join(names)}).{check.did_you_mean(file.stem, names)}"
     )
 
 
+def read_scenario(file: Path) -> dict[str, Any]:
+    """Return the content of a scenario file; its own name stands for a missing ``name``.
+
+    Raises
+    ------
+    ScenarioError
+        For a file that cannot be read, is not YAML, or has no keys.
+    """
+    try:
+        text = file.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{file}: cannot be read: {error}") from None
+    content = read_yaml(text, str(file))
+    if not isinstance(content, dict):
+        raise ScenarioError(f"{file}: holds no scenario; needs keys and values, such as robot: and law:")
+    return {"name": file.stem, **content}
+
+
+FILE_KEYS = (("robot", "file"), ("reference", "path"))
+"""Section and key of each file that a scenario names."""
+
+
+def resolve_files(content: dict[str, Any], folder: Path) -> None:
+    """Replace the names of files beside a scenario, or among the shipped ones, by their absolute paths."""
+    for section, key in FILE_KEYS:
+        part = content.get(section)
+        name = part.get(key) if isinstance(part, dict) else None
+        if isinstance(part, dict) and isinstance(name, str):
+            for place in (folder, SHIPPED):
+                if (place / name).is_file():
+                    part[key] = str((place / name).resolve())
+                    break
+
+
+def relative_files(content: dict[str, Any], folder: Path) -> None:
+    """Replace absolute paths by shipped names or by paths from a folder: the reverse of `resolve_files`."""
+    for section, key in FILE_KEYS:
+        part = content.get(section)
+        if isinstance(part, dict) and isinstance(part.get(key), str) and Path(part[key]).is_absolute():
+            file = Path(part[key])
+            is_shipped = file.parent == SHIPPED.resolve()
+            part[key] = file.name if is_shipped else Path(os.path.relpath(file, folder.resolve())).as_posix()
+
+
 def apply_setting(content: dict[str, Any], setting: str) -> None:
-    """Put ``section.key=value`` into a scenario's dictionary; ``law.key`` reaches every law of a list."""
+    """Put ``section.key=value`` into a scenario's dictionary; ``law.key`` changes every law of a list.
+
+    Raises
+    ------
+    ScenarioError
+        For a setting without key or value, and for a path that leads nowhere.
+    """
     path, equals, text = setting.partition("=")
     keys = path.strip().split(".")
     if not equals or not all(keys):
-        raise TarcError(f"--set: got {setting!r}; needs key=value, such as law.natural_frequency=15")
-    try:
-        value = yaml.safe_load(text)
-    except yaml.YAMLError:
-        raise TarcError(f"--set: {text!r} is no YAML value, in {setting!r}") from None
-    nodes: list[Any] = [content]
+        raise ScenarioError(f"--set: got {setting!r}; needs key=value, such as law.natural_frequency=15")
+    value = read_yaml(text, f"--set: {setting!r}")
+    nodes: list[object] = [content]
     for depth, key in enumerate(keys[:-1]):
-        found: list[Any] = []
-        for node in nodes:
-            if isinstance(node, list):
-                if not key.isdigit() or int(key) >= len(node):
-                    raise TarcError(
-                        f"--set: {setting!r}: {'.'.join(keys[:depth])} is a list of {len(node)}; use 0, 1, …"
-                    )
-                child = node[int(key)]
-            elif isinstance(node, dict):
-                child = node.setdefault(key, {})
-            else:
-                raise TarcError(f"--set: {setting!r}: {'.'.join(keys[:depth])} is {node!r}, which holds no keys")
-            spread = isinstance(child, list) and not keys[depth + 1].isdigit()
-            found += child if spread else [child]
-        nodes = found
+        expand_lists = not keys[depth + 1].isdigit()
+        parent = ".".join(keys[:depth])
+        nodes = [child for node in nodes for child in _children(node, key, expand_lists, setting, parent)]
     for node in nodes:
         if isinstance(node, list) and keys[-1].isdigit() and int(keys[-1]) < len(node):
             node[int(keys[-1])] = value
         elif isinstance(node, dict):
             node[keys[-1]] = value
         else:
-            raise TarcError(f"--set: {setting!r} reaches {node!r}, which holds no key {keys[-1]!r}")
+            raise ScenarioError(f"--set: {setting!r}: {node!r} has no key {keys[-1]!r}")
+
+
+def _children(node: object, key: str, expand_lists: bool, setting: str, parent: str) -> list[object]:
+    """Return what stands under a key, or each item of it where it is a list that is not indexed."""
+    if isinstance(node, list):
+        if not key.isdigit() or int(key) >= len(node):
+            raise ScenarioError(f"--set: {setting!r}: {parent} is a list of {len(node)}; use 0, 1, …")
+        child = node[int(key)]
+    elif isinstance(node, dict):
+        child = node.setdefault(key, {})
+    else:
+        raise ScenarioError(f"--set: {setting!r}: {parent} is {node!r}, which has no keys")
+    return child if isinstance(child, list) and expand_lists else [child]

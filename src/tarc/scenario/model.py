@@ -1,28 +1,68 @@
 """The YAML file that describes a run: robot, law, estimator, reference, sensor, disturbance, duration, seed."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from html import escape
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-import tarc.plants
-import tarc.signals
 from tarc.analysis.workspace import Workspace
 from tarc.certificates.base import Certificate
 from tarc.certification import certify_law
 from tarc.core import validation as check
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter, ScenarioError, TarcError
 from tarc.core.progress import Progress
 from tarc.core.validation import Numbers
+from tarc.estimators.base import Estimator
+from tarc.laws.base import Law
 from tarc.plants.base import Plant
-from tarc.scenario.loader import _Loader, apply_setting, find_scenario
-from tarc.scenario.schema import construct, explain, validate
+from tarc.scenario.loader import apply_setting, find_scenario, read_scenario, relative_files, resolve_files
+from tarc.scenario.schema import Component, check_component, scenario_error
+from tarc.scenario.yaml_text import write_yaml
+from tarc.signals.references import Reference
+from tarc.signals.sensors import Encoder
 from tarc.simulation.run import Run
-from tarc.simulation.sampled_inputs import scheduled_plants
+from tarc.simulation.sampled_inputs import Event, scheduled_plants
 from tarc.simulation.simulator import simulate
+
+POSTURES_OF_MEAN_INERTIA = 200
+"""Number of postures along the reference over which the inertia is averaged."""
+
+
+@dataclass(frozen=True)
+class Sections:
+    """The parts of a scenario, with their keys and types checked.
+
+    Attributes
+    ----------
+    robot, reference, sensor
+        Each as a component.
+    laws
+        Law and its estimator, by the law's name.
+    disturbances
+        Disturbances, payloads and schedules.
+    """
+
+    robot: Component
+    reference: Component
+    sensor: Component
+    laws: dict[str, tuple[Component, Component]]
+    disturbances: list[Component]
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """The constructed parts of a scenario: robot, reference, sensor, events, and the laws by name."""
+
+    plant: Plant
+    reference: Reference
+    sensor: Encoder
+    events: list[Event]
+    laws: dict[str, Any]
 
 
 class Scenario(BaseModel):
@@ -73,122 +113,150 @@ class Scenario(BaseModel):
     divergence_threshold: float = 5.0
 
     @classmethod
-    def parse(cls, content: Any, label: str = "scenario") -> Self:
-        """Validate a dictionary; `TarcError` names each key at fault, what came and what is allowed."""
+    def parse(cls, content: object, label: str = "scenario") -> Self:
+        """Check a dictionary and return its scenario.
+
+        Raises
+        ------
+        ScenarioError, InvalidParameter
+            For each key at fault: what came and what is allowed. ``path`` is the place of the first one.
+        """
         if not isinstance(content, dict):
-            raise TarcError(f"{label}: got {type(content).__name__}; needs keys and values, such as robot: and law:")
+            kind = type(content).__name__
+            raise ScenarioError(f"{label}: got {kind}; needs keys and values, such as robot: and law:")
         try:
             scenario = cls(**content)
         except ValidationError as error:
-            raise TarcError(explain(error, cls, "", label)) from None
-        scenario._check()
+            raise scenario_error(error, cls, "", label) from None
+        _ = scenario.sections
         return scenario
 
     @classmethod
     def load(cls, path: str | Path, settings: Sequence[str] = ()) -> Self:
-        """Read a YAML file, or a shipped scenario by name; then apply settings such as ``law.natural_frequency=15``."""
+        """Read a YAML file, or a shipped scenario by name; then apply settings such as ``law.natural_frequency=15``.
+
+        Raises
+        ------
+        ScenarioError
+            For a file that is not there or cannot be read, and as in `parse`.
+        """
         file = find_scenario(path)
-        try:
-            content = yaml.load(file.read_text(encoding="utf-8"), _Loader)
-        except yaml.YAMLError as error:
-            raise TarcError(f"{file}: no valid YAML: {error}") from None
-        except (OSError, UnicodeDecodeError) as error:
-            raise TarcError(f"{file}: cannot be read: {error}") from None
-        if not isinstance(content, dict):
-            raise TarcError(f"{file}: holds no scenario; needs keys and values, such as robot: and law:")
-        content.setdefault("name", file.stem)
+        content = read_scenario(file)
         for setting in settings:
             apply_setting(content, setting)
-        for section, key in (("robot", "file"), ("reference", "path")):
-            part = content.get(section)
-            named = part.get(key) if isinstance(part, dict) else None
-            if isinstance(part, dict) and isinstance(named, str) and (file.parent / named).is_file():
-                part[key] = str((file.parent / named).resolve())
+        resolve_files(content, file.parent)
         return cls.parse(content, str(file))
 
     @property
     def laws(self) -> dict[str, dict[str, Any]]:
-        """The laws by a name of their own: the kind, with a number where two are of the same."""
-        result: dict[str, dict[str, Any]] = {}
+        """The laws as written, by name: the label or the kind, with a number where two are of the same."""
+        laws: dict[str, dict[str, Any]] = {}
         for part in self.law if isinstance(self.law, list) else [self.law]:
-            label = kind = str(part.get("label", part.get("kind")))
+            name = kind = str(part.get("label", part.get("kind")))
             number = 2
-            while label in result:
-                label, number = f"{kind} {number}", number + 1
-            result[label] = {key: value for key, value in part.items() if key != "label"}
-        return result
+            while name in laws:
+                name = f"{kind} {number}"
+                number += 1
+            laws[name] = {key: value for key, value in part.items() if key != "label"}
+        return laws
 
-    def _check(self) -> None:
-        if isinstance(self.law, list) and not self.law:
-            raise TarcError("law: got an empty list; needs one law or more")
-        validate("robot", self.robot)
-        for number, part in enumerate(self.laws.values()):
-            try:
-                if "estimator" in part:
-                    validate("estimator", part["estimator"])
-                validate("law", {key: value for key, value in part.items() if key != "estimator"})
-            except TarcError as error:
-                if not isinstance(self.law, list):
-                    raise
-                lines = str(error).splitlines()
-                raise TarcError("\n".join(line.replace("law.", f"law.{number}.", 1) for line in lines)) from None
-        validate("estimator", self.estimator)
-        validate("reference", self.reference)
-        validate("sensor", {"kind": "Encoder", **self.sensor})
-        for part in self.disturbance:
-            validate("disturbance", part)
+    @cached_property
+    def sections(self) -> Sections:
+        """The checked parts of the scenario."""
+        if not self.laws:
+            raise InvalidParameter("law: got an empty list; needs one law or more", "law")
+        robot = check_component("robot", self.robot)
+        estimator = check_component("estimator", self.estimator)
+        laws = {}
+        for number, (name, part) in enumerate(self.laws.items()):
+            path = f"law.{number}" if isinstance(self.law, list) else "law"
+            own = estimator
+            if "estimator" in part:
+                own = check_component("estimator", part["estimator"], f"{path}.estimator")
+            law = check_component("law", {key: value for key, value in part.items() if key != "estimator"}, path)
+            laws[name] = law, own
+        return Sections(
+            robot,
+            check_component("reference", self.reference),
+            check_component("sensor", {"kind": "Encoder", **self.sensor}),
+            laws,
+            [check_component("disturbance", part) for part in self.disturbance],
+        )
+
+    def model_copy(self, **options: Any) -> Self:
+        """Copy the scenario; its parts are checked again."""
+        copied = super().model_copy(**options)
+        vars(copied).pop("sections", None)
+        return copied
+
+    def build(self) -> Setup:
+        """Construct robot, reference, sensor, disturbances and laws, each once.
+
+        Raises
+        ------
+        InvalidParameter
+            For a parameter that a class refuses, with its place in the scenario as ``path``.
+        RobotFileError
+            For a robot file that cannot be read.
+        """
+        plant, reference = self.build_plant(), self.build_reference()
+        events = [part.build() for part in self.sections.disturbances]
+        laws = self.build_laws(plant, reference)
+        return Setup(plant, reference, self.sections.sensor.build(), events, laws)
 
     def build_plant(self) -> Plant:
-        """The robot."""
-        options = validate("robot", self.robot)
-        if "file" in self.robot:
-            return tarc.plants.MujocoPlant.from_file(options.pop("file"), **options)
-        return construct("robot", options)
+        """Construct the robot."""
+        return self.sections.robot.build()
 
-    def build_reference(self) -> tarc.signals.Reference:
-        """The reference."""
-        return construct("reference", validate("reference", self.reference))
+    def build_reference(self) -> Reference:
+        """Construct the reference."""
+        return self.sections.reference.build()
 
-    def build_law(self, part: dict[str, Any], plant: Plant, reference: Any) -> Any:
-        """One of the laws, on this robot and reference."""
-        part = dict(part)
-        own = part.pop("estimator", self.estimator)
-        options = validate("law", part)
-        inertia = options.get("inertia")
+    def build_laws(self, plant: Plant, reference: Reference) -> dict[str, Any]:
+        """Construct every law on this robot and reference, by name; laws with the same estimator share it."""
+        estimators: dict[int, Estimator] = {}
+        laws = {}
+        for name, (law, estimator) in self.sections.laws.items():
+            if id(estimator) not in estimators:
+                estimators[id(estimator)] = estimator.build(period=self.period)
+            laws[name] = self._build_law(law, estimators[id(estimator)], plant, reference)
+        return laws
+
+    def _build_law(self, part: Component, estimator: Estimator, plant: Plant, reference: Reference) -> Law:
+        """Construct a law with its estimator, the robot's inertia or model and its torque limits."""
+        more: dict[str, Any] = {"period": self.period, "estimator": estimator}
+        inertia = part.options.get("inertia")
         if isinstance(inertia, dict):
-            options["inertia"] = self._fraction(inertia, plant, reference)
+            more["inertia"] = self._fraction(inertia, part.path, plant, reference)
         elif isinstance(inertia, int | float):
-            options["inertia"] = np.full(plant.n_joints, inertia)
-        if options.get("model") is not None:
-            check.one_of("law.model", options["model"], ["robot"])
-            options["model"] = plant
-        estimator = construct("estimator", {**validate("estimator", own), "period": self.period})
-        return construct("law", {**options, "period": self.period, "estimator": estimator})
+            more["inertia"] = np.full(plant.n_joints, inertia)
+        if part.options.get("model") is not None:
+            check.one_of(f"{part.path}.model", part.options["model"], ["robot"])
+            more["model"] = plant
+        limits = getattr(plant, "torque_limits", None)
+        if part.options.get("torque_limit") is None and limits is not None and np.any(np.isfinite(limits)):
+            more["torque_limit"] = limits
+        return part.build(**more)
 
-    def _fraction(self, given: dict[str, Any], plant: Plant, reference: Any) -> np.ndarray:
+    def _fraction(self, given: dict[str, Any], path: str, plant: Plant, reference: Reference) -> np.ndarray:
+        """Return the fraction of the robot's mean inertia along the reference."""
         for key in given:
             if key not in ("fraction", "diagonal"):
-                raise TarcError(
-                    f"law.inertia.{key}: unknown key; it has fraction and diagonal."
-                    f"{check.did_you_mean(str(key), ['fraction', 'diagonal'])}"
+                raise InvalidParameter(
+                    f"{path}.inertia.{key}: unknown key; it has fraction and diagonal."
+                    f"{check.did_you_mean(str(key), ['fraction', 'diagonal'])}",
+                    f"{path}.inertia.{key}",
                 )
-        fraction = check.number("law.inertia.fraction", given.get("fraction"), 0, strict=True)
+        fraction = check.number(f"{path}.inertia.fraction", given.get("fraction"), 0, strict=True)
         if reference.n_joints != plant.n_joints:
-            raise TarcError(
+            raise InvalidParameter(
                 f"reference: it has {reference.n_joints} joints, the robot {plant.n_joints} "
-                f"({', '.join(plant.joint_names)}); give one number a joint"
+                f"({', '.join(plant.joint_names)}); give one number per joint",
+                "reference",
             )
-        path = reference.sample(np.linspace(0, self.duration, 200))[0]
-        mean = plant.mean_inertia(path)
+        postures = reference.sample(np.linspace(0, self.duration, POSTURES_OF_MEAN_INERTIA))[0]
+        mean = plant.mean_inertia(postures)
         return fraction * (np.diag(np.diag(mean)) if given.get("diagonal") else mean)
-
-    def build_disturbances(self) -> list[Any]:
-        """The disturbances, payloads and schedules."""
-        return [construct("disturbance", validate("disturbance", part)) for part in self.disturbance]
-
-    def build_laws(self, plant: Plant, reference: Any) -> dict[str, Any]:
-        """Every law, by name."""
-        return {name: self.build_law(part, plant, reference) for name, part in self.laws.items()}
 
     def certify(
         self,
@@ -205,50 +273,72 @@ class Scenario(BaseModel):
         Parameters
         ----------
         tube
-            How far each joint may be from its reference [rad or m].
+            Largest distance of each joint from its reference [rad or m].
         full_range
-            Certify for all that the joints reach, instead of the reference and the tube about it.
+            Certify for the whole range of the joints, instead of the reference and the tube about it.
         speed
-            Greatest speed of the joints [rad/s or m/s], one number or one a joint; None for any.
+            Largest speed of the joints [rad/s or m/s], one number or one per joint; None for any.
         acceleration
-            And their greatest acceleration [rad/s² or m/s²]; None for that which reaches the speed in a quarter of a
-            second.
+            Largest acceleration of the joints [rad/s² or m/s²]. Default: reaches the maximum speed in 0.25 s.
         samples
-            How many postures to sample.
+            Number of postures to sample.
         progress
             Show a progress bar when it takes more than two seconds; None for when standard error is a terminal.
         """
-        plant, reference = self.build_plant(), self.build_reference()
-        robots = [robot for begin, robot in scheduled_plants(plant, self.build_disturbances()) if begin < self.duration]
-        workspace = (
-            Workspace.from_joint_limits(plant)
-            if full_range
-            else Workspace.from_reference(reference, self.duration, tube=tube)
+        setup = self.build()
+        return self.certify_setup(
+            setup,
+            tube=tube,
+            full_range=full_range,
+            speed=speed,
+            acceleration=acceleration,
+            samples=samples,
+            progress=progress,
         )
-        workspace, laws = workspace.with_speed_limits(speed, acceleration), self.build_laws(plant, reference)
-        delay, found = self.computation_delay, {}
-        with Progress("certifying", 9 * len(laws), progress) as bar:
-            for name, law in laws.items():
-                found[name] = certify_law(
-                    law, robots, workspace, computation_delay=delay, samples=samples, done=lambda _: bar.advance()
+
+    def certify_setup(
+        self,
+        setup: Setup,
+        *,
+        tube: float = 0.01,
+        full_range: bool = False,
+        speed: Numbers | None = None,
+        acceleration: Numbers | None = None,
+        samples: int = 2000,
+        progress: bool | None = None,
+    ) -> dict[str, dict[str, Certificate]]:
+        """Certify constructed laws; the parameters are those of `certify`."""
+        changes = scheduled_plants(setup.plant, setup.events)
+        plants = [plant for start, plant in changes if start < self.duration]
+        workspace = (
+            Workspace.from_joint_limits(setup.plant)
+            if full_range
+            else Workspace.from_reference(setup.reference, self.duration, tube=tube)
+        ).with_speed_limits(speed, acceleration)
+        certificates = {}
+        with Progress("certifying", 9 * len(setup.laws), progress) as bar:
+            for name, law in setup.laws.items():
+                certificates[name] = certify_law(
+                    law,
+                    plants,
+                    workspace,
+                    computation_delay=self.computation_delay,
+                    samples=samples,
+                    done=lambda _: bar.advance(),
                 )
-        return found
+        return certificates
 
     def run(self, progress: bool | None = None) -> dict[str, Run]:
-        """Simulate every law; by name."""
-        plant = self.build_plant()
-        reference = self.build_reference()
-        sensor = construct("sensor", validate("sensor", {"kind": "Encoder", **self.sensor}))
-        events = self.build_disturbances()
-        laws = self.build_laws(plant, reference)
+        """Simulate every law; return the runs by name."""
+        setup = self.build()
         return {
             name: simulate(
-                plant,
+                setup.plant,
                 law,
-                reference,
+                setup.reference,
                 self.duration,
-                sensor=sensor,
-                disturbance=events,
+                sensor=setup.sensor,
+                disturbance=setup.events,
                 initial_position=self.initial_position,
                 initial_velocity=self.initial_velocity,
                 initial_torque=self.initial_torque,
@@ -259,9 +349,45 @@ class Scenario(BaseModel):
                 divergence_threshold=self.divergence_threshold,
                 progress=progress,
             )
-            for name, law in laws.items()
+            for name, law in setup.laws.items()
         }
 
-    def to_yaml(self) -> str:
-        """The scenario as YAML."""
-        return yaml.safe_dump(self.model_dump(mode="json", exclude_defaults=True), sort_keys=False, allow_unicode=True)
+    def to_yaml(self, folder: str | Path | None = None) -> str:
+        """Return the scenario as YAML, without what is at its default.
+
+        Parameters
+        ----------
+        folder
+            Folder of the file to be: files are named from there, and shipped ones by their name. None for the
+            working directory.
+        """
+        content = self.model_dump(mode="json", exclude_defaults=True)
+        relative_files(content, Path.cwd() if folder is None else Path(folder))
+        return write_yaml(content)
+
+    def save(self, path: str | Path) -> Path:
+        """Write the scenario as a YAML file, with file names relative to its folder.
+
+        Raises
+        ------
+        TarcError
+            For a folder that does not exist, and a file that cannot be written.
+        """
+        target = Path(path)
+        if not target.parent.is_dir():
+            raise TarcError(f"save: got {str(path)!r}; the folder {target.parent} does not exist, create it first")
+        try:
+            target.write_text(self.to_yaml(target.parent), encoding="utf-8")
+        except OSError as error:
+            raise TarcError(f"save: cannot write {target}: {error.strerror or error}; choose another path") from None
+        return target
+
+    def __repr__(self) -> str:
+        robot = self.robot.get("file", self.robot.get("kind"))
+        return f"<Scenario {self.name}: {', '.join(self.laws)} on {Path(str(robot)).stem}, {self.duration:g} s>"
+
+    def __str__(self) -> str:
+        return repr(self)
+
+    def _repr_html_(self) -> str:
+        return f"<p><b>{escape(self.name)}</b></p><pre>{escape(self.to_yaml())}</pre>"

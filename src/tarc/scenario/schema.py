@@ -3,8 +3,9 @@
 import inspect
 import types
 import typing
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import MISSING, dataclass, fields
+from functools import cache
 from pathlib import Path
 from typing import Any, Union
 
@@ -15,7 +16,8 @@ import tarc.laws
 import tarc.plants
 import tarc.signals
 from tarc.core import validation as check
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter, ScenarioError, TarcError
+from tarc.plants.mujoco import MujocoPlant
 
 SECTIONS: dict[str, tuple[types.ModuleType, type]] = {
     "robot": (tarc.plants, tarc.plants.EulerLagrange),
@@ -127,51 +129,108 @@ def _words(allowed: Any) -> str:
     return " or ".join(dict.fromkeys(words))
 
 
-def validate(section: str, part: dict[str, Any]) -> dict[str, Any]:
-    """Check the keys and types of one component against its class; the options, with the kind."""
+@dataclass(frozen=True)
+class Component:
+    """A part of a scenario whose keys and types are checked.
+
+    Attributes
+    ----------
+    path
+        Its place in the scenario, such as ``law.1``.
+    kind
+        Its class, or the function that builds it.
+    options
+        Parameters that the user gave.
+    """
+
+    path: str
+    kind: Callable[..., Any]
+    options: dict[str, Any]
+
+    def build(self, **more: object) -> Any:
+        """Construct the object with further parameters; a refused parameter gets its path in the scenario.
+
+        Raises
+        ------
+        InvalidParameter
+            For a parameter that the class refuses.
+        """
+        try:
+            return self.kind(**{**self.options, **more})
+        except InvalidParameter as error:
+            raise InvalidParameter(f"{self.path}.{error}", f"{self.path}.{error.path}".rstrip(".")) from None
+        except TarcError as error:
+            if self.kind == MujocoPlant.from_file:  # its messages name the file
+                raise
+            raise InvalidParameter(f"{self.path}.{error}", self.path) from None
+
+
+def check_component(section: str, part: dict[str, Any], path: str = "") -> Component:
+    """Check the keys and types of a part of a scenario against the class of its kind.
+
+    Parameters
+    ----------
+    section
+        Name in `SECTIONS`.
+    part
+        ``kind``, or for a robot ``file``, and parameters.
+    path
+        Place in the scenario for the messages; by default the section.
+
+    Raises
+    ------
+    ScenarioError
+        For an unknown kind, unknown and missing keys and values of a wrong type, all of them in one message.
+    """
+    path = path or section
     if section == "robot" and "file" in part:
-        factory: Any = tarc.plants.MujocoPlant.from_file
-        return _against(factory, part, "robot", "a robot from a file")
+        options = _checked_options(MujocoPlant.from_file, part, path, "a robot from a file")
+        options["path"] = options.pop("file")
+        return Component(path, MujocoPlant.from_file, options)
     kinds = catalogue(section)
     name = part.get("kind")
     if name is None:
         hint = ", or file: for MJCF, URDF and shipped robots" if section == "robot" else ""
-        raise TarcError(f"{section}.kind: missing; known are {', '.join(kinds)}{hint}")
-    check.one_of(f"{section}.kind", str(name), kinds)
+        raise InvalidParameter(f"{path}.kind: missing; known are {', '.join(kinds)}{hint}", f"{path}.kind")
+    check.one_of(f"{path}.kind", str(name), kinds)
     options = {key: value for key, value in part.items() if key != "kind"}
-    return {"kind": name, **_against(kinds[str(name)], options, section, str(name))}
+    kind = kinds[str(name)]
+    return Component(path, kind, _checked_options(kind, options, path, str(name)))
 
 
-def _against(kind: Any, options: dict[str, Any], section: str, label: str) -> dict[str, Any]:
-    known = parameters(kind)
-    special = {}
-    if section == "law" and isinstance(options.get("inertia"), dict):
-        special = {"inertia": options["inertia"]}
-        options = {**options, "inertia": 1.0}
-    shape: dict[str, Any] = {
-        name: (parameter.allowed, ... if parameter.needed else parameter.default) for name, parameter in known.items()
-    }
-    model = create_model(label, __config__=ConfigDict(extra="forbid", arbitrary_types_allowed=True), **shape)
+def _checked_options(kind: Callable[..., Any], options: dict[str, Any], path: str, label: str) -> dict[str, Any]:
+    """Return the options, converted to the types of the parameters."""
+    inertia = options.get("inertia")
+    is_fraction = isinstance(inertia, dict) and "inertia" in parameters(kind)  # {fraction: 0.1}, resolved later
+    model = _parameter_model(kind, label)
     try:
-        valid = model(**options)
+        valid = model(**({**options, "inertia": 1.0} if is_fraction else options))
     except ValidationError as error:
-        raise TarcError(explain(error, model, section, label)) from None
+        raise scenario_error(error, model, path, label) from None
     except TypeError:
-        raise TarcError(f"{section}: its keys must be words; got {list(options)}") from None
-    return {name: getattr(valid, name) for name in options} | special
+        raise InvalidParameter(f"{path}: its keys must be words; got {list(options)}", path) from None
+    converted = {name: getattr(valid, name) for name in options}
+    return {**converted, "inertia": inertia} if is_fraction else converted
 
 
-def construct(section: str, options: dict[str, Any]) -> Any:
-    """The object itself; its own complaints get the section's name."""
-    kind = catalogue(section)[options["kind"]]
-    try:
-        return kind(**{key: value for key, value in options.items() if key != "kind"})
-    except TarcError as error:
-        raise TarcError(f"{section}.{error}") from None
+@cache
+def _parameter_model(kind: Callable[..., Any], label: str) -> type[BaseModel]:
+    """Return the pydantic class of a kind's parameters; each kind has one."""
+    shape: dict[str, Any] = {
+        name: (parameter.allowed, ... if parameter.needed else parameter.default)
+        for name, parameter in parameters(kind).items()
+    }
+    return create_model(label, __config__=ConfigDict(extra="forbid", arbitrary_types_allowed=True), **shape)
 
 
-def explain(error: ValidationError, model: type[BaseModel], section: str, label: str) -> str:
-    """One line a key at fault: what came, what is allowed, the nearest spelling."""
+def scenario_error(error: ValidationError, model: type[BaseModel], section: str, label: str) -> ScenarioError:
+    """Return an error whose message has one line per key at fault, and whose path is the first of them."""
+    lines = explain(error, model, section, label)
+    return ScenarioError("\n".join(lines.values()), next(iter(lines)))
+
+
+def explain(error: ValidationError, model: type[BaseModel], section: str, label: str) -> dict[str, str]:
+    """Return a line per key at fault, by its path: what came, what is allowed, the nearest spelling."""
     prefix = f"{section}." if section else ""
     lines: dict[str, str] = {}
     for fault in error.errors():
@@ -192,4 +251,4 @@ def explain(error: ValidationError, model: type[BaseModel], section: str, label:
         else:
             path = ".".join(str(step) for step in fault["loc"])
             lines[key] = f"{prefix}{path}: {fault['msg']}"
-    return "\n".join(lines.values())
+    return {f"{prefix}{key}": line for key, line in lines.items()}

@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import yaml
 
 from tarc.core import validation as check
 from tarc.core.errors import DesignWarning, TarcError
 from tarc.core.progress import Progress
 from tarc.scenario.model import Scenario
+from tarc.scenario.yaml_text import read_yaml
 from tarc.simulation.run import Run
 
 if TYPE_CHECKING:
@@ -141,7 +141,7 @@ class Comparison:
 def tuned_laws() -> dict[str, dict[str, Any]]:
     """Laws by name, as a scenario writes them, with the gains that `tune` found for all of them alike."""
     text = files("tarc.study").joinpath("gains.yaml").read_text(encoding="utf-8")
-    return yaml.safe_load(text)["laws"]
+    return read_yaml(text, "gains.yaml")["laws"]
 
 
 def compare(
