@@ -120,7 +120,7 @@ def test_rises_at_rate_and_falls_at_rate():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"initial_gain": 0.5, "min_gain": 0.5}, "initial_gain: got 0.5, which is not above the floor 0.5"),
+        ({"initial_gain": 0.5, "min_gain": 0.5}, "initial_gain: got 0.5, which is not above min_gain 0.5"),
         ({"gain_factor": 0.9}, "gain_factor: got 0.9; needs a finite number of at least 1"),
         ({"rise_rate": 0.0}, "rise_rate"),
         ({"fall_rate": -1.0}, "fall_rate"),

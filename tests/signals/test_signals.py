@@ -287,14 +287,14 @@ def test_sine_starts_at_its_instant_on_the_clock_s_phase() -> None:
 
 @sampled
 @given(start_time=st.floats(0, 0.99), step=st.floats(1e-5, 0.1), amplitude=st.floats(-10, 10))
-def test_impulse_is_the_same_whatever_the_step(at: float, step: float, amplitude: float) -> None:
+def test_impulse_is_the_same_whatever_the_step(start_time: float, step: float, amplitude: float) -> None:
     times = np.arange(int(np.ceil(1 / step))) * step
-    values = disturbance_torque(Impulse(amplitude=amplitude, start_time=at), times, joints=1)[0]
+    values = disturbance_torque(Impulse(amplitude=amplitude, start_time=start_time), times, joints=1)[0]
     assert np.sum(values) * step == pytest.approx(amplitude, rel=1e-9)
     assert np.count_nonzero(values) == (1 if amplitude else 0)
     if amplitude:
         struck = times[np.flatnonzero(values)[0]]
-        assert struck - 2e-9 <= at < struck + step
+        assert struck - 2e-9 <= start_time < struck + step
 
 
 def test_band_noise_has_its_standard_deviation_and_follows_the_seed() -> None:
@@ -403,7 +403,7 @@ def test_payload_is_a_schedule_of_the_payload() -> None:
         (lambda: Multisine(amplitude=1.0, frequency=[1.0], phase=[[1.0, 2.0]]), "phase: got shape"),
         (
             lambda: Chirp(amplitude=1.0, start_frequency=1.0, stop_frequency=2.0, sweep_time=0.0),
-            "sweep: got 0; .* above 0",
+            "sweep_time: got 0; .* above 0",
         ),
         (
             lambda: Chirp(
@@ -427,11 +427,11 @@ def test_payload_is_a_schedule_of_the_payload() -> None:
         ),
         (
             lambda: BandNoise(amplitude=1.0, min_frequency=5.0, max_frequency=2.0),
-            "low, high: got 5 and 2; needs 0 ≤ low < high",
+            "min_frequency, max_frequency: got 5 and 2; needs 0 ≤ min_frequency < max_frequency",
         ),
         (
             lambda: disturbance_torque(BandNoise(amplitude=1.0, max_frequency=4000.0)),
-            "high: got 4000 rad/s; .* allows up to 3142",
+            "max_frequency: got 4000 rad/s; .* allows up to 3142",
         ),
         (lambda: Schedule(parameter="payload", times=[1.0, 0.5], values=[1, 2]), "'payload': .* increasing times"),
         (lambda: Schedule(parameter="payload", times=[1.0], values=[1, 2]), r"got times \[1.0\] and values \[1, 2\]"),

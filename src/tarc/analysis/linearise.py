@@ -162,7 +162,8 @@ def _linearise(law: PolePlacement, gain: float, joints: tuple[int, ...]) -> Chan
     after, output = drive.step(mixed, ControllerInput(position, rest, rest, asked, rest))
     x = ca.vertcat(*(_column(one) for one in symbols.values())) if symbols else ca.SX(0, 1)
     rows = [_column(leaf) for i, leaf in enumerate(leaves(after)) if i in symbols]
-    slopes = ca.jacobian(ca.vertcat(*rows, output.torque), ca.vertcat(x, position, asked))
+    torque: Any = output.torque
+    slopes = ca.jacobian(ca.vertcat(*rows, torque), ca.vertcat(x, position, asked))
     point = pack(tuple(values[i] for i in moving))
     J = np.array(ca.Function("slopes", [x, position, asked], [slopes])(point, rest, rest))
     m = len(point)

@@ -68,6 +68,16 @@ class Controller:
         self._warned = False
         self._ready = False
 
+    def __repr__(self) -> str:
+        if not self._ready:
+            status = "not reset"
+        elif self.fault:
+            status = f"fault, {self.missing} samples missing"
+        else:
+            status = "ready"
+        law = self.law
+        return f"Controller({type(law).__name__}, n_joints={law.n_joints}, period={law.period:g} s, {status})"
+
     def reset(self, initial_position: Any, initial_torque: Any = 0.0) -> None:
         """Start at rest at a measured position (n,) with a torque (n,) already applied.
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from tarc.core import array_ops as ops
 from tarc.core.system import System
+from tarc.core.types import Vector
 from tarc.estimators.oracle import TrueDerivatives
 from tarc.laws.base import Law, LawInput
 from tarc.signals.sensors import Encoder, EncoderInput
@@ -15,11 +16,11 @@ from tarc.signals.sensors import Encoder, EncoderInput
 class ControllerInput(NamedTuple):
     """True position, reference with two derivatives, sensor noise, each of shape (n,)."""
 
-    position: Any
-    reference: Any
-    velocity_reference: Any
-    acceleration_reference: Any
-    noise: Any
+    position: Vector
+    reference: Vector
+    velocity_reference: Vector
+    acceleration_reference: Vector
+    noise: Vector
 
 
 class ControllerState(NamedTuple):
@@ -27,14 +28,14 @@ class ControllerState(NamedTuple):
 
     sensor: Any
     law: Any
-    torque_delay_line: Any
+    torque_delay_line: Vector
 
 
 class ControllerOutput(NamedTuple):
     """Measured position and torque on the joints, each (n,), and the law's signals."""
 
-    measured_position: Any
-    torque: Any
+    measured_position: Vector
+    torque: Vector
     signals: Any
 
 
@@ -60,7 +61,7 @@ class DigitalController(System):
         queue = ops.shift_in(state.torque_delay_line, output.torque)
         return ControllerState(sensor, law, queue), ControllerOutput(measured, queue[:, -1], output.signals)
 
-    def with_true_derivatives(self, state: ControllerState, velocity: Any, acceleration: Any) -> ControllerState:
+    def with_true_derivatives(self, state: ControllerState, velocity: Vector, acceleration: Vector) -> ControllerState:
         """The state with the true derivatives (n,) in it, if the law's estimator is the oracle; else as it is."""
         if not isinstance(self.law.estimator, TrueDerivatives):
             return state

@@ -12,6 +12,7 @@ from tarc.core import validation as check
 from tarc.core.component import Component
 from tarc.core.errors import TarcError
 from tarc.core.system import System
+from tarc.core.types import Vector
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,10 +25,10 @@ class Estimate(NamedTuple):
     whose sample came as a finite number, else 0.
     """
 
-    position: Any
-    velocity: Any
-    acceleration: Any
-    valid: Any
+    position: Vector
+    velocity: Vector
+    acceleration: Vector
+    valid: Vector
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -83,7 +84,7 @@ class Estimator(Component, System):
         """State with the window full of the first position [rad or m], shape (n,): assumes rest until then."""
 
     @abstractmethod
-    def step(self, state: Any, value: Any) -> tuple[Any, Estimate]:
+    def step(self, state: Any, value: Vector) -> tuple[Any, Estimate]:
         """Take the newest position, shape (n,); NaN or infinite elements are replaced by a prediction."""
 
     def _order(self, derivative: int) -> int:
@@ -143,8 +144,8 @@ class Estimator(Component, System):
 class WindowState(NamedTuple):
     """Past positions, newest first, shape (n, samples), and what they predict of the next one, shape (n,)."""
 
-    window: Any
-    prediction: Any
+    window: Vector
+    prediction: Vector
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -173,7 +174,7 @@ class WindowedEstimator(Estimator):
         first = check.array("position", position)
         return WindowState(np.repeat(first[:, None], len(self.prediction), axis=1), first)
 
-    def step(self, state: WindowState, value: Any) -> tuple[WindowState, Estimate]:
+    def step(self, state: WindowState, value: Vector) -> tuple[WindowState, Estimate]:
         """q̂^(j) = Σ_i w_i^(j) q(k − i); a missing sample is the window polynomial's own prediction."""
         valid = ops.finite(value)
         position = ops.where(valid, value, state.prediction)
@@ -202,8 +203,8 @@ def synchronous_weights(acceleration_weights: np.ndarray, period: float) -> np.n
 class AverageState(NamedTuple):
     """Past values, newest first, shape (n, samples), and the filtered average, shape (n,)."""
 
-    history: Any
-    average: Any
+    history: Vector
+    average: Vector
 
 
 class TorqueAverage(System):
@@ -213,12 +214,12 @@ class TorqueAverage(System):
         self.weights = check.array("weights", weights)
         self.pole = pole
 
-    def init(self, torque: Any) -> AverageState:
+    def init(self, torque: Vector) -> AverageState:
         """State as if this torque, shape (n,), had always been applied."""
         torque = check.array("torque", torque)
         return AverageState(np.repeat(torque[:, None], len(self.weights), axis=1), torque * self.weights.sum())
 
-    def step(self, state: AverageState, value: Any) -> tuple[AverageState, Any]:
+    def step(self, state: AverageState, value: Vector) -> tuple[AverageState, Any]:
         """Take the newest past torque; the output is Σ_j c_j τ(k−1−j), low-passed where the estimate is."""
         history = ops.shift_in(state.history, value)
         average = self.pole * state.average + (1 - self.pole) * (history @ self.weights)

@@ -6,7 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tarc.core import validation as check
-from tarc.estimators.base import Estimate, Estimator, TorqueAverage, WindowedEstimator, synchronous_weights
+from tarc.core.types import Vector
+from tarc.estimators.base import Estimate, Estimator, TorqueAverage, WindowedEstimator, WindowState, synchronous_weights
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,9 +43,9 @@ class BackwardDifference(WindowedEstimator):
 class FilteredState(NamedTuple):
     """State of the differences, and the filtered derivatives, shape (n,)."""
 
-    raw: Any
-    velocity: Any
-    acceleration: Any
+    raw: WindowState
+    velocity: Vector
+    acceleration: Vector
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,10 +100,10 @@ class FilteredDifference(Estimator):
     def init(self, position: Any) -> FilteredState:
         """State at rest at the first position, shape (n,)."""
         raw = self.difference.init(position)
-        rest = np.zeros(len(raw.window))
+        rest = np.zeros(raw.window.shape[0])
         return FilteredState(raw, rest, rest)
 
-    def step(self, state: FilteredState, value: Any) -> tuple[FilteredState, Estimate]:
+    def step(self, state: FilteredState, value: Vector) -> tuple[FilteredState, Estimate]:
         """Differences of the newest samples, low-passed."""
         raw_state, raw = self.difference.step(state.raw, value)
         velocity = self.pole * state.velocity + (1 - self.pole) * raw.velocity

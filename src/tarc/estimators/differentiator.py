@@ -8,6 +8,7 @@ import numpy as np
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
+from tarc.core.types import Vector
 from tarc.core.validation import array
 from tarc.estimators.base import Estimate, Estimator, TorqueAverage
 
@@ -20,7 +21,7 @@ NEWTON_STEPS = 8
 class DifferentiatorState(NamedTuple):
     """Estimates z0, z1, z2 of position, velocity and acceleration, shape (n, 3)."""
 
-    motion: Any
+    motion: Vector
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,7 +79,7 @@ class RobustDifferentiator(Estimator):
         first = array("position", position)
         return DifferentiatorState(np.column_stack([first, 0 * first, 0 * first]))
 
-    def step(self, state: DifferentiatorState, value: Any) -> tuple[DifferentiatorState, Estimate]:
+    def step(self, state: DifferentiatorState, value: Vector) -> tuple[DifferentiatorState, Estimate]:
         """One step of either scheme; a missing sample leaves the Taylor prediction."""
         valid = ops.finite(value)
         z0, z1, z2 = (state.motion[:, i] for i in range(3))
@@ -101,12 +102,12 @@ class RobustDifferentiator(Estimator):
         slow, middle, fast = LAMBDA
         return fast * self.lipschitz ** (1 / 3), middle * self.lipschitz ** (2 / 3), slow * self.lipschitz
 
-    def _explicit(self, sigma: Any) -> tuple[Any, Any, Any]:
+    def _explicit(self, sigma: Vector) -> tuple[Any, Any, Any]:
         k0, k1, k2 = self._injections
         sign, size = ops.sign(sigma), ops.magnitude(sigma)
         return k0 * size ** (2 / 3) * sign, k1 * size ** (1 / 3) * sign, k2 * sign
 
-    def _implicit(self, sigma: Any) -> tuple[Any, Any, Any]:
+    def _implicit(self, sigma: Vector) -> tuple[Any, Any, Any]:
         """Injections at the σ after the step, from the σ without them: x³ + a2 x² + a1 x = |σ| − a0, x = |σ⁺|^{1/3}."""
         T = self.sampling_period
         k0, k1, k2 = self._injections

@@ -9,6 +9,7 @@ import numpy as np
 
 from tarc.core import array_ops as ops
 from tarc.core.system import System
+from tarc.core.types import Vector
 from tarc.core.validation import array
 from tarc.estimators.base import Estimate, Estimator
 
@@ -16,7 +17,7 @@ from tarc.estimators.base import Estimate, Estimator
 class ObserverState(NamedTuple):
     """Position, velocity and acceleration after the last sample, shape (n, 3)."""
 
-    motion: Any
+    motion: Vector
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,7 +76,7 @@ class Observer(Estimator):
         first = array("position", position)
         return ObserverState(np.column_stack([first, 0 * first, 0 * first]))
 
-    def step(self, state: ObserverState, value: Any) -> tuple[ObserverState, Estimate]:
+    def step(self, state: ObserverState, value: Vector) -> tuple[ObserverState, Estimate]:
         """Predict, and correct where the sample came."""
         valid = ops.finite(value)
         predicted = state.motion @ self.transition.T
@@ -97,13 +98,13 @@ class TorqueFilter(System):
     def __init__(self, numerator: np.ndarray, denominator: np.ndarray):
         self.b, self.a = numerator / denominator[0], denominator / denominator[0]
 
-    def init(self, torque: Any) -> FilterState:
+    def init(self, torque: Vector) -> FilterState:
         """State as if this torque, shape (n,), had always been applied."""
         from scipy.signal import lfilter_zi
 
         return FilterState(np.outer(array("torque", torque), lfilter_zi(self.b, self.a)))
 
-    def step(self, state: FilterState, value: Any) -> tuple[FilterState, Any]:
+    def step(self, state: FilterState, value: Vector) -> tuple[FilterState, Any]:
         """Take the newest past torque; the output is the filter's."""
         memory = state.memory
         output = self.b[0] * value + memory[:, 0]

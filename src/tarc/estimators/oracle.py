@@ -8,15 +8,16 @@ import numpy as np
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
+from tarc.core.types import Vector
 from tarc.estimators.base import Estimate, Estimator, TorqueAverage
 
 
 class OracleState(NamedTuple):
     """Last position measured, and what the simulation tells: velocity and acceleration, each of shape (n,)."""
 
-    position: Any
-    velocity: Any
-    acceleration: Any
+    position: Vector
+    velocity: Vector
+    acceleration: Vector
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,7 +60,7 @@ class TrueDerivatives(Estimator):
         first = check.array("position", position)
         return OracleState(first, np.full(first.shape, np.nan), np.full(first.shape, np.nan))
 
-    def step(self, state: OracleState, value: Any) -> tuple[OracleState, Estimate]:
+    def step(self, state: OracleState, value: Vector) -> tuple[OracleState, Estimate]:
         """What the simulation told; a missing sample is the last position moved on by the true velocity."""
         valid = ops.finite(value)
         position = ops.where(valid, value, state.position + self.sampling_period * state.velocity)

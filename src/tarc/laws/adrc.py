@@ -7,6 +7,7 @@ import numpy as np
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
+from tarc.core.types import Vector
 from tarc.laws.base import ControlInput, LawState
 from tarc.laws.pole_placement import PolePlacement
 
@@ -14,9 +15,9 @@ from tarc.laws.pole_placement import PolePlacement
 class ObserverState(NamedTuple):
     """Observed position, velocity and disturbing acceleration, each of shape (n,)."""
 
-    position: Any
-    velocity: Any
-    disturbance: Any
+    position: Vector
+    velocity: Vector
+    disturbance: Vector
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,7 +78,7 @@ class ADRC(PolePlacement):
         rest = np.zeros(self.n_joints)
         return ObserverState(rest, rest, -np.linalg.solve(self.M, torque))
 
-    def control(self, memory: ObserverState, tracking: ControlInput) -> tuple[ObserverState, Any, dict[str, Any]]:
+    def control(self, memory: ObserverState, tracking: ControlInput) -> tuple[ObserverState, Vector, dict[str, Vector]]:
         """Predict, correct, and cancel the disturbance observed."""
         T, gain = self.period, self.correction
         acceleration = memory.disturbance + np.linalg.inv(self.M) @ tracking.past_torque

@@ -1,11 +1,11 @@
 """Adaptive sliding mode with a threshold."""
 
 from dataclasses import dataclass
-from typing import Any
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
+from tarc.core.types import Vector
 from tarc.laws.switching import Switching
 
 
@@ -76,7 +76,7 @@ class ASMC(Switching):
         """The initial gain ϱ(0) [rad/s²]."""
         return check.number("initial_gain", 2 * self.min_gain if self.initial_gain is None else self.initial_gain, 0)
 
-    def adapt(self, gain: Any, size: Any) -> Any:
+    def adapt(self, gain: Vector, size: Vector) -> Vector:
         """ϱ + T ϱ', between the floor and the cap."""
         rate = (
             self.adaptation_rate * ops.where(size >= self.threshold, 1.0, -1.0) * (size if self.scale_by_error else 1.0)

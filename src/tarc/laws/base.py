@@ -14,6 +14,7 @@ from tarc.core import validation as check
 from tarc.core.component import Component
 from tarc.core.errors import TarcError
 from tarc.core.system import System
+from tarc.core.types import Vector
 from tarc.core.validation import Numbers
 from tarc.estimators.base import Estimate, Estimator
 
@@ -21,17 +22,17 @@ from tarc.estimators.base import Estimate, Estimator
 class LawInput(NamedTuple):
     """All that a law is handed, each of shape (n,): the measured position and the reference with derivatives."""
 
-    position: Any
-    reference: Any
-    velocity_reference: Any
-    acceleration_reference: Any
+    position: Vector
+    reference: Vector
+    velocity_reference: Vector
+    acceleration_reference: Vector
 
 
 class LawOutput(NamedTuple):
     """The torque to apply [N m or N], shape (n,), and what is worth recording, by name."""
 
-    torque: Any
-    signals: dict[str, Any]
+    torque: Vector
+    signals: dict[str, Vector]
 
 
 class ControlInput(NamedTuple):
@@ -40,11 +41,11 @@ class ControlInput(NamedTuple):
     """
 
     estimate: Estimate
-    error: Any
-    error_rate: Any
-    acceleration_reference: Any
-    past_torque: Any
-    fault: Any
+    error: Vector
+    error_rate: Vector
+    acceleration_reference: Vector
+    past_torque: Vector
+    fault: Vector
 
 
 class LawState(NamedTuple):
@@ -54,11 +55,11 @@ class LawState(NamedTuple):
 
     estimator: Any
     memory: Any
-    torque: Any
-    position: Any
-    reference: Any
-    missing: Any
-    fault: Any
+    torque: Vector
+    position: Vector
+    reference: Vector
+    missing: Vector
+    fault: Vector
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -131,7 +132,7 @@ class Law(Component, System):
         """
         return np.inf
 
-    def sliding(self, error: Any, error_rate: Any) -> Any:
+    def sliding(self, error: Vector, error_rate: Vector) -> Vector | None:
         """Return the sliding variable s, shape (n,) or (n, k), or None for a law without one."""
         return None
 
@@ -145,7 +146,7 @@ class Law(Component, System):
         """The law's own state before the first step, after the torque (n,) was applied at rest."""
 
     @abstractmethod
-    def control(self, memory: Any, tracking: ControlInput) -> tuple[Any, Any, dict[str, Any]]:
+    def control(self, memory: Any, tracking: ControlInput) -> tuple[Any, Vector, dict[str, Vector]]:
         """The law's equation: next memory, torque before limits, signals to record."""
 
     @cached_property
@@ -201,7 +202,7 @@ class Law(Component, System):
         next_state = LawState(estimator, memory, past, position, reference, missing, fault)
         return next_state, LawOutput(torque, signals)
 
-    def _safe(self, position: Any, torque: Any) -> Any:
+    def _safe(self, position: Any, torque: Vector) -> Vector:
         if callable(self.safe_torque):
             return self.safe_torque(position)
         return torque if self.safe_torque == "hold" else 0 * torque

@@ -1,11 +1,11 @@
 """Computed torque: inverse dynamics by a model."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from tarc.core import validation as check
+from tarc.core.types import Vector
 from tarc.core.validation import Numbers
 from tarc.laws.base import ControlInput
 from tarc.laws.model_based import ModelBased, inertia_and_bias
@@ -55,7 +55,7 @@ class ComputedTorque(ModelBased):
         """None."""
         return ()
 
-    def control(self, memory: tuple[()], tracking: ControlInput) -> tuple[tuple[()], Any, dict[str, Any]]:
+    def control(self, memory: tuple[()], tracking: ControlInput) -> tuple[tuple[()], Vector, dict[str, Vector]]:
         """τ = M(q) u + N(q, v̂)."""
         estimate, zeta = tracking.estimate, np.asarray(self.damping_ratio)
         M, N = inertia_and_bias(self.model, estimate.position, estimate.velocity)

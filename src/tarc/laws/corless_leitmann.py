@@ -9,6 +9,7 @@ import numpy as np
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
+from tarc.core.types import Vector
 from tarc.laws.base import ControlInput
 from tarc.laws.lyapunov import solution
 from tarc.laws.model_based import inertia_and_bias
@@ -94,7 +95,7 @@ class CorlessLeitmann(PolePlacement):
         """None."""
         return ()
 
-    def control(self, memory: tuple[()], tracking: ControlInput) -> tuple[tuple[()], Any, dict[str, Any]]:
+    def control(self, memory: tuple[()], tracking: ControlInput) -> tuple[tuple[()], Vector, dict[str, Vector]]:
         """τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + Δu) + N̂(q, v̂)."""
         n = self.n_joints
         s = self.P[n:, :n] @ tracking.error + self.P[n:, n:] @ tracking.error_rate

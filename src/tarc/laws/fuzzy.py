@@ -9,6 +9,7 @@ import numpy as np
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
+from tarc.core.types import Vector
 from tarc.laws.base import ControlInput
 from tarc.laws.lyapunov import solution
 from tarc.laws.pole_placement import PolePlacement
@@ -17,7 +18,7 @@ from tarc.laws.pole_placement import PolePlacement
 class FuzzyState(NamedTuple):
     """Consequents [rad/s² or m/s²], one column a rule, shape (n, rules)."""
 
-    consequents: Any
+    consequents: Vector
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,7 +79,7 @@ class AdaptiveFuzzy(PolePlacement):
         """Solution of AᵀP + PA = −Q, shape (2n, 2n)."""
         return solution(self)
 
-    def rules(self, position: Any, velocity: Any) -> list[Any]:
+    def rules(self, position: Vector, velocity: Vector) -> list[Any]:
         """φ_k of each joint, one vector (n,) a rule; velocity runs faster than position."""
         grades = []
         for value, reach in ((position, self.position_span), (velocity, self.velocity_span)):
@@ -94,12 +95,12 @@ class AdaptiveFuzzy(PolePlacement):
         first = np.clip(-np.linalg.solve(self.M, torque), -self.max_consequent, self.max_consequent)
         return FuzzyState(np.repeat(first[:, None], self.memberships**2, axis=1))
 
-    def control(self, memory: FuzzyState, tracking: ControlInput) -> tuple[FuzzyState, Any, dict[str, Any]]:
+    def control(self, memory: FuzzyState, tracking: ControlInput) -> tuple[FuzzyState, Vector, dict[str, Vector]]:
         """τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 − f̂), and the adaptation of the consequents."""
         n, old = self.n_joints, memory.consequents
         s = self.P[n:, :n] @ tracking.error + self.P[n:, n:] @ tracking.error_rate
         grades = self.rules(tracking.estimate.position, tracking.estimate.velocity)
-        approximation = sum(old[:, k] * grade for k, grade in enumerate(grades))
+        approximation: Any = sum(old[:, k] * grade for k, grade in enumerate(grades))
         step = self.period * self.adaptation_rate * ops.where_or_zero(ops.logical_not(tracking.fault), s)
         consequents = old
         for k in reversed(range(len(grades))):  # pushed one by one, the first is in front at the end

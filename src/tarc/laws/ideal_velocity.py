@@ -1,12 +1,13 @@
 """Time-delayed control with ideal velocity feedback."""
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
+from tarc.core.types import Vector
 from tarc.laws.base import ControlInput
 from tarc.laws.tde import TDE
 
@@ -14,7 +15,7 @@ from tarc.laws.tde import TDE
 class IdealVelocityState(NamedTuple):
     """The velocity that the robot would have had without error of time-delay estimation, shape (n,)."""
 
-    ideal_velocity: Any
+    ideal_velocity: Vector
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,7 +77,7 @@ class IVF(TDE):
 
     def robust(
         self, state: IdealVelocityState, tracking: ControlInput
-    ) -> tuple[IdealVelocityState, Any, dict[str, Any]]:
+    ) -> tuple[IdealVelocityState, Vector, dict[str, Vector]]:
         """Δu = Γ (v* − v̂), and the integral."""
         velocity, ideal = tracking.estimate.velocity, state.ideal_velocity
         gap = ideal - velocity

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tarc.core import array_ops as ops
+from tarc.core.types import Vector
 from tarc.laws.base import ControlInput
 from tarc.laws.pole_placement import PolePlacement
 
@@ -12,8 +13,8 @@ from tarc.laws.pole_placement import PolePlacement
 class IntegralState(NamedTuple):
     """The integral [rad/s² or m/s²], shape (n,), and the torques asked for, newest first, shape (n, d + 1)."""
 
-    integral: Any
-    torque_command: Any
+    integral: Vector
+    torque_command: Vector
 
 
 def start(law: PolePlacement, torque: np.ndarray, *, bumpless: bool = True) -> IntegralState:
@@ -23,8 +24,8 @@ def start(law: PolePlacement, torque: np.ndarray, *, bumpless: bool = True) -> I
 
 
 def integrate(
-    law: PolePlacement, state: IntegralState, tracking: ControlInput, rate: Any, anti_windup_gain: float
-) -> Any:
+    law: PolePlacement, state: IntegralState, tracking: ControlInput, rate: Vector, anti_windup_gain: float
+) -> Vector:
     """Return the next integral: Euler's rule with back-calculation.
 
         z⁺ = z + T (rate + g M̂⁻¹ (τ applied − τ commanded)),     g = anti_windup_gain [1/s]
@@ -42,6 +43,6 @@ def integrate(
     return ops.where(ops.finite(new), new, state.integral)
 
 
-def remember(state: IntegralState, integral: Any, torque: Any) -> IntegralState:
+def remember(state: IntegralState, integral: Any, torque: Vector) -> IntegralState:
     """The next state, with the torque that is asked for now."""
     return IntegralState(integral, ops.shift_in(state.torque_command, ops.where_or_zero(ops.finite(torque), torque)))

@@ -7,7 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tarc.core import validation as check
+from tarc.core.types import Vector
 from tarc.estimators.algebraic import Algebraic
+from tarc.estimators.base import AverageState, WindowState
 from tarc.laws.base import ControlInput, LawState
 from tarc.laws.integral import IntegralState, integrate, remember, start
 from tarc.laws.pole_placement import PolePlacement
@@ -16,8 +18,8 @@ from tarc.laws.pole_placement import PolePlacement
 class UltraLocalState(NamedTuple):
     """The window of positions, that of torques, and the integral."""
 
-    positions: Any
-    torques: Any
+    positions: WindowState
+    torques: AverageState
     integral: IntegralState
 
 
@@ -90,7 +92,9 @@ class IntelligentPID(PolePlacement):
             start(self, torque, bumpless=False),
         )
 
-    def control(self, memory: UltraLocalState, tracking: ControlInput) -> tuple[UltraLocalState, Any, dict[str, Any]]:
+    def control(
+        self, memory: UltraLocalState, tracking: ControlInput
+    ) -> tuple[UltraLocalState, Vector, dict[str, Vector]]:
         """τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + z − F̂)."""
         positions, estimate = self.differentiator.step(memory.positions, tracking.estimate.position)
         torques, average = self.differentiator.matched_torque_filter().step(memory.torques, tracking.past_torque)

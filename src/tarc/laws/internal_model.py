@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
+from tarc.core.types import Vector
 from tarc.laws.base import ControlInput
 from tarc.laws.tde import TDE, TDEState
 
@@ -16,8 +17,8 @@ from tarc.laws.tde import TDE, TDEState
 class ModelState(NamedTuple):
     """Filtered velocity of the model before the newest acceleration (n,), and past N̂, newest first, (n, d + 1)."""
 
-    velocity: Any
-    tde_estimate: Any
+    velocity: Vector
+    tde_estimate: Vector
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,7 +82,7 @@ class TDCIM(TDE):
         memory = super().initial_state(torque)
         return memory._replace(robust=memory.robust._replace(tde_estimate=memory.robust.tde_estimate + torque[:, None]))
 
-    def robust(self, state: ModelState, tracking: ControlInput) -> tuple[ModelState, Any, dict[str, Any]]:
+    def robust(self, state: ModelState, tracking: ControlInput) -> tuple[ModelState, Vector, dict[str, Vector]]:
         """Δu = (x − v̂)/λ with the filtered model x' = (v̂ − x)/λ + u_a."""
         applied = self.inverse @ (tracking.past_torque - state.tde_estimate[:, -1])
         model = state.velocity + self.period * applied
@@ -90,7 +91,7 @@ class TDCIM(TDE):
         velocity = model - self.period * correction
         return state._replace(velocity=velocity), correction, {"model_velocity": model}
 
-    def control(self, memory: TDEState, tracking: ControlInput) -> tuple[TDEState, Any, dict[str, Any]]:
+    def control(self, memory: TDEState, tracking: ControlInput) -> tuple[TDEState, Vector, dict[str, Vector]]:
         """As `TDE`, keeping N̂ = τ − M̂ u to tell u_a from the torque that will have been applied."""
         memory, torque, signals = super().control(memory, tracking)
         tde_estimate = ops.shift_in(memory.robust.tde_estimate, torque - self.M @ signals["auxiliary"])

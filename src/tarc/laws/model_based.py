@@ -12,6 +12,7 @@ import numpy as np
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
+from tarc.core.types import Vector
 from tarc.core.validation import Numbers
 from tarc.laws.base import ControlInput, Law
 from tarc.plants.base import Plant
@@ -50,7 +51,7 @@ class ModelBased(Law):
         return check.vector("natural_frequency", self.natural_frequency, self.n_joints, 0, strict=True)
 
     @abstractmethod
-    def control(self, memory: Any, tracking: ControlInput) -> tuple[Any, Any, dict[str, Any]]:
+    def control(self, memory: Any, tracking: ControlInput) -> tuple[Any, Vector, dict[str, Vector]]:
         """The law's equation."""
 
 

@@ -1,11 +1,11 @@
 """Adaptive sliding mode whose gain only grows."""
 
 from dataclasses import dataclass
-from typing import Any
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
+from tarc.core.types import Vector
 from tarc.laws.switching import Switching
 
 
@@ -65,7 +65,7 @@ class MonotoneASMC(Switching):
         """The initial gain ϱ(0) [rad/s²]."""
         return check.number("initial_gain", self.initial_gain, 0)
 
-    def adapt(self, gain: Any, size: Any) -> Any:
+    def adapt(self, gain: Vector, size: Vector) -> Vector:
         """ϱ + T ϱ̄ ‖s‖ outside the dead zone, not above the cap."""
         grown = gain + self.period * self.adaptation_rate * ops.where_or_zero(size > self.dead_zone, size)
         return ops.clip(grown, 0.0, ops.HUGE if self.max_gain is None else self.max_gain)

@@ -1,10 +1,10 @@
 """Continuous nonsingular terminal sliding mode on time-delay estimation."""
 
 from dataclasses import dataclass
-from typing import Any
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
+from tarc.core.types import Vector
 from tarc.laws.base import ControlInput
 from tarc.laws.tde import TDE
 
@@ -69,21 +69,21 @@ class NonsingularTerminal(TDE):
         for name in ("velocity_scale", "boundary_layer"):
             check.number(name, getattr(self, name), 0, strict=True)
 
-    def terminal_map(self, rate: Any) -> Any:
+    def terminal_map(self, rate: Vector) -> Vector:
         """ψ(v) [rad/s or m/s], shape (n,)."""
         return self.velocity_scale * ops.power(
             rate / self.velocity_scale, self.exponent, self.boundary_layer / self.velocity_scale
         )
 
-    def slope(self, rate: Any) -> Any:
+    def slope(self, rate: Vector) -> Vector:
         """ψ'(v), shape (n,), above zero."""
         return ops.power_slope(rate / self.velocity_scale, self.exponent, self.boundary_layer / self.velocity_scale)
 
-    def sliding(self, error: Any, error_rate: Any) -> Any:
+    def sliding(self, error: Vector, error_rate: Vector) -> Vector:
         """Position on the surface s [rad/s or m/s], shape (n,)."""
         return self.K2 @ error / 2 + self.terminal_map(error_rate)
 
-    def feedback(self, tracking: ControlInput) -> Any:
+    def feedback(self, tracking: ControlInput) -> Vector:
         """q̈ᵈ − Λ ė/ψ'(ė) − K1 e1 − Λ ψ(ė) [rad/s² or m/s²], shape (n,)."""
         rate = tracking.error_rate
         damped = self.K2 @ (rate / self.slope(rate) + self.terminal_map(rate)) / 2
@@ -93,7 +93,7 @@ class NonsingularTerminal(TDE):
         """No state."""
         return ()
 
-    def robust(self, state: tuple[()], tracking: ControlInput) -> tuple[tuple[()], Any, dict[str, Any]]:
+    def robust(self, state: tuple[()], tracking: ControlInput) -> tuple[tuple[()], Vector, dict[str, Vector]]:
         """Δu = −k sig(s)^ρ."""
         s = self.sliding(tracking.error, tracking.error_rate)
         return state, -self.reaching_gain * ops.power(s, self.reaching_exponent, self.boundary_layer), {}

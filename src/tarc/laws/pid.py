@@ -1,11 +1,11 @@
 """Proportional, integral and derivative feedback."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from tarc.core import validation as check
+from tarc.core.types import Vector
 from tarc.laws.base import ControlInput
 from tarc.laws.integral import IntegralState, integrate, remember, start
 from tarc.laws.pole_placement import PolePlacement
@@ -54,7 +54,7 @@ class PID(PolePlacement):
         """The integral that gives the torque already applied; zero for PD, which would never forget it."""
         return start(self, torque, bumpless=self.integral_gain > 0)
 
-    def control(self, memory: IntegralState, tracking: ControlInput) -> tuple[IntegralState, Any, dict[str, Any]]:
+    def control(self, memory: IntegralState, tracking: ControlInput) -> tuple[IntegralState, Vector, dict[str, Vector]]:
         """τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + z)."""
         z = integrate(self, memory, tracking, -self.integral_gain * (self.K1 @ tracking.error), self.integral_gain)
         torque = self.M @ (self.feedback(tracking) + z)

@@ -8,6 +8,7 @@ import numpy as np
 
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
+from tarc.core.types import Vector
 from tarc.core.validation import Matrix, Numbers
 from tarc.laws.base import ControlInput, Law
 
@@ -46,7 +47,7 @@ class PolePlacement(Law):
         growth = float(np.max(np.linalg.eigvals(self.A).real))
         if growth >= 0:
             raise TarcError(
-                f"stiffness, velocity_gain: A = [0 I; -K1 -K2] is not Hurwitz, an eigenvalue has real part "
+                f"position_gain, velocity_gain: A = [0 I; -K1 -K2] is not Hurwitz, an eigenvalue has real part "
                 f"{growth:.3g}; "
                 "give a natural frequency instead, or symmetric positive definite K1 and K2"
             )
@@ -67,7 +68,7 @@ class PolePlacement(Law):
         if self.position_gain is not None:
             if self.natural_frequency is not None:
                 raise TarcError(
-                    "natural_frequency, position_gain: both are given; K1 = bandwidth², so give one of them"
+                    "natural_frequency, position_gain: both are given; K1 = natural_frequency², so give one of them"
                 )
             return check.square("position_gain", self.position_gain, self.n_joints)
         return np.diag(self._omega**2)
@@ -78,8 +79,8 @@ class PolePlacement(Law):
         if self.velocity_gain is not None:
             if np.any(np.asarray(self.damping_ratio) != 1.0):
                 raise TarcError(
-                    "damping_ratio, velocity_gain: both are given; K2 = 2 damping natural frequency, so give one "
-                    "of them"
+                    "damping_ratio, velocity_gain: both are given; K2 = 2 damping_ratio natural_frequency, so give "
+                    "one of them"
                 )
             return check.square("velocity_gain", self.velocity_gain, self.n_joints)
         zeta = check.vector("damping_ratio", self.damping_ratio, self.n_joints, 0, strict=True)
@@ -88,7 +89,7 @@ class PolePlacement(Law):
     @cached_property
     def _omega(self) -> np.ndarray:
         if self.natural_frequency is None:
-            raise TarcError("natural_frequency: missing; give it [rad/s], or both stiffness and viscosity")
+            raise TarcError("natural_frequency: missing; give it [rad/s], or both position_gain and velocity_gain")
         return check.vector("natural_frequency", self.natural_frequency, self.n_joints, 0, strict=True)
 
     @property
@@ -126,6 +127,6 @@ class PolePlacement(Law):
             "safe_torque": "zero",
         }
 
-    def feedback(self, tracking: ControlInput) -> Any:
+    def feedback(self, tracking: ControlInput) -> Vector:
         """q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 [rad/s² or m/s²], shape (n,)."""
         return tracking.acceleration_reference - self.K2 @ tracking.error_rate - self.K1 @ tracking.error

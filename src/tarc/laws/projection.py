@@ -11,6 +11,7 @@ import numpy as np
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
+from tarc.core.types import Vector
 from tarc.laws.base import ControlInput
 from tarc.laws.model_based import ModelBased
 from tarc.plants.euler_lagrange import EulerLagrange
@@ -19,7 +20,7 @@ from tarc.plants.euler_lagrange import EulerLagrange
 class ParameterState(NamedTuple):
     """p̂, the uncertain parameters as they are believed to be, shape (k,)."""
 
-    adapted: Any
+    adapted: Vector
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -164,13 +165,16 @@ class ProjectionARC(ModelBased):
         """The model's own parameters."""
         return ParameterState(self.nominal)
 
-    def control(self, memory: ParameterState, tracking: ControlInput) -> tuple[ParameterState, Any, dict[str, Any]]:
+    def control(
+        self, memory: ParameterState, tracking: ControlInput
+    ) -> tuple[ParameterState, Vector, dict[str, Vector]]:
         """The model's torque at p̂, feedback and robust term; and the adaptation of p̂."""
         estimate, old = tracking.estimate, memory.adapted
         s = tracking.error_rate + self.omega * tracking.error
         rate = estimate.velocity - s
         acceleration = tracking.acceleration_reference - self.omega * tracking.error_rate
-        parts = self.model_torque(estimate.position, estimate.velocity, rate, acceleration)
+        arguments: list[Any] = [estimate.position, estimate.velocity, rate, acceleration]
+        parts = self.model_torque(*arguments)
         rest, Y, M = parts if ops.symbolic(s) else (np.array(parts[0])[:, 0], np.array(parts[1]), np.array(parts[2]))
 
         low, high = self.limits

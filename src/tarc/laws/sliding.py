@@ -1,9 +1,9 @@
 """Sliding mode with a boundary layer, on time-delay estimation or without it."""
 
 from dataclasses import dataclass
-from typing import Any
 
 from tarc.core import validation as check
+from tarc.core.types import Vector
 from tarc.laws.switching import Switching
 
 
@@ -55,6 +55,6 @@ class SlidingMode(Switching):
         """The gain ϱ [rad/s²]."""
         return check.number("gain", self.gain, 0)
 
-    def adapt(self, gain: Any, size: Any) -> Any:
+    def adapt(self, gain: Vector, size: Vector) -> Vector:
         """Unchanged."""
         return gain

@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
+from tarc.core.types import Vector
 from tarc.laws.base import ControlInput
 from tarc.laws.integral import IntegralState, integrate, remember, start
 from tarc.laws.pole_placement import PolePlacement
@@ -79,7 +79,7 @@ class SuperTwisting(PolePlacement):
         """The integral that gives the torque already applied."""
         return start(self, torque)
 
-    def control(self, memory: IntegralState, tracking: ControlInput) -> tuple[IntegralState, Any, dict[str, Any]]:
+    def control(self, memory: IntegralState, tracking: ControlInput) -> tuple[IntegralState, Vector, dict[str, Vector]]:
         """τ = M̂ (q̈ᵈ − Λ (v̂ − q̇ᵈ) − k1 |s|^½ sgn s + z)."""
         s = tracking.error_rate + self.slope @ tracking.error
         size = ops.maximum(abs(s), self.boundary_layer)

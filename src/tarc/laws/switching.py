@@ -3,12 +3,13 @@
 from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
+from tarc.core.types import Vector
 from tarc.laws.base import ControlInput
 from tarc.laws.tde import TDE
 
@@ -16,7 +17,7 @@ from tarc.laws.tde import TDE
 class SwitchingState(NamedTuple):
     """The switching gain ϱ."""
 
-    gain: Any
+    gain: Vector
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,7 +72,7 @@ class Switching(TDE):
         """The gain before the first step [rad/s²]."""
 
     @abstractmethod
-    def adapt(self, gain: Any, size: Any) -> Any:
+    def adapt(self, gain: Vector, size: Vector) -> Vector:
         """The gain of the next period, from the present one and ‖s‖."""
 
     @cached_property
@@ -79,7 +80,7 @@ class Switching(TDE):
         """λ I, or ½ K2, shape (n, n)."""
         return self.K2 / 2 if self.surface_slope is None else self.surface_slope * np.eye(self.n_joints)
 
-    def sliding(self, error: Any, error_rate: Any) -> Any:
+    def sliding(self, error: Vector, error_rate: Vector) -> Vector:
         """Position on the surface s [rad/s or m/s], shape (n,)."""
         return error_rate + self.Lambda @ error
 
@@ -87,7 +88,7 @@ class Switching(TDE):
         """The gain to start with."""
         return SwitchingState(np.array(float(self.start_gain)))
 
-    def robust(self, state: SwitchingState, tracking: ControlInput) -> tuple[SwitchingState, Any, dict[str, Any]]:
+    def robust(self, state: SwitchingState, tracking: ControlInput) -> tuple[SwitchingState, Vector, dict[str, Vector]]:
         """Δu = −ϱ s / max(‖s‖, ε), and the gain's next value."""
         s = self.sliding(tracking.error, tracking.error_rate)
         correction = -state.gain * s / ops.norm(s, self.boundary_layer)

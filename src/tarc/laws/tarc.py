@@ -9,6 +9,7 @@ import numpy as np
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
+from tarc.core.types import Vector
 from tarc.core.validation import Matrix
 from tarc.laws.base import ControlInput
 from tarc.laws.tde import TDE
@@ -17,8 +18,8 @@ from tarc.laws.tde import TDE
 class GainState(NamedTuple):
     """The switching gain ĉ, and ‖s‖ over the past delay, newest first, shape (1, m)."""
 
-    gain: Any
-    sliding: Any
+    gain: Vector
+    sliding: Vector
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -79,9 +80,8 @@ class TARC(TDE):
         check.number("gain_factor", self.gain_factor, 1.0)
         if not self.start_gain > self.min_gain:
             raise TarcError(
-                f"initial_gain: got {self.start_gain:g}, which is not above the floor {self.min_gain:g}; the "
-                f"adaptive law "
-                "needs ĉ(0) > γ. Raise initial_gain or lower floor"
+                f"initial_gain: got {self.start_gain:g}, which is not above min_gain {self.min_gain:g}; the "
+                "adaptive law needs ĉ(0) > γ. Raise initial_gain or lower min_gain"
             )
         if self.max_gain is not None and not check.number("max_gain", self.max_gain) >= self.start_gain:
             raise TarcError(f"max_gain: got {self.max_gain:g}; needs at least the initial gain {self.start_gain:g}")
@@ -143,7 +143,7 @@ class TARC(TDE):
         highest = np.inf if self.max_gain is None else self.max_gain
         return self.gain_factor * highest / self.boundary_layer * float(np.linalg.norm(self.P2, 2))
 
-    def sliding(self, error: Any, error_rate: Any) -> Any:
+    def sliding(self, error: Vector, error_rate: Vector) -> Vector:
         """s = P2 e1, shape (n,)."""
         return self.P2 @ error
 
@@ -151,7 +151,7 @@ class TARC(TDE):
         """The initial gain, and no error before the start."""
         return GainState(np.array(self.start_gain), np.zeros((1, self.delay_periods)))
 
-    def robust(self, state: GainState, tracking: ControlInput) -> tuple[GainState, Any, dict[str, Any]]:
+    def robust(self, state: GainState, tracking: ControlInput) -> tuple[GainState, Vector, dict[str, Vector]]:
         """Δu = −α ĉ s / max(‖s‖, ε) and the adaptation of ĉ."""
         s = self.sliding(tracking.error, tracking.error_rate)
         size = ops.norm(s)

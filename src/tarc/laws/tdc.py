@@ -1,8 +1,8 @@
 """Time-delayed control."""
 
 from dataclasses import dataclass
-from typing import Any
 
+from tarc.core.types import Vector
 from tarc.laws.base import ControlInput
 from tarc.laws.tde import TDE
 
@@ -39,6 +39,6 @@ class TDC(TDE):
         """No state."""
         return ()
 
-    def robust(self, state: tuple[()], tracking: ControlInput) -> tuple[tuple[()], Any, dict[str, Any]]:
+    def robust(self, state: tuple[()], tracking: ControlInput) -> tuple[tuple[()], Vector, dict[str, Vector]]:
         """Δu = 0."""
         return state, 0 * tracking.error, {}

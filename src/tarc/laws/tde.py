@@ -9,6 +9,7 @@ import numpy as np
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
+from tarc.core.types import Vector
 from tarc.estimators.oracle import TrueDerivatives
 from tarc.laws.base import ControlInput
 from tarc.laws.pole_placement import PolePlacement
@@ -81,7 +82,7 @@ class TDE(PolePlacement):
         """State of the robust term before the first step."""
 
     @abstractmethod
-    def robust(self, state: Any, tracking: ControlInput) -> tuple[Any, Any, dict[str, Any]]:
+    def robust(self, state: Any, tracking: ControlInput) -> tuple[Any, Vector, dict[str, Vector]]:
         """Next state, Δu [rad/s² or m/s²] of shape (n,), signals to record."""
 
     def initial_state(self, torque: np.ndarray) -> TDEState:
@@ -93,7 +94,7 @@ class TDE(PolePlacement):
             return TDEState(self.estimator.matched_torque_filter().init(torque), past, self.robust_init())
         return TDEState(past + torque[:, None], past, self.robust_init())
 
-    def control(self, memory: TDEState, tracking: ControlInput) -> tuple[TDEState, Any, dict[str, Any]]:
+    def control(self, memory: TDEState, tracking: ControlInput) -> tuple[TDEState, Vector, dict[str, Vector]]:
         """τ = M̂ (u − â_h) + τ_h, or M̂ u where N̂ is not estimated."""
         if not self.uses_tde:
             robust, correction, signals = self.robust(memory.robust, tracking)

@@ -1,10 +1,10 @@
 """Time-delayed control with nonlinear damping and a terminal sliding mode."""
 
 from dataclasses import dataclass
-from typing import Any
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
+from tarc.core.types import Vector
 from tarc.laws.base import ControlInput
 from tarc.laws.tde import TDE
 
@@ -70,21 +70,21 @@ class TerminalSliding(TDE):
         if self.max_gain is not None:
             check.number("max_gain", self.max_gain, 0, strict=True)
 
-    def terminal_map(self, error: Any) -> Any:
+    def terminal_map(self, error: Vector) -> Vector:
         """φ(e) [rad or m], shape (n,)."""
         return self.error_scale * ops.power(
             error / self.error_scale, self.exponent, self.boundary_layer / self.error_scale
         )
 
-    def slope(self, error: Any) -> Any:
+    def slope(self, error: Vector) -> Vector:
         """φ'(e), shape (n,)."""
         return ops.power_slope(error / self.error_scale, self.exponent, self.boundary_layer / self.error_scale)
 
-    def sliding(self, error: Any, error_rate: Any) -> Any:
+    def sliding(self, error: Vector, error_rate: Vector) -> Vector:
         """Position on the surface s [rad/s or m/s], shape (n,)."""
         return error_rate + self.K2 @ self.terminal_map(error) / 2
 
-    def feedback(self, tracking: ControlInput) -> Any:
+    def feedback(self, tracking: ControlInput) -> Vector:
         """q̈ᵈ − Λ (1 + φ') (v̂ − q̇ᵈ) − K1 φ [rad/s² or m/s²], shape (n,)."""
         error, rate = tracking.error, tracking.error_rate
         damped = self.K2 @ (rate + self.slope(error) * rate) / 2
@@ -94,7 +94,7 @@ class TerminalSliding(TDE):
         """No state."""
         return ()
 
-    def robust(self, state: tuple[()], tracking: ControlInput) -> tuple[tuple[()], Any, dict[str, Any]]:
+    def robust(self, state: tuple[()], tracking: ControlInput) -> tuple[tuple[()], Vector, dict[str, Vector]]:
         """Δu = −κ ‖s‖ s."""
         s = self.sliding(tracking.error, tracking.error_rate)
         highest = ops.HUGE if self.max_gain is None else self.max_gain

@@ -10,14 +10,15 @@ from tarc.core import validation as check
 from tarc.core.component import Component
 from tarc.core.errors import TarcError
 from tarc.core.system import System
+from tarc.core.types import Vector
 from tarc.core.validation import Numbers
 
 
 class EncoderInput(NamedTuple):
     """True position and this instant's noise, each of shape (n,); a NaN in the noise is a lost sample."""
 
-    position: Any
-    noise: Any
+    position: Vector
+    noise: Vector
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,7 +78,7 @@ class Encoder(Component, System):
             noise[lost] = np.nan
         return noise
 
-    def quantise(self, position: Any) -> Any:
+    def quantise(self, position: Any) -> Vector:
         """The nearest step."""
         if not np.all(self.step_size > 0):
             return position

@@ -88,7 +88,7 @@ def _with_derived_signals(
     error_rate = arrays["velocity"] - arrays["velocity_reference"]
     sliding = controller.law.sliding(error.T, error_rate.T)
     if sliding is not None:
-        arrays["sliding"] = np.linalg.norm(sliding, axis=0)
+        arrays["sliding"] = np.linalg.norm(np.asarray(sliding), axis=0)
     return arrays
 
 
