@@ -262,7 +262,7 @@ def test_a_certificate_that_holds_no_numbers_does_not_verify():
         ),
         (
             lambda: stable_intervals(
-                tdc(joints=2, natural_frequency=None, stiffness=[[100.0, 20.0], [20.0, 100.0]], velocity_gain=20.0)
+                tdc(joints=2, natural_frequency=None, position_gain=[[100.0, 20.0], [20.0, 100.0]], velocity_gain=20.0)
             ),
             "the gains couple the joints",
         ),

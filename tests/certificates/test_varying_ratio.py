@@ -271,7 +271,9 @@ def test_explains_itself_and_draws(tmp_path):
         ),
         (
             lambda: certify_varying_ratio(
-                make_law(laws.TDC, natural_frequency=None, stiffness=[[100.0, 5.0], [5.0, 100.0]], velocity_gain=20.0)
+                make_law(
+                    laws.TDC, natural_frequency=None, position_gain=[[100.0, 5.0], [5.0, 100.0]], velocity_gain=20.0
+                )
             ),
             "gains differ or couple",
         ),

@@ -41,7 +41,7 @@ def test_the_law_has_the_true_derivatives_in_both_engines(engine, substeps, tmp_
     plant, push = robots(tmp_path)[engine], signals.Step(amplitude=[2.0], start_time=0.1004)
     stiffer = signals.Schedule(parameter="viscous", times=[0.2], values=[1.0])
     sensor = signals.Encoder(bits=8, dropout=0.05)
-    events, start = [push, stiffer], {"position": [0.2], "velocity": 0.7, "torque": [1.5]}
+    events, start = [push, stiffer], {"initial_position": [0.2], "initial_velocity": 0.7, "initial_torque": [1.5]}
     law = tdc(0.6)
     data = simulate(plant, law, SWING, 0.4, sensor=sensor, disturbance=events, substeps=substeps, **start).data
     q, v, torque, u = (data[name].values[:, 0] for name in ("position", "velocity", "torque", "auxiliary"))

@@ -98,7 +98,7 @@ def test_scenario_names_its_own_robot():
                 "model": "robot",
                 "inertia": {"fraction": 1.0},
                 "natural_frequency": 20.0,
-                "bound": 2.0,
+                "uncertainty_bound": 2.0,
             },
         ],
         "estimator": {"kind": "Algebraic", "window": 0.010},

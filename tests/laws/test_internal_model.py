@@ -16,7 +16,7 @@ def test_with_an_endless_filter_it_is_tdc():
 def test_without_a_limit_it_is_ideal_velocity_feedback(options):
     given = {"inertia": SMALL_INERTIA, "natural_frequency": 6.0, **options}
     model = simulate_arm(make_law(laws.TDCIM, time_constant=0.2, **given), duration=1.0)
-    ideal = simulate_arm(make_law(laws.IVF, velocity_gain=5.0, **given), duration=1.0)
+    ideal = simulate_arm(make_law(laws.IVF, ideal_velocity_gain=5.0, **given), duration=1.0)
     assert model.status.completed
     np.testing.assert_allclose(model.data["model_velocity"], ideal.data["ideal_velocity"], rtol=1e-7, atol=1e-7)
     np.testing.assert_allclose(model.data["torque"], ideal.data["torque"], rtol=1e-6, atol=1e-6)
@@ -33,10 +33,13 @@ def overshoot(law):
 def test_nothing_winds_up_at_a_limit():
     """The integral of ideal velocity feedback runs off, unless it has a cap; the model sees the limit."""
     given = {"inertia": SMALL_INERTIA, "torque_limit": [45.0, 20.0]}
-    far, completed = overshoot(make_law(laws.IVF, velocity_gain=10.0, **given))
+    far, completed = overshoot(make_law(laws.IVF, ideal_velocity_gain=10.0, **given))
     assert far > 1.0
     assert not completed
-    for law in (make_law(laws.TDCIM, **given), make_law(laws.IVF, ideal_velocity_gain=10.0, max_gain=5.0, **given)):
+    for law in (
+        make_law(laws.TDCIM, **given),
+        make_law(laws.IVF, ideal_velocity_gain=10.0, max_correction=5.0, **given),
+    ):
         far, completed = overshoot(law)
         assert far < 2e-3
         assert completed

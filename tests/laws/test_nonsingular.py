@@ -97,7 +97,7 @@ def test_loop_certificate_sees_the_slopes_at_zero():
     law = make_law(laws.NonsingularTerminal, reaching_gain=2.0)
     r, slope = 2.0 * 0.1**-0.5, 0.1**0.2
     stiffness, velocity_gain = 144.0 + r * 12.0, 12.0 / slope + (12.0 + r) * slope
-    plain = make_law(laws.TDC, natural_frequency=None, stiffness=stiffness, velocity_gain=velocity_gain)
+    plain = make_law(laws.TDC, natural_frequency=None, position_gain=stiffness, velocity_gain=velocity_gain)
     tracking = tracking_at([1e-9, 0.0], [0.0, 1e-9])
     u = law.feedback(tracking) + law.robust((), tracking)[1]
     np.testing.assert_allclose(u, plain.feedback(tracking), rtol=1e-9)

@@ -49,7 +49,7 @@ def test_does_not_wind_up():
         state, output = law.step(state, value._replace(reference=np.array([1.0])))
     assert output is not None
     np.testing.assert_allclose(output.torque, 2.0)
-    np.testing.assert_allclose(output.signals["integral_gain"], 2.0 / 0.1, rtol=1e-6)
+    np.testing.assert_allclose(output.signals["integral"], 2.0 / 0.1, rtol=1e-6)
 
 
 def test_unwinds_from_the_torque_that_came_late():

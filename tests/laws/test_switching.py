@@ -75,7 +75,7 @@ def test_inside_the_layer_it_is_tdc_with_larger_gains():
     """With ϱ/ε on K2 and λ ϱ/ε on K1."""
     law = make_law(laws.SlidingMode, gain=0.0, boundary_layer=0.25, surface_slope=8.0)
     state = law.robust_init()._replace(gain=np.array(5.0))
-    stiff = make_law(laws.TDC, natural_frequency=None, stiffness=144.0 + 8.0 * 20.0, velocity_gain=24.0 + 20.0)
+    stiff = make_law(laws.TDC, natural_frequency=None, position_gain=144.0 + 8.0 * 20.0, velocity_gain=24.0 + 20.0)
     tracking = tracking_at([0.002, -0.001], [0.03, 0.05])
     u = law.feedback(tracking) + law.robust(state, tracking)[1]
     np.testing.assert_allclose(u, stiff.feedback(tracking), rtol=1e-12)
@@ -88,8 +88,8 @@ def test_holds_the_arm_against_gravity_alone(kind):
     """
     enough: dict[Any, dict[str, Any]] = {
         laws.SlidingMode: {"gain": 60.0},
-        laws.ASMC: {"speed": 100.0, "threshold": 0.3},
-        laws.MonotoneASMC: {"growth": 100.0, "dead_zone": 0.3},
+        laws.ASMC: {"adaptation_rate": 100.0, "threshold": 0.3},
+        laws.MonotoneASMC: {"adaptation_rate": 100.0, "dead_zone": 0.3},
     }
     common: dict[str, Any] = {
         "inertia": 6 * SMALL_INERTIA,
