@@ -28,6 +28,8 @@ ROBOT = arm(
     elbow=joint("elbow", "upper", "fore", inside='<limit lower="-2" upper="2" effort="40" velocity="3"/>'),
     more=link("tip", 0.1) + FINGER,
 )
+QUICK = ["--speed", "inf", "--law", "tdc", "--no-figures"]
+"""Without the search for a bounded speed and for the switching gain, where a test is about neither."""
 ASKED = ["--payload", "0", "1", "--armature", "0.1", "--samples", "60", "--encoder-bits", "19"]
 
 
@@ -192,7 +194,7 @@ def test_on_top_is_how_it_was_made_and_the_verdict(designed_folder):
 
 def test_json_and_a_part_of_the_workspace(designed_folder, tmp_path):
     folder, _ = designed_folder
-    arguments = ["design", str(folder / "arm.urdf"), *ASKED, "--reach", "0.5", "--law", "tdc", "--json", "--no-figures"]
+    arguments = ["design", str(folder / "arm.urdf"), *ASKED, "--reach", "0.5", *QUICK, "--json"]
     found = json.loads(invoke_tarc(*arguments, folder=tmp_path).stdout)
     assert found["verdict"] == "certified"
     assert found["margin"] > 0
@@ -284,7 +286,7 @@ def test_limits_are_asked_for(designed_folder, monkeypatch):
     folder, _ = designed_folder
     answer = {"payload": Limit(name="payload", value=2.5, verdict="certified, 1 % to spare")}
     monkeypatch.setattr(tarc.design, "stress_test", lambda _: answer)
-    arguments = ["design", "arm.urdf", *ASKED, "--limits", "--no-figures", "-o", "other.yaml"]
+    arguments = ["design", "arm.urdf", *ASKED, "--limits", *QUICK, "-o", "other.yaml"]
     assert "payload: 2.5 kg, certified" in invoke_tarc(*arguments, folder=folder).stdout
     found = json.loads(invoke_tarc(*arguments, "--json", folder=folder).stdout)["limits"]["payload"]
     assert found["value"] == 2.5
@@ -295,7 +297,7 @@ def test_limits_are_asked_for(designed_folder, monkeypatch):
 def test_too_fast_for_the_rate_says_both_ways_out(designed_folder, tmp_path):
     """The natural frequency and the rate that the message names do, and a little more than either does not."""
     folder, _ = designed_folder
-    arguments = ["design", str(folder / "arm.urdf"), *ASKED, "--no-figures"]
+    arguments = ["design", str(folder / "arm.urdf"), *ASKED, *QUICK]
     message = str(
         invoke_tarc(*arguments, "--natural-frequency", "200", "--rate", "500", folder=tmp_path, status=1).exception
     )
@@ -316,16 +318,7 @@ def test_too_fast_for_the_rate_says_both_ways_out(designed_folder, tmp_path):
 
 def test_a_bandwidth_and_a_budget_that_exclude_each_other(designed_folder, tmp_path):
     folder, _ = designed_folder
-    arguments = [
-        "design",
-        str(folder / "arm.urdf"),
-        *ASKED,
-        "--no-figures",
-        "--natural-frequency",
-        "8",
-        "--noise",
-        "0.00001",
-    ]
+    arguments = ["design", str(folder / "arm.urdf"), *ASKED, *QUICK, "--natural-frequency", "8", "--noise", "0.00001"]
     message = str(invoke_tarc(*arguments, folder=tmp_path, status=1).exception)
     assert re.match(
         r"natural_frequency, noise: at 8 rad/s the least torque noise is [\d.]+ % of the limit and 0.001 % was asked "

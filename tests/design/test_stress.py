@@ -6,6 +6,7 @@ from importlib import import_module
 import numpy as np
 import pytest
 
+from slow_cases import slow
 from tarc import TarcError
 from tarc.analysis import Workspace
 from tarc.certificates import certify_robot
@@ -18,14 +19,14 @@ SAMPLES = 60
 LIMIT = np.array([90.0, 40.0])
 
 
-@pytest.fixture(scope="module")
-def arm_design():
+@pytest.fixture(scope="module", params=[None, slow((1.0, 2.0))], ids=["any speed", "bounded speed"])
+def arm_design(request):
     """A design from few loops, so that it is quick."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(import_module("tarc.design.selection"), "WINDOWS", (12,))
-        patch.setattr(import_module("tarc.design.enumerate_candidates"), "BANDWIDTHS", (8.0,))
-        space = Workspace.box([-np.pi, -2.0], [np.pi, 2.0], speed=[1.0, 2.0])
-        return design_controller(TwoLinkArm(), payload=(0, 0.5), workspace=space, torque_limits=LIMIT, samples=SAMPLES)
+        patch.setattr(import_module("tarc.design.candidates"), "NATURAL_FREQUENCIES", (8.0,))
+        space = Workspace.box([-np.pi, -2.0], [np.pi, 2.0], speed=request.param)
+        return design_controller(TwoLinkArm(), payload=(0, 0.5), workspace=space, torque_limit=LIMIT, samples=SAMPLES)
 
 
 @pytest.fixture(scope="module")
@@ -67,12 +68,26 @@ def test_rate_lies_between_certified_and_not(arm_design, stress_limits):
     ]
 
 
-def test_speed_lies_between_certified_and_not(arm_design, stress_limits):
-    one = stress_limits["speed"]
-    assert 2.0 <= one.value < one.beyond
-    for value, answer in ((one.value, True), (one.beyond, False)):
-        space = arm_design.workspace.with_speed_limits(value / 2.0 * np.array([1.0, 2.0]))
-        assert certify_robot(arm_design.law, arm_design.plants, space, samples=SAMPLES).certified == answer
+@pytest.mark.parametrize(("tries", "samples"), [(1, 20), slow(10, SAMPLES)])
+def test_speed_lies_between_certified_and_not(arm_design, tries, samples, monkeypatch):
+    """With more payload than is certified for any speed."""
+    monkeypatch.setattr(import_module("tarc.design.stress"), "TRIES", tries)
+    loaded = [TwoLinkArm(), TwoLinkArm(payload=0.9)]
+
+    def certificate(speed):
+        return certify_robot(
+            arm_design.law, loaded, arm_design.workspace.with_speed_limits([speed / 2, speed]), samples=samples
+        )
+
+    space = arm_design.workspace.with_speed_limits([1.25, 2.5])
+    faster = replace(arm_design, plants=loaded, workspace=space, certificates={"robot": certificate(2.5)})
+    one = stress_test(faster, questions="speed", duration=2.0)["speed"]
+    assert one.confirmed
+    assert 2.5 <= one.value < one.beyond
+    assert one.verdict.startswith("certified")
+    assert not one.beyond_verdict.startswith("certified")
+    if tries > 1:
+        assert [certificate(speed).certified for speed in (one.value, one.beyond)] == [True, False]
 
 
 def test_no_speed_is_asked_of_a_design_for_any(arm_design):
@@ -105,7 +120,9 @@ def test_own_noise_is_always_allowed(arm_design):
 
 
 def test_simulations_complete(arm_design, stress_limits):
-    for one in stress_limits.values():
+    applicable = [one for one in stress_limits.values() if one.value is not None]
+    assert len(applicable) == 5 - (arm_design.workspace.speed is None)
+    for one in applicable:
         assert one.confirmed, one.explain()
         assert one.run.value == one.value
         just, _ = one.beyond_runs
