@@ -37,7 +37,7 @@ class Adaptation:
         """As keyword arguments of the law, rounded to four digits, the cap so that its slope does not grow."""
         rounded = {name: float(f"{value:.4g}") for name, value in asdict(self).items()}
         slope = self.gain_factor * self.max_gain / self.boundary_layer
-        rounded["max_gain"] = float(f"{0.9999 * slope * rounded['boundary_layer'] / rounded['margin']:.5g}")
+        rounded["max_gain"] = float(f"{0.9999 * slope * rounded['boundary_layer'] / rounded['gain_factor']:.5g}")
         return rounded
 
 
