@@ -15,7 +15,7 @@ LIMITS = np.array([100.0, 50.0])
 
 
 def design_arm(**options):
-    return design_controller(ARM, payload=(0.0, 1.0), torque_limit=LIMITS, samples=100, progress=False, **options)
+    return design_controller(ARM, payload=(0.0, 1.0), torque_limits=LIMITS, samples=100, progress=False, **options)
 
 
 def noise_levels(found):
@@ -33,7 +33,7 @@ def speed(request):
             yield 1.0
         else:
             patch.setattr(import_module("tarc.design.selection"), "WINDOWS", (8, 16))
-            patch.setattr(import_module("tarc.design.candidates"), "BANDWIDTHS", (4.0, 8.0))
+            patch.setattr(import_module("tarc.design.candidates"), "NATURAL_FREQUENCIES", (4.0, 8.0))
             yield np.inf
 
 
@@ -61,7 +61,7 @@ def test_noise_beyond_the_budget_is_traded_against_error(default_design):
 def test_a_budget_that_is_given_is_kept_and_used(speed, default_design):
     _, level = noise_levels(default_design)
     for share in (0.5, 3.0):
-        given = design_arm(speed=speed, noise=share * level)
+        given = design_arm(speed=speed, noise_budget=share * level)
         noise, now = noise_levels(given)
         assert now <= share * level
         assert given.candidate.error == min(
@@ -72,7 +72,7 @@ def test_a_budget_that_is_given_is_kept_and_used(speed, default_design):
 
 
 def test_a_slower_robot_has_no_worse_a_loop(default_design, slower_design):
-    assert slower_design.chosen.error <= 1.1 * default_design.chosen.error
+    assert slower_design.candidate.error <= 1.1 * default_design.candidate.error
     rates = [made.certificates["robot"].numbers.get("rate", np.inf) for made in (slower_design, default_design)]
     assert rates[0] < rates[1]
 

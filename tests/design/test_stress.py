@@ -26,7 +26,7 @@ def arm_design(request):
         patch.setattr(import_module("tarc.design.selection"), "WINDOWS", (12,))
         patch.setattr(import_module("tarc.design.candidates"), "NATURAL_FREQUENCIES", (8.0,))
         space = Workspace.box([-np.pi, -2.0], [np.pi, 2.0], speed=request.param)
-        return design_controller(TwoLinkArm(), payload=(0, 0.5), workspace=space, torque_limit=LIMIT, samples=SAMPLES)
+        return design_controller(TwoLinkArm(), payload=(0, 0.5), workspace=space, torque_limits=LIMIT, samples=SAMPLES)
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +71,7 @@ def test_rate_lies_between_certified_and_not(arm_design, stress_limits):
 @pytest.mark.parametrize(("tries", "samples"), [(1, 20), slow(10, SAMPLES)])
 def test_speed_lies_between_certified_and_not(arm_design, tries, samples, monkeypatch):
     """With more payload than is certified for any speed."""
-    monkeypatch.setattr(import_module("tarc.design.stress"), "TRIES", tries)
+    monkeypatch.setattr(import_module("tarc.design.stress"), "MAX_CERTIFICATES", tries)
     loaded = [TwoLinkArm(), TwoLinkArm(payload=0.9)]
 
     def certificate(speed):
@@ -153,7 +153,7 @@ def test_simulated_noise_stays_below_the_predicted(arm_design, stress_limits):
 
 def test_questions_that_do_not_apply(arm_design, monkeypatch):
     monkeypatch.setattr(TwoLinkArm, "parameters", property(lambda self: {}))
-    other = replace(arm_design, plants=arm_design.plants[:1], law=replace(arm_design.law, torque_limit=None))
+    other = replace(arm_design, plants=arm_design.plants[:1], law=replace(arm_design.law, torque_limits=None))
     answers = stress_test(other, questions=["payload", "bits"], simulate=False)
     assert [one.value for one in answers.values()] == [None, None]
     assert "TwoLinkArm has no such parameter" in answers["payload"].explain()
