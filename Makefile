@@ -8,7 +8,7 @@ LOCAL := -e . --no-deps --no-build-isolation
 
 COMPILE := pip compile pyproject.toml --universal --generate-hashes --no-header --no-annotate
 
-.PHONY: help demo test test-all lint bench bench-design compare figures docs docs-check lock clean
+.PHONY: help demo test test-all lint bench bench-design compare figures numbers numbers-all docs docs-check lock clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1 - \2/p' $(MAKEFILE_LIST) | awk -F ' - ' '{printf "%-22s%s\n", $$1, $$2}'
@@ -39,6 +39,12 @@ compare: .venv/dev ## all laws in eight scenarios
 
 figures: .venv/dev ## draw the figures of the documentation again
 	$(BIN)/python docs/images/make.py
+
+numbers: .venv/dev ## write the numbers of README and documentation again, in minutes
+	$(BIN)/python -m benchmarks.numbers
+
+numbers-all: .venv/dev ## the same with the numbers that take half an hour
+	$(BIN)/python -m benchmarks.numbers --all
 
 docs: .venv/dev ## build the documentation into site/
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet

@@ -8,7 +8,7 @@ from griffe import Docstring, DocstringSectionKind
 from mkdocs.structure.files import File, Files
 
 from tarc.plants import MujocoPlant
-from tarc.scenario.model import Scenario, Start
+from tarc.scenario.model import Scenario
 from tarc.scenario.schema import SECTIONS, catalogue, parameters
 
 PAGE = "reference/scenario-keys.md"
@@ -36,7 +36,6 @@ def on_files(files: Files, config: Any) -> Files:
 def page() -> str:
     """Return the whole page."""
     parts = [INTRODUCTION, "## Scenario", fields_table(Scenario)]
-    parts += ["## start", fields_table(Start)]
     for section in SECTIONS:
         parts += section_parts(section)
     return "\n\n".join(parts) + "\n"

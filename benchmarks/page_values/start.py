@@ -1,0 +1,131 @@
+"""Values of the pages for a start and of the how-to pages on robots, signals and scenarios."""
+
+import re
+import shutil
+import sysconfig
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import tarc
+from benchmarks.page_values.registry import (
+    Value,
+    command,
+    long_source,
+    run_page,
+    source,
+    table,
+    text_block,
+    yaml_block,
+)
+
+SIGNIFICANT_LINES = re.compile(r"^│ (RMS error|peak error|torque variation) .*$", re.MULTILINE)
+Z1_JOINTS = [f"joint{number}" for number in range(1, 7)]
+Z1_VARIANTS: dict[str, dict[str, Any]] = {
+    "base": {},
+    "noise": {"noise": 0.03},
+    "encoder": {"sensor": tarc.signals.Encoder(bits=19)},
+    "payload": {"payload": (0.0, 0.5)},
+    "speed": {"speed": 0.5},
+    "rate": {"period": 1 / 2000},
+    "rated": {"speed": None},
+}
+
+
+@source
+def first_run() -> dict[str, Value]:
+    """Errors that the first run prints, and the table of the arm from a URDF."""
+    page = run_page("start/first-run.md")
+    run, plain = page.names["run"], page.names["plain"]
+    with tempfile.TemporaryDirectory() as folder:
+        scenario = Path(folder) / "arm.yaml"
+        scenario.write_text(yaml_block("start/first-run.md", "arm.urdf"), encoding="utf-8")
+        shutil.copy(page.folder / "arm.urdf", folder)
+        printed = command("tarc run arm.yaml --no-figures", Path(folder))
+    lines = [match[0] for match in SIGNIFICANT_LINES.finditer(printed)]
+    return {
+        "rms_error": run.metrics()["rms_error"],
+        "tarc_error": 1e3 * run.metrics(start_time=2.0)["rms_error"],
+        "tdc_error": 1e3 * plain.metrics(start_time=2.0)["rms_error"],
+        "arm": text_block("\n".join(lines)),
+    }
+
+
+def z1_file() -> Path:
+    """Return the URDF of the Unitree Z1."""
+    data = Path(sysconfig.get_path("purelib"), "cmeel.prefix", "share")
+    return data / "example-robot-data/robots/z1_description/urdf/z1.urdf"
+
+
+@long_source
+def your_robot() -> dict[str, Value]:
+    """Designs for the Unitree Z1, each simulated; what the command prints where none can be certified."""
+    arm = tarc.plants.MujocoPlant.from_file(z1_file(), joints=Z1_JOINTS, armature=0.1)
+    values: dict[str, Value] = {}
+    for name, changes in Z1_VARIANTS.items():
+        common: dict[str, Any] = {"payload": (0.0, 2.0), "sensor": tarc.signals.Encoder(bits=17), "speed": 1.0}
+        made = tarc.design.design_controller(arm, **common | changes)
+        measured = next(iter(made.scenario().run(progress=False).values())).metrics(start_time=1.0)
+        law: Any = made.law
+        values[f"{name}.natural_frequency"] = float(np.max(law.natural_frequency))
+        values[f"{name}.window"] = 1e3 * law.estimator.window
+        values[f"{name}.rms_error"] = 1e3 * measured["rms_error"]
+        values[f"{name}.torque_variation"] = measured["torque_variation"]
+    with tempfile.TemporaryDirectory() as folder:
+        shutil.copy(z1_file(), folder)
+        refused = command(
+            f"tarc design z1.urdf --joints {','.join(Z1_JOINTS)} --armature 0.1 --payload 0 2 --speed 1 "
+            "--natural-frequency 60",
+            Path(folder),
+            fails=True,
+        )
+    return values | {"refused": refused}
+
+
+@source
+def signals() -> dict[str, Value]:
+    """Errors of the recorded trajectory, and of the arm seen through four encoders."""
+    page = run_page("how-to/signals.md")
+    labels = ("perfect", "12 bits", "17 bits, one sample in twenty lost", "17 bits, two periods late")
+    found = page.columns(r"^Encoder\(.*\) (\S+) (\S+) completed")
+    rows = [
+        (label, f"{1e3 * float(error):.4g}", f"{float(variation):.4g}")
+        for label, (error, variation) in zip(labels, found, strict=True)
+    ]
+    recorded, t = page.names["recorded"], page.names["t"]
+    deviation = np.max(np.abs(recorded.sample(t)[1][0] - 0.5 * np.cos(t)))
+    return {
+        "recorded_velocity": float(1e8 * deviation),
+        "encoders": table(["encoder", "RMS error [mrad]", "torque variation [N m/s]"], rows),
+    }
+
+
+@source
+def robots() -> dict[str, Value]:
+    """Errors of the polar arm."""
+    boom, slide = run_page("how-to/robots.md").names["run"].joint_errors().values()
+    return {"boom": 1e3 * boom, "slide": 1e3 * slide}
+
+
+@source
+def scenarios() -> dict[str, Value]:
+    """Upper limits of the inertia ratio with a computation delay of two periods."""
+
+    def limit(synchronised: bool, known: int) -> float:
+        law = tarc.laws.TDC(
+            inertia=0.1,
+            natural_frequency=10.0,
+            period=1e-3,
+            estimator=tarc.estimators.Algebraic(window=0.010, degree=2),
+            synchronised=synchronised,
+            actuation_delay=known,
+        )
+        return tarc.analysis.stable_interval(law, computation_delay=2)[1]
+
+    rows = [
+        (f"{kind}, 2 periods", f"{limit(synchronised, 0):.4g}", f"{limit(synchronised, 2):.4g}")
+        for kind, synchronised in (("literal", False), ("synchronised", True))
+    ]
+    return {"delays": table(["loop", "delay unknown to the law", "known"], rows)}
