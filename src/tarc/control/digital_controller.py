@@ -1,4 +1,4 @@
-"""All that runs on the controller's side of the joint: sensor, law and computation delay."""
+"""Digital controller: sensor, law and computation delay."""
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -24,7 +24,7 @@ class ControllerInput(NamedTuple):
 
 
 class ControllerState(NamedTuple):
-    """States of sensor and law, and torques under way to the joints, shape (n, delay + 1)."""
+    """States of sensor and law, and delayed torques, shape (n, delay + 1)."""
 
     sensor: Any
     law: Any
@@ -41,14 +41,14 @@ class ControllerOutput(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class DigitalController(System):
-    """All that runs on the controller's side of the joint: true position in, torque out."""
+    """Sensor, law and computation delay in series: true position in, torque out."""
 
     sensor: Encoder
     law: Law
     computation_delay: int = 0
 
     def init(self, position: Any, torque: Any = 0.0, noise: Any = 0.0) -> ControllerState:
-        """At rest at a position (n,), first read with this noise, with a torque (n,) applied."""
+        """Return the state at rest at a position (n,), first read with this noise, with a torque (n,) applied."""
         sensor = self.sensor.init(position + noise)
         law = self.law.init(sensor[:, 0], torque)
         return ControllerState(sensor, law, np.repeat(law.torque[:, :1], self.computation_delay + 1, axis=1))
@@ -58,12 +58,12 @@ class DigitalController(System):
         sensor, measured = self.sensor.step(state.sensor, EncoderInput(value.position, value.noise))
         reference = value.reference, value.velocity_reference, value.acceleration_reference
         law, output = self.law.step(state.law, LawInput(measured, *reference))
-        queue = ops.shift_in(state.torque_delay_line, output.torque)
-        return ControllerState(sensor, law, queue), ControllerOutput(measured, queue[:, -1], output.signals)
+        delay_line = ops.shift_in(state.torque_delay_line, output.torque)
+        return ControllerState(sensor, law, delay_line), ControllerOutput(measured, delay_line[:, -1], output.signals)
 
     def with_true_derivatives(self, state: ControllerState, velocity: Vector, acceleration: Vector) -> ControllerState:
-        """The state with the true derivatives (n,) in it, if the law's estimator is the oracle; else as it is."""
+        """Return the state with the true derivatives (n,) for an oracle, else the state itself."""
         if not isinstance(self.law.estimator, TrueDerivatives):
             return state
-        told = state.law.estimator._replace(velocity=velocity, acceleration=acceleration)
-        return state._replace(law=state.law._replace(estimator=told))
+        estimator = state.law.estimator._replace(velocity=velocity, acceleration=acceleration)
+        return state._replace(law=state.law._replace(estimator=estimator))

@@ -18,77 +18,77 @@ HUGE = 1e100
 
 
 def symbolic(*values: Any) -> bool:
-    """Whether any of the values is a CasADi matrix."""
+    """Return whether any of the values is a CasADi matrix."""
     return any(isinstance(value, ca.SX | ca.MX | ca.DM) for value in values)
 
 
 def where(condition: Any, yes: Any, no: Any) -> Any:
-    """``yes`` where the condition holds, else ``no``, element by element; a NaN not chosen does no harm."""
+    """Return ``yes`` where the condition holds, else ``no``, element by element; a NaN not chosen does no harm."""
     return ca.if_else(condition, yes, no) if symbolic(condition, yes, no) else np.where(condition, yes, no)
 
 
 def where_or_zero(condition: Any, x: Any) -> Any:
-    """``x`` where the condition holds, else zero, element by element; a NaN not chosen does no harm."""
+    """Return ``x`` where the condition holds, else zero, element by element; a NaN not chosen does no harm."""
     return ca.if_else(condition, x, 0) if symbolic(condition, x) else np.where(condition, x, 0.0)
 
 
 def finite(x: Any) -> Any:
-    """Element by element, whether x is a number of magnitude at most `HUGE` (so neither NaN nor infinite)."""
+    """Return, element by element, whether x is a number of magnitude at most `HUGE` (so neither NaN nor infinite)."""
     return ca.fabs(x) <= HUGE if symbolic(x) else np.abs(x) <= HUGE
 
 
 def all_finite(*vectors: Any) -> Any:
-    """Whether the vectors hold nothing but numbers, none of a magnitude near `HUGE` or above."""
+    """Return whether all elements are numbers and the sum of their magnitudes is at most `HUGE`."""
     return sum(ca.norm_1(x) if symbolic(x) else np.sum(np.abs(x)) for x in vectors) <= HUGE
 
 
 def logical_and(x: Any, y: Any) -> Any:
-    """Logical and."""
+    """Return the logical and, element by element."""
     return ca.logic_and(x, y) if symbolic(x, y) else np.logical_and(x, y)
 
 
 def logical_or(x: Any, y: Any) -> Any:
-    """Logical or."""
+    """Return the logical or, element by element."""
     return ca.logic_or(x, y) if symbolic(x, y) else np.logical_or(x, y)
 
 
 def logical_not(x: Any) -> Any:
-    """Logical not."""
+    """Return the logical not, element by element."""
     return ca.logic_not(x) if symbolic(x) else np.logical_not(x)
 
 
 def maximum(x: Any, y: Any) -> Any:
-    """Larger of the two, element by element."""
+    """Return the larger of the two, element by element."""
     return ca.fmax(x, y) if symbolic(x, y) else np.maximum(x, y)
 
 
 def minimum(x: Any, y: Any) -> Any:
-    """Smaller of the two, element by element."""
+    """Return the smaller of the two, element by element."""
     return ca.fmin(x, y) if symbolic(x, y) else np.minimum(x, y)
 
 
 def sign(x: Any) -> Any:
-    """−1, 0 or 1, element by element."""
+    """Return −1, 0 or 1, element by element."""
     return ca.sign(x) if symbolic(x) else np.sign(x)
 
 
 def magnitude(x: Any) -> Any:
-    """|x|, element by element."""
+    """Return |x|, element by element."""
     return ca.fabs(x) if symbolic(x) else np.abs(x)
 
 
 def clip(x: Any, low: Any, high: Any) -> Any:
-    """X limited to [low, high], element by element."""
+    """Limit x to [low, high], element by element."""
     return ca.fmin(ca.fmax(x, low), high) if symbolic(x, low, high) else np.clip(x, low, high)
 
 
 def floor(x: Any) -> Any:
-    """Largest integer not above x."""
+    """Return the largest integer not above x."""
     return ca.floor(x) if symbolic(x) else np.floor(x)
 
 
 def norm(x: Any, least: float = 0.0) -> Any:
-    """Euclidean norm, not below ``least``; differentiable at x = 0 when ``least`` > 0."""
+    """Return the Euclidean norm, not below ``least``; differentiable at x = 0 when ``least`` > 0."""
     squares = ca.sumsqr(x) if symbolic(x) else np.sum(np.square(x))
     if least > 0:
         squares = maximum(squares, least**2)
@@ -96,7 +96,7 @@ def norm(x: Any, least: float = 0.0) -> Any:
 
 
 def power(x: Any, exponent: float, layer: float) -> Any:
-    """|x|^a sgn x for an exponent a > 0, smoothed: x (x² + ε²)^((a−1)/2), element by element.
+    """Return |x|^a sgn x for an exponent a > 0, smoothed: x (x² + ε²)^((a−1)/2), element by element.
 
     Within the layer ε > 0 it is close to the line x ε^(a−1), so that its slope is finite for a < 1 and not zero for
     a > 1; far outside it is the power itself.
@@ -105,12 +105,12 @@ def power(x: Any, exponent: float, layer: float) -> Any:
 
 
 def power_slope(x: Any, exponent: float, layer: float) -> Any:
-    """Derivative of `power`, above zero: (x² + ε²)^((a−3)/2) (a x² + ε²)."""
+    """Return the derivative of `power`, above zero: (x² + ε²)^((a−3)/2) (a x² + ε²)."""
     return (x**2 + layer**2) ** ((exponent - 3) / 2) * (exponent * x**2 + layer**2)
 
 
 def weighted_sum(window: Any, weights: Any) -> Any:
-    """Window (n, N) times weights (N, j).
+    """Multiply a window (n, N) by weights (N, j).
 
     Where a wide one is traced it is one call in the scalar graph instead of 2nNj operations of a nanosecond each.
     """
@@ -121,7 +121,7 @@ def weighted_sum(window: Any, weights: Any) -> Any:
 
 
 def columns(*vectors: Any) -> Any:
-    """Vectors (n,) side by side, shape (n, k)."""
+    """Stack vectors (n,) as columns, shape (n, k)."""
     return ca.horzcat(*vectors) if symbolic(*vectors) else np.stack(vectors, axis=1)
 
 

@@ -19,7 +19,7 @@ FLAGS = ["-O2", "-fPIC", "-shared"]
 
 
 def compiler() -> list[str]:
-    """The C compiler's command: ``$CC``, else cc, gcc or clang, else the one in the ``ziglang`` wheel."""
+    """Return the C compiler's command: ``$CC``, else cc, gcc or clang, else the one in the ``ziglang`` wheel."""
     named = os.environ.get("CC")
     if named:
         return shlex.split(named)
@@ -36,12 +36,12 @@ def compiler() -> list[str]:
 
 
 def cache() -> Path:
-    """Where compiled functions are kept: ``$XDG_CACHE_HOME/tarc``, by default ``~/.cache/tarc``."""
+    """Return the folder of compiled functions: ``$XDG_CACHE_HOME/tarc``, by default ``~/.cache/tarc``."""
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "tarc"
 
 
 def compiled(function: ca.Function) -> ca.Function:
-    """The same function in machine code.
+    """Compile a function to machine code.
 
     The C that CasADi generates is compiled once and kept under the hash of its text and of the compiler's command, so
     that the next call with the same equations and numbers only loads it.

@@ -31,7 +31,7 @@ class Component(metaclass=_Checked):
 
 
 def _own(value: Any) -> Any:
-    """A copy of an array that nobody can change; anything else as it is."""
+    """Return a read-only copy of an array, and anything else unchanged."""
     if isinstance(value, np.ndarray):
         value = value.copy()
         value.setflags(write=False)

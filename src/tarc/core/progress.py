@@ -34,7 +34,7 @@ class Progress:
             self._bar.stop()
 
     def advance(self, steps: int = 1) -> None:
-        """So many more steps are done."""
+        """Count further steps as done."""
         self.done += steps
         if not self.show:
             return

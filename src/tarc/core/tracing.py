@@ -13,7 +13,7 @@ BUFFER_PERIODS = 32
 
 
 def _symbols(tree: Any, kind: type) -> tuple[Any, Any]:
-    """One symbol vector for the whole tree, and the tree of its pieces."""
+    """Return one symbol vector for the whole tree, and the tree of its pieces."""
     shapes = [(*np.shape(leaf), 1, 1)[:2] if np.ndim(leaf) else (1, 1) for leaf in leaves(tree)]
     sizes = [rows * columns for rows, columns in shapes]
     vector = kind.sym("x", sum(sizes))  # type: ignore[attr-defined]
@@ -28,7 +28,7 @@ def _symbols(tree: Any, kind: type) -> tuple[Any, Any]:
 def expressions(
     step: Callable[[Any, Any], tuple[Any, Any]], state: Any, value: Any, *, symbol: type = ca.SX, name: str = "step"
 ) -> tuple[list[Any], list[Any]]:
-    """Symbols ``[state, value]`` of a step, packed, and the expressions ``[next state, output]`` that it makes of them.
+    """Return the packed symbols ``[state, value]`` of a step and its expressions ``[next state, output]``.
 
     Takes what `trace` takes.
     """
@@ -139,7 +139,7 @@ class CompiledStep:
 
     @property
     def state(self) -> np.ndarray:
-        """The present state vector."""
+        """Return the present state vector."""
         return self._ring.states[self._now]
 
     def reset(self, state: np.ndarray) -> None:
@@ -147,6 +147,6 @@ class CompiledStep:
         self.state[:] = state
 
     def step(self) -> None:
-        """One step from `value` to `output`."""
+        """Step once, from `value` to `output`."""
         self._calls[self._now]()
         self._now = 1 - self._now

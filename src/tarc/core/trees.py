@@ -7,7 +7,7 @@ import numpy as np
 
 
 def leaves(tree: Any) -> list[Any]:
-    """Arrays of a nested NamedTuple, tuple or dict, in order."""
+    """Return the arrays of a nested NamedTuple, tuple or dict, in order."""
     if isinstance(tree, dict):
         return [leaf for key in tree for leaf in leaves(tree[key])]
     if isinstance(tree, tuple):
@@ -16,7 +16,7 @@ def leaves(tree: Any) -> list[Any]:
 
 
 def rebuild(tree: Any, values: Sequence[Any]) -> Any:
-    """A tree of the same structure with other leaves, the inverse of `leaves`."""
+    """Return a tree of the same structure with other leaves, the inverse of `leaves`."""
     supply = iter(values)
 
     def build(node: Any) -> Any:
@@ -31,7 +31,7 @@ def rebuild(tree: Any, values: Sequence[Any]) -> Any:
 
 
 def names(tree: Any, prefix: str = "") -> list[str]:
-    """Dotted name of each leaf, in the order of `leaves`."""
+    """Return the dotted name of each leaf, in the order of `leaves`."""
     if isinstance(tree, dict):
         items = list(tree.items())
     elif isinstance(tree, tuple):
@@ -43,13 +43,13 @@ def names(tree: Any, prefix: str = "") -> list[str]:
 
 
 def pack(tree: Any) -> np.ndarray:
-    """All numbers of a tree as one vector; matrices column by column, as CasADi stores them."""
+    """Return all numbers of a tree as one vector; matrices column by column, as CasADi stores them."""
     parts = [np.ravel(np.asarray(leaf, dtype=float), order="F") for leaf in leaves(tree)]
     return np.concatenate(parts) if parts else np.zeros(0)
 
 
 def unpack(tree: Any, vector: np.ndarray) -> Any:
-    """The tree of the same shapes whose numbers are the vector's, the inverse of `pack`."""
+    """Return a tree of the same shapes with the numbers of a vector, the inverse of `pack`."""
     result, start = [], 0
     for leaf in leaves(tree):
         shape = np.shape(leaf)

@@ -10,17 +10,17 @@ from tarc.core.errors import InvalidParameter, TarcError
 from tarc.core.types import Array
 
 Numbers = float | Sequence[float] | np.ndarray
-"""One number, or one a joint."""
+"""One number, or one per joint."""
 
 Table = Sequence[Sequence[float]] | np.ndarray
 """Rows of numbers."""
 
 Matrix = float | Sequence[float] | Sequence[Sequence[float]] | np.ndarray
-"""One number (times identity), one a row (a diagonal), or the rows."""
+"""One number (times identity), one per row (a diagonal), or the rows."""
 
 
 def number(name: str, value: Any, low: float = -np.inf, *, strict: bool = False, high: float = np.inf) -> float:
-    """One finite number in [low, high], or above low if strict."""
+    """Return one finite number in [low, high], or above low if strict."""
     try:
         if isinstance(value, str | bytes):
             raise ValueError
@@ -36,7 +36,7 @@ def number(name: str, value: Any, low: float = -np.inf, *, strict: bool = False,
 
 
 def integer(name: str, value: Any, low: int = 0, high: int | None = None) -> int:
-    """A whole number in [low, high]."""
+    """Return an integer in [low, high]."""
     limits = f"from {low} to {high}" if high is not None else f"of at least {low}"
     fits = isinstance(value, int | float | np.integer) and not isinstance(value, bool)
     if not fits or value % 1 != 0 or not low <= value <= (np.inf if high is None else high):
@@ -45,7 +45,7 @@ def integer(name: str, value: Any, low: int = 0, high: int | None = None) -> int
 
 
 def float_array(name: str, value: Any) -> Array:
-    """Numbers as a float array, infinite or not."""
+    """Return numbers as a float array; infinities are allowed."""
     try:
         result = np.array(value, dtype=float)
         if not isinstance(value, str | bytes):
@@ -56,7 +56,7 @@ def float_array(name: str, value: Any) -> Array:
 
 
 def array(name: str, value: Any) -> Array:
-    """Finite numbers as a float array."""
+    """Return finite numbers as a float array."""
     result = float_array(name, value)
     finite = np.isfinite(result)
     if not finite.all():
@@ -69,13 +69,13 @@ def array(name: str, value: Any) -> Array:
 
 
 def vector(name: str, value: Any, size: int, low: float = -np.inf, *, strict: bool = False) -> Array:
-    """A vector of the given size; one number stands for all its elements."""
+    """Return a vector of the given size; one number stands for all its elements."""
     result = array(name, value)
     if result.ndim == 0:
         result = np.full(size, float(result))
     if result.shape != (size,):
         raise InvalidParameter(
-            f"{name}: got shape {result.shape}; needs one number or {size} of them, one a joint", name
+            f"{name}: got shape {result.shape}; needs one number or {size} of them, one per joint", name
         )
     if np.any(result <= low if strict else result < low):
         raise InvalidParameter(
@@ -85,7 +85,7 @@ def vector(name: str, value: Any, size: int, low: float = -np.inf, *, strict: bo
 
 
 def square(name: str, value: Any, size: int) -> Array:
-    """A matrix from one number (times identity), one a row (diagonal) or the full matrix."""
+    """Return a matrix, given as one number (times identity), its diagonal, or all its rows."""
     result = array(name, value)
     if result.ndim < 2:
         result = np.diag(vector(name, result, size))
@@ -97,7 +97,7 @@ def square(name: str, value: Any, size: int) -> Array:
 
 
 def positive_definite(name: str, value: Any, size: int) -> Array:
-    """A symmetric positive definite matrix, given as in `square`."""
+    """Return a symmetric positive definite matrix, given as in `square`."""
     result = square(name, value, size)
     scale = np.max(np.abs(result))
     if not np.allclose(result, result.T, rtol=0, atol=1e-9 * scale):
@@ -116,7 +116,7 @@ def positive_definite(name: str, value: Any, size: int) -> Array:
 
 
 def whole_periods(name: str, value: Any, period: float) -> int:
-    """How many periods the duration is: a whole number of at least one."""
+    """Return a duration in periods, an integer of at least one."""
     duration = number(name, value, 0, strict=True)
     count = round(duration / period)
     if count < 1 or abs(duration / period - count) > 1e-6:
@@ -129,7 +129,7 @@ def whole_periods(name: str, value: Any, period: float) -> int:
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """' Did you mean ...?' for the closest known word, or the empty string."""
+    """Return ' Did you mean ...?' for the closest known word, or the empty string."""
     known = list(known)
     lower = {k.lower(): k for k in known}
     close = difflib.get_close_matches(word.lower(), lower, n=1, cutoff=0.6)
@@ -137,7 +137,7 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
 
 def one_of(name: str, value: str, known: Iterable[str]) -> str:
-    """A word out of a known set."""
+    """Return a word if it is one of a known set."""
     known = list(known)
     if value not in known:
         raise InvalidParameter(

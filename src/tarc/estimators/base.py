@@ -1,4 +1,4 @@
-"""What every estimator does: derivatives of a position from present and past samples of it."""
+"""Base of the estimators: derivatives of a position from its present and past samples."""
 
 from abc import abstractmethod
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Estimate(NamedTuple):
-    """What an estimator makes of one more sample.
+    """Output of an estimator for one sample.
 
     ``position`` is the measured one, or a prediction where the sample was missing; ``valid`` is 1 for each joint
     whose sample came as a finite number, else 0.
@@ -35,7 +35,7 @@ class Estimate(NamedTuple):
 class Estimator(Component, System):
     """A causal estimator of velocity and acceleration from positions, linear and time invariant unless it says so.
 
-    It learns its period from the law it is given to, or by `at`. The analysis methods hold for any derivative
+    It learns its period from the law it is given to, or by `with_period`. The analysis methods hold for any derivative
     order that the estimator has: 0 position, 1 velocity, 2 acceleration.
     """
 
@@ -46,7 +46,7 @@ class Estimator(Component, System):
             check.number("period", self.period, 0, strict=True)
 
     def with_period(self, period: float) -> Self:
-        """The same estimator, running at this period [s]."""
+        """Return the same estimator at this period [s]."""
         period = check.number("period", period, 0, strict=True)
         if self.period == period:
             return self
@@ -59,43 +59,43 @@ class Estimator(Component, System):
 
     @property
     def sampling_period(self) -> float:
-        """The period [s]; `TarcError` if it is not known yet."""
+        """Return the period [s]; raise `TarcError` if it is not set."""
         if self.period is None:
             raise TarcError(
-                f"{type(self).__name__}: it has no period yet; use .at(1e-3), or hand it to a law, which sets it"
+                f"{type(self).__name__}: it has no period yet; use .with_period(1e-3), or a law, which sets it"
             )
         return self.period
 
     @property
     @abstractmethod
     def max_derivative(self) -> int:
-        """Highest derivative that it estimates."""
+        """Return the highest derivative that it estimates."""
 
     @abstractmethod
     def transfer_function(self, derivative: int) -> tuple[np.ndarray, np.ndarray]:
-        """Numerator and denominator in powers of z⁻¹ from position to the derivative."""
+        """Return numerator and denominator in powers of z⁻¹ from position to the derivative."""
 
     @abstractmethod
     def matched_torque_filter(self) -> System:
-        """The filter that a torque must pass to be in step with the acceleration estimate (synchronised TDE)."""
+        """Return the filter that gives past torques the delay of the acceleration estimate (synchronised TDE)."""
 
     @abstractmethod
     def init(self, position: Any) -> Any:
-        """State with the window full of the first position [rad or m], shape (n,): assumes rest until then."""
+        """Return the state with the window full of the first position [rad or m], shape (n,)."""
 
     @abstractmethod
     def step(self, state: Any, value: Vector) -> tuple[Any, Estimate]:
         """Take the newest position, shape (n,); NaN or infinite elements are replaced by a prediction."""
 
     def _order(self, derivative: int) -> int:
-        """The derivative, if it is one of those estimated."""
+        """Return the derivative if it is estimated, else raise `TarcError`."""
         if derivative not in range(self.max_derivative + 1):
             kind = type(self).__name__
             raise TarcError(f"derivative: got {derivative!r}; {kind} estimates orders 0 to {self.max_derivative}")
         return derivative
 
     def frequency_response(self, frequency: Any, derivative: int = 1) -> np.ndarray:
-        """Complex response H(e^{jωT}) from position to the derivative.
+        """Return the complex response H(e^{jωT}) from position to the derivative.
 
         Parameters
         ----------
@@ -107,7 +107,7 @@ class Estimator(Component, System):
         return np.polynomial.polynomial.polyval(back, b) / np.polynomial.polynomial.polyval(back, a)
 
     def group_delay(self, derivative: int = 1) -> float:
-        """Group delay at low frequency [s]: how late a slow motion's derivative is seen.
+        """Return the group delay of the derivative at low frequency [s].
 
         With H(jω) = (jω)^j (1 − jωτ + …), τ = (−1)^j T^{j+1} Σ i^{j+1} w_i / (j+1)! for a window of weights w_i,
         plus what a recursive part adds.
@@ -121,7 +121,7 @@ class Estimator(Component, System):
         return float(delay / factorial(derivative + 1) - self.sampling_period * np.sum(np.arange(len(a)) * a) / a.sum())
 
     def noise_gain(self, derivative: int = 1) -> float:
-        """Standard deviation of the derivative for white position noise of standard deviation one.
+        """Return the standard deviation of the derivative for white position noise of standard deviation one.
 
         The H2 norm (Σ w_i²)^½ of the filter's impulse response w.
         """
@@ -135,7 +135,7 @@ class Estimator(Component, System):
         return float(np.sqrt(energy))
 
     def plot(self) -> "Figure":
-        """Gain and delay of velocity and acceleration over frequency, against the ideal derivative."""
+        """Plot gain and delay of velocity and acceleration over frequency, against the ideal derivative."""
         from tarc.plotting.runs import estimator_figure
 
         return estimator_figure(self)
@@ -154,28 +154,28 @@ class WindowedEstimator(Estimator):
 
     @abstractmethod
     def weights(self, derivative: int) -> np.ndarray:
-        """Weights [s^−derivative] of the samples, newest first; for 0 they smooth, which no law uses."""
+        """Return the weights [s^−derivative] of the samples, newest first."""
 
     @property
     @abstractmethod
     def prediction(self) -> np.ndarray:
-        """Weights over the past window that predict the sample to come."""
+        """Return the weights over the past window that predict the next sample."""
 
     def transfer_function(self, derivative: int) -> tuple[np.ndarray, np.ndarray]:
-        """Numerator (the weights) and denominator one; a position is passed on as it was measured."""
+        """Return the weights as numerator and denominator one; derivative 0 is the measured position."""
         return (self.weights(derivative) if derivative else np.ones(1)), np.ones(1)
 
     def matched_torque_filter(self) -> "TorqueAverage":
-        """Synchronous weights c_j = T² Σ_{i≤j} w_i (j − i + ½) of the torques before this instant."""
+        """Return the filter with the weights c_j = T² Σ_{i≤j} w_i (j − i + ½) of past torques."""
         return TorqueAverage(synchronous_weights(self.weights(2), self.sampling_period))
 
     def init(self, position: Any) -> WindowState:
-        """State with the window full of the first position, shape (n,)."""
+        """Return the state with the window full of the first position, shape (n,)."""
         first = check.array("position", position)
         return WindowState(np.repeat(first[:, None], len(self.prediction), axis=1), first)
 
     def step(self, state: WindowState, value: Vector) -> tuple[WindowState, Estimate]:
-        """q̂^(j) = Σ_i w_i^(j) q(k − i); a missing sample is the window polynomial's own prediction."""
+        """Compute q̂^(j) = Σ_i w_i^(j) q(k − i); a missing sample is the window polynomial's own prediction."""
         valid = ops.finite(value)
         position = ops.where(valid, value, state.prediction)
         window = ops.shift_in(state.window, position)
@@ -184,13 +184,13 @@ class WindowedEstimator(Estimator):
 
     @cached_property
     def _table(self) -> np.ndarray:
-        """Columns: weights of the prediction, the velocity and the acceleration, zero where there is none."""
+        """Return the weights of prediction, velocity and acceleration as columns, zero where there is none."""
         acceleration = self.weights(2) if self.max_derivative > 1 else np.zeros(len(self.prediction))
         return np.stack([self.prediction, self.weights(1), acceleration], axis=1)
 
 
 def synchronous_weights(acceleration_weights: np.ndarray, period: float) -> np.ndarray:
-    """Torque weights c_j, newest first, that pair with acceleration weights w_i under zero-order hold.
+    """Return the torque weights c_j, newest first, that pair with acceleration weights w_i under zero-order hold.
 
     For q̈ held over each period, Σ_i w_i q(k−i) = Σ_j c_j q̈(k−1−j) with c_j = T² Σ_{i≤j} w_i (j − i + ½),
     j = 0 … N−1; Σ c_j = 1.
@@ -215,7 +215,7 @@ class TorqueAverage(System):
         self.pole = pole
 
     def init(self, torque: Vector) -> AverageState:
-        """State as if this torque, shape (n,), had always been applied."""
+        """Return the state as if this torque, shape (n,), had always been applied."""
         torque = check.array("torque", torque)
         return AverageState(np.repeat(torque[:, None], len(self.weights), axis=1), torque * self.weights.sum())
 

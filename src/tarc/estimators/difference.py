@@ -24,11 +24,11 @@ class BackwardDifference(WindowedEstimator):
 
     @property
     def max_derivative(self) -> int:
-        """Velocity and acceleration."""
+        """Return 2: velocity and acceleration."""
         return 2
 
     def weights(self, derivative: int) -> np.ndarray:
-        """Weights [s^−j] of the three newest samples, newest first."""
+        """Return the weights [s^−j] of the three newest samples, newest first."""
         return (
             np.array([[1.0, 0, 0], [1.0, -1, 0], [1.0, -2, 1]])[self._order(derivative)]
             / self.sampling_period**derivative
@@ -36,7 +36,7 @@ class BackwardDifference(WindowedEstimator):
 
     @property
     def prediction(self) -> np.ndarray:
-        """Linear extrapolation 2 q_{k−1} − q_{k−2}."""
+        """Return the weights of the linear extrapolation 2 q_{k−1} − q_{k−2}."""
         return np.array([2.0, -1.0, 0.0])
 
 
@@ -73,38 +73,38 @@ class FilteredDifference(Estimator):
 
     @property
     def max_derivative(self) -> int:
-        """Velocity and acceleration."""
+        """Return 2: velocity and acceleration."""
         return 2
 
     @property
     def pole(self) -> float:
-        """The filter's pole p = exp(−ω_c T)."""
+        """Return the filter's pole p = exp(−ω_c T)."""
         return float(np.exp(-self.cutoff * self.sampling_period))
 
     @property
     def difference(self) -> BackwardDifference:
-        """The differences before the filter."""
+        """Return the differences before the filter."""
         return BackwardDifference(period=self.sampling_period)
 
     def transfer_function(self, derivative: int) -> tuple[np.ndarray, np.ndarray]:
-        """Difference times (1 − p)/(1 − p z⁻¹); the position is passed as it is."""
+        """Return the difference times (1 − p)/(1 − p z⁻¹); the position is passed as it is."""
         weights = self.difference.weights(derivative)
         if derivative == 0:
             return weights, np.ones(1)
         return (1 - self.pole) * weights, np.array([1.0, -self.pole])
 
     def matched_torque_filter(self) -> TorqueAverage:
-        """The second difference's synchronous weights (½, ½), behind the same low-pass."""
+        """Return the weights (½, ½) of the second difference, behind the same low-pass."""
         return TorqueAverage(synchronous_weights(self.difference.weights(2), self.sampling_period), self.pole)
 
     def init(self, position: Any) -> FilteredState:
-        """State at rest at the first position, shape (n,)."""
+        """Return the state at rest at the first position, shape (n,)."""
         raw = self.difference.init(position)
         rest = np.zeros(raw.window.shape[0])
         return FilteredState(raw, rest, rest)
 
     def step(self, state: FilteredState, value: Vector) -> tuple[FilteredState, Estimate]:
-        """Differences of the newest samples, low-passed."""
+        """Filter the differences of the newest samples."""
         raw_state, raw = self.difference.step(state.raw, value)
         velocity = self.pole * state.velocity + (1 - self.pole) * raw.velocity
         acceleration = self.pole * state.acceleration + (1 - self.pole) * raw.acceleration

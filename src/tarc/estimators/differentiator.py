@@ -59,11 +59,11 @@ class RobustDifferentiator(Estimator):
 
     @property
     def max_derivative(self) -> int:
-        """Velocity and acceleration."""
+        """Return 2: velocity and acceleration."""
         return 2
 
     def transfer_function(self, derivative: int) -> tuple[np.ndarray, np.ndarray]:
-        """None: the differentiator is nonlinear."""
+        """Raise `TarcError`: the differentiator is nonlinear."""
         if self._order(derivative) == 0:
             return np.ones(1), np.ones(1)
         raise TarcError(
@@ -71,16 +71,16 @@ class RobustDifferentiator(Estimator):
         )
 
     def matched_torque_filter(self) -> TorqueAverage:
-        """None: there is no linear filter that pairs with it."""
+        """Raise `TarcError`: no linear filter has the delay of a nonlinear estimate."""
         raise TarcError("RobustDifferentiator: it has no averaged torque to go with it; use synchronised=False")
 
     def init(self, position: Any) -> DifferentiatorState:
-        """At rest at the first position, shape (n,)."""
+        """Return the state at rest at the first position, shape (n,)."""
         first = array("position", position)
         return DifferentiatorState(np.column_stack([first, 0 * first, 0 * first]))
 
     def step(self, state: DifferentiatorState, value: Vector) -> tuple[DifferentiatorState, Estimate]:
-        """One step of either scheme; a missing sample leaves the Taylor prediction."""
+        """Step either scheme; a missing sample leaves the Taylor prediction."""
         valid = ops.finite(value)
         z0, z1, z2 = (state.motion[:, i] for i in range(3))
         T = self.sampling_period

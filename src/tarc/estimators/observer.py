@@ -36,7 +36,7 @@ class Observer(Estimator):
 
     @property
     def max_derivative(self) -> int:
-        """Velocity and acceleration."""
+        """Return 2: velocity and acceleration."""
         return 2
 
     @property
@@ -61,7 +61,7 @@ class Observer(Estimator):
         return np.asarray(numerator)[0], np.asarray(denominator)
 
     def matched_torque_filter(self) -> "TorqueFilter":
-        """What the observer makes of an acceleration, as a filter from torques before this instant.
+        """Return the response of the acceleration estimate to past torques, as a filter.
 
         z H(z) T² (z + 1)/(2 (z − 1)²) for the H of the acceleration, whose two zeros at z = 1 cancel; the z since the
         newest torque acted in the period before this instant.
@@ -72,7 +72,7 @@ class Observer(Estimator):
         return TorqueFilter(np.append(late, np.zeros(len(denominator) - len(late))), denominator)
 
     def init(self, position: Any) -> ObserverState:
-        """At rest at the first position, shape (n,)."""
+        """Return the state at rest at the first position, shape (n,)."""
         first = array("position", position)
         return ObserverState(np.column_stack([first, 0 * first, 0 * first]))
 
@@ -99,7 +99,7 @@ class TorqueFilter(System):
         self.b, self.a = numerator / denominator[0], denominator / denominator[0]
 
     def init(self, torque: Vector) -> FilterState:
-        """State as if this torque, shape (n,), had always been applied."""
+        """Return the state as if this torque, shape (n,), had always been applied."""
         from scipy.signal import lfilter_zi
 
         return FilterState(np.outer(array("torque", torque), lfilter_zi(self.b, self.a)))

@@ -1,4 +1,4 @@
-"""The truth in an estimator's place, for simulations that ask what estimating costs."""
+"""True derivatives in place of estimates, to measure in simulation what estimation costs."""
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -13,7 +13,7 @@ from tarc.estimators.base import Estimate, Estimator, TorqueAverage
 
 
 class OracleState(NamedTuple):
-    """Last position measured, and what the simulation tells: velocity and acceleration, each of shape (n,)."""
+    """Last position measured, true velocity and acceleration, each of shape (n,)."""
 
     position: Vector
     velocity: Vector
@@ -37,7 +37,7 @@ class TrueDerivatives(Estimator):
 
     @property
     def max_derivative(self) -> int:
-        """Velocity and acceleration."""
+        """Return 2: velocity and acceleration."""
         return 2
 
     def transfer_function(self, derivative: int) -> tuple[np.ndarray, np.ndarray]:
@@ -56,19 +56,19 @@ class TrueDerivatives(Estimator):
         )
 
     def init(self, position: Any) -> OracleState:
-        """At the first position, shape (n,); no numbers for the rest until the simulation tells."""
+        """Return the state at a first position, shape (n,); derivatives are NaN until the simulation sets them."""
         first = check.array("position", position)
         return OracleState(first, np.full(first.shape, np.nan), np.full(first.shape, np.nan))
 
     def step(self, state: OracleState, value: Vector) -> tuple[OracleState, Estimate]:
-        """What the simulation told; a missing sample is the last position moved on by the true velocity."""
+        """Return the true derivatives; a missing sample is extrapolated with the true velocity."""
         valid = ops.finite(value)
         position = ops.where(valid, value, state.position + self.sampling_period * state.velocity)
         return state._replace(position=position), Estimate(position, state.velocity, state.acceleration, valid)
 
 
 def refuse_oracle(estimator: Estimator) -> None:
-    """Raise `TarcError` for the oracle, where no simulation tells it the truth."""
+    """Raise `TarcError` for the oracle, where no simulation sets the true derivatives."""
     if isinstance(estimator, TrueDerivatives):
         raise TarcError(
             "estimator: TrueDerivatives exists in simulation alone, where tarc.simulate hands it the truth; give the "

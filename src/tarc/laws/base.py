@@ -1,4 +1,4 @@
-"""What every law does: reference and positions in, torque out, never a NaN."""
+"""Base of the laws: reference and positions in, torque out, never a NaN."""
 
 from abc import abstractmethod
 from collections.abc import Callable
@@ -20,7 +20,7 @@ from tarc.estimators.base import Estimate, Estimator
 
 
 class LawInput(NamedTuple):
-    """All that a law is handed, each of shape (n,): the measured position and the reference with derivatives."""
+    """Input of a law, each of shape (n,): the measured position and the reference with derivatives."""
 
     position: Vector
     reference: Vector
@@ -29,14 +29,14 @@ class LawInput(NamedTuple):
 
 
 class LawOutput(NamedTuple):
-    """The torque to apply [N m or N], shape (n,), and what is worth recording, by name."""
+    """The torque to apply [N m or N], shape (n,), and the signals to record, by name."""
 
     torque: Vector
     signals: dict[str, Vector]
 
 
 class ControlInput(NamedTuple):
-    """What a law's equation reads: estimates, errors e1 and v̂ − q̇ᵈ, acceleration reference, the torque that acted in
+    """Input of a law's equation: estimates, errors e1 and v̂ − q̇ᵈ, acceleration reference, the torque that acted in
     the period before, and whether the law has given up.
     """
 
@@ -76,7 +76,7 @@ class Law(Component, System):
     estimator
         Where velocity and acceleration come from.
     torque_limit
-        Largest magnitude [N m or N], one number or one a joint, infinite for a joint without; None for no limit.
+        Largest magnitude [N m or N], one number or one per joint, infinite for a joint without; None for no limit.
     max_missing
         How many samples in a row may be missing (NaN, infinite) before the law gives up tracking. Until then the
         estimator's own prediction stands in. After it, the safe torque is applied until the next reset.
@@ -139,25 +139,25 @@ class Law(Component, System):
     @property
     @abstractmethod
     def n_joints(self) -> int:
-        """How many joints n it drives."""
+        """Return the number of joints n."""
 
     @abstractmethod
     def initial_state(self, torque: np.ndarray) -> Any:
-        """The law's own state before the first step, after the torque (n,) was applied at rest."""
+        """Return the law's own state before the first step, after the torque (n,) was applied at rest."""
 
     @abstractmethod
     def control(self, memory: Any, tracking: ControlInput) -> tuple[Any, Vector, dict[str, Vector]]:
-        """The law's equation: next memory, torque before limits, signals to record."""
+        """Evaluate the law's equation: next memory, torque before limits, signals to record."""
 
     @cached_property
     def torque_limits(self) -> np.ndarray:
-        """Torque limit a joint, shape (n,); `tarc.core.array_ops.HUGE` where there is none."""
+        """Return the torque limit of each joint, shape (n,); `HUGE` of `array_ops` where there is none."""
         given = ops.HUGE if self.torque_limit is None else self.torque_limit
         finite = [ops.HUGE if np.isposinf(one) else one for one in np.ravel(check.float_array("torque_limit", given))]
         return check.vector("torque_limit", finite if np.ndim(given) else finite[0], self.n_joints, 0, strict=True)
 
     def init(self, position: Any, torque: Any = 0.0) -> LawState:
-        """State at rest at a first position [rad or m], shape (n,), with a torque already applied [N m or N]."""
+        """Return the state at rest at a position [rad or m] with a torque applied [N m or N], each (n,)."""
         position = check.vector("position", position, self.n_joints)
         torque = check.vector("torque", torque, self.n_joints)
         torque = np.clip(torque, -self.torque_limits, self.torque_limits)
@@ -166,12 +166,12 @@ class Law(Component, System):
         return LawState(self.estimator.init(position), self.initial_state(torque), past, position, position, zero, zero)
 
     def example(self) -> tuple[LawState, LawInput]:
-        """A state and an input of the right shapes, all zero but valid: what tracing starts from."""
+        """Return a state and an input with the shapes to trace, at zero."""
         rest = np.zeros(self.n_joints)
         return self.init(rest), LawInput(rest, rest, rest, rest)
 
     def step(self, state: LawState, value: LawInput) -> tuple[LawState, LawOutput]:
-        """One control period."""
+        """Run one control period."""
         estimator, estimate = self.estimator.step(state.estimator, value.position)
         reference_ok = ops.all_finite(value.reference, value.velocity_reference, value.acceleration_reference)
         reference = ops.where(reference_ok, value.reference, state.reference)

@@ -25,7 +25,7 @@ class ComputedTorque(ModelBased):
         The robot that M and N are taken from: any of `tarc.plants`, such as the true one with another payload. In a
         scenario, ``robot`` is the scenario's own.
     natural_frequency, damping_ratio
-        ωn [rad/s] and ζ, one number or one a joint.
+        ωn [rad/s] and ζ, one number or one per joint.
 
     Notes
     -----

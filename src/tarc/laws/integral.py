@@ -11,14 +11,14 @@ from tarc.laws.pole_placement import PolePlacement
 
 
 class IntegralState(NamedTuple):
-    """The integral [rad/s² or m/s²], shape (n,), and the torques asked for, newest first, shape (n, d + 1)."""
+    """The integral [rad/s² or m/s²], shape (n,), and the torques commanded, newest first, shape (n, d + 1)."""
 
     integral: Vector
     torque_command: Vector
 
 
 def start(law: PolePlacement, torque: np.ndarray, *, bumpless: bool = True) -> IntegralState:
-    """State after a torque (n,) was applied at rest, which the integral goes on giving if it is to be bumpless."""
+    """Return the state after a torque (n,) was applied at rest; if bumpless, the integral equals that torque."""
     first = np.linalg.solve(law.M, torque) if bumpless else np.zeros(law.n_joints)
     return IntegralState(first, np.repeat(torque[:, None], law.actuation_delay + 1, axis=1))
 
@@ -36,13 +36,13 @@ def integrate(
     """
     if not anti_windup_gain:
         return 0 * tracking.error
-    refused = np.linalg.inv(law.M) @ (tracking.past_torque - state.torque_command[:, -1])
+    limited = np.linalg.inv(law.M) @ (tracking.past_torque - state.torque_command[:, -1])
     new = state.integral + law.period * (
-        ops.where_or_zero(ops.logical_not(tracking.fault), rate) + anti_windup_gain * refused
+        ops.where_or_zero(ops.logical_not(tracking.fault), rate) + anti_windup_gain * limited
     )
     return ops.where(ops.finite(new), new, state.integral)
 
 
 def remember(state: IntegralState, integral: Any, torque: Vector) -> IntegralState:
-    """The next state, with the torque that is asked for now."""
+    """Return the next state, with the torque commanded now."""
     return IntegralState(integral, ops.shift_in(state.torque_command, ops.where_or_zero(ops.finite(torque), torque)))

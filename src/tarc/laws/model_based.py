@@ -1,4 +1,4 @@
-"""What laws that are handed a model of the robot share."""
+"""Base of the laws with a model of the robot."""
 
 from abc import abstractmethod
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ class ModelBased(Law):
     model
         A robot of `tarc.plants`, as the law believes it to be; in a scenario, ``robot`` is the scenario's own.
     natural_frequency
-        ωn [rad/s], one number or one a joint.
+        ωn [rad/s], one number or one per joint.
     """
 
     model: Plant
@@ -42,21 +42,21 @@ class ModelBased(Law):
 
     @property
     def n_joints(self) -> int:
-        """How many joints n it drives, told by the model."""
+        """Return the number of joints n, that of the model."""
         return self.model.n_joints
 
     @cached_property
     def omega(self) -> np.ndarray:
-        """ωn [rad/s], shape (n,)."""
+        """Return ωn [rad/s], shape (n,)."""
         return check.vector("natural_frequency", self.natural_frequency, self.n_joints, 0, strict=True)
 
     @abstractmethod
     def control(self, memory: Any, tracking: ControlInput) -> tuple[Any, Vector, dict[str, Vector]]:
-        """The law's equation."""
+        """Evaluate the law's equation."""
 
 
 def inertia_and_bias(model: Plant, position: Any, velocity: Any) -> tuple[Any, Any]:
-    """M(q), shape (n, n), and N(q, q̇), shape (n,), of a robot at numbers or at CasADi symbols.
+    """Return M(q), shape (n, n), and N(q, q̇), shape (n,), of a robot at numbers or at CasADi symbols.
 
     A robot from a file is called through CasADi: 30 microseconds or so, by finite differences where it is
     differentiated, and it cannot be compiled. Its bias has no dry friction, which MuJoCo makes a constraint.
@@ -79,23 +79,23 @@ class _RigidBodyCallback(ca.Callback):
         self.construct("rigid_body", {"enable_fd": True})
 
     def get_n_in(self) -> int:
-        """Position and velocity."""
+        """Return 2: position and velocity."""
         return 2
 
     def get_n_out(self) -> int:
-        """Inertia and bias."""
+        """Return 2: inertia and bias."""
         return 2
 
     def get_sparsity_in(self, i: int) -> ca.Sparsity:
-        """Vectors."""
+        """Return the sparsity of a vector."""
         return ca.Sparsity.dense(self._n, 1)
 
     def get_sparsity_out(self, i: int) -> ca.Sparsity:
-        """A matrix and a vector."""
+        """Return the sparsity of a matrix and of a vector."""
         return ca.Sparsity.dense(self._n, 1 if i else self._n)
 
     def eval(self, arg: Sequence[ca.DM]) -> list[Any]:
-        """MuJoCo's own; nothing but NaN where an input is no number that it could bear."""
+        """Evaluate by MuJoCo; return NaN where the magnitude of an input is 1e9 or more."""
         q, v = (np.array(one)[:, 0] for one in arg)
         M, data = np.full((self._n, self._n), np.nan), self._data
         if not (np.all(np.abs(q) < 1e9) and np.all(np.abs(v) < 1e9)):

@@ -51,7 +51,7 @@ class PID(PolePlacement):
         return 0.0
 
     def initial_state(self, torque: np.ndarray) -> IntegralState:
-        """The integral that gives the torque already applied; zero for PD, which would never forget it."""
+        """Return the integral that gives the torque already applied; zero for PD, where it would never decay."""
         return start(self, torque, bumpless=self.integral_gain > 0)
 
     def control(self, memory: IntegralState, tracking: ControlInput) -> tuple[IntegralState, Vector, dict[str, Vector]]:

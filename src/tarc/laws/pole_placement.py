@@ -24,9 +24,9 @@ class PolePlacement(Law):
     inertia
         M̂ [kg m² or kg], symmetric positive definite: a matrix, a vector for a diagonal, or one number for one joint.
     natural_frequency, damping_ratio
-        ωn [rad/s] and ζ, one number or one a joint: K1 = ωn², K2 = 2 ζ ωn.
+        ωn [rad/s] and ζ, one number or one per joint: K1 = ωn², K2 = 2 ζ ωn.
     position_gain, velocity_gain
-        K1 [1/s²] and K2 [1/s] themselves, instead: one number, one a joint, or a matrix; A must be Hurwitz, as it
+        K1 [1/s²] and K2 [1/s] themselves, instead: one number, one per joint, or a matrix; A must be Hurwitz, as it
         is whenever both are symmetric positive definite.
 
     Raises

@@ -44,7 +44,7 @@ class ProjectionARC(ModelBased):
         has a value a joint adapts each of them. Dynamics must be affine in them together: masses, or payload, or
         friction, but not masses and lengths.
     natural_frequency
-        ωn [rad/s], one number or one a joint. With p̂ right and one ωn, both poles of the error lie there.
+        ωn [rad/s], one number or one per joint. With p̂ right and one ωn, both poles of the error lie there.
     adaptation_gain
         Γ over the squared ranges [1/J]: 0 for none.
     robust_fraction
@@ -162,13 +162,13 @@ class ProjectionARC(ModelBased):
         return ca.Function("model_torque", arguments, [rest, regressor, model.evaluate("inertia", q)], {"cse": True})
 
     def initial_state(self, torque: np.ndarray) -> ParameterState:
-        """The model's own parameters."""
+        """Return the model's own parameters."""
         return ParameterState(self.nominal)
 
     def control(
         self, memory: ParameterState, tracking: ControlInput
     ) -> tuple[ParameterState, Vector, dict[str, Vector]]:
-        """The model's torque at p̂, feedback and robust term; and the adaptation of p̂."""
+        """Sum the model's torque at p̂, feedback and robust term; adapt p̂."""
         estimate, old = tracking.estimate, memory.adapted
         s = tracking.error_rate + self.omega * tracking.error
         rate = estimate.velocity - s

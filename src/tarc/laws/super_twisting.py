@@ -76,7 +76,7 @@ class SuperTwisting(PolePlacement):
         return self.switch_gain * self.disturbance_rate
 
     def initial_state(self, torque: np.ndarray) -> IntegralState:
-        """The integral that gives the torque already applied."""
+        """Return the integral that gives the torque already applied."""
         return start(self, torque)
 
     def control(self, memory: IntegralState, tracking: ControlInput) -> tuple[IntegralState, Vector, dict[str, Vector]]:

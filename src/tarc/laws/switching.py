@@ -63,7 +63,7 @@ class Switching(TDE):
 
     @property
     def uses_tde(self) -> bool:
-        """As `time_delay` says."""
+        """Return `time_delay`."""
         return self.time_delay
 
     @property
@@ -73,7 +73,7 @@ class Switching(TDE):
 
     @abstractmethod
     def adapt(self, gain: Vector, size: Vector) -> Vector:
-        """The gain of the next period, from the present one and ‖s‖."""
+        """Return the gain of the next period, from the present one and ‖s‖."""
 
     @cached_property
     def Lambda(self) -> np.ndarray:
@@ -85,7 +85,7 @@ class Switching(TDE):
         return error_rate + self.Lambda @ error
 
     def robust_init(self) -> SwitchingState:
-        """The gain to start with."""
+        """Return the initial gain."""
         return SwitchingState(np.array(float(self.start_gain)))
 
     def robust(self, state: SwitchingState, tracking: ControlInput) -> tuple[SwitchingState, Vector, dict[str, Vector]]:

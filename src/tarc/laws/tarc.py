@@ -46,7 +46,7 @@ class TARC(TDE):
     gain_factor
         α ≥ 1.
     initial_gain
-        ĉ(0) [rad/s²], above the floor; None for twice the floor.
+        ĉ(0) [rad/s²], above ``min_gain``; None for twice ``min_gain``.
     max_gain
         Largest gain [rad/s²]; None for none. The boundedness argument in print has a gap, and the gain can run away
         for a large rise with a small boundary.
@@ -139,7 +139,7 @@ class TARC(TDE):
 
     @property
     def robust_slope_bound(self) -> float:
-        """α ĉ ‖P2‖/ε at the cap; infinite without one."""
+        """Return α ĉ ‖P2‖/ε at ĉ = ``max_gain``; infinite without one."""
         highest = np.inf if self.max_gain is None else self.max_gain
         return self.gain_factor * highest / self.boundary_layer * float(np.linalg.norm(self.P2, 2))
 
@@ -148,7 +148,7 @@ class TARC(TDE):
         return self.P2 @ error
 
     def robust_init(self) -> GainState:
-        """The initial gain, and no error before the start."""
+        """Return the initial gain, and zero ‖s‖ before the start."""
         return GainState(np.array(self.start_gain), np.zeros((1, self.delay_periods)))
 
     def robust(self, state: GainState, tracking: ControlInput) -> tuple[GainState, Vector, dict[str, Vector]]:

@@ -72,7 +72,7 @@ class Plant(ABC):
 
     @abstractmethod
     def with_parameters(self, values: dict[str, Any]) -> Self:
-        """The same robot with other `parameters`, by name."""
+        """Return the same robot with other `parameters`, by name."""
 
     @abstractmethod
     def bias(self, position: Any, velocity: Any) -> np.ndarray:
@@ -120,5 +120,7 @@ class Plant(ABC):
         """Mean of M(q) over the columns of positions (n, k): the nominal inertia along a path, shape (n, n)."""
         columns = check.array("positions", positions)
         if columns.ndim != 2 or columns.shape[0] != self.n_joints:
-            raise TarcError(f"positions: got shape {columns.shape}; needs ({self.n_joints}, k), a position a column")
+            raise TarcError(
+                f"positions: got shape {columns.shape}; needs ({self.n_joints}, k), one position per column"
+            )
         return np.mean([self.inertia(column) for column in columns.T], axis=0)

@@ -107,7 +107,7 @@ class EulerLagrange(Component, Plant):
         }
 
     def with_parameters(self, values: dict[str, Any]) -> Self:
-        """The same plant with other fields."""
+        """Return the same plant with other fields."""
         for name in values:
             check.one_of("parameters", name, self.parameters)
         return replace(self, **values)
@@ -168,7 +168,7 @@ class EulerLagrange(Component, Plant):
         return self.evaluate("gravity", position if ops.symbolic(position) else self._position(position))
 
     def spread(self, name: str, low: float = -np.inf, *, strict: bool = False) -> None:
-        """Check a field that has one number a joint; one number stands for all."""
+        """Check a field that has one number per joint; one number stands for all."""
         numbers = check.vector(name, getattr(self, name), self.n_joints, low, strict=strict)
         object.__setattr__(self, name, tuple(numbers.tolist()))
 

@@ -35,7 +35,7 @@ class MujocoPlant(Plant):
     """A robot whose joints are all hinges and slides, simulated by MuJoCo. Made by `from_file`.
 
     Torque acts on the joints directly; actuators in the file are removed and their limits kept as
-    `torque_limits`. Contacts are off unless asked for.
+    `torque_limits`. Contacts are off by default.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class MujocoPlant(Plant):
             raise TarcError(
                 f"{label}: its inertia matrix is singular (smallest eigenvalue {values[0]:.2g}): link {link!r} has no "
                 f"inertia about its joint {self.joint_names[loosest]}; such links need rotor inertia: give "
-                "armature=0.1, or one number a joint, or correct the link's <inertial>"
+                "armature=0.1, or one number per joint, or correct the link's <inertial>"
             )
 
     def _middles(self) -> np.ndarray:
@@ -109,7 +109,7 @@ class MujocoPlant(Plant):
         joints
             Names of the joints to control; None for all hinges and slides. The plant's own order is the file's.
         armature, viscous, coulomb
-            Rotor inertia [kg m²], viscous [N m s/rad] and Coulomb friction [N m], one number or one a joint in the
+            Rotor inertia [kg m²], viscous [N m s/rad] and Coulomb friction [N m], one number or one per joint in the
             order of ``joints`` (of the file, if that is None); None keeps what the file has.
         payload
             Mass at the tool [kg].
@@ -221,7 +221,7 @@ class MujocoPlant(Plant):
         }
 
     def with_parameters(self, values: dict[str, Any]) -> "MujocoPlant":
-        """The same robot with another payload, armature or friction."""
+        """Return the same robot with another payload, armature or friction."""
         import copy
 
         for name in values:
@@ -248,7 +248,7 @@ class MujocoPlant(Plant):
         mujoco.mj_setConst(model, self._scratch)
 
     def copy_model(self) -> mujoco.MjModel:
-        """A model to simulate with, whose parameters may change without changing this plant."""
+        """Return a copy of the model, whose parameters may change without changing this plant."""
         import copy
 
         return copy.copy(self.model)
@@ -301,7 +301,7 @@ class MujocoPlant(Plant):
         mujoco.mj_comPos(self.model, self._scratch)
 
     def _inverse(self, velocity: np.ndarray) -> np.ndarray:
-        """M(q) q̈ + N(q, q̇) at the place and acceleration set, rotor inertia and dry friction apart."""
+        """M(q) q̈ + N(q, q̇) at the place and acceleration set, without rotor inertia and dry friction."""
         model, data, torque = self.model, self._scratch, np.zeros(self.n_joints)
         data.qvel[:] = velocity
         mujoco.mj_comVel(model, data)

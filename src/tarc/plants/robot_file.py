@@ -26,7 +26,7 @@ def shipped_robots() -> list[str]:
 
 
 def find_robot(path: str | Path) -> Path:
-    """The file itself, or one of the shipped robots by name (``ur5e`` or ``ur5e.xml``)."""
+    """Return the file itself, or one of the shipped robots by name (``ur5e`` or ``ur5e.xml``)."""
     here = Path(path).expanduser()
     shipped = Path(str(files("tarc.plants").joinpath("robots")))
     for candidate in (here, shipped / here.name, shipped / f"{here.name}.xml"):
@@ -41,7 +41,7 @@ def find_robot(path: str | Path) -> Path:
 
 @contextmanager
 def without_log_file() -> Iterator[None]:
-    """Keep MuJoCo from writing MUJOCO_LOG.TXT into the user's folder; a run's own status tells of divergence."""
+    """Keep MuJoCo from writing MUJOCO_LOG.TXT into the user's folder; the status of a run reports divergence."""
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda message: None)
     try:
@@ -51,7 +51,7 @@ def without_log_file() -> Iterator[None]:
 
 
 def compile_model(spec: mujoco.MjSpec, label: str) -> mujoco.MjModel:
-    """The model; moving links without mass get a mass too small to matter, which MuJoCo insists on."""
+    """Compile the model; moving links without mass get 1e-9 kg, since MuJoCo requires a mass."""
     try:
         return spec.compile()
     except ValueError as error:
@@ -65,7 +65,7 @@ def compile_model(spec: mujoco.MjSpec, label: str) -> mujoco.MjModel:
 
 
 def _refused(spec: mujoco.MjSpec, label: str, error: ValueError) -> str:
-    """What MuJoCo has against a model; in its place the link whose inertia no body can have, where there is one."""
+    """Return why a model is refused: the link with an impossible inertia, else MuJoCo's own message."""
     for body in spec.bodies:
         a, b, c = moments = _moments(body)
         if a + b < c and not spec.compiler.balanceinertia:
@@ -124,7 +124,7 @@ def _line(error: Exception) -> str:
 
 
 def _parsed(file: Path) -> ET.Element:
-    """The root of the file, MJCF or URDF."""
+    """Parse the file and return its root, MJCF or URDF."""
     needs = "needs MJCF or URDF"
     try:
         content = file.read_bytes()
@@ -178,7 +178,7 @@ def _check_tree(root: ET.Element, file: Path) -> None:
 
 
 def read_specification(file: Path) -> mujoco.MjSpec:
-    """The file as a MuJoCo specification, actuators, keyframes aside, meshes of a URDF left out."""
+    """Read the file as a MuJoCo specification, without the meshes of a URDF."""
     root = _parsed(file)
     try:
         if root.tag == "mujoco":
@@ -196,7 +196,7 @@ def read_specification(file: Path) -> mujoco.MjSpec:
 
 
 def speed_limits(file: Path) -> dict[str, float]:
-    """The velocity limits of a URDF's joints [rad/s or m/s], by name; MuJoCo does not keep them, and MJCF has none."""
+    """Return the velocity limits of a URDF's joints [rad/s or m/s], by name; MuJoCo drops them, MJCF has none."""
     root, found = _parsed(file), {}
     for joint in root.findall("joint") if root.tag == "robot" else ():
         limit = joint.find("limit")
@@ -310,7 +310,7 @@ def _home(spec: mujoco.MjSpec) -> dict[str, float]:
 
 
 def _largest_torque(actuator: Any) -> float | None:
-    """What an actuator can give its joint, by its force range or a motor's control range; None if unlimited."""
+    """Return the largest torque of an actuator, by its force range or a motor's control range; None if unlimited."""
     if actuator.trntype != mujoco.mjtTrn.mjTRN_JOINT:
         return None
     low, high = np.abs(np.asarray(actuator.forcerange) * actuator.gear[0])

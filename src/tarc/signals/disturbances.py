@@ -32,7 +32,7 @@ class Disturbance(Component):
 
     @abstractmethod
     def profile(self, times: np.ndarray, n_joints: int, rng: np.random.Generator) -> np.ndarray:
-        """The torque for an amplitude of one, shape (k,) or (n, k)."""
+        """Return the torque for an amplitude of one, shape (k,) or (n, k)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,7 +48,7 @@ class Step(Disturbance):
             raise TarcError(f"stop_time: got {self.stop_time!r}; needs a time after start_time = {self.start_time:g}")
 
     def profile(self, times: np.ndarray, n_joints: int, rng: np.random.Generator) -> np.ndarray:
-        """One inside the interval."""
+        """Return one inside the interval, else zero."""
         return ((times >= self.start_time - 1e-9) & (times < self.stop_time - 1e-9)).astype(float)
 
 
@@ -61,7 +61,7 @@ class Sine(Disturbance):
     start_time: float = 0.0
 
     def profile(self, times: np.ndarray, n_joints: int, rng: np.random.Generator) -> np.ndarray:
-        """The sine."""
+        """Return the sine."""
         return np.where(times >= self.start_time - 1e-9, np.sin(self.frequency * times + self.phase), 0.0)
 
 
@@ -72,7 +72,7 @@ class Impulse(Disturbance):
     start_time: float
 
     def profile(self, times: np.ndarray, n_joints: int, rng: np.random.Generator) -> np.ndarray:
-        """1/step in the plant step that holds the instant, so that the integral is one."""
+        """Return 1/step in the plant step that holds the instant, so that the integral is one."""
         step = times[1] - times[0] if len(times) > 1 else 1.0
         inside = (times <= self.start_time + 1e-9) & (self.start_time + 1e-9 < times + step)
         return inside / step
@@ -104,7 +104,7 @@ class BandNoise(Disturbance):
             )
 
     def profile(self, times: np.ndarray, n_joints: int, rng: np.random.Generator) -> np.ndarray:
-        """Filtered white noise of unit standard deviation."""
+        """Return filtered white noise of unit standard deviation."""
         from scipy.signal import butter, sosfiltfilt
 
         step = times[1] - times[0] if len(times) > 1 else 1.0
@@ -139,7 +139,7 @@ class Schedule(Component):
         [s], increasing; before the first the plant's own value holds.
     values
         One number, or one list in the parameter's shape, a time.
-    linear
+    interpolate
         Interpolate between the times (from the first on) instead of stepping.
     """
 
@@ -184,5 +184,5 @@ class Payload(Component):
 
     @property
     def schedule(self) -> Schedule:
-        """The same as a `Schedule`."""
+        """Return the same change as a `Schedule`."""
         return Schedule(parameter="payload", times=[self.start_time], values=[self.mass])

@@ -22,16 +22,16 @@ class Reference(Component):
     @property
     @abstractmethod
     def n_joints(self) -> int:
-        """How many joints."""
+        """Return the number of joints n."""
 
     @abstractmethod
     def sample(self, times: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Position, velocity and acceleration [rad or m, /s, /s²] at the times (k,), each of shape (n, k)."""
+        """Return position, velocity and acceleration [rad or m, /s, /s²] at the times (k,), each of shape (n, k)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sinusoid(Reference):
-    """qᵈ = offset + amplitude sin(frequency t + phase), one number or one a joint each.
+    """qᵈ = offset + amplitude sin(frequency t + phase), one number or one per joint each.
 
     Parameters
     ----------
@@ -59,11 +59,11 @@ class Sinusoid(Reference):
 
     @property
     def n_joints(self) -> int:
-        """How many joints."""
+        """Return the number of joints n."""
         return self._table.shape[1]
 
     def sample(self, times: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Position, velocity, acceleration, each of shape (n, k)."""
+        """Return position, velocity and acceleration, each of shape (n, k)."""
         amplitude, frequency, phase, offset = (row[:, None] for row in self._table)
         angle = frequency * np.asarray(times, dtype=float) + phase
         wave, slope = amplitude * np.sin(angle), amplitude * np.cos(angle)
@@ -83,7 +83,7 @@ class Multisine(Reference):
     phase
         [rad], shape (n, m); None for Schroeder's phases −π m²/M, shifted from joint to joint, which keep the crest low.
     offset
-        [rad or m], one number or one a joint.
+        [rad or m], one number or one per joint.
     """
 
     amplitude: Numbers | Table
@@ -102,7 +102,9 @@ class Multisine(Reference):
         if amplitude.ndim == 1:
             amplitude = np.repeat(amplitude[:, None], tones, axis=1)
         if amplitude.shape[1] != tones:
-            raise TarcError(f"amplitude: got shape {amplitude.shape}; needs (joints, {tones}), a column a frequency")
+            raise TarcError(
+                f"amplitude: got shape {amplitude.shape}; needs (joints, {tones}), one column per frequency"
+            )
         n = len(amplitude)
         if self.phase is None:
             m = np.arange(1, tones + 1)
@@ -115,11 +117,11 @@ class Multisine(Reference):
 
     @property
     def n_joints(self) -> int:
-        """How many joints."""
+        """Return the number of joints n."""
         return len(self._tables[0])
 
     def sample(self, times: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Position, velocity, acceleration, each of shape (n, k)."""
+        """Return position, velocity and acceleration, each of shape (n, k)."""
         amplitude, frequency, phase, offset = self._tables
         angle = np.multiply.outer(frequency, np.asarray(times, dtype=float))[None] + phase[..., None]
         sine, cosine = np.sin(angle), np.cos(angle)
@@ -135,10 +137,10 @@ class Chirp(Reference):
     Parameters
     ----------
     amplitude, offset
-        [rad or m], one number or one a joint.
-    start, stop
+        [rad or m], one number or one per joint.
+    start_frequency, stop_frequency
         [rad/s].
-    sweep
+    sweep_time
         Duration of the sweep [s].
     """
 
@@ -156,11 +158,11 @@ class Chirp(Reference):
 
     @property
     def n_joints(self) -> int:
-        """How many joints."""
+        """Return the number of joints n."""
         return np.atleast_1d(check.array("amplitude", self.amplitude)).size
 
     def sample(self, times: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Position, velocity, acceleration, each of shape (n, k)."""
+        """Return position, velocity and acceleration, each of shape (n, k)."""
         t = np.asarray(times, dtype=float)
         inside = np.minimum(t, self.sweep_time)
         rate = (self.stop_frequency - self.start_frequency) / self.sweep_time
@@ -183,10 +185,10 @@ class Quintic(Reference):
     Parameters
     ----------
     points
-        Way-points [rad or m], shape (k, n), a row a point.
+        Way-points [rad or m], shape (k, n), one row per point.
     times
         When each is passed [s], increasing, shape (k,).
-    stop
+    stop_at_points
         Come to rest at each way-point, instead of passing through with continuous derivatives up to the fourth.
     """
 
@@ -205,7 +207,7 @@ class Quintic(Reference):
         points = check.array("points", self.points)
         if points.ndim != 2 or len(points) != len(times) or len(points) < 2:
             raise TarcError(
-                f"points: got shape {points.shape} with {len(times)} times; needs (k, n), one row a time, two or more"
+                f"points: got shape {points.shape} with {len(times)} times; needs (k, n), one row per time, two or more"
             )
         if np.any(np.diff(times) <= 0):
             raise TarcError(f"times: got {times.tolist()}; must increase")
@@ -217,11 +219,11 @@ class Quintic(Reference):
 
     @property
     def n_joints(self) -> int:
-        """How many joints."""
+        """Return the number of joints n."""
         return np.shape(self.points)[1]
 
     def sample(self, times: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Position, velocity, acceleration, each of shape (n, k)."""
+        """Return position, velocity and acceleration, each of shape (n, k)."""
         return _sample_spline(self._curve, np.asarray(times, dtype=float), self.times[0], self.times[-1])
 
 
@@ -238,7 +240,7 @@ class Recorded(Reference):
     Parameters
     ----------
     path
-        CSV with a header or without, or a NumPy ``.npy`` array: the first column time [s], then one a joint
+        CSV with a header or without, or a NumPy ``.npy`` array: the first column time [s], then one per joint
         [rad or m]. At least six rows.
     """
 
@@ -277,9 +279,9 @@ class Recorded(Reference):
 
     @property
     def n_joints(self) -> int:
-        """How many joints."""
+        """Return the number of joints n."""
         return self._table.shape[1] - 1
 
     def sample(self, times: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Position, velocity, acceleration, each of shape (n, k); held before and after the record."""
+        """Return position, velocity and acceleration, each of shape (n, k); held before and after the record."""
         return _sample_spline(self._curve, np.asarray(times, dtype=float), self._table[0, 0], self._table[-1, 0])

@@ -32,13 +32,13 @@ class Encoder(Component, System):
     bits
         Resolution as bits over the span: steps of span / 2^bits.
     resolution
-        The step itself [rad or m], instead, one number or one a joint.
+        The step itself [rad or m], instead, one number or one per joint.
     span
         Travel that 2^bits steps cover [rad or m].
     noise
         Standard deviation of white Gaussian noise before quantisation [rad or m].
     delay
-        How many periods late the sample arrives.
+        Delay of a sample, in periods.
     dropout
         Probability that a joint's sample is lost; it reaches the law as NaN.
     """
@@ -64,13 +64,13 @@ class Encoder(Component, System):
 
     @property
     def step_size(self) -> np.ndarray:
-        """The step [rad or m], one number or one a joint; 0 for none."""
+        """Return the step [rad or m], one number or one per joint; 0 for none."""
         if self.bits is not None:
             return np.array(self.span / 2.0**self.bits)
         return np.array(0.0 if self.resolution is None else self.resolution, dtype=float)
 
     def sample_noise(self, n_joints: int, count: int, rng: np.random.Generator) -> np.ndarray:
-        """Noise for a whole run, shape (n, count), NaN where a sample is lost; the first one never is."""
+        """Draw the noise of a whole run, shape (n, count), NaN where a sample is lost; the first one never is."""
         noise = self.noise * rng.standard_normal((n_joints, count))
         if self.dropout:
             lost = rng.random((n_joints, count)) < self.dropout
@@ -79,16 +79,16 @@ class Encoder(Component, System):
         return noise
 
     def quantise(self, position: Any) -> Vector:
-        """The nearest step."""
+        """Round to the nearest step."""
         if not np.all(self.step_size > 0):
             return position
         return self.step_size * ops.floor(position / self.step_size + 0.5)
 
     def init(self, position: Any) -> Any:
-        """Samples under way, shape (n, delay + 1), all of them the first reading."""
+        """Return the delay line, shape (n, delay + 1), full of the first reading."""
         return np.repeat(self.quantise(check.array("position", position))[:, None], self.delay + 1, axis=1)
 
     def step(self, state: Any, value: EncoderInput) -> tuple[Any, Any]:
-        """The measured position, shape (n,)."""
+        """Return the next delay line and the measured position, shape (n,)."""
         queue = ops.shift_in(state, self.quantise(value.position + value.noise))
         return queue, queue[:, -1]
