@@ -387,7 +387,7 @@ def test_an_estimator_at_rest_sees_no_motion() -> None:
         (lambda: Algebraic(window=0.0), "window: got 0; needs a finite number above 0"),
         (lambda: Algebraic(window=0.01, degree=0), "degree: got 0; needs a whole number from 1 to 6"),
         (lambda: Algebraic(window=0.01, degree=7), "degree: got 7"),
-        (lambda: Algebraic(window=0.01).weights(1), r"Algebraic: it has no period yet; use \.at\(1e-3\)"),
+        (lambda: Algebraic(window=0.01).weights(1), r"Algebraic: it has no period yet; use \.with_period\(1e-3\)"),
         (lambda: FilteredDifference(cutoff=10.0).pole, "FilteredDifference: it has no period yet"),
         (lambda: BackwardDifference(period=T).with_period(2 * T), "period of 0.001 s, the law runs at 0.002 s"),
         (lambda: BackwardDifference().with_period(0.0), "period: got 0"),

@@ -39,7 +39,7 @@ class Algebraic(WindowedEstimator):
     Examples
     --------
     >>> from tarc.estimators import Algebraic
-    >>> Algebraic(window=0.002, degree=2).at(0.001).weights(2).round()   # second difference
+    >>> Algebraic(window=0.002, degree=2).with_period(0.001).weights(2).round()   # second difference
     array([ 1000000., -2000000.,  1000000.])
     """
 
