@@ -30,7 +30,7 @@ def forbid_search(monkeypatch):
     def never(*_, **__):
         raise AssertionError("the search began")
 
-    monkeypatch.setattr("tarc.design.selection.assess_candidates", never)
+    monkeypatch.setattr("tarc.design.synthesis.assess_candidates", never)
 
 
 def refusal_message(text, *options, name="arm.urdf"):
@@ -133,7 +133,7 @@ def test_ranges():
     endless = joint("slide", "base", "upper", "prismatic", '<limit effort="80" velocity="3"/>')
     message = refusal_message(arm(shoulder=endless))
     assert "the slide slide [m] has no range in the file; write one there" in message
-    assert "give a reach from the home posture" in message
+    assert "give joint_range, the distance from the home posture" in message
 
 
 def test_a_reach_stands_in_for_a_range_that_is_missing(folder):
@@ -148,8 +148,8 @@ def test_a_reach_stands_in_for_a_range_that_is_missing(folder):
 def test_torque_limits_missing(limit):
     text = arm(elbow=joint("elbow", "upper", "fore", inside=limit))
     message = refusal_message(text)
-    assert message.startswith("torque_limit: none is known for joint elbow, so that there is no budget")
-    assert "give torque_limit, or a bandwidth" in message
+    assert message.startswith("torque_limits: none is known for joint elbow, so that there is no budget")
+    assert "Give torque_limits, or a natural_frequency" in message
 
 
 def test_noise_without_any_torque_limit():
@@ -158,13 +158,13 @@ def test_noise_without_any_torque_limit():
         shoulder=joint("shoulder", "base", "upper", inside=EFFORTLESS),
     )
     message = refusal_message(text, "--noise", 0.02, "--natural-frequency", 10)
-    assert "noise: it is a share of the torque limit, and none is known; give torque_limit too" in message
+    assert "noise_budget: it is a share of the torque limit, and none is known; give torque_limits too" in message
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--payload", 5, 0], r"payload: got 5 to 0 kg; needs the least one first"),
+        (["--payload", 5, 0], r"payload: got 5 to 0 kg; needs the smallest first"),
         (["--payload", -1, 5], r"payload: got -1; needs a finite number of at least 0"),
         (["--tool", "frk"], r"tool 'frk' is no body or site of it\..* It has base, upper, fore"),
         (["--joints", "elbow,wirst"], r"no hinge or slide 'wirst'; it has shoulder, elbow"),
@@ -174,8 +174,8 @@ def test_noise_without_any_torque_limit():
         (["--speed", "1,2,3"], r"speed: got shape \(3,\); needs one number or 2 of them"),
         (["--speed", "nan"], r"speed: "),
         (["--speed", "fast"], r"--speed: got 'fast'; needs one number"),
-        (["--reach", 0], r"reach: got 0; needs a finite number above 0"),
-        (["--reach", -0.5], r"reach: got -0.5; needs a finite number above 0"),
+        (["--reach", 0], r"joint_range: got 0; needs a finite number above 0"),
+        (["--reach", -0.5], r"joint_range: got -0.5; needs a finite number above 0"),
         (["--rate", 0], r"--rate: got 0; needs a finite number above 0"),
         (["--natural-frequency", -3], r"natural_frequency: got -3; needs a finite number above 0"),
         (["--damping", 0], r"damping_ratio: got 0; needs a finite number above 0"),
@@ -183,8 +183,8 @@ def test_noise_without_any_torque_limit():
         (["--law", "pid"], r"--law: got 'pid'; known are tarc, tdc"),
         (["--computation-delay", -1], r"computation_delay: got -1; needs a whole number of at least 0"),
         (["--torque-limit", "80,x"], r"--torque-limit: got '80,x'; needs one number, or one a joint with commas"),
-        (["--torque-limit", "80,80,80"], r"torque_limit: got shape \(3,\); needs one number or 2 of them"),
-        (["--torque-limit", "0"], r"torque_limit: got \[0.0, 0.0\]; each must be above 0"),
+        (["--torque-limit", "80,80,80"], r"torque_limits: got shape \(3,\); needs one number or 2 of them"),
+        (["--torque-limit", "0"], r"torque_limits: got \[0.0, 0.0\]; each must be above 0"),
         (["--armature", "-0.1"], r"armature: got \[-0.1, -0.1\]; each must be at least 0"),
         (["--samples", 0], r"samples: got 0; needs a whole number of at least 1"),
         (["-o", "design.json"], r"out: got 'design.json'; needs the name of a YAML file, such as design\.yaml"),
@@ -205,7 +205,7 @@ def test_one_number_for_the_payload_is_a_matter_of_usage(folder):
 def test_a_perfect_encoder_needs_a_bandwidth(folder):
     (folder / "arm.urdf").write_text(arm())
     with pytest.raises(
-        TarcError, match="sensor: with a perfect one .* give bits, a resolution or noise, or a bandwidth"
+        TarcError, match="sensor: without measurement noise .* give the encoder bits, a resolution or noise"
     ):
         design_controller(MujocoPlant.from_file("arm.urdf"), sensor=Encoder())
 
@@ -242,7 +242,7 @@ SIDEWAYS = arm().replace('<origin xyz="0 0 0.4"/>', '<origin xyz="0 0 0.4" rpy="
 def test_too_weak_for_its_own_weight_at_home():
     message = refusal_message(SIDEWAYS, "--torque-limit", "7,5")
     assert (
-        "torque_limit: the robot cannot hold itself in its home posture q = (0, 0): joint shoulder needs 7.85"
+        "torque_limits: the robot cannot hold itself in its home posture q = (0, 0): joint shoulder needs 7.85"
         in message
     )
     assert "its limit is 7 N m" in message
@@ -265,8 +265,9 @@ def test_too_weak_elsewhere_is_a_warning(folder):
     assert held is not None
     assert held.at_home == pytest.approx(0, abs=1e-9)
     assert 1 < held.load < 7.85 / 7 + 1e-6
-    assert 0 < held.beyond < 0.5
-    (_, value, why) = assumptions([plant], joint_workspace(plant), limits, held, own=False)[-1]
+    assert 0 < held.share_beyond_limit < 0.5
+    choice = assumptions([plant], joint_workspace(plant), limits, held, own=False)[-1]
+    value, why = choice.value, choice.reason
     assert re.fullmatch(r"at most 1\d\d % of the torque limit", value)
     assert why.startswith("WARNING: joint shoulder takes 7.")
     assert "which the certificate excludes: keep away" in why
@@ -280,7 +281,10 @@ def test_what_the_file_leaves_open_is_said(folder):
     plant = MujocoPlant.from_file("arm.urdf", joints=None)
     assert plant.joint_names == ["shoulder", "elbow"]
     box = joint_workspace(plant)
-    found = {name: (value, why) for name, value, why in assumptions([plant], box, plant.torque_limits, None, own=True)}
+    found = {
+        choice.label: (choice.value, choice.reason)
+        for choice in assumptions([plant], box, plant.torque_limits, None, own=True)
+    }
     assert found["robot"][0] == "arm.urdf, 2 joints"
     assert "driven: shoulder, elbow; locked at zero: finger (mimics elbow)" in found["robot"][1]
     assert "no rotor inertia is known" in found["robot"][1]
@@ -288,8 +292,7 @@ def test_what_the_file_leaves_open_is_said(folder):
     assert "shoulder -3.142 to 3.142; elbow -2 to 2" in found["workspace"][1]
     assert "no range in the file for shoulder, which is taken to ±π, a whole turn" in found["workspace"][1]
     near = {
-        name: why
-        for name, _, why in assumptions([plant], joint_workspace(plant, 0.5), plant.torque_limits, None, own=True)
+        name: why for choice in assumptions([plant], joint_workspace(plant, 0.5), plant.torque_limits, None, own=True)
     }
     assert "each joint -0.5 to 0.5" in near["workspace"]
 
@@ -300,8 +303,8 @@ def test_where_the_payload_hangs_is_said(folder):
         plant = MujocoPlant.from_file("arm.urdf", tool=tool)
         heavy = [plant.with_parameters({"payload": mass}) for mass in (0.0, 3.0)]
         found = {
-            name: (value, why)
-            for name, value, why in assumptions(heavy, joint_workspace(plant), plant.torque_limits, None, own=True)
+            choice.label: (choice.value, choice.reason)
+            for choice in assumptions(heavy, joint_workspace(plant), plant.torque_limits, None, own=True)
         }
         assert found["payload"][0] == "0 to 3 kg"
         assert found["payload"][1].startswith(f"at {words};")

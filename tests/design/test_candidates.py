@@ -305,13 +305,8 @@ def test_a_spread_of_nothing_and_gains_that_make_no_law():
             assert certify_varying_ratio(
                 tdc_of_candidate(one), contains=(one.inertia_scale, one.inertia_scale)
             ).certified
-    assert (
-        assess_candidates(
-            enumerate_candidates(PERIOD, natural_frequencies=[10.0], windows=[5], damping_ratio=-1.0),
-            RobustnessSpec.from_spread(2.0),
-        )
-        == []
-    )
+    with pytest.raises(TarcError, match="damping_ratio"):
+        enumerate_candidates(PERIOD, natural_frequencies=[10.0], windows=[5], damping_ratio=-1.0)
 
 
 def test_demand():

@@ -8,7 +8,8 @@ import pytest
 from slow_cases import slow
 from tarc import plants
 from tarc.design import design_controller
-from tarc.design.selection import DEFAULT_NOISE_BUDGET, MAX_BUDGET_FACTOR
+from tarc.design.requirements import DEFAULT_NOISE_BUDGET
+from tarc.design.selection import MAX_BUDGET_FACTOR
 
 ARM = plants.TwoLinkArm()
 LIMITS = np.array([100.0, 50.0])

@@ -5,7 +5,7 @@ from source_facts import ROOT, annotations, functions, imports_inside_functions,
 
 PLOT_METHODS = {
     ("tarc.certificates.base", "tarc.plotting.certificates"),
-    ("tarc.design.selection", "tarc.plotting.design"),
+    ("tarc.design.result", "tarc.plotting.design"),
     ("tarc.estimators.base", "tarc.plotting.runs"),
     ("tarc.simulation.run", "tarc.plotting.runs"),
     ("tarc.study.comparison", "tarc.plotting.comparison"),

@@ -7,7 +7,7 @@ import numpy as np
 from tarc.analysis.inertia_ratio import Grid, ends_of, inverse_ratios, peaks_of, plants_of, top
 from tarc.analysis.workspace import Workspace
 from tarc.core import validation as check
-from tarc.core.errors import TarcError
+from tarc.core.errors import NotConverged
 from tarc.core.optional import require
 from tarc.plants.base import Plant
 
@@ -79,7 +79,7 @@ def best_inertia_shape(
         below, above = _joined(below, fresh_low), _joined(above, fresh_high)
         X, lower = _solve(below, above, mean, diagonal)
         bound = max(bound, lower)
-    raise TarcError(
+    raise NotConverged(
         f"best_shape: after {ROUNDS} rounds the spread {ratio:.4g} is still more than {tolerance:.2g} above its lower "
         f"bound {bound:.4g}; raise the tolerance or the number of samples"
     )
@@ -127,9 +127,9 @@ def _solve(below: np.ndarray, above: np.ndarray, mean: np.ndarray, diagonal: boo
             warnings.simplefilter("ignore")
             problem.solve(solver=cp.CLARABEL)
     except cp.SolverError as error:
-        raise TarcError(f"best_shape: the solver failed ({error}); try other samples, or more armature") from None
+        raise NotConverged(f"best_shape: the solver failed ({error}); try other samples, or more armature") from None
     if shape.value is None or t.value is None:
-        raise TarcError(f"best_shape: the solver ended {problem.status}; try other samples, or more armature")
+        raise NotConverged(f"best_shape: the solver ended {problem.status}; try other samples, or more armature")
     X = scale @ np.asarray(shape.value) @ scale.T
     duals = np.array([one.dual_value for one in constraints])
     bound = lower_bound(below, above, duals[: len(below)], duals[len(below) :], diagonal)

@@ -226,10 +226,8 @@ def design(
     from tarc.cli import tables
     from tarc.core import validation as check
     from tarc.core.errors import TarcError
-    from tarc.design import design_controller as choose
-    from tarc.design import stress_test as stands
-    from tarc.design.robot_facts import joint_workspace, velocity_limits
-    from tarc.design.writer import check_writable, save
+    from tarc.design import DesignRequirements, design_controller, stress_test
+    from tarc.design.writer import check_writable
     from tarc.plants import MujocoPlant
     from tarc.signals import Encoder
 
@@ -243,28 +241,25 @@ def design(
     )
     if noise is not None and not 0 < noise <= 1:
         raise TarcError(f"--noise: got {noise:g}; needs a share of the torque limit, such as 0.02 for 2 %")
-    asked = {
-        "period": 1 / check.number("--rate", rate, 0, strict=True),
-        "sensor": Encoder(bits=check.integer("--encoder-bits", encoder_bits, 1, 52)),
-        "workspace": joint_workspace(plant, reach).with_speed_limits(velocity_limits(plant)),
-        "speed": _numbers("--speed", speed),
-        "acceleration": _numbers("--acceleration", acceleration),
-        "torque_limits": _numbers("--torque-limit", torque_limit),
-        "law": check.one_of("--law", law.lower(), ("tarc", "tdc")).upper(),
-    }
-    here = check_writable(out)
-    result = choose(
-        plant,
+    requirements = DesignRequirements(
+        period=1 / check.number("--rate", rate, 0, strict=True),
+        sensor=Encoder(bits=check.integer("--encoder-bits", encoder_bits, 1, 52)),
         payload=payload,
+        joint_range=reach,
+        speed=_numbers("--speed", speed),
+        acceleration=_numbers("--acceleration", acceleration),
         natural_frequency=natural_frequency,
         damping_ratio=damping,
         noise_budget=noise,
+        torque_limits=_numbers("--torque-limit", torque_limit),
+        law=check.one_of("--law", law.lower(), ("tarc", "tdc")).upper(),
         diagonal=diagonal,
         computation_delay=computation_delay,
         samples=samples,
         seed=seed,
-        **asked,
     )
+    file = check_writable(out)
+    result = design_controller(plant, requirements)
     drawn = {}
     if figures:
         from rich.console import Console
@@ -273,12 +268,12 @@ def design(
 
         with Console(stderr=True).status("drawing figures"):
             drawn = design_figures(result)
-    files = save(result, here, drawn, command=shlex.join(["tarc", *sys.argv[1:]]))
+    files = result.save(file, figures=drawn, command=shlex.join(["tarc", *sys.argv[1:]]))
     if not as_json:
         tables.print_design(result, files)
     found = {}
     if limits:
-        found = stands(result)
+        found = stress_test(result)
     if as_json:
         print(json.dumps(tables.design_summary(result, files, found), indent=2, allow_nan=False))
     elif found:

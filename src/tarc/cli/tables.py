@@ -24,7 +24,7 @@ from tarc.simulation.run import Run
 from tarc.study.comparison import Comparison
 
 if TYPE_CHECKING:
-    from tarc.design.selection import Design
+    from tarc.design.result import Design
     from tarc.design.stress import Limit
 
 
@@ -221,16 +221,14 @@ def print_comparison(comparison: Comparison, files: list[Path]) -> None:
 
 def design_summary(design: "Design", files: list[Path], limits: dict[str, "Limit"]) -> dict[str, Any]:
     """A design as plain data, ready for JSON; its certificates are in the files."""
-    from tarc.design.writer import sections
-
-    verdict, content = design.certificates["robot"], sections(design)
+    verdict, content = design.certificates["robot"], design.scenario().model_dump(mode="json")
     return {
         "name": content["name"],
         "verdict": verdict.verdict,
         "margin": verdict.margin,
         "margin_meaning": verdict.margin_meaning,
         "spread": design.spread,
-        "choices": {one.name: {"value": one.value, "why": one.reason} for one in design.choices},
+        "choices": {one.label: {"value": one.value, "reason": one.reason} for one in design.choices},
         "law": content["law"],
         "estimator": content["estimator"],
         "torque_noise": {name: {"rms": rms, "share": share} for name, rms, share in _noise(design)},
@@ -257,10 +255,10 @@ def print_design(design: "Design", files: list[Path]) -> None:
     table = Table(title=title, title_justify="left", show_lines=True)
     table.add_column("choice", width=12)
     table.add_column("value", max_width=24)
-    table.add_column("why")
+    table.add_column("reason")
     for one in design.choices:
         style = "yellow" if one.reason.startswith("WARNING") else None
-        table.add_row(*(escape(text) for text in (one.name, one.value, one.reason)), style=style)
+        table.add_row(*(escape(text) for text in (one.label, one.value, one.reason)), style=style)
     console.print(table)
     verdict = design.certificates["robot"]
     console.print(f"[green]{verdict.verdict}[/]: {escape(verdict.claim)}", highlight=False)

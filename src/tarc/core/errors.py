@@ -1,7 +1,7 @@
 """The errors that the package raises, and the one warning."""
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 
 class TarcError(Exception):
@@ -34,18 +34,45 @@ class NoStableRatio(TarcError):
     """A loop is stable for no inertia ratio."""
 
 
+class NotConverged(TarcError):
+    """A numerical search ended before it reached its tolerance."""
+
+
+class NotIdentifiable(TarcError):
+    """A record does not determine the inertia."""
+
+
+@dataclass(frozen=True)
+class Relaxation:
+    """A change of one requirement that admits a design.
+
+    Attributes
+    ----------
+    requirement
+        The parameter to change.
+    value
+        Its new value, in its own unit.
+    text
+        The change in words.
+    """
+
+    requirement: str
+    value: object
+    text: str
+
+
 class InfeasibleDesign(TarcError):
     """No candidate meets the requirements.
 
     Attributes
     ----------
     relaxations
-        Changes of single requirements that admit a design, by the name of the requirement.
+        Changes of single requirements, each of which admits a design.
     """
 
-    def __init__(self, message: str, relaxations: Mapping[str, Any] | None = None):
+    def __init__(self, message: str, relaxations: Sequence[Relaxation] = ()):
         super().__init__(message)
-        self.relaxations = dict(relaxations or {})
+        self.relaxations = tuple(relaxations)
 
 
 class RobotFileError(TarcError, ValueError):

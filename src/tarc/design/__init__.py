@@ -6,17 +6,21 @@ require("cli", "tarc.design")
 
 from tarc.design.adaptation import Adaptation, choose_adaptation, expected_step
 from tarc.design.candidates import Candidate, assess_candidates, enumerate_candidates, pareto_front
+from tarc.design.choice import Choice
 from tarc.design.identification import Identified, excitation_reference, identify, inertia_from_data, inertia_from_file
 from tarc.design.model_free import ModelFreeDesign, design_without_model
+from tarc.design.requirements import DesignRequirements
+from tarc.design.result import Design
 from tarc.design.robustness import RobustnessSpec
-from tarc.design.selection import Choice, Design, design_controller
 from tarc.design.stress import Limit, Outcome, stress_test
+from tarc.design.synthesis import design_controller
 
 __all__ = [
     "Adaptation",
     "Candidate",
     "Choice",
     "Design",
+    "DesignRequirements",
     "Identified",
     "Limit",
     "ModelFreeDesign",

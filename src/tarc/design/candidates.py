@@ -14,7 +14,6 @@ from tarc.analysis.stability import from_disturbance, from_noise
 from tarc.analysis.uncertain_loop import Parts, Responses, parts_of, system
 from tarc.certificates.iqc import best_multiplier
 from tarc.core import validation as check
-from tarc.core.errors import TarcError
 from tarc.design.robustness import RobustnessSpec, radius_ratio_of, spread_of
 from tarc.estimators.algebraic import Algebraic
 from tarc.laws.tdc import TDC
@@ -143,6 +142,7 @@ def enumerate_candidates(
     Where no delays are given, literal laws take one period, the shortest, and two where the computation delay is odd:
     one would leave a torque that alternates from period to period undamped. Synchronised laws have that of the window.
     """
+    check.number("damping_ratio", damping_ratio, 0, strict=True)
     if delays is None:
         delays = (1, 2) if computation_delay % 2 else (1,)
     rate = 1e-3 / check.number("period", period, 0, strict=True)
@@ -230,10 +230,7 @@ def assess_candidates(
 
 
 def _assess(one: Candidate, demand: RobustnessSpec, slope_share: float, room: float, closely: bool) -> list[Candidate]:
-    try:
-        channel = one.channel()
-    except TarcError:  # gains that are not Hurwitz, a window that is too short
-        return []
+    channel = one.channel()
     spread = demand.spread
     needed = np.array(
         [radius_ratio_of(spread_of(share) * (1 + room)) if share < 1 else np.inf for share in demand.radius_ratios]

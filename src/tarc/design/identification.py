@@ -4,23 +4,23 @@ import warnings
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from tarc.core import validation as check
-from tarc.core.errors import DesignWarning, TarcError
+from tarc.core.errors import DesignWarning, InvalidParameter, NotIdentifiable
 from tarc.core.types import Array
 from tarc.core.validation import Numbers, Table
+from tarc.design.robot_facts import joint_ranges
 from tarc.estimators.algebraic import Algebraic
 from tarc.estimators.base import synchronous_weights
+from tarc.laws.tdc import TDC
+from tarc.plants.base import Plant
 from tarc.signals.references import Multisine, Reference
-
-if TYPE_CHECKING:
-    from tarc.plants.base import Plant
-    from tarc.signals.sensors import Encoder
-    from tarc.simulation.run import Run
-
+from tarc.signals.sensors import Encoder
+from tarc.simulation.run import Run
+from tarc.simulation.simulator import simulate
 
 WINDOWS = (6, 9, 13, 20, 30, 45, 65, 100, 150, 220)
 """Windows [periods] that are tried where none is given."""
@@ -141,7 +141,7 @@ def inertia_from_data(
     fits = [fit for fit in (_Fit(q, tau, T, N, degree) for N in periods if len(q) > N) if fit.rows >= MIN_ROWS]
     if not fits:
         whole = int(np.sum(np.isfinite(q + tau).all(axis=1)))
-        raise TarcError(
+        raise NotIdentifiable(
             f"position: got {len(q)} samples, {whole} of them whole, and too few windows without a gap; needs "
             f"{MIN_ROWS} of them: record for longer, lose fewer samples or take a shorter window"
         )
@@ -181,30 +181,32 @@ def inertia_from_file(path: str | Path, period: float | None = None, **options: 
     """
     file = Path(path)
     if not file.is_file():
-        raise TarcError(f"path: no file {str(path)!r}; looked for {file.resolve()}")
+        raise InvalidParameter(f"path: no file {str(path)!r}; looked for {file.resolve()}")
     if file.suffix == ".nc":
-        from tarc.simulation.run import Run
-
         data = Run.load(file).data
         period = float(data.attrs["period"]) if period is None else period
         return inertia_from_data(data["measured_position"].values, data["torque"].values, period, **options)
     try:
         table = np.genfromtxt(file, delimiter=",", names=True, ndmin=1)
     except ValueError as error:
-        raise TarcError(f"path: {file} does not read as a table ({' '.join(str(error).split())[:80]})") from None
+        raise InvalidParameter(f"path: {file} does not read as a table ({' '.join(str(error).split())[:80]})") from None
     names = table.dtype.names or ()
     columns = [(f"q{i}", f"tau{i}") for i in range(1, 1 + max(1, sum(name.startswith("tau") for name in names)))]
     missing = [name for pair in columns for name in pair if name not in names]
     if missing:
-        raise TarcError(f"path: {file} has columns {', '.join(names) or '(none)'}; it lacks {', '.join(missing)}")
+        raise InvalidParameter(
+            f"path: {file} has columns {', '.join(names) or '(none)'}; it lacks {', '.join(missing)}"
+        )
     if period is None:
         times = [table[name] for name in ("t", "time") if name in names]
         if not times:
-            raise TarcError(f"period: {file} has no column t or time; give the period [s]")
+            raise InvalidParameter(f"period: {file} has no column t or time; give the period [s]")
         steps = np.diff(times[0])
         period = float(np.median(steps))
         if not np.all(np.abs(steps - period) < 0.1 * period):
-            raise TarcError(f"path: the times in {file} are not even, from {steps.min():g} to {steps.max():g} s apart")
+            raise InvalidParameter(
+                f"path: the times in {file} are not even; their steps are {steps.min():g} to {steps.max():g} s"
+            )
     q, tau = (np.column_stack([table[pair[which]] for pair in columns]) for which in (0, 1))
     return inertia_from_data(q, tau, period, **options)
 
@@ -253,20 +255,22 @@ def excitation_reference(
     first, last = check.number("band", band[0], 0, strict=True) / base, check.number("band", band[1], band[0]) / base
     count = n * check.integer("tones", tones, 2)
     if tones % 2:
-        raise TarcError(f"tones: got {tones}; needs an even number, so that the motion starts at rest")
+        raise InvalidParameter(f"tones: got {tones}; needs an even number, so that the motion starts at rest")
     if count > (last - first) / 2:
-        raise TarcError(
+        raise InvalidParameter(
             f"band: {band} has {(last - first) / 2:.0f} odd multiples of 2π/{duration:g} s, for {count} sines; needs a "
             "longer duration, a wider band or fewer tones"
         )
     ends = [check.float_array(name, one) for name, one in (("low", low), ("high", high))]
     if any(end.shape not in ((), (n,)) for end in ends):
-        raise TarcError(f"low, high: got shapes {[end.shape for end in ends]}; needs one number or {n}, one a joint")
+        raise InvalidParameter(
+            f"low, high: got shapes {[end.shape for end in ends]}; needs one number or {n}, one per joint"
+        )
     room = check.vector("amplitude", amplitude, n, 0, strict=True)
     room = np.minimum(room, np.minimum(middle - ends[0], ends[1] - middle))
     if not np.all(room > 0):
         i = int(np.argmin(room))
-        raise TarcError(f"home: joint {i + 1} at {middle[i]:g} is not inside its range; choose another posture")
+        raise InvalidParameter(f"home: joint {i + 1} at {middle[i]:g} is not inside its range; choose another posture")
     multiples = 2 * (np.geomspace(first, last, count) // 2) + 1
     for k in range(1, count):
         multiples[k] = max(multiples[k], multiples[k - 1] + 2)
@@ -282,10 +286,10 @@ def excitation_reference(
 
 
 def identify(
-    plant: "Plant",
+    plant: Plant,
     *,
     period: float = 1e-3,
-    sensor: "Encoder | None" = None,
+    sensor: Encoder | None = None,
     reference: Reference | None = None,
     duration: float | None = None,
     torque: Any = "rest",
@@ -329,25 +333,21 @@ def identify(
     TarcError
         When no M̂ makes the robot follow, when it follows and M does not show, and for a reference at rest.
     """
-    from tarc.laws.tdc import TDC
-    from tarc.plants.base import Plant
-    from tarc.simulation.simulator import simulate
-
     if not isinstance(plant, Plant):
-        raise TarcError(f"plant: got {plant!r}; needs one of tarc.plants")
+        raise InvalidParameter(f"plant: got {plant!r}; needs one of tarc.plants")
     period = check.number("period", period, 0, strict=True)
     length = max(20.0, 2.5 * plant.n_joints) if duration is None else duration
     motion = _motion(plant, length) if reference is None else reference
     path = motion.sample(np.arange(0, length, period))[0]
     reach, size = float(np.max(np.ptp(path, axis=1))), np.std(path, axis=1)
     if not np.all(size > 0):
-        raise TarcError(
+        raise InvalidParameter(
             "reference: it leaves a joint at rest; give all of them a motion, as excitation_reference(…) does"
         )
     inertia = np.full(plant.n_joints, check.number("guess", guess, 0, strict=True))
     estimator = Algebraic(window=10 * period)
 
-    def move(inertia: Array) -> "Run":
+    def move(inertia: Array) -> Run:
         law = TDC(inertia=inertia, natural_frequency=5.0, period=period, estimator=estimator, synchronised=True)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DesignWarning)
@@ -355,7 +355,7 @@ def identify(
                 plant, law, motion, length, sensor=sensor, initial_torque=torque, divergence_threshold=reach, seed=seed
             )
 
-    def shown(run: "Run") -> Identified:
+    def shown(run: Run) -> Identified:
         return inertia_from_data(
             run.data["measured_position"].values, run.data["torque"].values, period, diagonal=False
         )
@@ -369,32 +369,27 @@ def identify(
             try:
                 found = shown(run)
                 break
-            except TarcError:
+            except NotIdentifiable:
                 if not behind.any():
                     raise
         elif not run.status.completed:
             behind[np.argmax(np.nanmax(missed, axis=0))] = True
         inertia = np.where(behind, 4 * inertia, inertia)
     else:
-        raise TarcError(
+        raise NotIdentifiable(
             f"identify: with an M̂ from {guess:g} up to {inertia.max() / 4:g} the robot does not follow the motion; "
             "start from another guess, or give a reference that is slower, or larger where friction holds the joint"
         )
     run = move(INERTIA_RATIO * found.inertia)
     if run.status.completed:
-        with suppress(TarcError):
+        with suppress(NotIdentifiable):
             found = shown(run)
     return found.diagonal() if diagonal else found
 
 
-def _motion(plant: "Plant", duration: float) -> Multisine:
+def _motion(plant: Plant, duration: float) -> Multisine:
     """The excitation about home, within the ranges where they are known."""
-    from tarc.analysis.workspace import Workspace
-
-    low, high = np.full((2, plant.n_joints), [[-np.inf], [np.inf]])
-    with suppress(TarcError):
-        space = Workspace.from_joint_limits(plant)
-        low, high = space.low, space.high
+    low, high = joint_ranges(plant)
     return excitation_reference(plant.home, duration=duration, low=low, high=high)
 
 
@@ -402,17 +397,21 @@ def _record(position: Table, torque: Table) -> tuple[Array, Array]:
     """Positions and torques, (k, n) both, of joints that all move and none of which wraps around."""
     q, tau = check.float_array("position", position), check.float_array("torque", torque)
     if q.ndim != 2 or q.shape != tau.shape or not q.size:
-        raise TarcError(f"position, torque: got shapes {q.shape} and {tau.shape}; needs (k, n) both, a column a joint")
+        raise InvalidParameter(
+            f"position, torque: got shapes {q.shape} and {tau.shape}; needs (k, n) both, a column per joint"
+        )
     q = np.where(np.isfinite(q), q, np.nan)
     span = np.nanmax(q, axis=0, initial=-np.inf) - np.nanmin(q, axis=0, initial=np.inf)
     if not np.all(span > 0):
-        raise TarcError(
+        raise InvalidParameter(
             f"position: joint {np.argmin(span) + 1} never moves; move each joint, as excitation_reference(…) does"
         )
     jumps = np.nanmax(np.abs(np.diff(q, axis=0)), axis=0, initial=0)
     if np.any(jumps > np.pi):
         i = int(np.argmax(jumps))
-        raise TarcError(f"position: joint {i + 1} jumps by {jumps[i]:.3g} between samples; unwrap it, numpy.unwrap")
+        raise InvalidParameter(
+            f"position: joint {i + 1} jumps by {jumps[i]:.3g} between samples; unwrap it, numpy.unwrap"
+        )
     return q, tau
 
 
@@ -453,9 +452,9 @@ class _Fit:
         self.share = np.std(acceleration @ self.M.T, axis=0) / np.maximum(np.std(torque, axis=0), 1e-300)
 
     def check_identifiable(self) -> None:
-        """Raise `TarcError` if the motion does not show M."""
+        """Raise `NotIdentifiable` if the motion does not determine M."""
         if self.condition > MAX_CONDITION:
-            raise TarcError(
+            raise NotIdentifiable(
                 f"position: the joints accelerate together, with condition {self.condition:.3g} of at most "
                 f"{MAX_CONDITION:g}; "
                 "give each several frequencies of its own, as excitation_reference(…) does"
@@ -465,7 +464,7 @@ class _Fit:
         bad = np.flatnonzero(weak | (found <= 0) | (error > MAX_RELATIVE_ERROR * found))
         if bad.size:
             i = int(bad[0])
-            raise TarcError(
+            raise NotIdentifiable(
                 f"torque: joint {i + 1} does not show its inertia, found as {found[i]:.3g} ± {error[i]:.2g}. M q̈ is "
                 f"{self.share[i]:.0%} of the torque and explains {self.explained[i]:.0%} of what friction and gravity "
                 f"leave; needs {MIN_TORQUE_SHARE:.0%}, {MIN_EXPLAINED:.0%} and an error within "

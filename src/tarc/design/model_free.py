@@ -1,4 +1,4 @@
-"""Gains without a model of the robot: from an inertia that was measured and a guess of how much it varies."""
+"""Gains without a model of the robot, from a measured inertia and a bound on its spread."""
 
 from dataclasses import dataclass
 
@@ -7,10 +7,12 @@ import numpy as np
 from tarc.certificates.base import Certificate
 from tarc.certificates.varying_ratio import certify_varying_ratio
 from tarc.core import validation as check
-from tarc.core.errors import TarcError
+from tarc.core.errors import InfeasibleDesign, Relaxation
 from tarc.core.validation import Matrix
 from tarc.design.adaptation import choose_adaptation
 from tarc.design.candidates import Candidate, assess_candidates, enumerate_candidates, pareto_front
+from tarc.design.noise import measurement_deviation, torque_noise
+from tarc.design.requirements import default_encoder
 from tarc.design.robustness import RobustnessSpec
 from tarc.laws.tarc import TARC
 from tarc.laws.tdc import TDC
@@ -19,19 +21,19 @@ from tarc.signals.sensors import Encoder
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModelFreeDesign:
-    """A law for a robot without a model, and what it bears.
+    """A law for a robot without a model, and the spread that it tolerates.
 
     Attributes
     ----------
     law
         The law.
     certificate
-        The robust ball: for every M(q), however it varies, within the spread that was assumed. That the robot's is
-        within it, and that gravity's stiffness is small beside K1, is for the user to know.
+        Stability for every M(q) within the assumed spread, at any rate of change. Whether the robot's spread is within
+        it, and whether gravity's stiffness is small beside K1, is not checked.
     spread
         The spread assumed.
-    chosen
-        The loop.
+    candidate
+        The loop, with its predicted noise and error.
     torque_noise
         Predicted RMS of the torque that measurement noise makes, shape (n,) [N m].
     """
@@ -58,38 +60,38 @@ def design_without_model(
     """Choose window, synchronisation, scale of M̂ and adaptation for a measured inertia, and certify the loop.
 
     The eigenvalues of M(q)⁻¹M, with M the inertia measured, are taken to lie between 1/√spread and √spread. Of the
-    loops that bear this, the one with the least torque noise is chosen.
+    loops that tolerate it, the one with the least torque noise is chosen.
 
     Parameters
     ----------
     inertia
         M [kg m² or kg], as `inertia_from_data` finds it, or the mean over several postures.
     spread
-        Greatest over least eigenvalue of M(q)⁻¹M to be borne: about 10 for an arm of six joints with rotor inertia,
-        twice that with a payload; what several measurements show, squared, if in doubt.
+        Largest over smallest eigenvalue of M(q)⁻¹M: about 10 for an arm of six joints with rotor inertia, and twice
+        that with a payload. In doubt, take the square of the spread of several measurements.
     natural_frequency, damping_ratio
         ωn [rad/s] and ζ.
     period
         Control period [s].
     sensor
         The encoder; None for 17 bits.
-    expected
-        Step of acceleration to be expected [rad/s²], of payload or friction, by which the adaptation of TARC is
-        chosen; None for TDC.
+    expected_step
+        Expected step of acceleration [rad/s²], of payload or friction, which sets the adaptation of TARC; None for
+        TDC.
     computation_delay
         Periods between a measurement and its torque.
-    room
-        By which share the spread that the loop bears must exceed the one assumed.
+    min_margin
+        Least margin of the tolerated spread over the assumed one.
 
     Raises
     ------
-    TarcError
-        When no loop of this natural frequency bears the spread: says which spread one does.
+    InfeasibleDesign
+        When no loop of this natural frequency tolerates the spread; the relaxation is the largest tolerated one.
     """
     joints = max((1, *np.shape(check.float_array("inertia", inertia))))
     M = check.positive_definite("inertia", inertia, joints)
     demand = RobustnessSpec.from_spread(spread)
-    sensor = Encoder(bits=17) if sensor is None else sensor
+    sensor = default_encoder() if sensor is None else sensor
     natural_frequency = check.number("natural_frequency", natural_frequency, 0, strict=True)
     check.number("damping_ratio", damping_ratio, 0, strict=True)
     trials = enumerate_candidates(
@@ -103,12 +105,15 @@ def design_without_model(
     able = pareto_front(looked)
     if not able:
         reach = max((one.max_spread for one in looked), default=1.0)
-        raise TarcError(
-            f"spread: no loop of {natural_frequency:g} rad/s at {1 / period:g} Hz bears a spread of {spread:g}; one of "
-            f"{reach / (1 + min_margin):.3g} is borne. Lower the natural frequency, or raise the rate"
+        available = reach / (1 + min_margin)
+        text = f"a spread of at most {available:.3g}"
+        raise InfeasibleDesign(
+            f"spread: needed {spread:g}, available {available:.3g} of all loops of {natural_frequency:g} rad/s at "
+            f"{1 / period:g} Hz. Lower the natural frequency, or raise the control rate",
+            [Relaxation("spread", available, text)],
         )
     best, shape = able[0], M * spread**0.5
-    sigma = np.broadcast_to(np.sqrt(sensor.noise**2 + sensor.step_size**2 / 12), (joints,))
+    sigma = np.broadcast_to(measurement_deviation(sensor), (joints,))
     common = {**best.law_options(), "inertia": best.inertia_scale * shape, "estimator": best.estimator}
     if expected_step is None:
         law: TDC | TARC = TDC(**common)
@@ -121,8 +126,8 @@ def design_without_model(
         law, contains=ends, slope=law.robust_slope_bound, computation_delay=computation_delay
     )
     if not certificate.certified:
-        raise TarcError(
-            f"spread: the loop chosen is {certificate.verdict}, margin {certificate.margin:.3g}; raise room"
+        raise InfeasibleDesign(
+            f"spread: the loop chosen is {certificate.verdict}, margin {certificate.margin:.3g}; raise min_margin"
         )
-    noise = best.noise * np.linalg.norm(shape * sigma, axis=1)
+    noise = torque_noise(best.noise, shape, sensor)
     return ModelFreeDesign(law=law, certificate=certificate, spread=spread, candidate=best, torque_noise=noise)

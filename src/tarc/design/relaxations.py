@@ -1,218 +1,280 @@
-"""What to relax where nothing can be certified, and by how much."""
+"""Requirements to relax where nothing can be certified, and by how much."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tarc.analysis.inertia_ratio import inertia_spread
 from tarc.analysis.inertia_shape import best_inertia_shape
 from tarc.analysis.workspace import Workspace
-from tarc.core.errors import TarcError
+from tarc.core.errors import NotConverged, Relaxation
 from tarc.design.candidates import Candidate, assess_candidates, enumerate_candidates
+from tarc.design.requirements import DesignProblem
 from tarc.design.robustness import RobustnessSpec
 from tarc.plants.base import Plant
 
 BISECTIONS = 6
 """Bisections: to one part in 64 of the range."""
 FREQUENCY_RATIO = 1.5
-"""Ratio of natural frequencies tried one after the other."""
+"""Ratio of consecutive natural frequencies that are tried."""
 MAX_CANDIDATES = 50
-"""Loops tried again where a requirement is relaxed."""
+"""Most loops assessed again per relaxed requirement."""
 SAMPLES = 200
-"""Postures sampled for a first answer."""
+"""Postures sampled per relaxed requirement."""
 
 
-def remedies(
-    plants: Sequence[Plant],
-    workspace: Workspace,
+def suggest_changes(
+    problem: DesignProblem,
     shape: np.ndarray,
-    demand: RobustnessSpec,
-    looked: Sequence[Candidate],
-    natural_frequency: float | None,
-    room: float,
-) -> str:
-    """Sentences: each requirement that would do if it alone were relaxed, with its number."""
-    fits = partial(_bearable, looked, room)
-    lines = []
-    if natural_frequency is not None and looked:
-        possible = largest_bandwidth(looked[0], demand, natural_frequency, room)
-        if possible:
-            lines.append(f"a natural frequency of at most {_down(possible):g} rad/s")
-        elif needed := least_bandwidth(looked[0], demand, natural_frequency, room):
-            lines.append(f"a natural frequency of at least {-_down(-needed):g} rad/s")
-        rate = slowest_rate(looked[0], demand, natural_frequency, room)
-        if rate:
-            lines.append(f"a rate of at least {-_down(-rate, 4):g} Hz")
-    if part := slower(plants, workspace, shape, looked, room):
-        lines.append(f"{_down(100 * part, 2):g} % of the speed")
-    lines += [text for find in (_payload, _armature, _reach) if (text := find(plants, workspace, fits))]
-    if not lines:
-        return "No single requirement that could be relaxed makes up for it: give rotor inertia and a smaller workspace"
-    return "Any one of these would do: " + "; ".join(lines)
+    spec: RobustnessSpec,
+    candidates: Sequence[Candidate],
+    min_margin: float,
+) -> list[Relaxation]:
+    """Return the single requirements of which one relaxed admits a certified loop, each with its value.
 
-
-def largest_bandwidth(like: Candidate, demand: RobustnessSpec, above: float, room: float) -> float | None:
-    """The largest natural frequency [rad/s] below one that is too large at which a loop bears a robot; None if none
-    does.
-
-    One that is far lower does not do either, where gravity asks for stiffness: so the steps down are small.
+    Parameters
+    ----------
+    problem, shape, spec, candidates
+        The requirements on the robot, X, the robustness that it requires and the loops that do not meet it.
+    min_margin
+        Least margin of the tolerated spread over the robot's.
     """
-    return _first(like, demand, above, room, [FREQUENCY_RATIO**-k for k in range(1, 15)])
+    robots = RelaxedRobots(problem, shape, candidates, min_margin)
+    relaxations: list[Relaxation | None] = []
+    frequency = problem.requirements.natural_frequency
+    if frequency is not None and candidates:
+        loops = RelaxedLoops(candidates[0], spec, frequency, min_margin)
+        relaxations += [loops.natural_frequency(), loops.period()]
+    relaxations += [robots.speed(), robots.payload(), robots.armature(), robots.workspace()]
+    return [relaxation for relaxation in relaxations if relaxation is not None]
 
 
-def least_bandwidth(like: Candidate, demand: RobustnessSpec, below: float, room: float) -> float | None:
-    """The least natural frequency [rad/s] above one that is too small at which a loop bears a robot; None if none
-    does."""
-    return _first(like, demand, below, room, [FREQUENCY_RATIO**k for k in range(1, 8)])
+def describe_relaxations(relaxations: Sequence[Relaxation]) -> str:
+    """Return the sentence that lists relaxations."""
+    if not relaxations:
+        return "No change of a single requirement admits a design: add rotor inertia and reduce the workspace"
+    texts = [relaxation.text for relaxation in relaxations]
+    if len(texts) == 1:
+        return f"This change admits a design: {texts[0]}"
+    return f"Any one of these changes admits a design: {'; '.join(texts)}"
 
 
-def _first(
-    like: Candidate, demand: RobustnessSpec, asked: float, room: float, factors: Sequence[float]
-) -> float | None:
-    """The natural frequency nearest to the one asked for, in the direction of the factors, at which a loop bears a
-    robot."""
+@dataclass(frozen=True, eq=False)
+class RelaxedLoops:
+    """Loops at another natural frequency or control rate.
 
-    def fits(log: float) -> bool:
-        return _bears(like, demand, float(np.exp(log)), like.period, room)
-
-    bad = float(np.log(asked))
-    for factor in factors:
-        good = float(np.log(asked * factor))
-        if fits(good):
-            return float(np.exp(_bisect(fits, good, bad)))
-        bad = good
-    return None
-
-
-def slowest_rate(like: Candidate, demand: RobustnessSpec, natural_frequency: float, room: float) -> float | None:
-    """The slowest rate [Hz] above one that is too slow at which a loop of this natural frequency bears a robot."""
-
-    def fits(log: float) -> bool:
-        return _bears(like, demand, natural_frequency, float(np.exp(log)), room)
-
-    low, high = np.log(like.period / 64), np.log(like.period)
-    return float(np.exp(-_bisect(fits, low, high))) if fits(low) else None
-
-
-def slower(
-    plants: Sequence[Plant], workspace: Workspace, shape: np.ndarray, looked: Sequence[Candidate], room: float
-) -> float | None:
-    """The greatest share of the speed, and of the acceleration, at which one of the loops bears a robot; None if none
-    does, or for any speed.
+    Attributes
+    ----------
+    candidate
+        A loop with the required period, damping ratio and delay.
+    spec
+        The robustness that the robot requires.
+    frequency
+        Natural frequency required [rad/s].
+    min_margin
+        Least margin of the tolerated spread over the robot's.
     """
-    if workspace.speed is None or not looked:
+
+    candidate: Candidate
+    spec: RobustnessSpec
+    frequency: float
+    min_margin: float
+
+    def natural_frequency(self) -> Relaxation | None:
+        """Return the nearest natural frequency at which a loop is feasible: a lower one, or else a higher one."""
+        lower = self._nearest_frequency([FREQUENCY_RATIO**-k for k in range(1, 15)])
+        if lower is not None:
+            value = round_down(lower)
+            return Relaxation("natural_frequency", value, f"a natural frequency of at most {value:g} rad/s")
+        higher = self._nearest_frequency([FREQUENCY_RATIO**k for k in range(1, 8)])
+        if higher is None:
+            return None
+        value = -round_down(-higher)
+        return Relaxation("natural_frequency", value, f"a natural frequency of at least {value:g} rad/s")
+
+    def period(self) -> Relaxation | None:
+        """Return the longest control period at which a loop of the required natural frequency is feasible."""
+        period = self.candidate.period
+        low, high = np.log(period / 64), np.log(period)
+
+        def is_feasible(log: float) -> bool:
+            return self._is_feasible(self.frequency, float(np.exp(log)))
+
+        if not is_feasible(low):
+            return None
+        rate = -round_down(-float(np.exp(-bisect(is_feasible, low, high))), 4)
+        return Relaxation("period", 1 / rate, f"a control rate of at least {rate:g} Hz")
+
+    def _nearest_frequency(self, factors: Sequence[float]) -> float | None:
+        """Return the feasible natural frequency [rad/s] nearest to the required one, in the direction of the factors.
+
+        The steps are small, since a far lower one may lack the stiffness that gravity requires.
+        """
+
+        def is_feasible(log: float) -> bool:
+            return self._is_feasible(float(np.exp(log)), self.candidate.period)
+
+        bad = float(np.log(self.frequency))
+        for factor in factors:
+            good = float(np.log(self.frequency * factor))
+            if is_feasible(good):
+                return float(np.exp(bisect(is_feasible, good, bad)))
+            bad = good
         return None
-    share = looked[0].robust_slope / looked[0].natural_frequency ** 2
-    found = inertia_spread(plants, shape, workspace, samples=SAMPLES)
-    trials = [
-        replace(one, inertia_scale=0.0, spread_margin=0.0) for one in looked[:: -(-len(looked) // MAX_CANDIDATES)]
-    ]
 
-    def fits(log: float) -> bool:
-        demand = RobustnessSpec.from_robot(
-            plants, workspace.scale_speed(float(np.exp(log))), shape, found, search=False
+    def _is_feasible(self, natural_frequency: float, period: float) -> bool:
+        trials = enumerate_candidates(
+            period,
+            natural_frequencies=[natural_frequency],
+            windows=(2, 3, 4, 5),
+            damping_ratio=self.candidate.damping_ratio,
+            computation_delay=self.candidate.computation_delay,
         )
-        return any(one.feasible for one in assess_candidates(trials, demand, min_margin=room, slope_ratio=share))
-
-    low = np.log(0.01)
-    return float(np.exp(_bisect(fits, low, 0.0))) if fits(low) else None
+        ratio = self.candidate.robust_slope / self.candidate.natural_frequency**2
+        return any_feasible(trials, self.spec, self.min_margin, ratio)
 
 
-def _bears(like: Candidate, demand: RobustnessSpec, natural_frequency: float, period: float, room: float) -> bool:
-    trials = enumerate_candidates(
-        period,
-        natural_frequencies=[natural_frequency],
-        windows=(2, 3, 4, 5),
-        damping_ratio=like.damping_ratio,
-        computation_delay=like.computation_delay,
-    )
-    share = like.robust_slope / like.natural_frequency**2
+@dataclass(frozen=True, eq=False)
+class RelaxedRobots:
+    """The assessed loops on a slower, lighter or smaller robot.
+
+    Attributes
+    ----------
+    problem
+        The requirements on the robot.
+    shape
+        X [kg m² or kg], shape (n, n).
+    candidates
+        The loops.
+    min_margin
+        Least margin of the tolerated spread over the robot's.
+    """
+
+    problem: DesignProblem
+    shape: np.ndarray
+    candidates: Sequence[Candidate]
+    min_margin: float
+
+    def speed(self) -> Relaxation | None:
+        """Return the largest speeds, all in proportion, at which a loop is feasible."""
+        plants, workspace, candidates = self.problem.plants, self.problem.workspace, self.candidates
+        if workspace.speed is None or not candidates:
+            return None
+        ratio = candidates[0].robust_slope / candidates[0].natural_frequency ** 2
+        spread = inertia_spread(plants, self.shape, workspace, samples=SAMPLES)
+        trials = [replace(trial, inertia_scale=0.0, spread_margin=0.0) for trial in thin_out(candidates)]
+
+        def is_feasible(log: float) -> bool:
+            slower = workspace.scale_speed(float(np.exp(log)))
+            spec = RobustnessSpec.from_robot(plants, slower, self.shape, spread, search=False)
+            assessed = assess_candidates(trials, spec, min_margin=self.min_margin, slope_ratio=ratio)
+            return any(candidate.feasible for candidate in assessed)
+
+        low = np.log(0.01)
+        if not is_feasible(low):
+            return None
+        percent = round_down(100 * float(np.exp(bisect(is_feasible, low, 0.0))), 2)
+        if not percent:
+            return None
+        return Relaxation("speed", (percent / 100 * workspace.speed).tolist(), f"{percent:g} % of the speed")
+
+    def payload(self) -> Relaxation | None:
+        """Return the largest payload with which a loop is feasible."""
+        plants = self.problem.plants
+        masses = [float(np.squeeze(plant.parameters.get("payload", 0.0))) for plant in plants]
+        low, high = min(masses), max(masses)
+
+        def is_feasible(mass: float) -> bool:
+            ends = [plants[0].with_parameters({"payload": end}) for end in (low, mass)]
+            return self._is_feasible(ends, self.problem.workspace)
+
+        if not high > low or not is_feasible(low):
+            return None
+        mass = round_down(bisect(is_feasible, low, high))
+        return Relaxation("payload", [low, mass], f"a payload of at most {mass:g} kg")
+
+    def armature(self) -> Relaxation | None:
+        """Return the least rotor inertia with which a loop is feasible."""
+        plants = self.problem.plants
+        own = plants[0].parameters.get("armature")
+        if own is None:
+            return None
+
+        def is_feasible(log: float) -> bool:
+            heavier = [plant.with_parameters({"armature": own + np.exp(log)}) for plant in plants]
+            return self._is_feasible(heavier, self.problem.workspace)
+
+        low, high = np.log(10.0), np.log(0.01)
+        if not is_feasible(low):
+            return None
+        more = -round_down(-np.exp(bisect(is_feasible, low, high)))
+        text = f"{more:g} kg m² more rotor inertia on each joint"
+        return Relaxation("armature", (np.asarray(own) + more).tolist(), text)
+
+    def workspace(self) -> Relaxation | None:
+        """Return the largest share of the workspace, about its middle, on which a loop is feasible."""
+        workspace = self.problem.workspace
+        if workspace.reference is not None:
+            return None
+        middle, half = (workspace.low + workspace.high) / 2, (workspace.high - workspace.low) / 2
+
+        def smaller(share: float) -> Workspace:
+            return replace(workspace, low=middle - share * half, high=middle + share * half)
+
+        def is_feasible(share: float) -> bool:
+            return self._is_feasible(self.problem.plants, smaller(share))
+
+        if not is_feasible(0.05):
+            return None
+        percent = round_down(100 * bisect(is_feasible, 0.05, 1.0), 2)
+        text = f"{percent:g} % of the workspace, about its middle"
+        return Relaxation("workspace", smaller(percent / 100), text)
+
+    def _is_feasible(self, plants: Sequence[Plant], workspace: Workspace) -> bool:
+        """Return whether one of the loops is feasible on these robots over a workspace."""
+        try:
+            shape, ratio = best_inertia_shape(plants, workspace, samples=SAMPLES, tolerance=0.1)
+        except NotConverged:
+            return False
+        trials = [candidate for candidate in self.candidates if candidate.max_spread >= (1 + self.min_margin) * ratio]
+        if not trials:
+            return False
+        shape = shape / inertia_spread(plants, shape, workspace, samples=SAMPLES).min_ratio
+        spread = inertia_spread(plants, shape, workspace, samples=SAMPLES)
+        spec = RobustnessSpec.from_robot(plants, workspace, shape, spread, search=False)
+        slope_ratio = trials[0].robust_slope / trials[0].natural_frequency ** 2
+        return any_feasible(thin_out(trials), spec, self.min_margin, slope_ratio)
+
+
+def any_feasible(trials: Sequence[Candidate], spec: RobustnessSpec, min_margin: float, slope_ratio: float) -> bool:
+    """Return whether one of the loops is feasible; the loops after it are not assessed."""
     return any(
-        one.feasible
+        candidate.feasible
         for trial in trials
-        for one in assess_candidates([trial], demand, min_margin=room, slope_ratio=share)
+        for candidate in assess_candidates([trial], spec, min_margin=min_margin, slope_ratio=slope_ratio)
     )
 
 
-def _bisect(fits: Callable[[float], bool], good: float, bad: float) -> float:
-    """The last value that fits, between one that does and one that does not."""
+def thin_out(candidates: Sequence[Candidate]) -> Sequence[Candidate]:
+    """Return at most `MAX_CANDIDATES` loops, evenly spaced."""
+    return candidates[:: -(-len(candidates) // MAX_CANDIDATES)]
+
+
+def bisect(is_feasible: Callable[[float], bool], good: float, bad: float) -> float:
+    """Return the last feasible value between a feasible and an infeasible one."""
     for _ in range(BISECTIONS):
         middle = (good + bad) / 2
-        good, bad = (middle, bad) if fits(middle) else (good, middle)
+        if is_feasible(middle):
+            good = middle
+        else:
+            bad = middle
     return good
 
 
-def _down(value: float, digits: int = 3) -> float:
-    """The next number below with so many digits, so that what is said is not more than what was found."""
+def round_down(value: float, digits: int = 3) -> float:
+    """Return the next number below with this many significant digits, so that no limit is overstated."""
     if not value:
         return 0.0
     places = digits - 1 - int(np.floor(np.log10(abs(value))))
     return float(np.floor(value * 10.0**places) / 10.0**places)
-
-
-Fits = Callable[[Sequence[Plant], Workspace], bool]
-"""Whether one of the loops that were looked at bears robots over a workspace."""
-
-
-def _bearable(looked: Sequence[Candidate], room: float, plants: Sequence[Plant], workspace: Workspace) -> bool:
-    try:
-        shape, ratio = best_inertia_shape(plants, workspace, samples=SAMPLES, tolerance=0.1)
-    except TarcError:
-        return False
-    trials = [one for one in looked if one.max_spread >= (1 + room) * ratio]
-    if not trials:
-        return False
-    found = inertia_spread(plants, shape, workspace, samples=SAMPLES)
-    shape = shape / found.min_ratio
-    demand = RobustnessSpec.from_robot(
-        plants, workspace, shape, inertia_spread(plants, shape, workspace, samples=SAMPLES), search=False
-    )
-    share = trials[0].robust_slope / trials[0].natural_frequency ** 2
-    # where the spread is small most of them will do
-    some = trials[:: -(-len(trials) // MAX_CANDIDATES)]
-    return any(
-        one.feasible for trial in some for one in assess_candidates([trial], demand, min_margin=room, slope_ratio=share)
-    )
-
-
-def _payload(plants: Sequence[Plant], workspace: Workspace, bears: Fits) -> str | None:
-    masses = [float(np.squeeze(one.parameters.get("payload", 0.0))) for one in plants]
-    low, high = min(masses), max(masses)
-
-    def fits(mass: float) -> bool:
-        ends = [plants[0].with_parameters({"payload": one}) for one in (low, mass)]
-        return bears(ends, workspace)
-
-    if not high > low or not fits(low):
-        return None
-    return f"a payload of at most {_down(_bisect(fits, low, high)):g} kg"
-
-
-def _armature(plants: Sequence[Plant], workspace: Workspace, bears: Fits) -> str | None:
-    own = plants[0].parameters.get("armature")
-    if own is None:
-        return None
-
-    def fits(log: float) -> bool:
-        more = [one.with_parameters({"armature": own + np.exp(log)}) for one in plants]
-        return bears(more, workspace)
-
-    low, high = np.log(10.0), np.log(0.01)
-    if not fits(low):
-        return None
-    return f"{-_down(-np.exp(_bisect(fits, low, high))):g} kg m² more rotor inertia on each joint"
-
-
-def _reach(plants: Sequence[Plant], workspace: Workspace, bears: Fits) -> str | None:
-    if workspace.reference is not None:
-        return None
-    middle, half = (workspace.low + workspace.high) / 2, (workspace.high - workspace.low) / 2
-
-    def fits(share: float) -> bool:
-        return bears(plants, replace(workspace, low=middle - share * half, high=middle + share * half))
-
-    if not fits(0.05):
-        return None
-    return f"{_down(100 * _bisect(fits, 0.05, 1.0), 2):g} % of the workspace, about its middle"

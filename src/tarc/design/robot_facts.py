@@ -1,73 +1,83 @@
-"""What a design takes from the robot: the postures it reaches, its payload and torque limits, whether it can hold
-its weight.
-"""
+"""What a design takes from the robot: postures, speeds, payload and torque limits, and the load of gravity."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from tarc.analysis.workspace import Workspace
 from tarc.core import validation as check
-from tarc.core.errors import TarcError
+from tarc.core.errors import InfeasibleDesign, InvalidParameter, Relaxation
+from tarc.design.choice import Choice
 from tarc.plants.base import Plant
 from tarc.plants.mujoco import MujocoPlant
 
 WEIGHT_SAMPLES = 200
-"""Postures in which the weight is looked at."""
+"""Sampled postures for the load of gravity."""
 
 
-def joint_workspace(plant: Plant, reach: float | None = None) -> Workspace:
-    """All that the joints of a robot reach, or the part of it within ±reach [rad or m] of the home posture.
+def joint_workspace(plant: Plant, joint_range: float | None = None) -> Workspace:
+    """Return all postures that the joints reach, or those within ±joint_range [rad or m] of the home posture.
 
     Raises
     ------
-    TarcError
-        For a reach that is not above zero, and without one for a slide that has no range in the file.
+    InvalidParameter
+        For a joint_range that is not above zero, and without one for a slide that has no range in the file.
     """
-    low, high = plant.position_limits.T
-    if reach is not None:
-        reach = check.number("reach", reach, 0, strict=True)
-        low, high = np.maximum(low, plant.home - reach), np.minimum(high, plant.home + reach)
+    low, high = joint_ranges(plant)
+    if joint_range is not None:
+        joint_range = check.number("joint_range", joint_range, 0, strict=True)
+        low, high = np.maximum(low, plant.home - joint_range), np.minimum(high, plant.home + joint_range)
     endless = [
         name
         for name, unit, end in zip(plant.joint_names, plant.units, high - low, strict=True)
         if unit == "m" and not np.isfinite(end)
     ]
     if endless:
-        raise TarcError(
+        raise InvalidParameter(
             f"workspace: the slide {endless[0]} [m] has no range in the file; write one there, <limit lower= upper=> "
-            "or range= in MJCF, or give a reach from the home posture"
+            "or range= in MJCF, or give joint_range, the distance from the home posture"
         )
     return Workspace.box(np.where(np.isfinite(low), low, -np.pi), np.where(np.isfinite(high), high, np.pi))
 
 
 def velocity_limits(plant: Plant) -> np.ndarray | None:
-    """The velocity limits of a robot's file [rad/s or m/s], shape (n,); None where a joint has none."""
-    limits = plant.velocity_limits
+    """Return the velocity limits of a robot [rad/s or m/s], shape (n,); None where a joint has none.
+
+    A joint without a limit may move at any speed, and then M(q) may change at any rate.
+    """
+    limits = np.broadcast_to(getattr(plant, "velocity_limits", np.inf), (plant.n_joints,))
     return limits if np.isfinite(limits).all() else None
+
+
+def joint_ranges(plant: Plant) -> tuple[np.ndarray, np.ndarray]:
+    """Return the ends of the joints' ranges [rad or m], infinite where the robot has none."""
+    low, high = np.full(plant.n_joints, -np.inf), np.full(plant.n_joints, np.inf)
+    if isinstance(plant, MujocoPlant):
+        limited = plant.model.jnt_limited.astype(bool)
+        low[limited], high[limited] = plant.model.jnt_range[limited].T
+    return low, high
 
 
 @dataclass(frozen=True, kw_only=True)
 class GravityLoad:
-    """The torque that holds the robot at rest, as a share of the limit: where it is greatest.
+    """The largest torque that holds the robot at rest, over the torque limit.
 
     Attributes
     ----------
     load
-        The share.
+        The torque over the limit.
     joint
-        Of which joint, by name.
+        Name of the joint.
     torque, limit
-        There [N m or N].
+        Torque and limit of this joint [N m or N].
     posture
-        [rad or m].
+        The posture [rad or m].
     payload
-        There [kg].
+        The payload [kg].
     at_home
-        The greatest share in the home posture.
-    beyond
+        The largest torque over the limit in the home posture.
+    share_beyond_limit
         Share of the sampled postures in which a torque is beyond its limit.
     """
 
@@ -78,17 +88,17 @@ class GravityLoad:
     posture: np.ndarray
     payload: float
     at_home: float
-    beyond: float
+    share_beyond_limit: float
 
 
 def gravity_load(
     plants: Sequence[Plant], workspace: Workspace, limits: np.ndarray, seed: int = 0
 ) -> GravityLoad | None:
-    """What it takes to hold the robot over the workspace; None where no torque limit is known.
+    """Return the largest load of gravity over the workspace; None where no torque limit is known.
 
     Raises
     ------
-    TarcError
+    InfeasibleDesign
         When the limits do not hold the robot in its home posture.
     """
     if not np.isfinite(limits).any():
@@ -101,26 +111,26 @@ def gravity_load(
     )
     at_home = max(float(np.max(_loads(plant, home, limits))) for plant in plants)
     if at_home > 1:
-        raise TarcError(_too_heavy(plants, home, limits))
-    greatest, where, beyond = -1.0, (0, 0, home), 0
+        raise _too_heavy(plants, home, limits)
+    largest, place, count_beyond = -1.0, (0, 0, home), 0
     postures = [home, *workspace.sample(WEIGHT_SAMPLES, seed)]
     for posture in postures:
         shares = np.array([_loads(plant, posture, limits) for plant in plants])
-        beyond += bool(np.any(shares > 1))
-        if shares.max() > greatest:
-            greatest = float(shares.max())
-            where = (*np.unravel_index(int(np.argmax(shares)), shares.shape), posture)
-    number, joint, posture = where
+        count_beyond += bool(np.any(shares > 1))
+        if shares.max() > largest:
+            largest = float(shares.max())
+            place = (*np.unravel_index(int(np.argmax(shares)), shares.shape), posture)
+    number, joint, posture = place
     plant = plants[int(number)]
     return GravityLoad(
-        load=greatest,
+        load=largest,
         joint=first.joint_names[int(joint)],
-        torque=greatest * float(limits[joint]),
+        torque=largest * float(limits[joint]),
         limit=float(limits[joint]),
         posture=posture,
         payload=_payload(plant),
         at_home=at_home,
-        beyond=beyond / len(postures),
+        share_beyond_limit=count_beyond / len(postures),
     )
 
 
@@ -132,46 +142,68 @@ def _payload(plant: Plant) -> float:
     return float(np.squeeze(plant.parameters.get("payload", 0.0)))
 
 
-def _too_heavy(plants: Sequence[Plant], home: np.ndarray, limits: np.ndarray) -> str:
-    """What cannot be held in the home posture, and what would be."""
-    plant = max(plants, key=lambda one: float(np.max(_loads(one, home, limits))))
-    held, mass = np.abs(np.asarray(plant.gravity_torque(home), dtype=float)), _payload(plant)
-    joint = int(np.argmax(held / limits))
-    remedies = [f"a torque limit above {held[joint]:.3g}", "another home posture in the file (MJCF, keyframe home)"]
-    if mass:
-        empty = np.asarray(plant.with_parameters({"payload": 0.0}).gravity_torque(home), dtype=float)
-        full = np.asarray(plant.gravity_torque(home), dtype=float)
-        per_mass = (full - empty) / mass
-        ends = [limit * np.sign(slope) - start for limit, slope, start in zip(limits, per_mass, empty, strict=True)]
-        able = min((end / slope for end, slope in zip(ends, per_mass, strict=True) if abs(slope) > 1e-9), default=0.0)
-        if able > 0 and np.all(np.abs(empty) <= limits):
-            remedies.insert(0, f"a payload of at most {np.floor(100 * able) / 100:.3g} kg")
+def _too_heavy(plants: Sequence[Plant], home: np.ndarray, limits: np.ndarray) -> InfeasibleDesign:
+    """Return the error for a robot that its torque limits do not hold in the home posture."""
+    plant = max(plants, key=lambda robot: float(np.max(_loads(robot, home, limits))))
+    torque, mass = np.abs(np.asarray(plant.gravity_torque(home), dtype=float)), _payload(plant)
+    joint = int(np.argmax(torque / limits))
+    relaxations = [
+        Relaxation("torque_limits", float(torque[joint]), f"a torque limit above {torque[joint]:.3g}"),
+        Relaxation("home", None, "another home posture in the file (MJCF, keyframe home)"),
+    ]
+    largest = _largest_payload(plant, home, limits) if mass else None
+    if largest is not None:
+        relaxations.insert(0, Relaxation("payload", largest, f"a payload of at most {largest:.3g} kg"))
     carried = f" with {mass:g} kg at the tool" if mass else ""
-    return (
-        f"torque_limit: the robot cannot hold itself in its home posture q = ({_listed(home)}){carried}: joint "
-        f"{plant.joint_names[joint]} needs {held[joint]:.3g} and its limit is {limits[joint]:.3g} "
-        f"{_torque_unit(plant, joint)}. Any one of these may do: {'; '.join(remedies)}"
+    return InfeasibleDesign(
+        f"torque_limits: the robot cannot hold itself in its home posture q = ({_join(home)}){carried}: joint "
+        f"{plant.joint_names[joint]} needs {torque[joint]:.3g} and its limit is {limits[joint]:.3g} "
+        f"{torque_unit(plant, joint)}. Any one of these changes may do: "
+        f"{'; '.join(relaxation.text for relaxation in relaxations)}",
+        relaxations,
     )
 
 
+def _largest_payload(plant: Plant, home: np.ndarray, limits: np.ndarray) -> float | None:
+    """Return the largest payload [kg] that the limits hold in the home posture, rounded down; None for none."""
+    empty = np.asarray(plant.with_parameters({"payload": 0.0}).gravity_torque(home), dtype=float)
+    full = np.asarray(plant.gravity_torque(home), dtype=float)
+    per_mass = (full - empty) / _payload(plant)
+    loaded = np.abs(per_mass) > 1e-9
+    if not loaded.any() or np.any(np.abs(empty) > limits):
+        return None
+    masses = (limits * np.sign(per_mass) - empty)[loaded] / per_mass[loaded]
+    largest = float(np.min(masses))
+    return float(np.floor(100 * largest) / 100) if largest > 0 else None
+
+
 def assumptions(
-    plants: Sequence[Plant], workspace: Workspace, limits: np.ndarray, held: GravityLoad | None, *, own: bool
-) -> list[tuple[str, str, str]]:
-    """Name, value and reason of what was taken from the robot rather than chosen; ``own`` for its own torque limits."""
+    plants: Sequence[Plant], workspace: Workspace, limits: np.ndarray, load: GravityLoad | None, *, own: bool
+) -> list[Choice]:
+    """Return what is taken from the robot or its requirements rather than chosen.
+
+    Parameters
+    ----------
+    plants, workspace, limits, load
+        The robots, the workspace, the torque limits [N m or N] and the load of gravity.
+    own
+        Whether the torque limits are the robot's own.
+    """
     plant = plants[0]
-    found = [_robot(plant), _workspace(plant, workspace), _speed(plant, workspace)]
-    masses = [_payload(one) for one in plants]
+    choices = [_robot(plant), _workspace(plant, workspace), _speed(plant, workspace)]
+    masses = [_payload(robot) for robot in plants]
     if max(masses) > 0:
-        both = f"{masses[0]:g} to {masses[-1]:g} kg" if len(masses) > 1 else f"{masses[0]:g} kg"
-        found.append(
-            ("payload", both, f"{plant.payload_place}; M(q) grows with it, so that the two ends stand for all between")
-        )
-    if held is not None:
-        found += [_torque_limit(plant, limits, own), _weight(plant, held)]
-    return found
+        place = f"at {plant.carrier}" if isinstance(plant, MujocoPlant) else "as the robot's parameter"
+        masses_text = f"{masses[0]:g} to {masses[-1]:g} kg" if len(masses) > 1 else f"{masses[0]:g} kg"
+        reason = f"{place}; M(q) grows linearly with it, so that the two ends stand for all between"
+        choices.append(Choice(("disturbance",), "payload", masses_text, reason))
+    if load is not None:
+        choices += [_torque_limit(plant, limits, own), _weight(plant, load)]
+    return choices
 
 
-def _robot(plant: Plant) -> tuple[str, str, str]:
+def _robot(plant: Plant) -> Choice:
+    name = plant.label if isinstance(plant, MujocoPlant) else type(plant).__name__
     text = f"driven: {', '.join(plant.joint_names)}"
     if plant.locked:
         text += "; locked at zero: " + ", ".join(f"{joint} ({reason})" for joint, reason in plant.locked.items())
@@ -181,13 +213,16 @@ def _robot(plant: Plant) -> tuple[str, str, str]:
             "; no rotor inertia is known, and behind a gear it is most of a light link's: give armature if the motors "
             "have gears"
         )
-    return "robot", f"{plant.label}, {plant.n_joints} joint{'s' if plant.n_joints > 1 else ''}", text
+    return Choice(
+        ("robot", "file"), "robot", f"{name}, {plant.n_joints} joint{'s' if plant.n_joints > 1 else ''}", text
+    )
 
 
-def _workspace(plant: Plant, workspace: Workspace) -> tuple[str, str, str]:
+def _workspace(plant: Plant, workspace: Workspace) -> Choice:
     if workspace.reference is not None:
-        return "workspace", "a tube about the reference", "certified for these postures and no others"
-    low, high = plant.position_limits.T
+        reason = "certified for these postures and no others"
+        return Choice(("reference",), "workspace", "a tube about the reference", reason)
+    low, high = joint_ranges(plant)
     endless = [name for name, end in zip(plant.joint_names, high, strict=True) if not np.isfinite(end)]
     low, high = np.where(np.isfinite(low), low, -np.pi), np.where(np.isfinite(high), high, np.pi)
     full = np.allclose(workspace.low, low) and np.allclose(workspace.high, high)
@@ -201,60 +236,64 @@ def _workspace(plant: Plant, workspace: Workspace) -> tuple[str, str, str]:
     if endless and isinstance(plant, MujocoPlant):
         text += f"; no range in the file for {', '.join(endless)}"
         text += ", which is taken to ±π, a whole turn" if full else ""
-    return "workspace", "all that the joints reach" if full else "a part of what the joints reach", text
+    value = "all that the joints reach" if full else "a part of what the joints reach"
+    return Choice(("reference",), "workspace", value, text)
 
 
-def _speed(plant: Plant, workspace: Workspace) -> tuple[str, str, str]:
+def _speed(plant: Plant, workspace: Workspace) -> Choice:
     speed, own = workspace.speed, velocity_limits(plant)
     if speed is None:
         text = "no joint's speed is bounded, so that M(q) may change at any rate; a bound makes better gains possible"
-        return "speed", "any", text
-    unit = "rad/s" if "m" not in plant.units else "rad/s or m/s"
-    value = f"{_alike(speed)} {unit}"
+        return Choice(("reference",), "speed", "any", text)
+    unit = "rad/s" if "m" not in plant.joint_units else "rad/s or m/s"
+    value = f"{_join_equal(speed)} {unit}"
     source = "the limits in the robot's file" if own is not None and np.allclose(own, speed) else "as given"
     swift = ""
     if workspace.acceleration is not None and speed.any():
         usual = workspace.with_speed_limits(speed).acceleration
         taken = usual is not None and np.allclose(usual, workspace.acceleration)
-        swift = f", or accelerate by more than {_alike(workspace.acceleration)} {unit.replace('/s', '/s²')}"
+        swift = f", or accelerate by more than {_join_equal(workspace.acceleration)} {unit.replace('/s', '/s²')}"
         swift += ", which reaches this speed in a quarter of a second" if taken else ""
-    return "speed", value, f"{source}: no joint may move faster{swift}; the slower, the more inertia the loop bears"
+    reason = f"{source}: no joint may move faster{swift}; at a lower speed the loop tolerates more spread"
+    return Choice(("reference",), "speed", value, reason)
 
 
-def _torque_limit(plant: Plant, limits: np.ndarray, own: bool) -> tuple[str, str, str]:
+def _torque_limit(plant: Plant, limits: np.ndarray, own: bool) -> Choice:
     equal = np.ptp(limits[np.isfinite(limits)]) == 0 and np.isfinite(limits).all()
-    unit = "N m" if "m" not in plant.units else "N m or N"
-    value = f"{limits[0]:.4g} {unit}" if equal else f"{_listed(limits)} {unit}"
+    unit = "N m" if "m" not in plant.joint_units else "N m or N"
+    value = f"{limits[0]:.4g} {unit}" if equal else f"{_join(limits)} {unit}"
     unknown = [name for name, one in zip(plant.joint_names, limits, strict=True) if not np.isfinite(one)]
     text = "from the robot's file" if own else "as given"
     if unknown:
         text += f"; none is known for {', '.join(unknown)}"
-    return "torque limit", value, f"{text}; the measure of torque noise, and the certificate holds below it"
+    reason = f"{text}; torque noise is compared with it, and the certificate holds below it"
+    return Choice(("law", "torque_limit"), "torque limit", value, reason)
 
 
-def _weight(plant: Plant, held: GravityLoad) -> tuple[str, str, str]:
-    carried = f" with {held.payload:g} kg" if held.payload else ""
+def _weight(plant: Plant, load: GravityLoad) -> Choice:
+    carried = f" with {load.payload:g} kg" if load.payload else ""
     text = (
-        f"joint {held.joint} takes {held.torque:.3g} of {held.limit:.3g} {_torque_unit(plant, held.joint)} to stay at "
-        f"q = ({_listed(held.posture)}){carried}; {100 * held.at_home:.3g} % in the home posture"
+        f"joint {load.joint} takes {load.torque:.3g} of {load.limit:.3g} {torque_unit(plant, load.joint)} to stay at "
+        f"q = ({_join(load.posture)}){carried}; {100 * load.at_home:.3g} % in the home posture"
     )
-    if held.load > 1:
+    if load.load > 1:
         text = (
-            f"WARNING: {text}. In {max(100 * held.beyond, 0.1):.2g} % of the postures a torque would be at its limit, "
-            "which the certificate excludes: keep away from them"
+            f"WARNING: {text}. In {max(100 * load.share_beyond_limit, 0.1):.2g} % of the postures a torque "
+            "would be at its limit, which the certificate excludes: keep away from them"
         )
-    return "weight", f"at most {100 * held.load:.3g} % of the torque limit", text
+    return Choice(("law", "torque_limit"), "weight", f"at most {100 * load.load:.3g} % of the torque limit", text)
 
 
-def _torque_unit(plant: Plant, joint: int | str) -> str:
+def torque_unit(plant: Plant, joint: int | str) -> str:
+    """Return the unit of a joint's torque or force, by the joint's number or name."""
     number = plant.joint_names.index(joint) if isinstance(joint, str) else joint
     return "N" if plant.units[number] == "m" else "N m"
 
 
-def _alike(numbers: np.ndarray) -> str:
-    """One number where they are the same."""
-    return f"{numbers[0]:.4g}" if np.ptp(numbers) == 0 else _listed(numbers)
+def _join_equal(numbers: np.ndarray) -> str:
+    """Return one number where all are equal."""
+    return f"{numbers[0]:.4g}" if np.ptp(numbers) == 0 else _join(numbers)
 
 
-def _listed(numbers: Any) -> str:
-    return ", ".join(f"{float(one):.3g}" for one in numbers)
+def _join(numbers: np.ndarray) -> str:
+    return ", ".join(f"{float(number):.3g}" for number in numbers)

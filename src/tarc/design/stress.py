@@ -3,7 +3,6 @@
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -12,10 +11,11 @@ from tarc.certificates.base import Certificate
 from tarc.certificates.robot import certify_robot
 from tarc.core import validation as check
 from tarc.core.array_ops import HUGE
-from tarc.core.errors import DesignWarning, TarcError
+from tarc.core.errors import DesignWarning, InvalidParameter
 from tarc.core.progress import Progress
-from tarc.design.selection import Design
-from tarc.design.writer import reference_section
+from tarc.design.noise import torque_noise
+from tarc.design.result import Design
+from tarc.design.writer import slow_sines
 from tarc.estimators.algebraic import Algebraic
 from tarc.laws.tarc import TARC
 from tarc.laws.tdc import TDC
@@ -177,14 +177,14 @@ def stress_test(
         For unknown questions, numbers out of range, and what is no design.
     """
     if not isinstance(design, Design):
-        raise TarcError(f"design: got {type(design).__name__}; needs what tarc.design.design_controller returns")
+        raise InvalidParameter(f"design: got {type(design).__name__}; needs what tarc.design.design_controller returns")
     asked = [questions] if isinstance(questions, str) else list(questions)
     for name in asked:
         check.one_of("questions", name, QUESTIONS)
     check.number("noise_budget", noise_budget, 0, strict=True)
     check.number("duration", duration, 1.0)
     mass = float(np.squeeze(design.plants[-1].parameters["payload"])) if len(design.plants) > 1 else None
-    base = _Case(design, design.law, design.sensor, design.candidate.computation_delay, mass, design.workspace)
+    base = _Case(design, design.law, design.sensor, design.law.actuation_delay, mass, design.workspace)
     found, usual = {}, base.simulate(np.nan, duration).rms_error if simulate else np.nan
     with Progress("limits", len(asked) * (MAX_CERTIFICATES + 3), progress) as bar:
         for number, name in enumerate(asked, 1):
@@ -234,10 +234,10 @@ class _Case:
         """
         reference = self.design.workspace.reference
         if reference is None:
-            sines = {key: one for key, one in reference_section(self.design).items() if key != "kind"}
+            reference = slow_sines(self.design.law, self.design.plants, self.design.workspace)
             if self.fast:
-                sines["frequency"] = (_quickest(sines, self.workspace) * np.array(sines["frequency"])).tolist()
-            reference = Sinusoid(**sines)
+                frequency = speed_factor(reference, self.workspace) * np.asarray(reference.frequency)
+                reference = replace(reference, frequency=frequency)
         else:
             duration = min(duration, float(self.design.workspace.high[0]))
         free = replace(self.law, torque_limit=np.inf)
@@ -264,17 +264,17 @@ class _Case:
         return Outcome(value, bool(error <= MAX_ERROR_RATIO * usual), str(made.status), error, noise, excess)
 
 
-def _quickest(sines: dict[str, Any], workspace: Workspace) -> float:
-    """By which factor sines may be quicker until a joint is at its greatest speed or acceleration."""
+def speed_factor(sines: Sinusoid, workspace: Workspace) -> float:
+    """Return the factor on the frequencies at which a joint reaches its largest speed or acceleration."""
     if workspace.speed is None or workspace.acceleration is None:
         return 1.0
-    speed = np.abs(np.array(sines["amplitude"]) * sines["frequency"])
-    acceleration = speed * sines["frequency"]
+    speed = np.abs(np.asarray(sines.amplitude) * np.asarray(sines.frequency))
+    acceleration = speed * np.asarray(sines.frequency)
     moves = speed > 0
     if not moves.any():
         return 1.0
-    swift = np.sqrt(workspace.acceleration[moves] / acceleration[moves])
-    return float(min(np.min(workspace.speed[moves] / speed[moves]), np.min(swift)))
+    by_acceleration = np.sqrt(workspace.acceleration[moves] / acceleration[moves])
+    return float(min(np.min(workspace.speed[moves] / speed[moves]), np.min(by_acceleration)))
 
 
 def _rough(torque: np.ndarray) -> np.ndarray:
@@ -295,18 +295,20 @@ def _changed(base: _Case, name: str, value: float) -> _Case:
         return replace(base, workspace=base.workspace.scale_speed(value / base.workspace.speed.max()), fast=True)
     if name == "computation_delay":
         return replace(base, delay=base.delay + int(value))
-    chosen, period = base.design.candidate, 1 / value
-    shrink = chosen.period / period
-    late = int(np.ceil(chosen.computation_delay * shrink - 1e-9))
-    window = max(chosen.degree, round(chosen.window * shrink))
-    law = replace(
+    law, estimator, period = base.design.law, base.design.estimator, 1 / value
+    shrink = law.period / period
+    computation_delay = int(np.ceil(law.actuation_delay * shrink - 1e-9))
+    window = max(estimator.degree, round(estimator.window / law.period * shrink))
+    # a delay of one period would leave an alternating torque undamped where the computation delay is odd
+    delay = None if law.delay_periods == 1 else (1 + computation_delay % 2) * period
+    slower = replace(
         base.law,
         period=period,
-        estimator=Algebraic(window=window * period, degree=chosen.degree),
-        delay=None if chosen.delay == 1 else (1 + late % 2) * period,  # two where one leaves a torque undamped
-        actuation_delay=late,
+        estimator=Algebraic(window=window * period, degree=estimator.degree),
+        delay=delay,
+        actuation_delay=computation_delay,
     )
-    return replace(base, law=law, delay=late)
+    return replace(base, law=slower, delay=computation_delay)
 
 
 def _farther(limit: Limit) -> tuple[float, ...]:
@@ -376,8 +378,7 @@ def _bits(base: _Case, noise: float) -> Limit:
         return Limit(name="bits", note="torque noise has no torque limit to be held against; design with torque_limit")
 
     def share(sensor: Encoder) -> float:
-        sigma = np.sqrt(sensor.noise**2 + sensor.step_size**2 / 12)
-        predicted = base.design.candidate.noise * np.linalg.norm(base.design.shape * sigma, axis=1)
+        predicted = torque_noise(base.design.candidate.noise, base.design.shape, sensor)
         return float(np.max(predicted / base.law.torque_limits))
 
     shares = {bits: share(_changed(base, "bits", bits).sensor) for bits in range(1, 53)}

@@ -1,368 +1,410 @@
-"""A design as a scenario, ready to run, and as files."""
+"""A design as the content of a scenario, as commented YAML and as files."""
 
-import json
 import tempfile
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-import yaml
+from ruamel.yaml import YAML
+from ruamel.yaml.comments import CommentedMap, CommentedSeq
+from ruamel.yaml.nodes import ScalarNode
+from ruamel.yaml.representer import RoundTripRepresenter
 
-from tarc.core.errors import TarcError
+from tarc.analysis.workspace import Workspace
+from tarc.certificates.base import Certificate
+from tarc.core.errors import InvalidParameter
+from tarc.design.choice import Choice
+from tarc.design.robot_facts import joint_workspace
+from tarc.estimators.base import Estimator
+from tarc.laws.tarc import TARC
+from tarc.laws.tdc import TDC
 from tarc.plants.base import Plant
 from tarc.plants.mujoco import MujocoPlant
 from tarc.plants.robot_file import find_robot, shipped_robots
-from tarc.scenario.model import Scenario
+from tarc.signals.references import Sinusoid
+from tarc.signals.sensors import Encoder
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from tarc.design.selection import Design
-
+Value: TypeAlias = "bool | int | float | str | list[Value] | dict[str, Value] | None"
+"""What a YAML file holds."""
+Content: TypeAlias = dict[str, Value]
+"""A section of a YAML file."""
 
 MAX_AMPLITUDE = 0.4
-"""Greatest amplitude of the sines [rad or m]."""
+"""Largest amplitude of the sines [rad or m]."""
 BASE_FREQUENCY = 1.5
-"""Frequency of the first joint's sine [rad/s]; the others are a fifth apart."""
+"""Frequency of the first joint's sine [rad/s]; each further joint adds a fifth of it."""
 MAX_SPEED_SHARE = 0.8
-"""Share of the joints' greatest speed that the sines may reach."""
+"""Largest speed and acceleration of the sines, over those that the workspace allows."""
 DURATION = 10.0
-"""Of the scenario [s]."""
+"""Duration of the scenario [s]."""
 MAX_GRAVITY_SHARE = 0.7
-"""Share of the torque limit that the weight may take along the sines; where it takes more they are made smaller."""
-WIDTH = 110
-"""Columns of the file."""
-
-COMMENT_KEYS = {
-    "robot": ("robot", "file"),
-    "workspace": ("reference",),
-    "speed": ("reference",),
-    "payload": ("disturbance",),
-    "torque limit": ("law", "torque_limit"),
-    "weight": ("law", "torque_limit"),
-    "inertia": ("law", "inertia"),
-    "window": ("estimator", "window"),
-    "natural_frequency": ("law", "natural_frequency"),
-    "synchronised": ("law", "synchronised"),
-    "delay": ("law", "delay"),
-    "torque noise": ("sensor",),
-    "boundary, cap": ("law", "boundary_layer"),
-    "rise, fall": ("law", "rise_rate"),
-    "min_gain": ("law", "min_gain"),
-}
-"""The key of the scenario beside which a choice is explained, by the choice's name."""
-
-
-def scenario_of(design: "Design", duration: float = DURATION) -> Scenario:
-    """See `Design.scenario`."""
-    return Scenario.parse(sections(design, duration))
+"""Largest gravity torque along the sines, over the torque limit; the amplitudes are reduced until it is met."""
+LINE_WIDTH = 110
+"""Columns of a comment."""
+SECTION_ORDER = ("name", "robot", "law", "estimator", "sensor", "reference", "disturbance")
+LAW_ORDER = ("kind", "inertia", "natural_frequency", "damping_ratio", "synchronised", "delay")
 
 
 def plant_name(plant: Plant) -> str:
-    """A robot by its file, without the ending, or by its class."""
-    return Path(plant.label).stem
+    """Return the name of a robot: that of its file without the ending, or of its class."""
+    return Path(plant.label).stem if isinstance(plant, MujocoPlant) else type(plant).__name__
 
 
-def sections(design: "Design", duration: float = DURATION) -> dict[str, Any]:
-    """The scenario as plain data."""
-    low, high = design.payload
-    reference = design.workspace.reference
-    if reference is not None:
-        duration = min(duration, float(design.workspace.high[0]))
-    content: dict[str, Any] = {
-        "name": f"{plant_name(design.plants[0])} designed",
-        "robot": robot_section(design.plants[0]),
-        "law": law_section(design.law),
-        "estimator": {
-            "kind": "Algebraic",
-            "window": round(design.candidate.window * design.law.period, 9),
-            "degree": design.candidate.degree,
-        },
-        "reference": reference_section(design),
-        "sensor": _plain({key: value for key, value in _non_defaults(design.sensor).items() if value is not None}),
-        "initial_torque": "rest",
-        "period": design.law.period,
-        "computation_delay": design.candidate.computation_delay,
-        "duration": duration,
-        "metrics_start": min(1.0, duration / 4),
+def scenario_content(
+    law: TDC | TARC, plants: Sequence[Plant], workspace: Workspace, sensor: Encoder, duration: float = DURATION
+) -> Content:
+    """Return the keys of a scenario that runs a law on the first robot.
+
+    Where the last robot has another payload, it is picked up at half-time.
+    """
+    if workspace.reference is not None:
+        duration = min(duration, float(workspace.high[0]))
+    content: Content = {
+        "name": f"{plant_name(plants[0])} designed",
+        "robot": robot_section(plants[0]),
+        "law": law_section(law),
+        "estimator": estimator_section(law.estimator),
+        "sensor": {key: value for key, value in _non_defaults(sensor).items() if value is not None},
+        "reference": reference_section(law, plants, workspace),
     }
-    if high > low:
-        content["disturbance"] = [{"kind": "Payload", "mass": high, "start_time": duration / 2}]
+    if len(plants) > 1:
+        mass = float(np.squeeze(plants[-1].parameters["payload"]))
+        content["disturbance"] = [{"kind": "Payload", "mass": mass, "start_time": duration / 2}]
+    content["initial_torque"] = "rest"
+    content["period"] = law.period
+    content["computation_delay"] = law.actuation_delay
+    content["duration"] = duration
+    content["metrics_start"] = min(1.0, duration / 4)
     return content
 
 
-def robot_section(plant: Plant) -> dict[str, Any]:
-    """A robot as a scenario writes it, its file found from any folder."""
+def robot_section(plant: Plant) -> Content:
+    """Return a robot's section of a scenario. Its file is found from any folder.
+
+    Raises
+    ------
+    InvalidParameter
+        For a robot that a scenario cannot name.
+    """
     if isinstance(plant, MujocoPlant):
-        return {**_plain(plant.options), "file": _located(str(plant.options["file"]))}
+        options = {key: _plain(value) for key, value in plant.options.items()}
+        return {**options, "file": _find_path(str(plant.options["file"]))}
     if type(plant).__module__.startswith("tarc.plants"):
-        return {"kind": type(plant).__name__, **_plain(_non_defaults(plant))}
-    raise TarcError(
+        return {"kind": type(plant).__name__, **_non_defaults(plant)}
+    raise InvalidParameter(
         f"scenario: {type(plant).__name__} is neither from a file nor one of tarc.plants; run it with tarc.simulate"
     )
 
 
-def _located(name: str) -> str:
-    """A shipped robot's name, or the whole path of a file."""
+def _find_path(name: str) -> str:
+    """Return the name of a shipped robot, or the whole path of a file."""
     file = find_robot(name)
     if not Path(name).is_file() and file.name in shipped_robots():
         return file.stem
     return str(file.resolve())
 
 
-def law_section(law: Any) -> dict[str, Any]:
-    """A law as a scenario writes it, without its estimator and period."""
-    options = {name: value for name, value in _non_defaults(law).items() if name not in ("period", "estimator")}
-    limit = options.get("torque_limit")
-    if limit is not None and not np.all(np.isfinite(limit)):
-        options.pop("torque_limit")
-    return {"kind": type(law).__name__, **_plain(options)}
+def relative_path(file: Path, folder: Path) -> str:
+    """Return the path from a folder where the file is in it, else the path as it is."""
+    parent = folder.resolve()
+    return str(file.relative_to(parent) if file.is_relative_to(parent) else file)
 
 
-def reference_section(design: "Design") -> dict[str, Any]:
-    """Sines about the home posture, that begin at rest and leave torque to move with; or the workspace's reference.
+def law_section(law: TDC | TARC) -> Content:
+    """Return a law's section of a scenario, without its estimator and period.
 
-    At most a quarter of the workspace's width, and smaller where the weight alone would take most of the torque; slower
-    where a joint would be near its greatest speed or acceleration.
+    Every chosen value is included, also where it is the default.
     """
-    n, speed, acceleration = design.law.n_joints, design.workspace.speed, design.workspace.acceleration
-    if design.workspace.reference is not None:
-        given = design.workspace.reference
-        return {"kind": type(given).__name__, **_plain(_non_defaults(given))}
-    low, high = design.workspace.low, design.workspace.high
-    section: dict[str, Any] = {}
+    options = _non_defaults(law, without=("period", "estimator"))
+    if law.torque_limit is not None and not np.all(np.isfinite(law.torque_limit)):
+        options.pop("torque_limit", None)
+    inertia, is_diagonal = law.M, np.count_nonzero(law.M - np.diag(np.diag(law.M))) == 0
+    content: Content = {
+        "kind": type(law).__name__,
+        **options,
+        "inertia": _plain(np.diag(inertia) if is_diagonal else inertia),
+        "damping_ratio": _plain(law.damping_ratio),
+        "synchronised": law.synchronised,
+        "delay": None if law.synchronised else _plain(law.delay_periods * law.period),
+    }
+    return {key: content[key] for key in (*LAW_ORDER, *content)}
+
+
+def estimator_section(estimator: Estimator) -> Content:
+    """Return an estimator's section of a scenario, its degree also where it is the default."""
+    options = _non_defaults(estimator, without=("period",))
+    return {"kind": type(estimator).__name__, **options, "degree": _plain(getattr(estimator, "degree", None))}
+
+
+def reference_section(law: TDC | TARC, plants: Sequence[Plant], workspace: Workspace) -> Content:
+    """Return the section of the workspace's own reference, or of `slow_sines`."""
+    if workspace.reference is not None:
+        return {"kind": type(workspace.reference).__name__, **_non_defaults(workspace.reference)}
+    sines = slow_sines(law, plants, workspace)
+    return {
+        "kind": "Sinusoid",
+        "amplitude": np.asarray(sines.amplitude).tolist(),
+        "frequency": np.asarray(sines.frequency).tolist(),
+        "phase": float(np.max(sines.phase)),
+        "offset": np.asarray(sines.offset).tolist(),
+    }
+
+
+def slow_sines(law: TDC | TARC, plants: Sequence[Plant], workspace: Workspace) -> Sinusoid:
+    """Return sines about the home posture that begin at rest.
+
+    The amplitudes are at most a quarter of the workspace's width, and smaller where gravity alone would take most of
+    the torque. The frequencies keep each joint below its largest speed and acceleration.
+    """
+    low, high = workspace.low, workspace.high
+    sines: Sinusoid | None = None
     for share in (1.0, 0.5, 0.25, 0.1):
         amplitude = share * np.minimum(MAX_AMPLITUDE, (high - low) / 4)
-        middle = np.clip(np.clip(design.plants[0].home, low, high), low + amplitude, high - amplitude)
-        frequency = BASE_FREQUENCY * (1 + 0.2 * np.arange(n))
-        if speed is not None and acceleration is not None:
-            wide = np.maximum(amplitude, 1e-9)
-            frequency = np.minimum(frequency, MAX_SPEED_SHARE * np.minimum(speed / wide, (acceleration / wide) ** 0.5))
-        section = {
-            "kind": "Sinusoid",
-            "amplitude": amplitude.round(4).tolist(),
-            "frequency": frequency.round(3).tolist(),
-            "phase": float(np.pi / 2),
-            "offset": middle.round(4).tolist(),
-        }
-        if _holds(design, section):
+        middle = np.clip(np.clip(plants[0].home, low, high), low + amplitude, high - amplitude)
+        frequency = BASE_FREQUENCY * (1 + 0.2 * np.arange(law.n_joints))
+        if workspace.speed is not None and workspace.acceleration is not None:
+            width = np.maximum(amplitude, 1e-9)
+            fastest = np.minimum(workspace.speed / width, (workspace.acceleration / width) ** 0.5)
+            frequency = np.minimum(frequency, MAX_SPEED_SHARE * fastest)
+        sines = Sinusoid(
+            amplitude=amplitude.round(4), frequency=frequency.round(3), phase=np.pi / 2, offset=middle.round(4)
+        )
+        if _gravity_leaves_torque(law, plants[-1], sines):
             break
-    return section
+    assert sines is not None
+    return sines
 
 
-def _holds(design: "Design", section: dict[str, Any]) -> bool:
-    """Whether holding the heaviest robot along the sines leaves torque to move with."""
-    from tarc.signals.references import Sinusoid
-
-    limit, plant = design.law.torque_limits, design.plants[-1]
-    path = Sinusoid(**{key: value for key, value in section.items() if key != "kind"})
+def _gravity_leaves_torque(law: TDC | TARC, plant: Plant, path: Sinusoid) -> bool:
     postures = path.sample(np.linspace(0, DURATION, 100))[0].T
-    return all(np.all(np.abs(np.asarray(plant.gravity_torque(one))) <= MAX_GRAVITY_SHARE * limit) for one in postures)
+    torques = [np.abs(np.asarray(plant.gravity_torque(posture))) for posture in postures]
+    return bool(np.all(np.array(torques) <= MAX_GRAVITY_SHARE * law.torque_limits))
 
 
-def _non_defaults(part: Any) -> dict[str, Any]:
-    """Parameters of a component that are not at their default."""
-    return {one.name: value for one in fields(part) if not _same(value := getattr(part, one.name), one.default)}
+def _non_defaults(part: Any, without: Sequence[str] = ()) -> Content:
+    """Return the parameters of a component that are not at their default, except those named."""
+    chosen = [field for field in fields(part) if field.name not in without]
+    values = {field.name: (getattr(part, field.name), field.default) for field in chosen}
+    return {name: _plain(value) for name, (value, default) in values.items() if not _equal(value, default)}
 
 
-def _same(one: Any, other: Any) -> bool:
-    return np.shape(one) == np.shape(other) and bool(np.all(one == other))
+def _equal(value: Any, default: Any) -> bool:
+    return np.shape(value) == np.shape(default) and bool(np.all(value == default))
 
 
-def _plain(content: Any) -> Any:
-    """Lists and numbers instead of arrays, to eight digits."""
-    if isinstance(content, dict):
-        return {key: _plain(value) for key, value in content.items()}
-    if isinstance(content, np.ndarray | np.generic):
-        return _plain(content.tolist())
-    if isinstance(content, list | tuple):
-        return [_plain(one) for one in content]
-    return float(f"{content:.8g}") if isinstance(content, float) else content
+def _plain(value: object) -> Value:
+    """Return lists and numbers of eight digits instead of arrays."""
+    if isinstance(value, dict):
+        return {str(key): _plain(entry) for key, entry in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, float):
+        return float(f"{value:.8g}")
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    raise InvalidParameter(f"scenario: {type(value).__name__} is no value of a YAML file")
 
 
-def to_commented_yaml(design: "Design", *, command: str = "", file: Path | None = None) -> str:
-    """The scenario as YAML with the reasons as comments.
+class _Representer(RoundTripRepresenter):
+    """Write None as ``null``, not as an empty value."""
+
+    def represent_none(self, data: None) -> ScalarNode:
+        """Return the node of None."""
+        return self.represent_scalar("tag:yaml.org,2002:null", "null")
+
+
+_Representer.add_representer(type(None), _Representer.represent_none)
+
+
+def to_commented_yaml(content: Content, choices: Sequence[Choice], header: Sequence[str] = ()) -> str:
+    """Return YAML with the reason of each choice above its key. The comments survive a reload by ruamel.yaml.
 
     Parameters
     ----------
-    design
-        What to write.
-    command
-        What made it, for the first line.
-    file
-        Where it will be, with its certificates beside it; a robot's file in the same folder is named from there.
+    content
+        The scenario.
+    choices
+        Each is written above the key that it names, or above the nearest section that exists.
+    header
+        Paragraphs on top of the file. Choices without a key follow them.
     """
-    content = sections(design)
-    if file is not None and "file" in content["robot"]:
-        robot, folder = Path(content["robot"]["file"]), file.parent.resolve()
-        content["robot"]["file"] = str(robot.relative_to(folder) if robot.is_relative_to(folder) else robot)
-    content["law"] = _whole(design, content["law"])
-    notes: dict[tuple[str, ...], list[str]] = {}
-    for one in design.choices:
-        where = COMMENT_KEYS.get(one.name, ())
-        while where and not _holds_key(content, where):
-            where = where[:-1]
-        notes.setdefault(where, []).append(f"{one.name}: {one.value}; {one.reason}")
-    order = ("name", "robot", "law", "estimator", "sensor", "reference", "disturbance")
-    content = {key: content[key] for key in (*(one for one in order if one in content), *content)}
-    head = [*_verdict(design, command, file), *notes.pop((), [])]
-    return "\n".join([*_comments(head, 0), "", *_lines(content, notes)]) + "\n"
+    comments: dict[tuple[str, ...], list[str]] = {}
+    for choice in choices:
+        key = choice.key
+        while key and not _has_key(content, key):
+            key = key[:-1]
+        comments.setdefault(key, []).append(f"{choice.label}: {choice.value}; {choice.reason}")
+    ordered = [key for key in SECTION_ORDER if key in content]
+    sections = {key: content[key] for key in (*ordered, *content)}
+    yaml = YAML()
+    yaml.Representer = _Representer
+    yaml.width = 10**6
+    yaml.allow_unicode = True
+    yaml.indent(mapping=2, sequence=4, offset=2)
+    stream = StringIO()
+    yaml.dump(_commented_map(sections, comments), stream)
+    top = "\n".join(f"# {line}".rstrip() for line in _wrap([*header, *comments.get((), [])], 0))
+    return f"{top}\n\n{stream.getvalue()}"
 
 
-def _whole(design: "Design", law: dict[str, Any]) -> dict[str, Any]:
-    """The law's section in a fixed order, with what was chosen even where it is the default."""
-    made = design.law
-    late = None if made.synchronised else float(f"{made.delay_periods * made.period:.8g}")
-    M = made.M
-    content = {
-        **law,
-        "inertia": _plain(np.diag(M) if np.count_nonzero(M - np.diag(np.diag(M))) == 0 else M),
-        "damping_ratio": design.candidate.damping_ratio,
-        "synchronised": made.synchronised,
-        "delay": late,
-    }
-    first = ("kind", "inertia", "natural_frequency", "damping_ratio", "synchronised", "delay")
-    return {key: content[key] for key in (*first, *content)}
+def _commented_map(
+    content: Content, comments: Mapping[tuple[str, ...], Sequence[str]], path: tuple[str, ...] = ()
+) -> CommentedMap:
+    indent = 2 * len(path)
+    result = CommentedMap()
+    for key, value in content.items():
+        place = (*path, key)
+        result[key] = _commented_map(value, comments, place) if isinstance(value, dict) else _flow(value)
+        if place in comments:
+            text = "\n".join(_wrap(comments[place], indent))
+            result.yaml_set_comment_before_after_key(key, before=text, indent=indent)
+    return result
 
 
-def _holds_key(content: Any, where: Sequence[str]) -> bool:
-    for key in where:
+def _flow(value: Value) -> "Value | CommentedSeq | CommentedMap":
+    """Return a list in brackets; a list of lists or mappings has one of them per line."""
+    if isinstance(value, list) and value and isinstance(value[0], list | dict):
+        return CommentedSeq([_flow(entry) for entry in value])
+    if isinstance(value, list):
+        row = CommentedSeq(value)
+        row.fa.set_flow_style()
+        return row
+    if isinstance(value, dict):
+        section = CommentedMap(value)
+        section.fa.set_flow_style()
+        return section
+    return value
+
+
+def _has_key(content: Value, path: Sequence[str]) -> bool:
+    for key in path:
         if not isinstance(content, dict) or key not in content:
             return False
         content = content[key]
     return True
 
 
-def _verdict(design: "Design", command: str, file: Path | None) -> list[str]:
-    """What stands on top of the file."""
-    verdict = design.certificates["robot"]
-    lines = [f"Made by: {command or 'tarc.design.design_controller'}", verdict.claim]
-    lines.append(f"Verdict: {verdict.verdict}; {verdict.margin_meaning}: {verdict.margin:.4g}. Assumed:")
-    lines += [f"- {one}" for one in verdict.assumptions]
+def _wrap(texts: Sequence[str], indent: int) -> list[str]:
+    """Return the lines of paragraphs; the items of a list keep their indent."""
+    lines: list[str] = []
+    for text in texts:
+        following = "  " if text.startswith("- ") else ""
+        width = LINE_WIDTH - indent - 2
+        lines += textwrap.wrap(text, width, subsequent_indent=following, break_long_words=False, break_on_hyphens=False)
+    return lines
+
+
+def header_lines(verdict: Certificate, options: str, command: str = "", file: Path | None = None) -> list[str]:
+    """Return the paragraphs on top of a design's file: its origin, the verdict and how to repeat it.
+
+    Parameters
+    ----------
+    verdict
+        The robot's certificate.
+    options
+        As `certify_options` gives them.
+    command
+        The command that made the design.
+    file
+        The file to be written.
+    """
+    name = "this file" if file is None else file.name
+    lines = [
+        f"Made by: {command or 'tarc.design.design_controller'}",
+        verdict.claim,
+        f"Verdict: {verdict.verdict}; {verdict.margin_meaning}: {verdict.margin:.4g}. Assumed:",
+        *(f"- {assumption}" for assumption in verdict.assumptions),
+    ]
     if file is not None:
         lines.append(f"Certificates: {certificates_path(file).name}")
-    name = "this file" if file is None else file.name
-    lines.append(f"Run it: tarc run {name}. Certify it again: tarc certify {name} {certify_options(design)}")
+    lines.append(f"Run it: tarc run {name}. Certify it again: tarc certify {name} {options}")
     return lines
+
+
+def certify_options(plant: Plant, workspace: Workspace) -> str:
+    """Return the options of ``tarc certify`` that certify a workspace, or the part of it that the scenario uses."""
+    limits = ""
+    if workspace.speed is not None and workspace.acceleration is not None:
+        limits = f" --speed {_join(workspace.speed)}"
+        usual = workspace.with_speed_limits(workspace.speed).acceleration
+        if usual is not None and not np.allclose(usual, workspace.acceleration):
+            limits += f" --acceleration {_join(workspace.acceleration)}"
+    if workspace.reference is not None:
+        return f"--tube {float(workspace.high[1:].max()):g}{limits}"
+    try:
+        whole = joint_workspace(plant)
+    except InvalidParameter:  # a slide without a range
+        return f"--tube 0.01{limits}"
+    is_whole = np.allclose(whole.low, workspace.low) and np.allclose(whole.high, workspace.high)
+    return f"--full-range{limits}" if is_whole else f"--tube 0.01{limits}"
+
+
+def _join(values: np.ndarray) -> str:
+    """Return numbers with commas between them, or one number where all are equal."""
+    return ",".join(f"{value:.6g}" for value in (values[:1] if np.ptp(values) == 0 else values))
 
 
 def certificates_path(file: Path) -> Path:
-    """Where the certificates are that belong to a design's YAML file."""
+    """Return the file of the certificates that belong to a design's YAML file."""
     return file.with_name(f"{file.stem}-certificates.json")
 
 
-def certify_options(design: "Design") -> str:
-    """Options with which ``tarc certify`` looks at the workspace of a design, or at the part that it moves in."""
-    from tarc.design.robot_facts import joint_workspace
-
-    workspace = design.workspace
-    pace = ""
-    if workspace.speed is not None and workspace.acceleration is not None:
-        pace = f" --speed {_short(workspace.speed)}"
-        usual = workspace.with_speed_limits(workspace.speed).acceleration
-        if usual is not None and not np.allclose(usual, workspace.acceleration):
-            pace += f" --acceleration {_short(workspace.acceleration)}"
-    if workspace.reference is not None:
-        return f"--tube {float(workspace.high[1:].max()):g}{pace}"
-    try:
-        reach = joint_workspace(design.plants[0])
-    except TarcError:
-        return f"--tube 0.01{pace}"
-    full = np.allclose(reach.low, workspace.low) and np.allclose(reach.high, workspace.high)
-    return f"--full-range{pace}" if full else f"--tube 0.01{pace}"
-
-
-def _short(values: np.ndarray) -> str:
-    """With commas between, or one number for all where they are the same."""
-    return ",".join(f"{one:.6g}" for one in (values[:1] if np.ptp(values) == 0 else values))
-
-
-def _comments(texts: Sequence[str], indent: int) -> list[str]:
-    """Each text wrapped, behind the sign of a comment; a list's items keep their indent."""
-    lines = []
-    for text in texts:
-        lines += textwrap.wrap(
-            text,
-            WIDTH - indent,
-            initial_indent="# ",
-            subsequent_indent="#   " if text.startswith("- ") else "# ",
-            break_long_words=False,
-            break_on_hyphens=False,
-        )
-    return [" " * indent + line for line in lines]
-
-
-def _lines(content: dict[str, Any], notes: dict[tuple[str, ...], list[str]], where: tuple[str, ...] = ()) -> list[str]:
-    """YAML of a section, lists in brackets, with the notes above their keys."""
-    lines, indent = [], 2 * len(where)
-    margin = " " * indent
-    for key, value in content.items():
-        path = (*where, key)
-        lines += _comments(notes.get(path, []), indent)
-        if isinstance(value, dict) and value:
-            lines += [f"{margin}{key}:", *_lines(value, notes, path)]
-        elif isinstance(value, list) and value and isinstance(value[0], list | dict):
-            lines += [f"{margin}{key}:", *(f"{margin}  - {_inline(row)}" for row in value)]
-        else:
-            lines.append(f"{margin}{key}: {_inline(value)}")
-    return lines
-
-
-def _inline(value: Any) -> str:
-    text = yaml.safe_dump(value, default_flow_style=True, width=10**6, allow_unicode=True, sort_keys=False)
-    return text.removesuffix("...\n").strip()
-
-
 def check_writable(path: str | Path) -> Path:
-    """Where a design may be written: the YAML file itself, in a folder that is there and can be written.
+    """Return the YAML file to write; for a folder, ``design.yaml`` in it. Missing folders are made.
 
     Raises
     ------
-    TarcError
+    InvalidParameter
         For a name that is not of YAML, and a folder or file that cannot be written.
     """
-    here = Path(path).expanduser()
-    if here.is_dir():
-        here = here / "design.yaml"
-    if here.suffix not in (".yaml", ".yml"):
-        raise TarcError(
-            f"out: got {str(path)!r}; needs the name of a YAML file, such as {here.with_suffix('.yaml')}, or a folder "
+    file = Path(path).expanduser()
+    if file.is_dir():
+        file = file / "design.yaml"
+    if file.suffix not in (".yaml", ".yml"):
+        raise InvalidParameter(
+            f"out: got {str(path)!r}; needs the name of a YAML file, such as {file.with_suffix('.yaml')}, or a folder "
             "that exists"
         )
     try:
-        here.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=here.parent):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=file.parent):
             pass
-        if here.exists():
-            with here.open("a", encoding="utf-8"):
+        if file.exists():
+            with file.open("a", encoding="utf-8"):
                 pass
     except OSError as error:
-        raise _unwritable(here, error) from None
-    return here
+        raise _unwritable(file, error) from None
+    return file
 
 
-def _unwritable(path: Path, error: OSError) -> TarcError:
-    return TarcError(f"out: cannot write {path}: {error.strerror or error}; choose another folder")
+def _unwritable(path: Path, error: OSError) -> InvalidParameter:
+    return InvalidParameter(f"out: cannot write {path}: {error.strerror or error}; choose another folder")
 
 
-def save(
-    design: "Design", path: str | Path = "design.yaml", figures: "Mapping[str, Figure] | None" = None, command: str = ""
-) -> list[Path]:
-    """See `Design.save`; ``command`` is what made the design, for the first line of the file."""
-    here = check_writable(path)
-    proof = certificates_path(here)
-    text = to_commented_yaml(design, command=command, file=here)
-    content = {kind: json.loads(one.to_json()) for kind, one in design.certificates.items()}
-    files = [here, proof]
+def write_files(file: Path, texts: Mapping[Path, str], figures: "Mapping[str, Figure]") -> list[Path]:
+    """Write texts, and figures beside a file under its name and theirs; return all files.
+
+    Raises
+    ------
+    InvalidParameter
+        For a file that cannot be written.
+    """
+    written = list(texts)
     try:
-        here.write_text(text, encoding="utf-8")
-        proof.write_text(json.dumps(content), encoding="utf-8")
-        for kind, figure in (figures or {}).items():
-            files.append(here.with_name(f"{here.stem}-{kind}.png"))
-            figure.savefig(files[-1], dpi=110)
+        for path, text in texts.items():
+            path.write_text(text, encoding="utf-8")
+        for kind, figure in figures.items():
+            written.append(file.with_name(f"{file.stem}-{kind}.png"))
+            figure.savefig(written[-1], dpi=110)
     except OSError as error:
-        raise _unwritable(here, error) from None
-    return files
+        raise _unwritable(file, error) from None
+    return written

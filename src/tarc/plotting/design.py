@@ -1,28 +1,26 @@
-"""Figures of a design: the loops that are to be had, and why one was chosen."""
+"""Figures of a design: the assessed loops and the chosen one."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, MaxNLocator, NullFormatter, NullLocator
 
+from tarc.design.candidates import Candidate
+from tarc.design.result import Design
+from tarc.design.writer import plant_name
 from tarc.plotting.certificates import design_figure
 from tarc.plotting.runs import COLOURS
-
-if TYPE_CHECKING:
-    from tarc.design.candidates import Candidate
-    from tarc.design.selection import Design
-
 
 STAR: dict[str, Any] = {"marker": "*", "ms": 18, "color": COLOURS[3], "mec": "black", "mew": 0.8, "ls": "", "zorder": 5}
 WIDEST = 300.0
 """Spread beyond which the map has one colour."""
 
 
-def plot_front(design: "Design") -> Figure:
-    """Torque noise against the error that a step leaves, of every loop that bears the robot, with the choice."""
+def plot_front(design: Design) -> Figure:
+    """Draw torque noise against the error after a step, for every feasible loop and the chosen one."""
     figure = Figure(figsize=(8.5, 5.0), layout="constrained")
     axes = figure.subplots()
     plant = design.plants[0]
@@ -34,7 +32,7 @@ def plot_front(design: "Design") -> Figure:
     heaviest = int(np.argmax(np.diag(design.shape)))
     per_error = 1e3 / float(design.shape[heaviest, heaviest])
 
-    def points(members: "list[Candidate]") -> tuple[list[float], list[float]]:
+    def points(members: list[Candidate]) -> tuple[list[float], list[float]]:
         return [per_noise * one.noise for one in members], [per_error * one.error for one in members]
 
     able = [one for one in design.candidates if one.feasible]
@@ -52,12 +50,12 @@ def plot_front(design: "Design") -> Figure:
     _log(axes, "x")
     _log(axes, "y")
     axes.set_xlabel(
-        f"torque noise of the loudest joint, {plant.joint_names[loudest]}, RMS "
+        f"largest torque noise, {plant.joint_names[loudest]}, RMS "
         f"[{'% of its limit' if known else _force(design, loudest)}]"
     )
     axes.set_ylabel(
-        f"RMS error of {plant.joint_names[heaviest]} for one step\nof 1 {_force(design, heaviest)} a second "
-        f"[m{plant.units[heaviest]}]"
+        f"RMS error of {plant.joint_names[heaviest]} for one step\nof 1 {_force(design, heaviest)} per second "
+        f"[m{plant.joint_units[heaviest]}]"
     )
     axes.legend(frameon=False, fontsize="small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
     axes.grid(alpha=0.3)
@@ -65,10 +63,11 @@ def plot_front(design: "Design") -> Figure:
     return figure
 
 
-def plot_reach(design: "Design") -> Figure:
-    """The spread that loops bear over window and natural frequency, and where it is the robot's; at one natural
-    frequency over the
-    window alone. For a robot of bounded speed, for which it is not known how much more a loop bears, those that do.
+def plot_reach(design: Design) -> Figure:
+    """Draw the tolerated spread over window and natural frequency, and where it is the robot's.
+
+    At one natural frequency it is drawn over the window alone. For a robot of bounded speed only the feasible loops
+    are drawn, since their tolerated spread is not computed.
     """
     if design.workspace.speed is not None:
         return _region(design)
@@ -76,7 +75,7 @@ def plot_reach(design: "Design") -> Figure:
     return _map(design, sides) if all(len(grid[1]) > 1 for grid in sides.values()) else _lines(design)
 
 
-def _region(design: "Design") -> Figure:
+def _region(design: Design) -> Figure:
     figure = Figure(figsize=(9.5, 4.4), layout="constrained")
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
     able = [one for one in design.candidates if one.feasible]
@@ -101,33 +100,32 @@ def _region(design: "Design") -> Figure:
                 s=30,
                 label=f"degree {degree}",
             )
-        if design.candidate.synchronised == synchronised:
-            axes.plot(design.candidate.window, design.candidate.natural_frequency, **STAR)
+        if design.law.synchronised == synchronised:
+            axes.plot(window_periods(design), natural_frequency(design), **STAR)
         axes.set_title("synchronised" if synchronised else "literal", fontsize="medium")
         axes.set_xlabel("window [periods]")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.grid(alpha=0.3)
     _log(panels[0], "y")
-    panels[0].set_ylabel("bandwidth [rad/s]")
+    panels[0].set_ylabel("natural frequency [rad/s]")
     panels[1].legend(frameon=False, fontsize="small")
     bar = figure.colorbar(
         drawn,
         ax=panels,
-        label=f"torque noise of the loudest joint, RMS [{'% of its limit' if limited else 'N m or N'}]",
+        label=f"largest torque noise, RMS [{'% of its limit' if limited else 'N m or N'}]",
     )
     ticks = np.linspace(least, most, 6)
     bar.set_ticks(list(ticks), labels=[f"{10**one:.2g}" for one in ticks])
     figure.suptitle(
-        f"{_title(design)}\nloops found that bear the robot's spread, {design.spread:.3g}, with gravity, motion and "
-        "room; star: chosen",
+        f"{_title(design)}\nloops that tolerate the robot's spread, {design.spread:.3g}, with gravity, motion and "
+        "margin; star: chosen",
         fontsize="medium",
     )
     return figure
 
 
-def _grid(design: "Design", synchronised: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Windows (w,), natural frequencies (b,) and the widest spread that a loop bears there (b, w), of those looked
-    at first."""
+def _grid(design: Design, synchronised: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return windows (w,), natural frequencies (b,) and the largest tolerated spread (b, w) of the first candidates."""
     found: dict[tuple[int, float], float] = {}
     for one in design.candidates:
         if one.synchronised == synchronised and one.degree == _degree(design, synchronised):
@@ -142,9 +140,9 @@ def _grid(design: "Design", synchronised: bool) -> tuple[np.ndarray, np.ndarray,
     return windows, speeds, values
 
 
-def _degree(design: "Design", synchronised: bool) -> int:
-    """That of the choice; literal loops have degree 2."""
-    return design.candidate.degree if synchronised else min(design.candidate.degree, 2)
+def _degree(design: Design, synchronised: bool) -> int:
+    """Return the degree of the law; literal loops have degree 2."""
+    return design.estimator.degree if synchronised else min(design.estimator.degree, 2)
 
 
 def _frequent(values: list[Any]) -> np.ndarray:
@@ -152,7 +150,7 @@ def _frequent(values: list[Any]) -> np.ndarray:
     return each[2 * counts > counts.max()] if len(each) else each
 
 
-def _map(design: "Design", sides: dict[bool, tuple[np.ndarray, np.ndarray, np.ndarray]]) -> Figure:
+def _map(design: Design, sides: dict[bool, tuple[np.ndarray, np.ndarray, np.ndarray]]) -> Figure:
     figure = Figure(figsize=(9.5, 4.4), layout="constrained")
     panels = figure.subplots(1, 2, sharey=True)
     level = np.log10(design.spread)
@@ -167,8 +165,8 @@ def _map(design: "Design", sides: dict[bool, tuple[np.ndarray, np.ndarray, np.nd
         able = [one for one in design.candidates if one.feasible and one.synchronised == synchronised]
         able = [one for one in able if one.degree == _degree(design, synchronised)]
         axes.plot([one.window for one in able], [one.natural_frequency for one in able], "o", color="black", ms=2.5)
-        if design.candidate.synchronised == synchronised:
-            axes.plot(design.candidate.window, design.candidate.natural_frequency, clip_on=False, **STAR)
+        if design.law.synchronised == synchronised:
+            axes.plot(window_periods(design), natural_frequency(design), clip_on=False, **STAR)
         axes.set_facecolor("0.9")
         word = "synchronised" if synchronised else "literal"
         axes.set_title(f"{word}, degree {_degree(design, synchronised)}", fontsize="medium")
@@ -177,18 +175,18 @@ def _map(design: "Design", sides: dict[bool, tuple[np.ndarray, np.ndarray, np.nd
         axes.set_xlim(min([windows.min(), *(one.window for one in able)]) - 0.3, windows.max())
         axes.set_ylim(speeds.min(), speeds.max())
         _log(axes, "y")
-    bar = figure.colorbar(drawn, ax=panels, label="spread that the loop bears")
+    bar = figure.colorbar(drawn, ax=panels, label="tolerated spread")
     bar.set_ticks([0, 0.5, 1, 1.5, 2, 2.5], labels=["1", "3", "10", "30", "100", "300"])
-    panels[0].set_ylabel("bandwidth [rad/s]")
+    panels[0].set_ylabel("natural frequency [rad/s]")
     figure.suptitle(
         f"{_title(design)}\n{'white line: ' if line else ''}the robot's spread, {design.spread:.3g}; dots: loops that "
-        "bear it with gravity, motion and room; star: chosen",
+        "tolerate it with gravity, motion and margin; star: chosen",
         fontsize="medium",
     )
     return figure
 
 
-def _lines(design: "Design") -> Figure:
+def _lines(design: Design) -> Figure:
     figure = Figure(figsize=(8.5, 4.4), layout="constrained")
     axes = figure.subplots()
     able: list[Candidate] = []
@@ -208,34 +206,42 @@ def _lines(design: "Design") -> Figure:
             able += [one for one in best.values() if one.feasible]
     axes.plot([one.window for one in able], [one.max_spread for one in able], "o", color="black", ms=3.5)
     axes.axhline(design.spread, color="0.4", lw=1.5, label=f"the robot's spread, {design.spread:.3g}")
-    axes.plot(design.candidate.window, design.candidate.max_spread, label="chosen", **STAR)
+    axes.plot(window_periods(design), design.candidate.max_spread, label="chosen", **STAR)
     axes.set_xlabel("window [periods]")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     _log(axes, "y")
-    axes.set_ylabel(f"spread that the loop bears\nat {design.candidate.natural_frequency:.4g} rad/s")
+    axes.set_ylabel(f"tolerated spread\nat {natural_frequency(design):.4g} rad/s")
     axes.legend(frameon=False, fontsize="small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
     axes.grid(alpha=0.3)
     figure.suptitle(
-        f"{_title(design)}\ndots: loops that bear the robot with gravity, motion and room", fontsize="medium"
+        f"{_title(design)}\ndots: loops that tolerate the robot with gravity, motion and margin", fontsize="medium"
     )
     return figure
 
 
-def _title(design: "Design") -> str:
-    from tarc.design.writer import plant_name
-
+def _title(design: Design) -> str:
     low, high = design.payload
     carried = f", {low:g} to {high:g} kg" if high > low else f", {high:g} kg" if high else ""
     rate = 1 / design.law.period
     return f"{plant_name(design.plants[0])}{carried}: {type(design.law).__name__} at {rate:.4g} Hz"
 
 
-def _force(design: "Design", joint: int) -> str:
-    return "N" if design.plants[0].units[joint] == "m" else "N m"
+def window_periods(design: Design) -> int:
+    """Return the window of the law [periods]."""
+    return round(design.estimator.window / design.law.period)
+
+
+def natural_frequency(design: Design) -> float:
+    """Return the natural frequency of the law [rad/s]."""
+    return float(np.max(np.asarray(design.law.natural_frequency, dtype=float)))
+
+
+def _force(design: Design, joint: int) -> str:
+    return "N" if design.plants[0].joint_units[joint] == "m" else "N m"
 
 
 def _log(axes: Axes, which: str) -> None:
-    """A logarithmic axis whose ticks are plain numbers."""
+    """Make an axis logarithmic with plain numbers at its ticks."""
     axis = axes.xaxis if which == "x" else axes.yaxis
     axes.set_xscale("log") if which == "x" else axes.set_yscale("log")
     low, high = axes.get_xlim() if which == "x" else axes.get_ylim()
@@ -252,15 +258,15 @@ def _log(axes: Axes, which: str) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-FIGURES: dict[str, Callable[["Design"], Figure]] = {"front": plot_front, "reach": plot_reach}
+FIGURES: dict[str, Callable[[Design], Figure]] = {"front": plot_front, "reach": plot_reach}
 
 MAX_MAP_WINDOW = 20
 """Longest window [periods] for which the law's figure is drawn: its map looks at longer ones still."""
 
 
-def design_figures(design: "Design") -> dict[str, Figure]:
-    """All figures of a design, by name; that of the law only where its map does not take long."""
+def design_figures(design: Design) -> dict[str, Figure]:
+    """Return all figures of a design by name; that of the law only for a short window."""
     found = {kind: draw(design) for kind, draw in FIGURES.items()}
-    if design.candidate.window <= MAX_MAP_WINDOW:
-        found["law"] = design_figure(design.law, design.certificates, design.candidate.computation_delay)
+    if window_periods(design) <= MAX_MAP_WINDOW:
+        found["law"] = design_figure(design.law, design.certificates, design.law.actuation_delay)
     return found

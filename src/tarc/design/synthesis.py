@@ -1,0 +1,237 @@
+"""From requirements and a robot to certified gains."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, overload
+
+import numpy as np
+
+from tarc.analysis.inertia_ratio import InertiaSpread, inertia_spread
+from tarc.analysis.inertia_shape import best_inertia_shape
+from tarc.certificates.base import Certificate
+from tarc.certificates.robot import certify_robot
+from tarc.certification import certify_law
+from tarc.core.errors import InfeasibleDesign, InvalidParameter
+from tarc.core.progress import Progress
+from tarc.design.adaptation import Adaptation, choose_adaptation, expected_step
+from tarc.design.candidates import WINDOWS, Candidate, assess_candidates, enumerate_candidates
+from tarc.design.noise import torque_noise
+from tarc.design.reasons import explain_adaptation, explain_loop
+from tarc.design.requirements import DesignProblem, DesignRequirements
+from tarc.design.result import Design
+from tarc.design.robot_facts import assumptions, gravity_load
+from tarc.design.robustness import RobustnessSpec
+from tarc.design.selection import MIN_SPREAD_MARGIN, LoopSelection
+from tarc.laws.tarc import TARC
+from tarc.laws.tdc import TDC
+from tarc.plants.base import Plant
+
+MAX_REFINEMENTS = 5
+"""Most times that the neighbours of the best loop are assessed."""
+EXTRA_MARGINS = (0.03, 0.06, 0.12, 0.25)
+"""Additions to the margin where the certificate finds worse postures than those sampled."""
+
+
+@overload
+def design_controller(
+    plant: Plant, requirements: DesignRequirements | None = None, *, progress: bool | None = None
+) -> Design: ...
+
+
+@overload
+def design_controller(plant: Plant, *, progress: bool | None = None, **keywords: Any) -> Design: ...
+
+
+def design_controller(
+    plant: Plant,
+    requirements: DesignRequirements | None = None,
+    *,
+    progress: bool | None = None,
+    **keywords: Any,
+) -> Design:
+    """Choose M̂, window, degree, natural frequency, delay, synchronisation and adaptation for a robot; certify them.
+
+    The shape of M̂ minimises the spread of the eigenvalues of M(q)⁻¹M̂ over workspace and payload. Of the loops that
+    tolerate this spread with a margin, the one of least error within a budget of torque noise is taken. Without a
+    budget, at a given natural frequency, it is the one of least noise.
+
+    Parameters
+    ----------
+    plant
+        The robot. Its rotor inertia counts: without it, light links make the spread too large for any loop.
+    requirements
+        The requirements; None for those that the keywords give.
+    progress
+        Show a progress bar when it takes more than two seconds; None for when standard error is a terminal.
+    keywords
+        Parameters of `DesignRequirements`, instead of requirements.
+
+    Returns
+    -------
+    Design
+        Certified.
+
+    Raises
+    ------
+    InfeasibleDesign
+        When nothing can be certified; ``relaxations`` are the changes that admit a design.
+    InvalidParameter
+        For conflicting or missing requirements.
+    """
+    if requirements is None:
+        requirements = DesignRequirements(**keywords)
+    elif keywords:
+        raise InvalidParameter(f"requirements: given together with {', '.join(keywords)}; use dataclasses.replace")
+    problem = DesignProblem.from_plant(plant, requirements)
+    load = gravity_load(problem.plants, problem.workspace, problem.torque_limits, requirements.seed)
+    trials = _initial_candidates(requirements)
+    with Progress("designing", len(trials) + 60, progress) as bar:
+        shape, spread = _inertia_shape(problem)
+        spec = RobustnessSpec.from_robot(problem.plants, problem.workspace, shape, spread, seed=requirements.seed)
+        bar.advance(20)
+        assessed = assess_candidates(
+            trials, spec, slope_ratio=requirements.slope_ratio, min_margin=MIN_SPREAD_MARGIN, done=bar.advance
+        )
+        selection, best = _refine(LoopSelection(problem, shape, spec, assessed))
+        bar.advance(20)
+        best, law, adaptation, certificate = _certified_law(selection, best)
+        certificates = certify_law(law, problem.plants, problem.workspace, known=certificate, **_sampling(requirements))
+        bar.advance(20)
+    own_limits = requirements.torque_limits is None
+    given = assumptions(problem.plants, problem.workspace, problem.torque_limits, load, own=own_limits)
+    reasons = explain_loop(selection, best, spread)
+    if adaptation is not None:
+        reasons += explain_adaptation(best, *adaptation)
+    return Design(
+        requirements=requirements,
+        law=law,
+        plants=problem.plants,
+        workspace=problem.workspace,
+        certificates=certificates,
+        choices=(*given, *reasons),
+        shape=shape,
+        spread=spread.ratio,
+        candidates=tuple(selection.candidates),
+        candidate=best,
+        torque_noise=torque_noise(best.noise, shape, requirements.sensor),
+    )
+
+
+def _initial_candidates(requirements: DesignRequirements) -> list[Candidate]:
+    frequency = requirements.natural_frequency
+    trials = enumerate_candidates(
+        requirements.period,
+        natural_frequencies=None if frequency is None else [frequency],
+        damping_ratio=requirements.damping_ratio,
+        computation_delay=requirements.computation_delay,
+        windows=WINDOWS if frequency is None else range(2, 31),
+    )
+    # literal loops of degree 3 have more noise and more error than others
+    return [trial for trial in trials if trial.synchronised or trial.degree == 2]
+
+
+def _inertia_shape(problem: DesignProblem) -> tuple[np.ndarray, InertiaSpread]:
+    """Return X, so that the eigenvalues of M(q)⁻¹X are 1 and above, and their spread before this scaling."""
+    requirements = problem.requirements
+    shape, _ = best_inertia_shape(
+        problem.plants,
+        problem.workspace,
+        samples=requirements.samples,
+        diagonal=requirements.diagonal,
+        tolerance=0.03,
+        seed=requirements.seed,
+    )
+    spread = inertia_spread(
+        problem.plants, shape, problem.workspace, samples=requirements.samples, seed=requirements.seed
+    )
+    return shape / spread.min_ratio, spread
+
+
+def _sampling(requirements: DesignRequirements) -> dict[str, int]:
+    return {
+        "computation_delay": requirements.computation_delay,
+        "samples": requirements.samples,
+        "seed": requirements.seed,
+    }
+
+
+def _refine(selection: LoopSelection) -> tuple[LoopSelection, Candidate]:
+    """Assess the neighbours of the best loop until none is better."""
+    best = selection.pick()
+    assessed: set[Candidate] = set()
+    for _ in range(MAX_REFINEMENTS):
+        trials = [trial for trial in _neighbours(selection, best) if trial not in assessed]
+        assessed.update(trials)
+        neighbours = _assess_neighbours(selection, trials, MIN_SPREAD_MARGIN)
+        selection = replace(selection, candidates=[*selection.candidates, *neighbours])
+        previous, best = best, selection.pick()
+        if best == previous:
+            break
+    return selection, best
+
+
+def _neighbours(selection: LoopSelection, best: Candidate) -> list[Candidate]:
+    """Return the neighbours of a loop, closer than the grid."""
+    frequencies = [best.natural_frequency]
+    if selection.problem.requirements.natural_frequency is None:
+        frequencies = [float(f"{factor * best.natural_frequency:.3g}") for factor in (0.85, 1.0, 1.18)]
+    windows = {window for window in (best.window - 1, best.window, best.window + 1) if window >= best.degree}
+    return enumerate_candidates(
+        best.period,
+        natural_frequencies=frequencies,
+        windows=sorted(windows),
+        degrees=[best.degree],
+        delays=[best.delay],
+        synchronised=[best.synchronised],
+        damping_ratio=best.damping_ratio,
+        computation_delay=best.computation_delay,
+    )
+
+
+def _assess_neighbours(selection: LoopSelection, trials: Sequence[Candidate], min_margin: float) -> list[Candidate]:
+    slope_ratio = selection.problem.requirements.slope_ratio
+    return assess_candidates(trials, selection.spec, slope_ratio=slope_ratio, min_margin=min_margin, exhaustive=True)
+
+
+def _certified_law(
+    selection: LoopSelection, best: Candidate
+) -> tuple[Candidate, TDC | TARC, tuple[Adaptation, float] | None, Certificate]:
+    """Return the best loop whose law is certified; its margin grows where the certificate finds worse postures."""
+    problem = selection.problem
+
+    def certify(law: TDC | TARC) -> Certificate:
+        return certify_robot(law, problem.plants, problem.workspace, **_sampling(problem.requirements))
+
+    law, adaptation = _build_law(problem, selection.shape, best)
+    certificate = certify(law)
+    for extra in EXTRA_MARGINS:
+        if certificate.certified:
+            break
+        margin = MIN_SPREAD_MARGIN + extra
+        candidates = _assess_neighbours(selection, _neighbours(selection, best), margin)
+        candidates += [candidate for candidate in selection.candidates if candidate.spread_margin >= margin]
+        if not any(candidate.feasible for candidate in candidates):
+            break
+        best = replace(selection, candidates=candidates).pick()
+        law, adaptation = _build_law(problem, selection.shape, best)
+        certificate = certify(law)
+    if not certificate.certified:
+        raise InfeasibleDesign(
+            f"design: the loop of sufficient spread is {certificate.verdict} on the robot, margin "
+            f"{certificate.margin:.3g}; use more samples, or a smaller workspace"
+        )
+    return best, law, adaptation, certificate
+
+
+def _build_law(
+    problem: DesignProblem, shape: np.ndarray, best: Candidate
+) -> tuple[TDC | TARC, tuple[Adaptation, float] | None]:
+    """Return the law of a loop; for TARC also its adaptation and the expected step of acceleration [rad/s²]."""
+    options = {**best.law_options(), "inertia": best.inertia_scale * shape, "estimator": best.estimator}
+    if np.isfinite(problem.torque_limits).any():
+        options["torque_limit"] = problem.torque_limits
+    if problem.requirements.law == "TDC":
+        return TDC(**options), None
+    step = expected_step(problem.plants, problem.workspace)
+    adaptation = choose_adaptation(best, step, noise=float(np.linalg.norm(problem.sigma)))
+    return TARC(**{**options, **adaptation.law_options()}), (adaptation, step)
