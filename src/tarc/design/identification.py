@@ -12,7 +12,6 @@ from tarc.core import validation as check
 from tarc.core.errors import DesignWarning, InvalidParameter, NotIdentifiable
 from tarc.core.types import Array
 from tarc.core.validation import Numbers, Table
-from tarc.design.robot_facts import joint_ranges
 from tarc.estimators.algebraic import Algebraic
 from tarc.estimators.base import synchronous_weights
 from tarc.laws.tdc import TDC
@@ -389,7 +388,7 @@ def identify(
 
 def _motion(plant: Plant, duration: float) -> Multisine:
     """The excitation about home, within the ranges where they are known."""
-    low, high = joint_ranges(plant)
+    low, high = plant.position_limits.T
     return excitation_reference(plant.home, duration=duration, low=low, high=high)
 
 

@@ -216,5 +216,5 @@ def _torque_limits(plant: Plant, given: Numbers | None) -> np.ndarray:
     """Return the limits given or the robot's own; a limit of zero in a file stands for none."""
     if given is not None:
         return check.vector("torque_limits", given, plant.n_joints, 0, strict=True)
-    own = np.broadcast_to(getattr(plant, "torque_limits", np.inf), (plant.n_joints,)).astype(float)
+    own = plant.torque_limits
     return np.where(own > 0, own, np.inf)

@@ -24,7 +24,7 @@ def joint_workspace(plant: Plant, joint_range: float | None = None) -> Workspace
     InvalidParameter
         For a joint_range that is not above zero, and without one for a slide that has no range in the file.
     """
-    low, high = joint_ranges(plant)
+    low, high = plant.position_limits.T
     if joint_range is not None:
         joint_range = check.number("joint_range", joint_range, 0, strict=True)
         low, high = np.maximum(low, plant.home - joint_range), np.minimum(high, plant.home + joint_range)
@@ -46,17 +46,8 @@ def velocity_limits(plant: Plant) -> np.ndarray | None:
 
     A joint without a limit may move at any speed, and then M(q) may change at any rate.
     """
-    limits = np.broadcast_to(getattr(plant, "velocity_limits", np.inf), (plant.n_joints,))
+    limits = plant.velocity_limits
     return limits if np.isfinite(limits).all() else None
-
-
-def joint_ranges(plant: Plant) -> tuple[np.ndarray, np.ndarray]:
-    """Return the ends of the joints' ranges [rad or m], infinite where the robot has none."""
-    low, high = np.full(plant.n_joints, -np.inf), np.full(plant.n_joints, np.inf)
-    if isinstance(plant, MujocoPlant):
-        limited = plant.model.jnt_limited.astype(bool)
-        low[limited], high[limited] = plant.model.jnt_range[limited].T
-    return low, high
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,9 +184,8 @@ def assumptions(
     choices = [_robot(plant), _workspace(plant, workspace), _speed(plant, workspace)]
     masses = [_payload(robot) for robot in plants]
     if max(masses) > 0:
-        place = f"at {plant.carrier}" if isinstance(plant, MujocoPlant) else "as the robot's parameter"
         masses_text = f"{masses[0]:g} to {masses[-1]:g} kg" if len(masses) > 1 else f"{masses[0]:g} kg"
-        reason = f"{place}; M(q) grows linearly with it, so that the two ends stand for all between"
+        reason = f"{plant.payload_place}; M(q) grows linearly with it, so that the two ends stand for all between"
         choices.append(Choice(("disturbance",), "payload", masses_text, reason))
     if load is not None:
         choices += [_torque_limit(plant, limits, own), _weight(plant, load)]
@@ -203,7 +193,6 @@ def assumptions(
 
 
 def _robot(plant: Plant) -> Choice:
-    name = plant.label if isinstance(plant, MujocoPlant) else type(plant).__name__
     text = f"driven: {', '.join(plant.joint_names)}"
     if plant.locked:
         text += "; locked at zero: " + ", ".join(f"{joint} ({reason})" for joint, reason in plant.locked.items())
@@ -214,7 +203,7 @@ def _robot(plant: Plant) -> Choice:
             "have gears"
         )
     return Choice(
-        ("robot", "file"), "robot", f"{name}, {plant.n_joints} joint{'s' if plant.n_joints > 1 else ''}", text
+        ("robot", "file"), "robot", f"{plant.label}, {plant.n_joints} joint{'s' if plant.n_joints > 1 else ''}", text
     )
 
 
@@ -222,7 +211,7 @@ def _workspace(plant: Plant, workspace: Workspace) -> Choice:
     if workspace.reference is not None:
         reason = "certified for these postures and no others"
         return Choice(("reference",), "workspace", "a tube about the reference", reason)
-    low, high = joint_ranges(plant)
+    low, high = plant.position_limits.T
     endless = [name for name, end in zip(plant.joint_names, high, strict=True) if not np.isfinite(end)]
     low, high = np.where(np.isfinite(low), low, -np.pi), np.where(np.isfinite(high), high, np.pi)
     full = np.allclose(workspace.low, low) and np.allclose(workspace.high, high)
@@ -245,7 +234,7 @@ def _speed(plant: Plant, workspace: Workspace) -> Choice:
     if speed is None:
         text = "no joint's speed is bounded, so that M(q) may change at any rate; a bound makes better gains possible"
         return Choice(("reference",), "speed", "any", text)
-    unit = "rad/s" if "m" not in plant.joint_units else "rad/s or m/s"
+    unit = "rad/s" if "m" not in plant.units else "rad/s or m/s"
     value = f"{_join_equal(speed)} {unit}"
     source = "the limits in the robot's file" if own is not None and np.allclose(own, speed) else "as given"
     swift = ""
@@ -260,7 +249,7 @@ def _speed(plant: Plant, workspace: Workspace) -> Choice:
 
 def _torque_limit(plant: Plant, limits: np.ndarray, own: bool) -> Choice:
     equal = np.ptp(limits[np.isfinite(limits)]) == 0 and np.isfinite(limits).all()
-    unit = "N m" if "m" not in plant.joint_units else "N m or N"
+    unit = "N m" if "m" not in plant.units else "N m or N"
     value = f"{limits[0]:.4g} {unit}" if equal else f"{_join(limits)} {unit}"
     unknown = [name for name, one in zip(plant.joint_names, limits, strict=True) if not np.isfinite(one)]
     text = "from the robot's file" if own else "as given"

@@ -95,7 +95,15 @@ def design_controller(
         selection, best = _refine(LoopSelection(problem, shape, spec, assessed))
         bar.advance(20)
         best, law, adaptation, certificate = _certified_law(selection, best)
-        certificates = certify_law(law, problem.plants, problem.workspace, known=certificate, **_sampling(requirements))
+        certificates = certify_law(
+            law,
+            problem.plants,
+            problem.workspace,
+            computation_delay=requirements.computation_delay,
+            samples=requirements.samples,
+            seed=requirements.seed,
+            known=certificate,
+        )
         bar.advance(20)
     own_limits = requirements.torque_limits is None
     given = assumptions(problem.plants, problem.workspace, problem.torque_limits, load, own=own_limits)

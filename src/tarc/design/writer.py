@@ -54,7 +54,7 @@ LAW_ORDER = ("kind", "inertia", "natural_frequency", "damping_ratio", "synchroni
 
 def plant_name(plant: Plant) -> str:
     """Return the name of a robot: that of its file without the ending, or of its class."""
-    return Path(plant.label).stem if isinstance(plant, MujocoPlant) else type(plant).__name__
+    return Path(plant.label).stem
 
 
 def scenario_content(

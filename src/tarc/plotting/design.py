@@ -55,7 +55,7 @@ def plot_front(design: Design) -> Figure:
     )
     axes.set_ylabel(
         f"RMS error of {plant.joint_names[heaviest]} for one step\nof 1 {_force(design, heaviest)} per second "
-        f"[m{plant.joint_units[heaviest]}]"
+        f"[m{plant.units[heaviest]}]"
     )
     axes.legend(frameon=False, fontsize="small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
     axes.grid(alpha=0.3)
@@ -237,7 +237,7 @@ def natural_frequency(design: Design) -> float:
 
 
 def _force(design: Design, joint: int) -> str:
-    return "N" if design.plants[0].joint_units[joint] == "m" else "N m"
+    return "N" if design.plants[0].units[joint] == "m" else "N m"
 
 
 def _log(axes: Axes, which: str) -> None:
