@@ -292,7 +292,8 @@ def test_what_the_file_leaves_open_is_said(folder):
     assert "shoulder -3.142 to 3.142; elbow -2 to 2" in found["workspace"][1]
     assert "no range in the file for shoulder, which is taken to ±π, a whole turn" in found["workspace"][1]
     near = {
-        name: why for choice in assumptions([plant], joint_workspace(plant, 0.5), plant.torque_limits, None, own=True)
+        choice.label: choice.reason
+        for choice in assumptions([plant], joint_workspace(plant, 0.5), plant.torque_limits, None, own=True)
     }
     assert "each joint -0.5 to 0.5" in near["workspace"]
 
