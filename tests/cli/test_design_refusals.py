@@ -148,7 +148,7 @@ def test_a_reach_stands_in_for_a_range_that_is_missing(folder):
 def test_torque_limits_missing(limit):
     text = arm(elbow=joint("elbow", "upper", "fore", inside=limit))
     message = refusal_message(text)
-    assert message.startswith("torque_limits: none is known for joint elbow, so that there is no budget")
+    assert message.startswith("torque_limits: none is known for joint elbow, so torque noise has no budget")
     assert "Give torque_limits, or a natural_frequency" in message
 
 
