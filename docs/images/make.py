@@ -103,7 +103,9 @@ def first_robot() -> None:
         joints=[f"joint{i}" for i in range(1, 7)],
         armature=0.1,
     )
-    made = design_controller(arm, payload=(0.0, 2.0), sensor=Encoder(bits=17), speed=1.0)
+    made = design_controller(
+        arm, payload=(0.0, 2.0), sensor=Encoder(bits=17), speed=1.0
+    )
     draw(made.plot("front"), "z1-front.png")
     draw(run_figure(made.scenario().run()), "z1-tracking.png")
 

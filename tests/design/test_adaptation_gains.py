@@ -133,14 +133,14 @@ def test_time_to_empty_and_to_fill_the_cap(loops):
         gains = []
         for _ in range(periods + 50):
             state = step(law, state, values.boundary_layer)  # the first rises, at the cap, and all the others do not
-            gains.append(float(state.gain))
+            gains.append(float(np.asarray(state.gain)))
         emptied = np.argmax(np.array(gains) < 1.5 * law.min_gain)
         assert emptied == pytest.approx(periods, abs=0.03 * periods + 2)
         state = law.robust_init()
         gains = []
         for k in range(periods):
             state = step(law, state, values.boundary_layer * (1 + 1e-6 * k))
-            gains.append(float(state.gain))
+            gains.append(float(np.asarray(state.gain)))
         filled = np.argmax(np.array(gains) > 0.9999 * law.max_gain)
         assert filled == pytest.approx(periods / RISE_TO_FALL, abs=0.03 * periods + 2)
 
