@@ -6,6 +6,7 @@ from tarc.analysis.inertia_ratio import inverse_ratios
 from tarc.analysis.linearise import alike, decouple
 from tarc.analysis.stability import Witness, stable_intervals
 from tarc.core.errors import TarcError
+from tarc.core.formatting import format_vector
 from tarc.core.types import Array
 from tarc.laws.base import Law
 from tarc.laws.pole_placement import PolePlacement
@@ -71,7 +72,7 @@ def unstable_posture(law: Law, plant: Plant, positions: Array, computation_delay
 def remedy(law: Law, witness: Witness, computation_delay: int = 0) -> str:
     """What `unstable_posture` found, and what to do about it, in a sentence each."""
     ratio, rate = witness["ratio"], witness["growth rate [1/s]"]
-    posture = ", ".join(f"{one:.3g}" for one in witness["posture"])
+    posture = format_vector(witness["posture"])
     text = (
         f"{type(law).__name__}: held at rest at q = ({posture}) the loop is unstable: an eigenvalue of M(q)⁻¹M̂ is "
         f"{ratio:.4g}, and a mode grows by e in {1 / rate:.2g} s"

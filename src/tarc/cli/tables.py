@@ -15,6 +15,7 @@ import tarc.laws
 from tarc.certificates.base import Certificate
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
+from tarc.core.formatting import format_vector
 from tarc.plants.mujoco import MujocoPlant
 from tarc.plants.robot_file import shipped_robots
 from tarc.scenario.loader import shipped_scenarios
@@ -155,7 +156,7 @@ def print_certificates(scenario: Scenario, found: dict[str, dict[str, Certificat
         console.print(table)
         verdict = certificates["robot"]
         for end, word in (("low", "least"), ("high", "greatest")):
-            posture = ", ".join(f"{one:.3g}" for one in verdict.matrices[f"posture_{end}"])
+            posture = format_vector(verdict.matrices[f"posture_{end}"])
             console.print(f"{word} ratio {verdict.numbers[f'{word} ratio']:.4g} at q = ({posture})", highlight=False)
         numbers = verdict.numbers
         count = f"{numbers['samples']:.0f} postures and local search"
@@ -165,7 +166,7 @@ def print_certificates(scenario: Scenario, found: dict[str, dict[str, Certificat
             held = f"; the ball that fits best holds {low:.4g} to {high:.4g}"
         console.print(f"spread {numbers['spread']:.3g}, from {count}{held}", highlight=False)
         if "rate" in numbers:
-            speeds = ", ".join(f"{one:.3g}" for one in verdict.matrices["speed"])
+            speeds = format_vector(verdict.matrices["speed"])
             console.print(f"no joint faster than ({speeds}), M changes by {numbers['rate']:.3g} M̂ a second at most")
         text = advice(laws[name], verdict, scenario.computation_delay)
         if text:

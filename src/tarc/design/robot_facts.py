@@ -8,6 +8,7 @@ import numpy as np
 from tarc.analysis.workspace import Workspace
 from tarc.core import validation as check
 from tarc.core.errors import InfeasibleDesign, InvalidParameter, Relaxation
+from tarc.core.formatting import format_vector
 from tarc.design.choice import Choice
 from tarc.plants.base import Plant
 from tarc.plants.mujoco import MujocoPlant
@@ -147,7 +148,7 @@ def _too_heavy(plants: Sequence[Plant], home: np.ndarray, limits: np.ndarray) ->
         relaxations.insert(0, Relaxation("payload", largest, f"a payload of at most {largest:.3g} kg"))
     carried = f" with {mass:g} kg at the tool" if mass else ""
     return InfeasibleDesign(
-        f"torque_limits: the robot cannot hold itself in its home posture q = ({_join(home)}){carried}: joint "
+        f"torque_limits: the robot cannot hold itself in its home posture q = ({format_vector(home)}){carried}: joint "
         f"{plant.joint_names[joint]} needs {torque[joint]:.3g} and its limit is {limits[joint]:.3g} "
         f"{torque_unit(plant, joint)}. Any one of these changes may do: "
         f"{'; '.join(relaxation.text for relaxation in relaxations)}",
@@ -250,7 +251,7 @@ def _speed(plant: Plant, workspace: Workspace) -> Choice:
 def _torque_limit(plant: Plant, limits: np.ndarray, own: bool) -> Choice:
     equal = np.ptp(limits[np.isfinite(limits)]) == 0 and np.isfinite(limits).all()
     unit = "N m" if "m" not in plant.units else "N m or N"
-    value = f"{limits[0]:.4g} {unit}" if equal else f"{_join(limits)} {unit}"
+    value = f"{limits[0]:.4g} {unit}" if equal else f"{format_vector(limits)} {unit}"
     unknown = [name for name, one in zip(plant.joint_names, limits, strict=True) if not np.isfinite(one)]
     text = "from the robot's file" if own else "as given"
     if unknown:
@@ -263,7 +264,7 @@ def _weight(plant: Plant, load: GravityLoad) -> Choice:
     carried = f" with {load.payload:g} kg" if load.payload else ""
     text = (
         f"joint {load.joint} takes {load.torque:.3g} of {load.limit:.3g} {torque_unit(plant, load.joint)} to stay at "
-        f"q = ({_join(load.posture)}){carried}; {100 * load.at_home:.3g} % in the home posture"
+        f"q = ({format_vector(load.posture)}){carried}; {100 * load.at_home:.3g} % in the home posture"
     )
     if load.load > 1:
         text = (
@@ -281,8 +282,4 @@ def torque_unit(plant: Plant, joint: int | str) -> str:
 
 def _join_equal(numbers: np.ndarray) -> str:
     """Return one number where all are equal."""
-    return f"{numbers[0]:.4g}" if np.ptp(numbers) == 0 else _join(numbers)
-
-
-def _join(numbers: np.ndarray) -> str:
-    return ", ".join(f"{float(number):.3g}" for number in numbers)
+    return f"{numbers[0]:.4g}" if np.ptp(numbers) == 0 else format_vector(numbers)

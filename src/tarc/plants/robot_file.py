@@ -1,5 +1,6 @@
 """Robot files: finding, reading and trimming MJCF and URDF to the joints that a law drives."""
 
+from tarc.core.formatting import format_vector
 from tarc.core.optional import require
 
 require("robots", "tarc.plants.MujocoPlant")
@@ -71,7 +72,7 @@ def _refused(spec: mujoco.MjSpec, label: str, error: ValueError) -> str:
         if a + b < c and not spec.compiler.balanceinertia:
             return (
                 f"{label}: the inertia of link {body.name!r} is that of no body: of its principal moments "
-                f"{_listed(moments)} kg m² the greatest is more than the sum of the others. {_INERTIA}"
+                f"{format_vector(moments, 4)} kg m² the greatest is more than the sum of the others. {_INERTIA}"
             )
     return f"{label}: MuJoCo refuses the model: {_line(error)}"
 
@@ -104,7 +105,7 @@ def check_links(spec: mujoco.MjSpec, label: str) -> None:
         if moments[0] < -1e-9 * moments[-1] or moments[-1] < 0:
             raise TarcError(
                 f"{label}: the inertia of link {body.name!r} is that of no body: its principal moments are "
-                f"{_listed(moments)} kg m² and none may be below 0. {_INERTIA}"
+                f"{format_vector(moments, 4)} kg m² and none may be below 0. {_INERTIA}"
             )
     for joint in spec.joints:
         if joint.range[0] > joint.range[1]:
@@ -112,10 +113,6 @@ def check_links(spec: mujoco.MjSpec, label: str) -> None:
                 f"{label}: the range of joint {joint.name!r} goes from {joint.range[0]:g} to {joint.range[1]:g}; needs "
                 "the lower end first"
             )
-
-
-def _listed(numbers: Any) -> str:
-    return ", ".join(f"{one:.4g}" for one in numbers)
 
 
 def _line(error: Exception) -> str:
