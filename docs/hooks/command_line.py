@@ -6,7 +6,7 @@ from typing import Any
 import typer
 from mkdocs.structure.files import File, Files
 
-from tarc.cli.app import app
+from tarc.cli.main import app
 
 PAGE = "reference/command-line.md"
 INTRODUCTION = """\

@@ -7,9 +7,9 @@ import sys
 from pathlib import Path
 
 import pytest
-import yaml
 
 from tarc import Run
+from tarc.scenario.yaml_text import write_yaml
 
 TARC = str(Path(sys.executable).parent / "tarc")
 
@@ -33,7 +33,7 @@ def scenario(tmp_path):
         "sensor": {"bits": 16},
         "duration": 1.0,
     }
-    (tmp_path / "swing.yaml").write_text(yaml.safe_dump(content))
+    (tmp_path / "swing.yaml").write_text(write_yaml(content))
     return tmp_path
 
 
@@ -84,6 +84,9 @@ def test_show(tmp_path):
     one = run_tarc("show", "TARC", cwd=tmp_path).stdout
     assert "rise_rate" in one
     assert "required" in one
+    assert run_tarc("show", "tarc", cwd=tmp_path).stdout == one
+    assert "shoulder_pan_joint" in run_tarc("show", "UR5e", cwd=tmp_path).stdout
+    assert "kind: Multisine" in run_tarc("show", "panda_multisine", cwd=tmp_path).stdout
     assert "law" in json.loads(run_tarc("show", "--json", cwd=tmp_path).stdout)
     assert "Did you mean 'TARC'?" in run_tarc("show", "TRAC", cwd=tmp_path, status=2).stderr
 

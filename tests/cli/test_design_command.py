@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 import tarc.design
 from tarc import TarcError, plants
 from tarc.certificates import Certificate
-from tarc.cli.app import app
+from tarc.cli.main import app
 from tarc.design import Choice, Design, Limit, design_controller
 from tarc.scenario.model import Scenario
 from urdf_text import arm, joint, link
@@ -205,7 +205,7 @@ def test_on_top_is_how_it_was_made_and_the_verdict(designed_folder):
 
 def test_json_and_a_part_of_the_workspace(designed_folder, tmp_path):
     folder, _ = designed_folder
-    arguments = ["design", str(folder / "arm.urdf"), *ASKED, "--reach", "0.5", *QUICK, "--json"]
+    arguments = ["design", str(folder / "arm.urdf"), *ASKED, "--joint-range", "0.5", *QUICK, "--json"]
     found = json.loads(invoke_tarc(*arguments, folder=tmp_path).stdout)
     assert found["verdict"] == "certified"
     assert found["margin"] > 0
@@ -312,7 +312,9 @@ def test_too_fast_for_the_rate_says_both_ways_out(designed_folder, tmp_path):
     folder, _ = designed_folder
     arguments = ["design", str(folder / "arm.urdf"), *ASKED, *QUICK]
     message = str(
-        invoke_tarc(*arguments, "--natural-frequency", "200", "--rate", "500", folder=tmp_path, status=1).exception
+        invoke_tarc(
+            *arguments, "--natural-frequency", "200", "--control-rate", "500", folder=tmp_path, status=1
+        ).exception
     )
     assert message.startswith("design: nothing can be certified at 200 rad/s: ")
     found = re.search(r"a natural frequency of at most ([\d.]+) rad/s; a control rate of at least ([\d.]+) Hz", message)
@@ -322,8 +324,8 @@ def test_too_fast_for_the_rate_says_both_ways_out(designed_folder, tmp_path):
     # but for gravity, what a loop bears depends on the natural frequency times the period
     assert natural_frequency * rate == pytest.approx(200 * 500, rel=0.2)
     for within in (
-        ["--natural-frequency", found[1], "--rate", "500"],
-        ["--natural-frequency", "200", "--rate", found[2]],
+        ["--natural-frequency", found[1], "--control-rate", "500"],
+        ["--natural-frequency", "200", "--control-rate", found[2]],
     ):
         assert "certified" in invoke_tarc(*arguments, *within, "-o", "slower.yaml", folder=tmp_path).stdout
     assert not (tmp_path / "design.yaml").exists()
@@ -344,6 +346,14 @@ def test_a_bandwidth_and_a_budget_that_exclude_each_other(designed_folder, tmp_p
 def test_help_teaches(tmp_path):
     text = invoke_tarc("design", "--help", folder=tmp_path).stdout
     assert "Example: tarc design ur5e --payload 0 5 --armature 0.1 -o design.yaml" in text
-    for option in ("--payload", "--encoder-bits", "--rate", "--reach", "--noise", "--torque-limit", "--limits"):
+    for option in (
+        "--payload",
+        "--encoder-bits",
+        "--control-rate",
+        "--joint-range",
+        "--noise",
+        "--torque-limit",
+        "--limits",
+    ):
         assert option in text
     assert "LOW HIGH" in text

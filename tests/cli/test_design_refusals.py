@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tarc import TarcError, plants
-from tarc.cli.app import app
+from tarc.cli.main import app
 from tarc.design import design_controller
 from tarc.design.robot_facts import assumptions, gravity_load, joint_workspace
 from tarc.plants import MujocoPlant
@@ -174,11 +174,11 @@ def test_noise_without_any_torque_limit():
         (["--speed", "1,2,3"], r"speed: got shape \(3,\); needs one number or 2 of them"),
         (["--speed", "nan"], r"speed: "),
         (["--speed", "fast"], r"--speed: got 'fast'; needs one number"),
-        (["--reach", 0], r"joint_range: got 0; needs a finite number above 0"),
-        (["--reach", -0.5], r"joint_range: got -0.5; needs a finite number above 0"),
-        (["--rate", 0], r"--rate: got 0; needs a finite number above 0"),
+        (["--joint-range", 0], r"joint_range: got 0; needs a finite number above 0"),
+        (["--joint-range", -0.5], r"joint_range: got -0.5; needs a finite number above 0"),
+        (["--control-rate", 0], r"--rate: got 0; needs a finite number above 0"),
         (["--natural-frequency", -3], r"natural_frequency: got -3; needs a finite number above 0"),
-        (["--damping", 0], r"damping_ratio: got 0; needs a finite number above 0"),
+        (["--damping-ratio", 0], r"damping_ratio: got 0; needs a finite number above 0"),
         (["--noise", 5], r"--noise: got 5; needs a share of the torque limit, such as 0.02 for 2 %"),
         (["--law", "pid"], r"--law: got 'pid'; known are tarc, tdc"),
         (["--computation-delay", -1], r"computation_delay: got -1; needs a whole number of at least 0"),

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import typer
 
-from tarc.cli.app import app
+from tarc.cli.main import app
 from tarc.scenario.model import Scenario
 from tarc.scenario.schema import SECTIONS, catalogue, parameters
 

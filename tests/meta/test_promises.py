@@ -45,7 +45,7 @@ def test_public_names_are_in_the_reference(name, thing):
 def test_import_is_light():
     """Importing the package, and the command line, loads no heavy library."""
     heavy = {"numpy", "scipy", "casadi", "mujoco", "xarray", "matplotlib", "pydantic"}
-    for module in ("tarc", "tarc.cli.app"):
+    for module in ("tarc", "tarc.cli.main"):
         code = f"import sys, {module}; print(*sys.modules)"
         loaded = set(
             subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()

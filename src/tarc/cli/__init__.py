@@ -13,9 +13,6 @@ def main() -> None:
     except MissingTool as error:
         print(f"error: {error}", file=sys.stderr)
         raise SystemExit(2) from None
-    from tarc.cli.app import main as run_command
+    from tarc.cli.main import main as run_command
 
     run_command()
-
-
-__all__ = ["main"]

@@ -18,30 +18,16 @@ from tarc.core.errors import TarcError
 from tarc.core.formatting import format_vector
 from tarc.plants.mujoco import MujocoPlant
 from tarc.plants.robot_file import shipped_robots
-from tarc.scenario.loader import shipped_scenarios
-from tarc.scenario.model import Scenario
+from tarc.scenario.loader import find_scenario, shipped_scenarios
+from tarc.scenario.model import Scenario, Setup
 from tarc.scenario.schema import SECTIONS, catalogue, parameters
+from tarc.simulation.quantities import MEASURES
 from tarc.simulation.run import Run
 from tarc.study.comparison import Comparison
 
 if TYPE_CHECKING:
     from tarc.design.result import Design
     from tarc.design.stress import Limit
-
-
-MEASURES = {
-    "rms_error": ("RMS error", 1e3, "mrad", "m"),
-    "peak_error": ("peak error", 1e3, "mrad", "m"),
-    "torque_variation": ("torque variation", 1.0, "N m/s", ""),
-    "high_frequency_share": ("torque energy above 50 Hz", 100.0, "%", ""),
-    "peak_torque": ("peak torque", 1.0, "N m", ""),
-    "saturated": ("saturated", 100.0, "%", ""),
-    "rms_tde_error": ("RMS TDE error", 1.0, "rad/s²", ""),
-    "mean_gain": ("mean gain", 1.0, "rad/s²", ""),
-    "peak_gain": ("peak gain", 1.0, "rad/s²", ""),
-    "overestimation": ("gain rises while ‖s‖ falls", 100.0, "%", ""),
-    "underestimation": ("gain falls while ‖s‖ rises", 100.0, "%", ""),
-}
 
 
 def measures(scenario: Scenario, run: Run) -> dict[str, float]:
@@ -77,7 +63,7 @@ def print_runs(scenario: Scenario, runs: dict[str, Run], files: list[Path]) -> N
     table.add_column("unit")
     results = {name: measures(scenario, run) for name, run in runs.items()}
     slides = {str(run.data["position"].attrs["units"]) for run in runs.values()} == {"m"}
-    for key, (label, scale, unit, _) in MEASURES.items():
+    for key, (label, _, scale, unit) in MEASURES.items():
         if any(key in result for result in results.values()):
             cells = [f"{scale * result[key]:.4g}" if key in result else "–" for result in results.values()]
             table.add_row(label, *cells, unit.replace("rad", "m").replace("N m", "N") if slides else unit)
@@ -131,13 +117,14 @@ def certificate_summary(
     return {"name": scenario.name, "certificates": laws, "files": [str(file) for file in files]}
 
 
-def print_certificates(scenario: Scenario, found: dict[str, dict[str, Certificate]], files: list[Path]) -> None:
+def print_certificates(
+    scenario: Scenario, setup: Setup, found: dict[str, dict[str, Certificate]], files: list[Path]
+) -> None:
     """A table a law, with the worst configuration and, where a design is refuted, what to do."""
     from tarc.certification import advice
 
     console = Console()
     colours = {"certified": "green", "refuted": "red", "inconclusive": "yellow"}
-    laws = scenario.build_laws(scenario.build_plant(), scenario.build_reference())
     for name, certificates in found.items():
         table = Table(title=f"{scenario.name}: {name}", title_justify="left")
         wide = console.width >= WIDE
@@ -168,7 +155,7 @@ def print_certificates(scenario: Scenario, found: dict[str, dict[str, Certificat
         if "rate" in numbers:
             speeds = format_vector(verdict.matrices["speed"])
             console.print(f"no joint faster than ({speeds}), M changes by {numbers['rate']:.3g} M̂ a second at most")
-        text = advice(laws[name], verdict, scenario.computation_delay)
+        text = advice(setup.laws[name], verdict, scenario.computation_delay)
         if text:
             console.print(f"[{colours[verdict.verdict]}]{escape(text)}[/]", highlight=False)
         console.print()
@@ -343,6 +330,14 @@ def print_kind(name: str, as_json: bool) -> None:
     found = {key: kind for kinds in _entries().values() for key, kind in kinds.items()}
     # their parameters are those of every law on them
     found |= {name: getattr(tarc.laws, name) for name in ("TDE", "PolePlacement", "Law")}
+    names = {key.lower(): key for key in found}
+    if name.lower().removesuffix(".xml") in (file.removesuffix(".xml") for file in shipped_robots()):
+        print_robot(name.lower(), as_json)
+        return
+    if name.lower() in shipped_scenarios():
+        print(find_scenario(name).read_text(encoding="utf-8"), end="")
+        return
+    name = names.get(name.lower(), name)
     if name not in found:
         raise TarcError(
             f"show: nothing is called {name!r}; there are {', '.join(found)}.{check.did_you_mean(name, found)}"
@@ -362,3 +357,25 @@ def print_kind(name: str, as_json: bool) -> None:
     for parameter in parameters(kind).values():
         table.add_row(parameter.name, "required" if parameter.needed else str(parameter.default), parameter.words)
     console.print(table)
+
+
+def print_robot(name: str, as_json: bool) -> None:
+    """Print the joints of a shipped robot: names, units and limits."""
+    plant = MujocoPlant.from_file(name)
+    rows = [
+        {"joint": joint, "unit": unit, "torque_limit": float(torque), "velocity_limit": float(velocity)}
+        for joint, unit, torque, velocity in zip(
+            plant.joint_names, plant.units, plant.torque_limits, plant.velocity_limits, strict=True
+        )
+    ]
+    if as_json:
+        print(json.dumps({"name": name, "joints": rows}, indent=2))
+        return
+    table = Table(title=f"robot {name}", title_justify="left")
+    for column in ("joint", "unit", "torque limit [N m or N]", "velocity limit [1/s]"):
+        table.add_column(column)
+    for row in rows:
+        table.add_row(row["joint"], row["unit"], f"{row['torque_limit']:g}", f"{row['velocity_limit']:g}")
+    console = Console()
+    console.print(table)
+    console.print(f"In a scenario: robot: {{file: {name}}}; tarc show file lists its options", highlight=False)

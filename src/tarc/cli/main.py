@@ -1,0 +1,60 @@
+"""The command `tarc`: its subcommands, warnings and errors."""
+
+import os
+import sys
+import warnings
+from typing import Annotated, Any
+
+import typer
+
+from tarc.cli.certify import certify
+from tarc.cli.compare import compare
+from tarc.cli.demo import demo
+from tarc.cli.design import design
+from tarc.cli.run import run
+from tarc.cli.show import show
+from tarc.cli.tune import tune
+from tarc.core.errors import TarcError
+from tarc.core.version import __version__
+
+app = typer.Typer(
+    name="tarc",
+    help="Robot tracking from position measurements alone: time-delayed adaptive robust control.\n\n"
+    "Start with [bold]tarc demo[/bold], look around with [bold]tarc show[/bold], then write a scenario of your own "
+    "and [bold]tarc run[/bold] it.",
+    no_args_is_help=True,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+    add_completion=False,
+)
+
+for command in (run, demo, certify, design, compare, tune, show):
+    app.command()(command)
+
+
+@app.callback(invoke_without_command=True)
+def version(show_version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
+    """Handle options before any command."""
+    if show_version:
+        print(__version__)
+        raise typer.Exit
+
+
+def _warn(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+    """A warning as one line."""
+    print(f"warning: {message}", file=sys.stderr)
+
+
+def main() -> None:
+    """Run the command line; errors of the user's making are one line and exit status 2."""
+    # matrices here are small, and threads on small matrices wait for each other
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    warnings.showwarning = _warn
+    try:
+        app()
+    except TarcError as error:
+        print(f"error: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
+    except KeyboardInterrupt:
+        print("stopped", file=sys.stderr)
+        raise SystemExit(130) from None
