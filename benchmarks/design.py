@@ -232,10 +232,9 @@ class Trial:
         with every payload.
         """
         space = self.made.workspace
-        names = ("posture_low", "posture_high")
-        where = (
-            [certificate.witness["posture"]] if certificate.witness else [certificate.matrices[one] for one in names]
-        )
+        points = certificate.evidence.points
+        extremes = [points.min_ratio.position, points.max_ratio.position]
+        where = [certificate.witness.posture] if certificate.witness else extremes
         amplitude = np.minimum(SMALL, (space.high - space.low) / 4)
         frequency = BASE_FREQUENCY * (1 + 0.2 * np.arange(len(amplitude)))
         greatest = 0.0

@@ -58,8 +58,7 @@ def balls(synchronised: bool, window: int, natural_frequency: float) -> Balls | 
         stable, found = stable_interval(design), certify_varying_ratio(design)
     except TarcError:
         return None
-    numbers = found.numbers
-    return Balls(stable, (numbers["low"], numbers["high"])) if found.certified else None
+    return Balls(stable, (found.evidence.min_ratio, found.evidence.max_ratio)) if found.certified else None
 
 
 def exact_window(delay: float, degree: int) -> float:

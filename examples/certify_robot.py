@@ -32,7 +32,7 @@ for share in (0.02, 0.05, 0.1, 0.2, 0.4):
     verdict = certify_robot(replace(law, inertia=share * shape), plants, workspace)
     print(f"{share:4} of it: {verdict.verdict}, margin {verdict.margin:.3f}")
 
-for kind, certificate in certify_law(law, plants, workspace).items():
+for kind, certificate in certify_law(law, plants, workspace).certificates.items():
     grade = "ball arithmetic" if certificate.proof_grade else "floating point"
     print(f"{kind:9} {certificate.verdict:13} {certificate.margin:8.3g}  {grade}")
     if kind == "robot":

@@ -20,12 +20,14 @@ from reference.law_recurrence import recurrence
 from reference.soundness_checks import check_balls_with_stiffness
 from reference.soundness_tally import Tally
 from reference.uncertain_case import UncertainCase, growth_per_period, state_matrices
+from tampering import replaced, reread, scaled, without
 from tarc import TarcError, estimators, laws
 from tarc.analysis import hinf_norm, stable_interval, stable_intervals
 from tarc.analysis.linearise import decouple, whole
 from tarc.analysis.uncertain_loop import Parts, Responses, parts_of, system, weighed
-from tarc.certificates import Certificate, certify_varying_ratio
+from tarc.certificates import certify_varying_ratio
 from tarc.certificates.varying_ratio import best_scales
+from tarc.certification import certificate_from_dict
 from tarc.numerics.matrix_tests import schur
 
 LITERAL, SYNCHRONISED = LawParameters(window=10), LawParameters(window=10, synchronised=True)
@@ -52,22 +54,22 @@ def test_known_balls(design, centre, known, ratio):
     there = certify_varying_ratio(design.law, centre, intersample=False)
     assert there.certified
     # the centres are known to three digits, within which the radius moves by more than its own last digit
-    assert there.numbers["radius"] == pytest.approx(known, rel=0.01)
-    assert there.numbers["radius"] == pytest.approx(hand_radius(design, centre), rel=5e-6)
-    assert there.numbers["radius"] <= hand_radius(design, centre)
-    widest = certify_varying_ratio(design.law, intersample=False).numbers
-    assert round(widest["ratio"], 1) == ratio
-    assert widest["centre"] == pytest.approx(centre, rel=0.01)
-    lifted = certify_varying_ratio(design.law).numbers
-    assert widest["ratio"] * 0.98 < lifted["ratio"] < widest["ratio"]
+    assert there.evidence.radius == pytest.approx(known, rel=0.01)
+    assert there.evidence.radius == pytest.approx(hand_radius(design, centre), rel=5e-6)
+    assert there.evidence.radius <= hand_radius(design, centre)
+    widest = certify_varying_ratio(design.law, intersample=False).evidence
+    assert round(widest.ratio_range, 1) == ratio
+    assert widest.centre == pytest.approx(centre, rel=0.01)
+    lifted = certify_varying_ratio(design.law).evidence
+    assert widest.ratio_range * 0.98 < lifted.ratio_range < widest.ratio_range
     low, high = stable_interval(design.law)
-    assert low < lifted["low"] < lifted["high"] < high
+    assert low < lifted.min_ratio < lifted.max_ratio < high
 
 
 @pytest.mark.parametrize("window", [5, 10])
 def test_widest_is_the_widest(window):
     design = LawParameters(window=window, synchronised=True)
-    found = certify_varying_ratio(design.law, intersample=False).numbers["ratio"]
+    found = certify_varying_ratio(design.law, intersample=False).evidence.ratio_range
     others = [hand_radius(design, centre) / centre for centre in np.geomspace(0.2, 2.5, 60)]
     assert found == pytest.approx((1 + max(others)) / (1 - max(others)), rel=2e-3)
 
@@ -87,10 +89,10 @@ def test_lifted_norm_against_a_period_cut_into_fifty(design, centre, computation
     expected = 1 / np.sqrt(power.max())
     found = certify_varying_ratio(design.law, centre, computation_delay=computation)
     # fifty pieces bind the adversary a little, so that its norm is the smaller one
-    assert expected * (1 - 1e-4) < found.numbers["radius"] < expected
+    assert expected * (1 - 1e-4) < found.evidence.radius < expected
     assert (
-        found.numbers["radius"]
-        < certify_varying_ratio(design.law, centre, intersample=False, computation_delay=computation).numbers["radius"]
+        found.evidence.radius
+        < certify_varying_ratio(design.law, centre, intersample=False, computation_delay=computation).evidence.radius
     )
 
 
@@ -129,23 +131,23 @@ def test_a_rotating_mismatch_inside_the_frozen_interval_diverges():
 @pytest.mark.parametrize("design", [LITERAL, LawParameters(window=5), SYNCHRONISED])
 def test_sharp_in_two_dimensions(design):
     """Rotating at the peak of the norm, a mismatch diverges just outside the ball and not just inside."""
-    found = certify_varying_ratio(design.law, intersample=False).numbers
-    known = loop_polynomials(recurrence(design), found["centre"])
+    found = certify_varying_ratio(design.law, intersample=False).evidence
+    known = loop_polynomials(recurrence(design), found.centre)
     rate = peak_gain(known.a_to_v, known.closed)[1]
     inside, outside = (
-        growth_of_rotating(design, found["centre"] - size, found["centre"] + size, rate)[0]
-        for size in (0.999 * found["radius"], 1.001 * found["radius"])
+        growth_of_rotating(design, found.centre - size, found.centre + size, rate)[0]
+        for size in (0.999 * found.radius, 1.001 * found.radius)
     )
     assert inside < 1 < outside
 
 
 def test_the_fleet_agrees_with_the_floquet_multiplier():
     """The simulation that the soundness benchmark rests on can find what there is to find."""
-    found = certify_varying_ratio(LITERAL.law, intersample=False).numbers
+    found = certify_varying_ratio(LITERAL.law, intersample=False).evidence
     law = recurrence(LITERAL)
-    cases = [UncertainCase(law, found["centre"], share * found["radius"]) for share in (0.95, 1.05)]
+    cases = [UncertainCase(law, found.centre, share * found.radius) for share in (0.95, 1.05)]
     growth = AdversarialLoops(cases, [Adversary("rotate at the peak")]).run(8000)[0]
-    known = loop_polynomials(law, found["centre"])
+    known = loop_polynomials(law, found.centre)
     rate = peak_gain(known.a_to_v, known.closed)[1]
     for case, log in zip(cases, growth, strict=True):
         size = growth_of_rotating(LITERAL, case.centre - case.radius, case.centre + case.radius, rate)[0]
@@ -160,7 +162,7 @@ def test_nothing_inside_a_ball_diverges(intersample):
         for slope in (100.0, 300.0):
             found = certify_varying_ratio(design.law, centre, slope=slope, intersample=intersample)
             assert found.certified
-            cases.append(UncertainCase(recurrence(design), centre, found.numbers["radius"], slope))
+            cases.append(UncertainCase(recurrence(design), centre, found.evidence.radius, slope))
     adversaries = [
         Adversary(mismatch, slope)
         for mismatch in ("rotate at the peak", "greedy output", "switch")
@@ -172,7 +174,7 @@ def test_nothing_inside_a_ball_diverges(intersample):
 
 def test_a_slope_costs_radius_and_none_costs_nothing():
     radii = [
-        certify_varying_ratio(LITERAL.law, 0.08, slope=slope).numbers["radius"]
+        certify_varying_ratio(LITERAL.law, 0.08, slope=slope).evidence.radius
         for slope in (0.0, 1e-6, 100.0, 300.0, 600.0)
     ]
     assert radii[0] == pytest.approx(radii[1], rel=1e-3)
@@ -185,12 +187,10 @@ def test_a_slope_costs_radius_and_none_costs_nothing():
 def test_contains():
     verdict = certify_varying_ratio(LITERAL.law, contains=(0.03, 0.12))
     assert verdict.certified
-    numbers = verdict.numbers
-    assert numbers["low"] < 0.03
-    assert numbers["high"] > 0.12
-    assert verdict.margin == pytest.approx(
-        numbers["radius"] / max(0.12 - numbers["centre"], numbers["centre"] - 0.03) - 1
-    )
+    numbers = verdict.evidence
+    assert numbers.min_ratio < 0.03
+    assert numbers.max_ratio > 0.12
+    assert verdict.margin == pytest.approx(numbers.radius / max(0.12 - numbers.centre, numbers.centre - 0.03) - 1)
     assert "from 0.03 to 0.12" in verdict.claim
     assert certify_varying_ratio(LITERAL.law, contains=(0.05, 0.05)).certified
     # a spread below that of the widest ball, but not around its centre
@@ -198,30 +198,29 @@ def test_contains():
     assert certify_varying_ratio(LITERAL.law, contains=(0.01, 0.2)).verdict == "inconclusive"
     given = certify_varying_ratio(LITERAL.law, 0.08, contains=(0.03, 0.12))
     assert given.certified
-    assert given.numbers["centre"] == 0.08
+    assert given.evidence.centre == 0.08
 
 
 def test_many_joints_cost_and_give_what_one_does():
     one = certify_varying_ratio(make_law(laws.TDC, 1), slope=50.0)
     many = certify_varying_ratio(make_law(laws.TDC, 30), slope=50.0)
-    assert many.numbers == one.numbers
-    assert [matrix.shape for matrix in many.matrices.values()] == [matrix.shape for matrix in one.matrices.values()]
+    assert many.to_dict()["evidence"] == one.to_dict()["evidence"]
 
 
 def test_one_joint_stands_for_three_with_a_full_inertia():
     """In coordinates M̂^½ q; the mismatch of the full matrices is any symmetric E within the ball."""
     mixed = np.array([[0.3, 0.1, 0.02], [0.1, 0.2, 0.05], [0.02, 0.05, 0.08]])
     law = make_law(laws.TDC, 3, inertia=mixed)
-    found = certify_varying_ratio(law, intersample=False).numbers
+    found = certify_varying_ratio(law, intersample=False).evidence
     values, vectors = np.linalg.eigh(mixed)
     root = vectors @ np.diag(np.sqrt(values)) @ vectors.T
-    A, B, C, _, _ = whole(law).around(found["centre"])
+    A, B, C, _, _ = whole(law).around(found.centre)
     norm = hinf_norm(A, B @ np.linalg.inv(root), root @ C, np.zeros((3, 3)))
-    assert 1 / norm == pytest.approx(found["radius"], rel=5e-6)
+    assert 1 / norm == pytest.approx(found.radius, rel=5e-6)
     rng = np.random.default_rng(0)
     for _ in range(5):
         turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-        E = turn @ np.diag(rng.uniform(found["low"], found["high"], 3)) @ turn.T
+        E = turn @ np.diag(rng.uniform(found.min_ratio, found.max_ratio, 3)) @ turn.T
         assert schur(whole(law).closed(np.linalg.inv(root) @ E @ root))[0] == "certified"
     beyond = np.diag([stable_interval(law)[1] * 1.01, 0.05, 0.05])
     assert schur(whole(law).closed(np.linalg.inv(root) @ beyond @ root))[0] == "refuted"
@@ -232,21 +231,16 @@ def test_json_round_trip_verifies_and_tampering_shows():
         certify_varying_ratio(LITERAL.law),
         certify_varying_ratio(SYNCHRONISED.law, contains=(0.5, 1.5), slope=50.0),
     ):
-        read = Certificate.from_json(certificate.to_json())
+        read = reread(certificate)
         assert read.certified
         assert read.verify()
-        assert read.numbers == certificate.numbers
+        assert read.to_dict() == certificate.to_dict()
         for name, factor in (("radius", 1.01), ("centre", 0.5)):
-            numbers = {**read.numbers, name: read.numbers[name] * factor}
-            changed = Certificate.from_json(certificate.to_json())
-            changed.numbers.update(numbers)
-            assert not changed.verify()
+            assert not scaled(certificate, f"ball.{name}", factor).verify()
         for name in Parts._fields[:3]:
-            changed = Certificate.from_json(certificate.to_json())
-            changed.matrices[name] *= 10
-            assert not changed.verify()
-            changed.matrices.pop(name)
-            assert not changed.verify()
+            assert not scaled(certificate, f"ball.loop.{name}", 10).verify()
+            with pytest.raises(TarcError, match="cannot read it"):
+                certificate_from_dict(without(certificate, f"ball.loop.{name}"))
 
 
 def test_explains_itself_and_draws(tmp_path):
@@ -317,8 +311,8 @@ def test_a_norm_that_the_grid_of_frequencies_hides_is_not_too_low():
                 found = certify_varying_ratio(design.law, centre, intersample=False)
                 assert found.certified
                 # the polynomials themselves carry rounding beside such a pole
-                assert found.numbers["radius"] <= hand_radius(design, centre) * (1 + 1e-6)
-                assert found.numbers["radius"] >= hand_radius(design, centre) * (1 - 1e-4)
+                assert found.evidence.radius <= hand_radius(design, centre) * (1 + 1e-6)
+                assert found.evidence.radius >= hand_radius(design, centre) * (1 - 1e-4)
                 checked += 1
     assert checked > 20
 
@@ -327,10 +321,8 @@ def test_a_rotating_mismatch_within_the_ball_of_that_design_decays():
     design = LawParameters(
         natural_frequency=5.260581486313681, damping_ratio=1.0805602401238095, window=2, synchronised=True
     )
-    found = certify_varying_ratio(design.law, 2.8651634841107407, intersample=False).numbers
-    inside = growth_of_rotating(
-        design, found["centre"] - found["radius"], found["centre"] + found["radius"], 2.0765797453418324
-    )
+    found = certify_varying_ratio(design.law, 2.8651634841107407, intersample=False).evidence
+    inside = growth_of_rotating(design, found.centre - found.radius, found.centre + found.radius, 2.0765797453418324)
     assert inside[0] < 1
 
 
@@ -351,7 +343,7 @@ def test_any_damping(damping_ratio):
     estimator = estimators.Algebraic(window=0.010)
     law = laws.TDC(inertia=0.1, natural_frequency=10.0, damping_ratio=damping_ratio, period=PERIOD, estimator=estimator)
     found = certify_varying_ratio(law, 0.08, intersample=False)
-    assert found.numbers["radius"] == pytest.approx(
+    assert found.evidence.radius == pytest.approx(
         hand_radius(LawParameters(damping_ratio=damping_ratio), 0.08), rel=5e-6
     )
 
@@ -580,9 +572,9 @@ def test_numbers_that_are_none_certify_nothing():
         certify_varying_ratio(LITERAL.law),
         certify_varying_ratio(SYNCHRONISED.law, contains=(0.5, 1.5), slope=50.0),
     ):
-        for name in ("radius", "centre", "needed", "scale"):
+        for name in ("ball.radius", "ball.centre", "needed_radius", "ball.scale"):
             for value in (0.0, np.nan, np.inf, -np.inf):
-                changed = Certificate.from_json(certificate.to_json())
-                if name in changed.numbers and value != changed.numbers[name]:
-                    changed.numbers[name] = value
-                    assert not changed.verify() or (name == "needed" and value == 0.0)
+                changed = replaced(certificate, name, value)
+                if certificate.evidence.ball.scale is None and name == "ball.scale" and value not in (0.0, np.inf):
+                    continue
+                assert not changed.verify() or (name == "needed_radius" and value == 0.0)

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 import tarc.design
 from tarc import TarcError, plants
-from tarc.certificates import Certificate
+from tarc.certification import certificate_from_dict
 from tarc.cli.main import app
 from tarc.design import Choice, Design, Limit, design_controller
 from tarc.scenario.model import Scenario
@@ -126,7 +126,7 @@ def test_speed_is_that_of_the_file_or_as_asked(designed_folder, tmp_path):
     folder, printed = designed_folder
     assert "speed" in printed
     proof = json.loads((folder / "out-certificates.json").read_text())["robot"]
-    assert proof["matrices"]["speed"] == [3.0, 3.0]
+    assert proof["evidence"]["max_rate_point"]["velocity_limits"] == [3.0, 3.0]
     wanted = {"inf": "any", "0.7,0.4": "0.7, 0.4 rad/s"}
     for given, said in wanted.items():
         options = [
@@ -156,10 +156,10 @@ def test_it_certifies_again_over_the_full_range(designed_folder, tmp_path):
     assert options == ["--full-range", "--speed", "3"]
     done = invoke_tarc("certify", path, *options, "--samples", "150", "--json", "--no-figures", folder=tmp_path)
     again = json.loads(done.stdout)["certificates"]["TARC"]["robot"]
-    before = Certificate.from_json(json.dumps(json.loads((folder / "out-certificates.json").read_text())["robot"]))
+    before = certificate_from_dict(json.loads((folder / "out-certificates.json").read_text())["robot"])
     assert before.verify()
     assert before.verdict == again["verdict"] == "certified"
-    assert again["numbers"]["least ratio"] == pytest.approx(before.numbers["least ratio"], rel=0.02)
+    assert again["findings"]["min_ratio"] == pytest.approx(before.evidence.min_ratio, rel=0.02)
 
 
 def test_each_choice_stands_above_its_key(designed_folder):

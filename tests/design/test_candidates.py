@@ -78,7 +78,7 @@ def test_reach_is_the_ratio_of_the_widest_ball(window, synchronised, known):
         PERIOD, natural_frequencies=[10.0], windows=[window], degrees=[2], synchronised=[synchronised]
     )
     (reach,) = {one.max_spread for one in assess_candidates(trials, RobustnessSpec.from_spread(2.0))}
-    widest = certify_varying_ratio(make_tdc(window, synchronised)).numbers["ratio"]
+    widest = certify_varying_ratio(make_tdc(window, synchronised)).evidence.ratio_range
     assert 0.98 * widest < reach < 1.001 * widest
     assert 0.96 * known < reach < 1.01 * known
 
@@ -127,9 +127,9 @@ def test_what_bears_a_spread_is_certified(delay, slope_ratio, spread):
         assert certify_varying_ratio(
             tdc_of_candidate(one), contains=(one.inertia_scale, one.inertia_scale * spread), **options
         ).certified, one
-        there = certify_varying_ratio(tdc_of_candidate(one), one.inertia_scale * (1 + spread) / 2, **options).numbers
+        there = certify_varying_ratio(tdc_of_candidate(one), one.inertia_scale * (1 + spread) / 2, **options).evidence
         borne = spread * (1 + one.spread_margin)
-        assert there["radius"] / there["centre"] == pytest.approx((borne - 1) / (borne + 1), rel=0.03)
+        assert there.radius / there.centre == pytest.approx((borne - 1) / (borne + 1), rel=0.03)
         assert one.spread_margin > 0.09
 
 

@@ -28,11 +28,11 @@ def test_what_is_certified_is_what_was_asked_for(expected):
     """The ball holds every M whose eigenvalues against the one measured are within √spread, either way."""
     M = np.array([[3.0, 1.0], [1.0, 1.0]])
     made = design_without_model(M, 16.0, 5.0, expected_step=expected)
-    low, high = made.certificate.numbers["low"], made.certificate.numbers["high"]
+    low, high = made.certificate.evidence.min_ratio, made.certificate.evidence.max_ratio
     for factor in (0.25, 1.0, 4.0):
         ratios = np.linalg.eigvals(np.linalg.solve(factor * M, made.law.M)).real
         assert np.all((ratios >= low) & (ratios <= high))
-    assert made.certificate.numbers["slope"] == pytest.approx(0.0 if expected is None else 25.0, rel=1e-3)
+    assert made.certificate.evidence.slope == pytest.approx(0.0 if expected is None else 25.0, rel=1e-3)
     assert made.torque_noise.shape == (2,)
 
 

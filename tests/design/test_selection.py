@@ -74,7 +74,7 @@ def test_a_budget_that_is_given_is_kept_and_used(speed, default_design):
 
 def test_a_slower_robot_has_no_worse_a_loop(default_design, slower_design):
     assert slower_design.candidate.error <= 1.1 * default_design.candidate.error
-    rates = [made.certificates["robot"].numbers.get("rate", np.inf) for made in (slower_design, default_design)]
+    rates = [made.certificates["robot"].evidence.rate or np.inf for made in (slower_design, default_design)]
     assert rates[0] < rates[1]
 
 

@@ -184,7 +184,7 @@ def test_it_is_not_stability_of_the_loop_that_runs():
     assert certificate.evidence.loop.window < 0.1 * nominal_max_window(law)
     running = certify_constant_ratio(law, 1.0)
     assert running.verdict == "refuted"
-    assert running.numbers["spectral radius"] == pytest.approx(1.152, abs=5e-4)
+    assert running.evidence.findings.spectral_radius == pytest.approx(1.152, abs=5e-4)
     assert "not stability of the loop that runs" in certificate.claim
     assert "M⁻¹M̂(q̈_h − q̈̂_h)" in certificate.explain()
 

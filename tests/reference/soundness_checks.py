@@ -68,8 +68,8 @@ def check_range(design: LawParameters, rng: np.random.Generator, tally: Tally) -
     if found.verdict == "inconclusive":
         return
     if found.witness:
-        size = spectral_radius(loop_polynomials(hand, found.witness["ratio"]).closed)
-        wrong = not low <= found.witness["ratio"] <= high or size < 1 - 1e-6
+        size = spectral_radius(loop_polynomials(hand, found.witness.ratio).closed)
+        wrong = not low <= found.witness.ratio <= high or size < 1 - 1e-6
         tally.undecided += abs(size - 1) <= 1e-6
     else:
         size = max(spectral_radius(loop_polynomials(hand, one).closed) for one in np.geomspace(low, high, 25))
@@ -100,8 +100,8 @@ def check_balls(
         found = certify_varying_ratio(design.law, None if "contains" in options else centre, **options)
         tally.count(found.verdict)
         if found.certified:
-            numbers = found.numbers
-            case = UncertainCase(hand, numbers["centre"], numbers["radius"], numbers["slope"])
+            ball = found.evidence
+            case = UncertainCase(hand, ball.centre, ball.radius, ball.slope)
             cases[options["intersample"]].append((design, case))
         advance()
     both = [(mismatch, SLOPES[i % len(SLOPES)]) for i, mismatch in enumerate(MISMATCHES)]
@@ -172,7 +172,7 @@ def check_slow_balls(
             found = certify_varying_ratio(
                 design.law, centre, slope=steep, rate=rate, computation_delay=design.computation_delay
             )
-            reach = found.numbers["radius"] if found.certified else 0.0
+            reach = found.evidence.radius if found.certified else 0.0
         tally.count("certified" if reach > 0 else "inconclusive")
         if reach > 0:
             case = UncertainCase(hand, centre, reach, steep, weight, rate, stiffness if weight else np.inf)
@@ -201,7 +201,7 @@ def check_slopes(
         )
         tally.count(found.verdict)
         if found.witness:
-            shown = found.witness["gain [rad/s²]"] * design.gain_factor * design.P2 / design.boundary_layer
+            shown = found.witness.gain * design.gain_factor * design.P2 / design.boundary_layer
             size = spectral_radius(loop_polynomials(hand, ratio, shown).closed)
             tally.undecided += abs(size - 1) <= 1e-6
             if size < 1 - 1e-6 or shown > kappa * (1 + 1e-9):

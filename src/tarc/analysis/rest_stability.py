@@ -1,10 +1,12 @@
 """Stability of a robot held at rest in a posture, and what to change where it is unstable."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from tarc.analysis.inertia_ratio import inverse_ratios
 from tarc.analysis.linearise import alike, decouple
-from tarc.analysis.stability import Witness, stable_intervals
+from tarc.analysis.stability import UnstableMode, stable_intervals, unstable_mode
 from tarc.core.errors import TarcError
 from tarc.core.formatting import format_vector
 from tarc.core.types import Array
@@ -38,12 +40,7 @@ def _at_rest(loop: tuple[Array, ...], nominal: Array, rest: tuple[Array, ...], p
     return np.block([[A, B @ C], [H, np.zeros((len(F), n)), F]])
 
 
-def _growing(ratio: float, radius: float, mode: complex, period: float) -> Witness:
-    rate, turn = np.log(radius) / period, abs(np.angle(mode)) / period
-    return {"ratio": float(ratio), "growth rate [1/s]": float(rate), "frequency [rad/s]": float(turn)}
-
-
-def unstable_posture(law: Law, plant: Plant, positions: Array, computation_delay: int = 0) -> Witness | None:
+def unstable_posture(law: Law, plant: Plant, positions: Array, computation_delay: int = 0) -> UnstableMode | None:
     """The mode that grows fastest where a robot is held at rest in one of some positions (n, k); None if none does.
 
     Quick: one linearisation of the law, the inertia in each position, and the robot linearised where the ratio of
@@ -65,17 +62,17 @@ def unstable_posture(law: Law, plant: Plant, positions: Array, computation_delay
         posture = np.asarray(positions)[:, int(np.argwhere(ratios == ratio)[0, 0])]
         answer, radius, mode = schur(_at_rest((free, into, out), law.M, plant.linearised(posture), law.period))
         if answer == "refuted" and (found is None or radius > found[0]):
-            found = radius, _growing(ratio, radius, mode, law.period) | {"posture": posture.tolist()}
+            found = radius, replace(unstable_mode(radius, mode, law.period), ratio=float(ratio), posture=posture)
     return found[1] if found else None
 
 
-def remedy(law: Law, witness: Witness, computation_delay: int = 0) -> str:
+def remedy(law: Law, witness: UnstableMode, computation_delay: int = 0) -> str:
     """What `unstable_posture` found, and what to do about it, in a sentence each."""
-    ratio, rate = witness["ratio"], witness["growth rate [1/s]"]
-    posture = format_vector(witness["posture"])
+    ratio = np.nan if witness.ratio is None else witness.ratio
+    posture = "" if witness.posture is None else format_vector(witness.posture)
     text = (
         f"{type(law).__name__}: held at rest at q = ({posture}) the loop is unstable: an eigenvalue of M(q)⁻¹M̂ is "
-        f"{ratio:.4g}, and a mode grows by e in {1 / rate:.2g} s"
+        f"{ratio:.4g}, and a mode grows by e in {1 / witness.growth_rate:.2g} s"
     )
     ranges = stable_intervals(law, computation_delay=computation_delay)
     if not ranges:

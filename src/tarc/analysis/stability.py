@@ -1,5 +1,6 @@
 """Stability of the linearised loop over the inertia ratio: stable intervals, crossings, delay margin."""
 
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -7,10 +8,48 @@ import numpy as np
 
 from tarc.analysis.linearise import Channel, decouple
 from tarc.core.errors import TarcError
+from tarc.core.types import Array
 from tarc.laws.base import Law
 
-Witness = dict[str, Any]
-"""Numbers and lists of numbers, by name and unit."""
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Witness:
+    """What shows a refutation; one subclass for each kind of it."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class UnstableMode(Witness):
+    """A mode of a loop that grows.
+
+    Attributes
+    ----------
+    ratio
+        Inertia ratio at which it grows.
+    slope
+        Slope of the robust term at which it grows [1/s²].
+    gain
+        Gain ĉ at which it grows [rad/s²].
+    growth_rate
+        ln |z| / T of its eigenvalue z [1/s].
+    frequency
+        |arg z| / T [rad/s].
+    posture
+        Position of the robot at which it grows [rad or m], shape (n,).
+    """
+
+    ratio: float | None = None
+    slope: float | None = None
+    gain: float | None = None
+    growth_rate: float
+    frequency: float
+    posture: Array | None = None
+
+
+def unstable_mode(radius: float, mode: complex, period: float) -> UnstableMode:
+    """Return the mode of an eigenvalue outside the unit circle, of magnitude ``radius``."""
+    growth_rate, frequency = float(np.log(radius) / period), float(abs(np.angle(mode)) / period)
+    return UnstableMode(growth_rate=growth_rate, frequency=frequency)
+
 
 LONGEST_DELAY = 200
 ON_CIRCLE = 1e-9

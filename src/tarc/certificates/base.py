@@ -2,7 +2,6 @@
 
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, Self, TypeVar
@@ -31,6 +30,15 @@ class Judgement(NamedTuple):
     verdict: Verdict
     margin: float
     witness: Any = None
+
+
+@dataclass(frozen=True, eq=False)
+class LoopMatrices:
+    """Matrices of a loop x⁺ = A x + B u, y = C x, which closes by u = ρ y or u = −κ y."""
+
+    A: Array
+    B: Array
+    C: Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -156,11 +164,7 @@ class Certificate(Generic[E]):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the certificate as plain data, ready for JSON; `tarc.certification.certificate_from_dict` reads it."""
-        content = {"kind": self.kind} | to_plain(self)
-        if isinstance(self.evidence, DictEvidence):
-            evidence = content.pop("evidence")
-            content |= {"matrices": evidence["matrices"], "numbers": evidence["numbers"]}
-        return content
+        return {"kind": self.kind} | to_plain(self)
 
     def to_json(self) -> str:
         """Return `to_dict` as text."""
@@ -171,28 +175,6 @@ class Certificate(Generic[E]):
         from tarc.plotting.certificates import certificate_figure
 
         return certificate_figure(self)
-
-    # -- the certificates whose evidence is still a dictionary -------------------------------------------------------
-
-    @property
-    def matrices(self) -> dict[str, Array]:
-        """Matrices of a dictionary of evidence."""
-        return self.evidence.matrices if isinstance(self.evidence, DictEvidence) else {}
-
-    @property
-    def numbers(self) -> dict[str, Any]:
-        """Numbers of a dictionary of evidence."""
-        return self.evidence.numbers if isinstance(self.evidence, DictEvidence) else {}
-
-    @classmethod
-    def from_json(cls, text: str) -> "Certificate[Any]":
-        """Read a certificate with a dictionary of evidence."""
-        try:
-            content = json.loads(text)
-            evidence = {"name": content.pop("kind"), **{key: content.pop(key) for key in ("matrices", "numbers")}}
-            return certificate_from_plain(DictEvidence, content, evidence)
-        except (ValueError, TypeError, KeyError, AttributeError) as error:
-            raise TarcError(f"from_json: this is no certificate ({error}); needs what to_json wrote") from None
 
 
 def certificate_from_plain(evidence_type: type[E], content: dict[str, Any], evidence: Any) -> Certificate[E]:
@@ -214,7 +196,7 @@ def certificate_from_plain(evidence_type: type[E], content: dict[str, Any], evid
 
 def describe(witness: Any) -> str:
     """Return the names and values of a witness, in words."""
-    content = witness if isinstance(witness, dict) else to_plain(witness)
+    content = to_plain(witness)
     named = {key.replace("_", " "): value for key, value in content.items() if value is not None}
     return ", ".join(f"{name} {_shown(value)}" for name, value in named.items())
 
@@ -223,57 +205,3 @@ def _shown(value: Any) -> str:
     if np.ndim(value) == 0:
         return f"{value:.5g}"
     return "(" + ", ".join(f"{entry:.4g}" for entry in np.ravel(value)) + ")"
-
-
-# -- evidence that is still a dictionary ---------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class DictEvidence(Evidence):
-    """Evidence in dictionaries, judged by the function that its kind has in `JUDGES`."""
-
-    name: str
-    matrices: dict[str, np.ndarray]
-    numbers: dict[str, Any]
-
-    @property
-    def kind(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """The name."""
-        return self.name
-
-    def judge(self) -> Judgement:
-        """Judge by the function of the kind."""
-        verdict, margin, witness = JUDGES[self.name](self.matrices, self.numbers)
-        return Judgement(Verdict(verdict), margin, witness)
-
-    def forms(self) -> dict[str, Array]:
-        """Return the forms of the kind."""
-        return FORMS[self.name](self.matrices, self.numbers)
-
-    @classmethod
-    def from_dict(cls, content: dict[str, Any]) -> Self:
-        """Return the evidence that `to_dict` wrote."""
-        matrices = {name: np.array(rows, dtype=float) for name, rows in content["matrices"].items()}
-        numbers = {name: float(value) for name, value in content["numbers"].items()}
-        return cls(name=content["name"], matrices=matrices, numbers=numbers)
-
-
-def dict_certificate(
-    *,
-    kind: str,
-    verdict: str,
-    matrices: dict[str, np.ndarray],
-    numbers: dict[str, Any] | None = None,
-    **rest: Any,
-) -> Certificate[DictEvidence]:
-    """Return a certificate with evidence in dictionaries."""
-    evidence = DictEvidence(name=kind, matrices=matrices, numbers={} if numbers is None else numbers)
-    return Certificate(evidence=evidence, verdict=Verdict(verdict), **rest)
-
-
-Judge = Callable[[dict[str, np.ndarray], dict[str, Any]], tuple[str, float, Any]]
-JUDGES: dict[str, Judge] = {}
-"""By kind of certificate: verdict, margin and witness from matrices and numbers alone."""
-
-FORMS: dict[str, Callable[[dict[str, np.ndarray], dict[str, Any]], dict[str, np.ndarray]]] = {}
-"""By kind of certificate: the symmetric forms that must be positive definite, by name; for the figure."""

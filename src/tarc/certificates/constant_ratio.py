@@ -1,22 +1,107 @@
 """The loop that runs: stability of the law's own code around q̈ = ρ M̂⁻¹ τ, for one inertia ratio ρ or a range."""
 
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
 from tarc.analysis.linearise import Channel, decouple
-from tarc.analysis.stability import Witness, _delay_margin, _radius, _split, crossings, from_disturbance, from_noise
-from tarc.certificates.base import JUDGES, Certificate, dict_certificate
+from tarc.analysis.stability import (
+    UnstableMode,
+    Witness,
+    _delay_margin,
+    _radius,
+    _split,
+    crossings,
+    from_disturbance,
+    from_noise,
+    unstable_mode,
+)
+from tarc.certificates.base import Certificate, Evidence, Judgement, LoopMatrices, Verdict
 from tarc.core import validation as check
 from tarc.laws.base import Law
 from tarc.numerics.matrix_tests import schur
 from tarc.numerics.norms import h2_norm, hinf_norm
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LoopFindings:
+    """Rates and gains of the loop at the worse end of the range; not part of the proof.
+
+    Attributes
+    ----------
+    spectral_radius
+        Largest magnitude of an eigenvalue.
+    decay_rate
+        −ln |z| / T of the slowest mode [1/s].
+    ringing_frequency
+        |arg z| / T of the slowest mode [rad/s].
+    delay_margin
+        Further computation delay with which the loop is stable [periods]; None where it is not certified, like the
+        rest.
+    disturbance_to_error_hinf, disturbance_to_error_h2
+        Gain from a disturbing acceleration to the error, largest and for white noise [s²].
+    noise_to_torque_hinf, noise_to_torque_h2
+        Gain from measurement noise to M̂⁻¹τ, largest and for white noise [1/s²].
+    """
+
+    spectral_radius: float
+    decay_rate: float
+    ringing_frequency: float
+    delay_margin: int | None = None
+    disturbance_to_error_hinf: float | None = None
+    disturbance_to_error_h2: float | None = None
+    noise_to_torque_hinf: float | None = None
+    noise_to_torque_h2: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ConstantRatioEvidence(Evidence):
+    """Loops of a law, stable for every constant ratio of a range.
+
+    Attributes
+    ----------
+    min_ratio, max_ratio
+        Ends of the range of ρ.
+    period
+        T [s].
+    gain
+        Frozen switching gain ĉ [rad/s²].
+    loops
+        A, B, C of each loop, closed as A + ρ B C.
+    findings
+        Rates and gains, which `judge` does not use.
+    """
+
+    kind: ClassVar[str] = "loop"
+    witness_type: ClassVar[type[Witness] | None] = UnstableMode
+
+    min_ratio: float
+    max_ratio: float
+    period: float
+    gain: float
+    loops: tuple[LoopMatrices, ...]
+    findings: LoopFindings
+
+    def judge(self) -> Judgement:
+        """Test every loop at both ends of the range and between the crossings of the unit circle in it."""
+        verdict, margin = Verdict.CERTIFIED, np.inf
+        for loop in self.loops:
+            judged = _judge(loop, self.min_ratio, self.max_ratio, self.period)
+            margin = min(margin, judged.margin)
+            if judged.verdict == Verdict.REFUTED:
+                return Judgement(Verdict.REFUTED, margin, judged.witness)
+            if judged.verdict == Verdict.INCONCLUSIVE:
+                verdict = Verdict.INCONCLUSIVE
+        if not self.loops:
+            verdict = Verdict.INCONCLUSIVE
+        return Judgement(verdict, float(margin))
+
+
 def certify_constant_ratio(
     law: Law, ratio: float | tuple[float, float] = 1.0, *, computation_delay: int = 0, gain: float = 0.0
-) -> Certificate:
+) -> Certificate[ConstantRatioEvidence]:
     """Certify the loop that the law makes, for a constant inertia ratio.
 
     The plant is q̈ = ρ M̂⁻¹ τ under zero-order hold, the controller the Jacobian of the very function that is simulated,
@@ -36,11 +121,8 @@ def certify_constant_ratio(
     Returns
     -------
     Certificate
-        Its margin is 1 less the largest spectral radius at the ends of the range. Its numbers: the spectral radius, the
-        decay rate [1/s], the ringing frequency [rad/s] and the further computation delay that the loop bears
-        [periods], at the worse end; and for a stable loop the gain from a disturbing acceleration to the error [s²] and
-        from measurement noise to M̂⁻¹τ [1/s²], as largest gain (``h_infinity``) and as root mean square for white noise
-        (``h2``).
+        Its margin is 1 less the largest spectral radius at the ends of the range. `LoopFindings` describes the loop at
+        the worse end.
 
     Raises
     ------
@@ -51,14 +133,21 @@ def certify_constant_ratio(
     low = check.number("ratio", low, 0, strict=True)
     high = check.number("ratio", high, low)
     channels = decouple(law, computation_delay, gain)
-    matrices, numbers = _evidence(channels), {"low": low, "high": high, "period": law.period, "gain": gain}
-    numbers["loops"] = float(len(channels))
-    verdict, margin, witness = judge(matrices, numbers)
+    loops = tuple(LoopMatrices(*_split(channel)) for channel in channels)
     worst = low if low == high else max((low, high), key=lambda end: _radius(channels, end))
-    numbers |= _describe(channels, worst, stable=verdict == "certified")
+    evidence = ConstantRatioEvidence(
+        min_ratio=low,
+        max_ratio=high,
+        period=law.period,
+        gain=gain,
+        loops=loops,
+        findings=_describe(channels, worst, stable=False),
+    )
+    verdict, margin, witness = evidence.judge()
+    if verdict == Verdict.CERTIFIED:
+        evidence = replace(evidence, findings=_describe(channels, worst, stable=True))
     span = f"ρ = {low:g}" if low == high else f"every constant ρ from {low:g} to {high:g}"
-    return dict_certificate(
-        kind="loop",
+    return Certificate(
         claim=f"The loop of {type(law).__name__} around q̈ = ρ M̂⁻¹τ is stable for {span}.",
         verdict=verdict,
         margin=margin,
@@ -72,63 +161,50 @@ def certify_constant_ratio(
             "eigenvalues are computed in floating point, and judged with room for rounding",
             f"the torque reaches the joints {computation_delay} periods late and is held for a period",
         ),
-        matrices=matrices,
-        numbers=numbers,
+        evidence=evidence,
         witness=witness,
     )
 
 
-def judge(matrices: dict[str, np.ndarray], numbers: dict[str, Any]) -> tuple[str, float, Witness | None]:
-    """Verdict, margin and witness from the stored matrices: stable at both ends, and no crossing between them."""
-    low, high, period = numbers["low"], numbers["high"], numbers["period"]
-    count = int(numbers["loops"])
-    verdict, margin, witness = "certified", np.inf, None
-    for i in range(count):
-        A, b, c = (matrices[f"{letter}{i}"] for letter in "Abc")
-        trials = {low, high}
-        if low < high:
-            inner = [edge for edge in crossings(A, b, c) if low < edge < high]
-            trials |= {(one + two) / 2 for one, two in pairwise([low, *inner, high])}
-            trials |= set(np.geomspace(low, high, 8)[1:-1].tolist())
-        for trial in sorted(trials):
-            answer, radius, mode = schur(A + trial * b @ c)
-            if trial in (low, high):
-                margin = min(margin, 1 - radius)
-            if answer == "refuted":
-                rate = np.log(radius) / period
-                found = {"ratio": trial, "growth rate [1/s]": rate, "frequency [rad/s]": abs(np.angle(mode)) / period}
-                return "refuted", min(margin, 1 - radius), found
-            if answer == "inconclusive":
-                verdict = "inconclusive"
-    return verdict, float(margin), witness
+def _judge(loop: LoopMatrices, low: float, high: float, period: float) -> Judgement:
+    """Test one loop at both ends of the range and between every two crossings of the unit circle in it."""
+    A, b, c = loop.A, loop.B, loop.C
+    verdict, margin, trials = Verdict.CERTIFIED, np.inf, {low, high}
+    if low < high:
+        inner = [edge for edge in crossings(A, b, c) if low < edge < high]
+        trials |= {(first + second) / 2 for first, second in pairwise([low, *inner, high])}
+        trials |= set(np.geomspace(low, high, 8)[1:-1].tolist())
+    for trial in sorted(trials):
+        answer, radius, mode = schur(A + trial * b @ c)
+        if trial in (low, high):
+            margin = min(margin, 1 - radius)
+        if answer == "refuted":
+            witness = replace(unstable_mode(radius, mode, period), ratio=float(trial))
+            return Judgement(Verdict.REFUTED, min(margin, 1 - radius), witness)
+        if answer == "inconclusive":
+            verdict = Verdict.INCONCLUSIVE
+    return Judgement(verdict, margin)
 
 
-JUDGES["loop"] = judge
-
-
-def _evidence(channels: list[Channel]) -> dict[str, np.ndarray]:
-    return {
-        f"{letter}{i}": part
-        for i, channel in enumerate(channels)
-        for letter, part in zip("Abc", _split(channel), strict=True)
-    }
-
-
-def _describe(channels: list[Channel], ratio: float, *, stable: bool) -> dict[str, float]:
-    """What else an engineer asks of the loop at this ratio."""
+def _describe(channels: list[Channel], ratio: float, *, stable: bool) -> LoopFindings:
+    """Return rates, delay margin and gains of the loop at one ratio."""
     values = np.concatenate([np.linalg.eigvals(channel.closed(ratio)) for channel in channels])
     lead = values[np.argmax(np.abs(values))]
     period = channels[0].period
-    result = {
-        "spectral radius": float(abs(lead)),
-        "decay rate": float(-np.log(abs(lead)) / period),
-        "ringing frequency": float(abs(np.angle(lead)) / period),
-    }
+    findings = LoopFindings(
+        spectral_radius=float(abs(lead)),
+        decay_rate=float(-np.log(abs(lead)) / period),
+        ringing_frequency=float(abs(np.angle(lead)) / period),
+    )
     if not stable:
-        return result
-    result["delay margin"] = float(min(_delay_margin(channel, ratio) for channel in channels))
-    for name, system in (("disturbance to error", from_disturbance), ("noise to torque", from_noise)):
-        systems = [system(channel, ratio) for channel in channels]
-        result[f"{name} h_infinity"] = max(hinf_norm(*one) for one in systems)
-        result[f"{name} h2"] = max(h2_norm(*one) for one in systems)
-    return result
+        return findings
+    disturbed = [from_disturbance(channel, ratio) for channel in channels]
+    noisy = [from_noise(channel, ratio) for channel in channels]
+    return replace(
+        findings,
+        delay_margin=min(_delay_margin(channel, ratio) for channel in channels),
+        disturbance_to_error_hinf=max(hinf_norm(*system) for system in disturbed),
+        disturbance_to_error_h2=max(h2_norm(*system) for system in disturbed),
+        noise_to_torque_hinf=max(hinf_norm(*system) for system in noisy),
+        noise_to_torque_h2=max(h2_norm(*system) for system in noisy),
+    )

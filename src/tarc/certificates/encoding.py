@@ -14,13 +14,15 @@ T = TypeVar("T")
 def to_plain(value: Any) -> Any:
     """Return a value as dictionaries, lists, numbers, text and None, ready for JSON.
 
-    Dataclasses become dictionaries of their fields, arrays nested lists. Numbers that are not finite become the text
-    ``inf``, ``-inf`` or ``nan``, which JSON has no number for.
+    Dataclasses and named tuples become dictionaries of their fields, arrays nested lists. Numbers that are
+    not finite become the text ``inf``, ``-inf`` or ``nan``, since JSON has no number for them.
     """
     if is_dataclass(value) and not isinstance(value, type):
         return {field.name: to_plain(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, np.ndarray):
         return to_plain(value.tolist())
+    if isinstance(value, tuple) and hasattr(value, "_asdict"):
+        return {name: to_plain(entry) for name, entry in value._asdict().items()}  # pyright: ignore
     if isinstance(value, list | tuple):
         return [to_plain(entry) for entry in value]
     if isinstance(value, dict):
@@ -36,7 +38,7 @@ def from_plain(kind: Any, content: Any, path: str = "evidence") -> Any:
     Parameters
     ----------
     kind
-        A frozen dataclass, or the declared type of one of its fields.
+        A frozen dataclass or named tuple, or the declared type of one of its fields.
     content
         Plain data.
     path
@@ -53,7 +55,7 @@ def from_plain(kind: Any, content: Any, path: str = "evidence") -> Any:
             return None
         raise ValueError(f"{path}: got nothing; needs a value")
     kind = next(option for option in options if option is not type(None))
-    if is_dataclass(kind):
+    if is_dataclass(kind) or hasattr(kind, "_fields"):
         return _dataclass_from_plain(kind, content, path)
     if get_origin(kind) is tuple:
         return _tuple_from_plain(get_args(kind), content, path)
@@ -71,12 +73,13 @@ def from_plain(kind: Any, content: Any, path: str = "evidence") -> Any:
 
 
 def _dataclass_from_plain(kind: Any, content: Any, path: str) -> Any:
-    names = [field.name for field in fields(kind)]
+    make: Any = kind
+    names: list[str] = [field.name for field in fields(kind)] if is_dataclass(kind) else list(kind._fields)
     if not isinstance(content, dict) or set(content) != set(names):
         given = sorted(content) if isinstance(content, dict) else content
         raise ValueError(f"{path}: got {given}; needs the fields {', '.join(names)}")
     hints = get_type_hints(kind)
-    return kind(**{name: from_plain(hints[name], content[name], f"{path}.{name}") for name in names})
+    return make(**{name: from_plain(hints[name], content[name], f"{path}.{name}") for name in names})
 
 
 def _tuple_from_plain(kinds: tuple[Any, ...], content: Any, path: str) -> tuple[Any, ...]:

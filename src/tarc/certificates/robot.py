@@ -1,7 +1,8 @@
 """The verdict for a robot: the spread of its inertia over a workspace against what the loop bears."""
 
 from collections.abc import Collection, Sequence
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -21,14 +22,13 @@ from tarc.analysis.operating_points import (
     tangent,
     with_stiffest,
 )
-from tarc.analysis.rest_stability import _at_rest, _growing
-from tarc.analysis.stability import Witness
+from tarc.analysis.rest_stability import _at_rest
+from tarc.analysis.stability import UnstableMode, Witness, unstable_mode
 from tarc.analysis.uncertain_loop import Parts, Responses, parts_of
 from tarc.analysis.workspace import Workspace
-from tarc.certificates.base import JUDGES, Certificate, dict_certificate
+from tarc.certificates.base import Certificate, Evidence, Judgement, LoopMatrices, Verdict
 from tarc.certificates.iqc import best_multiplier
-from tarc.certificates.varying_ratio import Evidence, best_centre, recorded, widest
-from tarc.certificates.varying_ratio import judge as judge_ball
+from tarc.certificates.varying_ratio import Ball, Shown, best_centre, make_ball, widest
 from tarc.core.errors import TarcError
 from tarc.core.types import Array
 from tarc.laws.base import Law
@@ -36,6 +36,191 @@ from tarc.laws.pole_placement import PolePlacement
 from tarc.laws.tarc import TARC
 from tarc.numerics.matrix_tests import schur
 from tarc.plants.base import Plant
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LinearisedPoint:
+    """A robot linearised in a posture: M δq̈ + D δq̇ + G δq = δτ.
+
+    Attributes
+    ----------
+    position
+        Posture [rad or m], shape (n,).
+    inertia, damping, stiffness
+        M, D and G, shape (n, n).
+    velocity, acceleration
+        Of the motion, shape (n,); None at rest.
+    """
+
+    position: Array
+    inertia: Array
+    damping: Array
+    stiffness: Array
+    velocity: Array | None = None
+    acceleration: Array | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WorstPoints:
+    """The points of a workspace that limit the certificate.
+
+    Attributes
+    ----------
+    min_ratio, max_ratio
+        At rest, of the smallest and the largest inertia ratio.
+    stiffest, largest_norm
+        At rest, of the largest ‖[H, C/θ]‖ and ‖[E − ρ0 I, H/η, C/(η θ)]‖.
+    stiffest_moving, largest_norm_moving
+        The same in motion; None for a workspace without speeds.
+    """
+
+    min_ratio: LinearisedPoint
+    max_ratio: LinearisedPoint
+    stiffest: LinearisedPoint
+    largest_norm: LinearisedPoint
+    stiffest_moving: LinearisedPoint | None = None
+    largest_norm_moving: LinearisedPoint | None = None
+
+    def at_rest(self) -> tuple[LinearisedPoint, ...]:
+        """Return the points at rest."""
+        return self.min_ratio, self.max_ratio, self.stiffest, self.largest_norm
+
+    def moving(self) -> tuple[LinearisedPoint, ...]:
+        """Return the points in motion."""
+        return tuple(point for point in (self.stiffest_moving, self.largest_norm_moving) if point is not None)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MaxRatePoint:
+    """The posture in which the inertia changes fastest.
+
+    Attributes
+    ----------
+    position
+        Posture [rad or m], shape (n,).
+    inertia_slopes
+        ∂M/∂q_i, shape (n, n, n), the joint i first.
+    velocity_limits
+        Largest speed of each joint [rad/s or m/s], shape (n,).
+    """
+
+    position: Array
+    inertia_slopes: Array
+    velocity_limits: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RobotEvidence(Evidence):
+    """The worst points of a robot in a workspace, and the ball that must contain them.
+
+    Attributes
+    ----------
+    nominal_inertia
+        M̂ [kg m² or kg], shape (n, n).
+    period
+        T [s].
+    robust_term_is_bounded
+        Whether the slope of the robust term has a bound.
+    ball
+        The ball that the loop tolerates; None for gains that differ between the joints.
+    coupled_loop
+        The loop of all joints where there is no ball.
+    points
+        The robot linearised at its worst points.
+    max_rate_point
+        Where the inertia changes fastest; None where the rate is not bounded.
+    min_ratio, max_ratio
+        Smallest and largest eigenvalue of M(q)⁻¹M̂ over the workspace. Like the rest, `judge` does not use them.
+    stiffness
+        Largest ‖[H, C/θ]‖ [1/s²].
+    slope
+        Largest slope of the robust term [1/s²].
+    samples
+        Number of sampled postures.
+    """
+
+    kind: ClassVar[str] = "robot"
+    witness_type: ClassVar[type[Witness] | None] = UnstableMode
+
+    nominal_inertia: Array
+    period: float
+    robust_term_is_bounded: bool
+    ball: Ball | None
+    coupled_loop: LoopMatrices | None
+    points: WorstPoints
+    max_rate_point: MaxRatePoint | None
+    min_ratio: float
+    max_ratio: float
+    stiffness: float
+    slope: float
+    samples: int
+
+    @property
+    def ratio_range(self) -> float:
+        """Largest by smallest inertia ratio over the workspace."""
+        return self.max_ratio / self.min_ratio
+
+    @property
+    def rate(self) -> float | None:
+        """Largest ‖dE⁻¹/dt‖ [1/s] that the ball allows; None for any."""
+        return None if self.ball is None or self.ball.step is None else self.ball.step / self.period
+
+    def judge(self) -> Judgement:
+        """Test the worst points at rest for a mode that grows, then whether the ball contains all points."""
+        least, largest = np.inf, 0.0
+        worst, witness = 1.0, None
+        for point in self.points.at_rest():
+            ratios = np.linalg.eigvals(np.linalg.solve(point.inertia, self.nominal_inertia)).real
+            least, largest = min(least, ratios.min()), max(largest, ratios.max())
+            matrices = point.inertia, point.damping, point.stiffness
+            answer, radius, mode = schur(_at_rest(self._loop(), self.nominal_inertia, matrices, self.period))
+            if answer == "refuted" and radius > worst:
+                ratio = ratios.max() if point is self.points.max_ratio else ratios.min()
+                worst, witness = radius, unstable_mode(radius, mode, self.period)
+                witness = replace(witness, ratio=float(ratio), posture=point.position)
+        if witness:
+            return Judgement(Verdict.REFUTED, float(1 - worst), witness)
+        if self.ball is None:
+            return Judgement(Verdict.INCONCLUSIVE, 0.0)
+        return self._judge_ball(self.ball, float(least), float(largest))
+
+    def _loop(self) -> tuple[Array, Array, Array]:
+        """Return A, B, C of the loop opened at its inertia ratio."""
+        if self.ball is not None:
+            return self.ball.loop.free, self.ball.loop.into, self.ball.loop.out
+        if self.coupled_loop is None:
+            raise ValueError("evidence: it has neither a ball nor a loop of all joints")
+        return self.coupled_loop.A, self.coupled_loop.B, self.coupled_loop.C
+
+    def _judge_ball(self, ball: Ball, least: float, largest: float) -> Judgement:
+        """Test whether the ball contains the ratios, the stiffness and the rate of all points."""
+        lead = ball.loop.lead.item() * self.period
+        mismatch = self._mismatches()
+        stiffest = float(mismatch.sizes(lead).max())
+        undecided = Judgement(Verdict.INCONCLUSIVE, 0.0)
+        if not np.isfinite(lead) or (lead <= 0 and float(np.abs(mismatch.damping).max()) > NEGLIGIBLE):
+            return undecided
+        needed = max(largest - ball.centre, ball.centre - least)
+        if ball.weight > 0:
+            needed = max(needed, float(mismatch.joint_norms(ball.centre, ball.weight, lead).max()))
+        elif not stiffest <= NEGLIGIBLE:  # the loop without its weight leaves the stiffness out
+            return undecided
+        if ball.step is not None:
+            if self.max_rate_point is None or not stiffest <= (1 + 1e-9) * ball.stiffness:
+                return undecided
+            slopes, limits = self.max_rate_point.inertia_slopes, self.max_rate_point.velocity_limits
+            rate = float(rates(self.nominal_inertia, slopes[None], limits)[0])
+            if rate * self.period / (1 + 1e-9) > ball.step:
+                return undecided
+        judged = ball.judge(needed)
+        return judged if self.robust_term_is_bounded else judged._replace(verdict=Verdict.INCONCLUSIVE)
+
+    def _mismatches(self) -> Mismatches:
+        """Return the mismatches of all points, without the viscous friction of those at rest."""
+        points = [*self.points.at_rest(), *self.points.moving()]
+        M, D, G = (np.array([getattr(point, name) for point in points]) for name in ("inertia", "damping", "stiffness"))
+        D[: len(self.points.at_rest())] = 0
+        return in_nominal(self.nominal_inertia, M, D, G)
 
 
 def certify_robot(
@@ -46,7 +231,7 @@ def certify_robot(
     computation_delay: int = 0,
     samples: int = 2000,
     seed: int = 0,
-) -> Certificate:
+) -> Certificate[RobotEvidence]:
     """Certify a law on a robot: however its posture changes inside a workspace, and however fast, or within a speed.
 
     A small error about a motion obeys, in coordinates x = M̂^½ q, ẍ = E v − H x − C ẋ with E = M̂^½ M⁻¹ M̂^½ and
@@ -78,13 +263,8 @@ def certify_robot(
     Returns
     -------
     Certificate
-        Its matrices hold ``posture_low``, ``posture_high`` and ``posture_stiff`` (n,), where the least and the greatest
-        ratio and the greatest stiffness at rest were found, with the robot linearised there, and ``posture_moving``
-        with ``velocity_moving`` and ``acceleration_moving`` where a motion asks for the widest ball; its numbers the
-        ratios (``least ratio``, ``greatest ratio``), their ``spread``, the ``stiffness`` ‖[H, C/θ]‖ [1/s²], how many
-        ``samples`` were taken, the ball's centre and radius, and with a speed the ``rate`` ‖dE⁻¹/dt‖ [1/s] that it may
-        reach, in ``posture_fast``. The margin is the ball's radius over the one that is needed, less 1; where refuted,
-        1 less the spectral radius.
+        Its evidence has the smallest and the largest inertia ratio, the worst points, and the ball. The margin is the
+        ball's radius over the one that is needed, less 1; where refuted, 1 less the spectral radius.
 
     Raises
     ------
@@ -102,60 +282,51 @@ def certify_robot(
     mismatch = mismatches(law.M, instants)
     bounded = bool(np.isfinite(law.robust_slope_bound))
     slope = law.robust_slope_bound if bounded else 0.0
-    matrices = {"nominal": law.M}
-    numbers = {"period": law.period, "alike": float(alike(law)), "bounded": float(bounded)}
-    step, lead, weight, centre = None, 0.0, 0.0, 1.0
-    if numbers["alike"]:
-        channel, moving = decouple(law, computation_delay)[0], {}
+    ball, loop, max_rate_point, weight, centre, lead = None, None, None, 0.0, 1.0, 0.0
+    if alike(law):
+        channel, step = decouple(law, computation_delay)[0], None
         if workspace.speed is not None:
             fast = fastest(plants, law.M, workspace, min(samples, STIFF_SAMPLES), seed)
             slopes = inertia_slopes(fast.plant, fast.position)
-            moving = {"posture_fast": fast.position, "slopes_fast": slopes, "speed": workspace.speed}
+            max_rate_point = MaxRatePoint(
+                position=fast.position, inertia_slopes=slopes, velocity_limits=np.asarray(workspace.speed)
+            )
             step = law.period * float(rates(law.M, slopes[None], workspace.speed)[0])
         plain = parts_of(channel, slope, intersample=True)
         tries = {best_centre(plain, (found.min_ratio, found.max_ratio), step), (found.min_ratio + found.max_ratio) / 2}
         instants, mismatch = hardest(min(tries), instants, mismatch, law.M, workspace, units)
-        best, evidence, radius = best_ball(channel, slope, tries, mismatch, step)
+        best, shown, radius = best_ball(channel, slope, tries, mismatch, step)
         step, lead, weight, centre = best.step, best.lead, best.weight, best.centre
         if weight:  # once more, for the very ball
             instants, mismatch = searched(instants, mismatch, workspace, units, law.M, centre, weight, lead)
         parts = parts_of(channel, slope, intersample=True, lead=lead / law.period)
-        evidence_matrices, evidence_numbers = recorded(evidence)
-        matrices |= parts._asdict() | evidence_matrices | ({} if step is None else moving)
-        numbers |= {"centre": best.centre, "radius": radius, "weight": best.weight} | evidence_numbers
-        numbers |= {} if step is None else {"step": step, "rate": step / law.period}
+        max_rate_point = None if step is None else max_rate_point
+        stiffness = float(mismatch.sizes(lead).max())
+        ball = make_ball(parts, centre, radius, shown, weight=weight, stiffness=stiffness, step=step)
     else:
-        loop = whole(law, computation_delay).around(0.0)[:3]
-        matrices |= dict(zip(Parts._fields[:3], loop, strict=True))
-    numbers["stiffness"] = float(mismatch.sizes(lead).max())
-    resting, swift = ([one.moves == way for one in instants] for way in (False, True))
-    sizes, norms = mismatch.sizes(lead), mismatch.joint_norms(centre, weight, lead) if weight else mismatch.sizes(lead)
-    for name, which, values in (
-        ("stiff", resting, sizes),
-        ("joint", resting, norms),
-        ("swift", swift, sizes),
-        ("moving", swift, norms),
-    ):
-        if any(which):
-            matrices |= _described(name, instants[int(np.argmax(np.where(which, values, -1.0)))])
-    for name, one in zip(("low", "high"), instants, strict=False):
-        matrices |= _described(name, one)
-    verdict, margin, witness = judge(matrices, numbers)
-    numbers |= {
-        "least ratio": found.min_ratio,
-        "greatest ratio": found.max_ratio,
-        "spread": found.ratio,
-        "slope": slope,
-    }
-    numbers["samples"] = float(found.samples)
-    return dict_certificate(
-        kind="robot",
+        loop = LoopMatrices(*whole(law, computation_delay).around(0.0)[:3])
+    evidence = RobotEvidence(
+        nominal_inertia=law.M,
+        period=law.period,
+        robust_term_is_bounded=bounded,
+        ball=ball,
+        coupled_loop=loop,
+        points=_worst_points(instants, mismatch, centre, weight, lead),
+        max_rate_point=max_rate_point,
+        min_ratio=found.min_ratio,
+        max_ratio=found.max_ratio,
+        stiffness=float(mismatch.sizes(lead).max()),
+        slope=slope,
+        samples=found.samples,
+    )
+    verdict, margin, witness = evidence.judge()
+    return Certificate(
         claim=f"{type(law).__name__} keeps the robot stable however it moves in the workspace"
         + ("." if workspace.speed is None else ", at the joints' speeds and accelerations given or less."),
         problem=(
             "‖[E − ρ0 I, H/η, C/(η θ)]‖ ≤ δ for all motions in the workspace, ‖dE⁻¹/dt‖ within a rate, and a ball of "
             "radius δ that the loop bears at this rate"
-            if step is not None
+            if evidence.rate is not None
             else "‖[E − ρ0 I, H/η, C/(η θ)]‖ ≤ δ < 1/‖[T_v; η T_q; η θ T_q̇]‖∞ for all motions in the workspace"
         )
         + (f", with every slope of the robust term up to {slope:.4g} 1/s²" if slope else ""),
@@ -164,23 +335,49 @@ def certify_robot(
         margin_meaning="1 less the spectral radius in that posture"
         if verdict == "refuted"
         else "radius of the ball over the one needed, less 1",
-        assumptions=_assumptions(law, found, numbers, workspace, computation_delay),
-        matrices=matrices,
-        numbers=numbers,
+        assumptions=_assumptions(law, found, evidence, workspace, computation_delay),
+        evidence=evidence,
         witness=witness,
+        basis=f"{found.samples} sampled postures and local search",
     )
 
 
-def _described(name: str, one: Instant) -> dict[str, Array]:
-    """An instant and the robot linearised there, as matrices of a certificate; with viscous friction at rest alone."""
-    M, D, G = tangent(one) if one.moves else one.plant.linearised(one.position)
-    found = {f"posture_{name}": one.position, f"inertia_{name}": M, f"damping_{name}": D, f"stiffness_{name}": G}
-    moving = {f"velocity_{name}": one.velocity, f"acceleration_{name}": one.acceleration}
-    return found | moving if one.moves else found
+def _linearised_point(instant: Instant) -> LinearisedPoint:
+    """Return the robot linearised about an instant; at rest with viscous friction, moving without."""
+    M, D, G = tangent(instant) if instant.moves else instant.plant.linearised(instant.position)
+    return LinearisedPoint(
+        position=instant.position,
+        inertia=M,
+        damping=D,
+        stiffness=G,
+        velocity=instant.velocity if instant.moves else None,
+        acceleration=instant.acceleration if instant.moves else None,
+    )
+
+
+def _worst_points(
+    instants: list[Instant], mismatch: Mismatches, centre: float, weight: float, lead: float
+) -> WorstPoints:
+    """Return the first two instants, and those of the largest stiffness and joint norm, at rest and moving."""
+    sizes = mismatch.sizes(lead)
+    norms = mismatch.joint_norms(centre, weight, lead) if weight else sizes
+    moving = np.array([instant.moves for instant in instants])
+
+    def worst(which: Array, values: Array) -> LinearisedPoint:
+        return _linearised_point(instants[int(np.argmax(np.where(which, values, -1.0)))])
+
+    return WorstPoints(
+        min_ratio=_linearised_point(instants[0]),
+        max_ratio=_linearised_point(instants[1]),
+        stiffest=worst(~moving, sizes),
+        largest_norm=worst(~moving, norms),
+        stiffest_moving=worst(moving, sizes) if moving.any() else None,
+        largest_norm_moving=worst(moving, norms) if moving.any() else None,
+    )
 
 
 def _assumptions(
-    law: PolePlacement, found: InertiaSpread, numbers: dict[str, float], workspace: Workspace, computation_delay: int
+    law: PolePlacement, found: InertiaSpread, evidence: RobotEvidence, workspace: Workspace, computation_delay: int
 ) -> tuple[str, ...]:
     def listed(values: Array) -> str:
         return "(" + ", ".join(f"{one:.3g}" for one in values) + ")"
@@ -191,7 +388,7 @@ def _assumptions(
         f"{found.max_ratio:.4g}, at {listed(found.max_posture)}; {found.samples} samples and local search found "
         f"no others",
         f"gravity and springs{'' if speed is None else ', and the motion itself,'} have a stiffness, in these "
-        f"coordinates, of at most {numbers['stiffness']:.3g} 1/s², which with the inertia is taken from "
+        f"coordinates, of at most {evidence.stiffness:.3g} 1/s², which with the inertia is taken from "
         f"{min(found.samples, STIFF_SAMPLES)} samples, the two postures above and local search",
         "the robot stays in the workspace; friction disturbs only, viscous friction apart where the robot is at rest; "
         "dry friction may hold back what is refuted",
@@ -205,7 +402,7 @@ def _assumptions(
             "the joints' speeds would count"
         )
     else:
-        rate = numbers.get("rate")
+        rate = evidence.rate
         changes = (
             ""
             if rate is None
@@ -227,54 +424,6 @@ def _assumptions(
     return tuple(lines)
 
 
-def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, float, Witness | None]:
-    """Verdict, margin and witness from the stored matrices: both worst postures at rest, then the ball."""
-    loop = tuple(matrices[name] for name in Parts._fields[:3])
-    least, greatest = np.inf, 0.0
-    worst, witness = 1.0, None
-    for name in RESTING:
-        rest = tuple(matrices[f"{part}_{name}"] for part in ("inertia", "damping", "stiffness"))
-        ratios = np.linalg.eigvals(np.linalg.solve(rest[0], matrices["nominal"])).real
-        least, greatest = min(least, ratios.min()), max(greatest, ratios.max())
-        answer, radius, mode = schur(_at_rest(loop, matrices["nominal"], rest, numbers["period"]))
-        if answer == "refuted" and radius > worst:
-            ratio = ratios.max() if name == "high" else ratios.min()
-            worst, witness = radius, _growing(ratio, radius, mode, numbers["period"])
-            witness["posture"] = matrices[f"posture_{name}"].tolist()
-    if witness:
-        return "refuted", float(1 - worst), witness
-    if not numbers["alike"]:
-        return "inconclusive", 0.0, None
-    centre, weight, lead = numbers["centre"], numbers["weight"], matrices["lead"].item() * numbers["period"]
-    needed = max(greatest - centre, centre - least)
-    found = _kept(matrices)
-    stiffest = float(found.sizes(lead).max())
-    if not np.isfinite(lead) or (lead <= 0 and float(np.abs(found.damping).max()) > NEGLIGIBLE):
-        return "inconclusive", 0.0, None
-    if weight > 0:
-        needed = max(needed, float(found.joint_norms(centre, weight, lead).max()))
-    elif not stiffest <= NEGLIGIBLE:  # which the loop without its weight leaves out
-        return "inconclusive", 0.0, None
-    if "step" in numbers:
-        rate = float(rates(matrices["nominal"], matrices["slopes_fast"][None], matrices["speed"])[0])
-        more = rate * numbers["period"] / (1 + 1e-9) > numbers["step"]
-        if more or not stiffest <= (1 + 1e-9) * numbers["stiffness"]:
-            return "inconclusive", 0.0, None
-    verdict, margin, _ = judge_ball(matrices, {**numbers, "needed": needed})
-    return (verdict if numbers["bounded"] else "inconclusive"), margin, None
-
-
-def _kept(matrices: dict[str, Array]) -> Mismatches:
-    """The mismatches of the instants that a certificate holds, without the viscous friction of those at rest."""
-    names = [*RESTING, *(name for name in MOVING if f"inertia_{name}" in matrices)]
-    M, D, G = (np.array([matrices[f"{part}_{name}"] for name in names]) for part in ("inertia", "damping", "stiffness"))
-    D[: len(RESTING)] = 0
-    return in_nominal(matrices["nominal"], M, D, G)
-
-
-RESTING, MOVING = ("low", "high", "stiff", "joint"), ("swift", "moving")
-"""Names of the instants that a certificate holds: at rest of the least and the greatest ratio, the stiffest and that
-which needs the widest ball; moving, the last two."""
 LEADS = 0.5, 1.0
 """Leads that are tried, over that for which damping counts as much as stiffness."""
 TRIALS = 4
@@ -309,7 +458,7 @@ def hardest(
 
 def best_ball(
     channel: Channel, slope: float, tries: Collection[float], found: Mismatches, step: float | None
-) -> tuple[Trial, Evidence, float]:
+) -> tuple[Trial, Shown, float]:
     """The ball with the most room, what shows it, and its radius.
 
     Several are looked at: what holds on a grid of frequencies need not hold on all, and a ball for any speed may do
@@ -352,6 +501,3 @@ def best_weights(parts: Parts, centre: float, found: Mismatches, lead: float, st
         needed = found.needed(centre, weight, lead) if weight else max(found.needed(centre, np.inf), 0.1 * centre)
         trials.append(Trial(radius(weight) / needed, needed, weight, lead, centre, step))
     return sorted(trials, reverse=True, key=lambda one: one.room)[:2]
-
-
-JUDGES["robot"] = judge

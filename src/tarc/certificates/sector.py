@@ -1,13 +1,14 @@
 """The switching slope: how steep a time-varying robust term the loop bears, and the cap on the gain that follows."""
 
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
 from tarc.analysis.linearise import Channel, decouple
-from tarc.analysis.stability import Witness, crossings
-from tarc.certificates.base import JUDGES, Certificate, dict_certificate
+from tarc.analysis.stability import UnstableMode, Witness, crossings, unstable_mode
+from tarc.certificates.base import Certificate, Evidence, Judgement, LoopMatrices, Verdict
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
 from tarc.core.types import Array
@@ -18,9 +19,67 @@ from tarc.numerics.matrix_tests import schur
 from tarc.numerics.norms import hinf_norm
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SectorEvidence(Evidence):
+    """Loops from the auxiliary input to s = P2 e, and the slope of the robust term around them.
+
+    Attributes
+    ----------
+    ratio
+        ρ, the eigenvalue of M⁻¹M̂.
+    max_slope
+        Largest κ to certify, before multiplication by P2.
+    period
+        T [s].
+    gain_is_bounded
+        Whether the adaptive gain has a maximum; without one nothing is certified.
+    loops
+        A, B, C of each loop, closed as A − κ B C.
+    circle_limit, frozen_limit
+        Largest ‖P2‖ κ [1/s²] that the circle criterion admits, and up to which every constant κ leaves a stable loop;
+        infinite if there is none. Like the rest, `judge` does not use them.
+    max_gain
+        Largest gain ĉ to certify [rad/s²]; None for none.
+    slope_at_max_gain
+        ‖P2‖ κ at that gain [1/s²].
+    largest_max_gain
+        Largest ``max_gain`` that the circle criterion admits, ε κ/α [rad/s²].
+    """
+
+    kind: ClassVar[str] = "slope"
+    witness_type: ClassVar[type[Witness] | None] = UnstableMode
+
+    ratio: float
+    max_slope: float
+    period: float
+    gain_is_bounded: bool
+    loops: tuple[LoopMatrices, ...]
+    circle_limit: float
+    frozen_limit: float
+    max_gain: float | None = None
+    slope_at_max_gain: float | None = None
+    largest_max_gain: float | None = None
+
+    def judge(self) -> Judgement:
+        """Test constant slopes up to the largest, then the circle criterion."""
+        kappa = self.max_slope
+        for loop in self.loops:
+            A, B, C = loop.A, loop.B, loop.C
+            edges = [edge for edge in crossings(A, -B, C, 1e-9, 1e12) if edge < kappa] if B.shape[1] == 1 else []
+            trials = {0.0, kappa, *((low + high) / 2 for low, high in pairwise([0.0, *edges, kappa]))}
+            for trial in sorted(trials):
+                answer, radius, mode = schur(A - trial * B @ C)
+                if answer == "refuted":
+                    witness = replace(unstable_mode(radius, mode, self.period), slope=float(trial))
+                    return Judgement(Verdict.REFUTED, 0.0, witness)
+        bounded = self.gain_is_bounded and bool(self.loops)
+        sound = bounded and all(_within_circle(loop.A, loop.B, loop.C, kappa) for loop in self.loops)
+        return Judgement(Verdict.CERTIFIED if sound else Verdict.INCONCLUSIVE, 0.0)
+
+
 def certify_sector(
     law: Law, ratio: float = 1.0, *, max_gain: float | None = None, computation_delay: int = 0
-) -> Certificate:
+) -> Certificate[SectorEvidence]:
     """Certify the robust term Δu = −κ(t) s of a law, for one constant inertia ratio and any time-varying slope κ.
 
     Inside the boundary layer κ = α ĉ/ε, outside it κ = α ĉ/‖s‖, with ĉ adapting: a sector 0 ≤ κ(t) ≤ k, and not a
@@ -42,11 +101,9 @@ def certify_sector(
     Returns
     -------
     Certificate
-        Of the slope at the cap. Its numbers: ``circle limit`` and ``frozen limit`` of ‖P2‖ κ [1/s²], infinite if
-        there is none; for TARC ``max_gain``, ``slope at the cap`` and ``largest cap`` = ε κ/α [rad/s²], that the circle
-        criterion admits. The margin is the circle limit over the slope at the cap, less 1. Without a cap, the verdict
-        is inconclusive for TARC, whose gain then has no bound; a law without a robust term is certified for what the
-        circle criterion admits.
+        Of the slope at the largest gain. The margin is the circle limit over that slope, less 1. Without a largest
+        gain, the verdict is inconclusive for TARC, whose gain then has no bound. A law without a robust term is
+        certified for the slope that the circle criterion admits.
 
     Raises
     ------
@@ -67,35 +124,33 @@ def certify_sector(
     weight = law.P2 if isinstance(law, TARC) else np.eye(law.n_joints)
     size = float(np.linalg.norm(weight, 2))
     loops = [_from_input(channel, ratio, weight) for channel in decouple(law, computation_delay)]
-    matrices = {f"{letter}{i}": part for i, loop in enumerate(loops) for letter, part in zip("ABC", loop, strict=True)}
     circle = min(circle_limit(*loop) for loop in loops)
     frozen = min(frozen_limit(*loop) for loop in loops)
-    asked = circle if max_gain is None else max_gain * per_gain
-    numbers = {
-        "ratio": ratio,
-        "kappa": asked,
-        "period": law.period,
-        "bounded": float(max_gain is not None or not adaptive),
-    }
-    numbers["loops"] = float(len(loops))
-    verdict, _, witness = judge(matrices, numbers)
-    numbers |= {"circle limit": circle * size, "frozen limit": frozen * size}
-    if adaptive or max_gain is not None:
-        numbers["largest cap"] = circle / per_gain
-    if max_gain is not None:
-        numbers |= {"max_gain": max_gain, "slope at the cap": asked * size}
-    if witness and adaptive:
-        witness["gain [rad/s²]"] = float(witness["slope"]) / per_gain
+    slope = circle if max_gain is None else max_gain * per_gain
+    evidence = SectorEvidence(
+        ratio=ratio,
+        max_slope=slope,
+        period=law.period,
+        gain_is_bounded=max_gain is not None or not adaptive,
+        loops=tuple(LoopMatrices(*loop) for loop in loops),
+        circle_limit=circle * size,
+        frozen_limit=frozen * size,
+        max_gain=max_gain,
+        slope_at_max_gain=None if max_gain is None else slope * size,
+        largest_max_gain=circle / per_gain if adaptive or max_gain is not None else None,
+    )
+    verdict, _, witness = evidence.judge()
+    if isinstance(witness, UnstableMode) and witness.slope is not None and adaptive:
+        witness = replace(witness, gain=witness.slope / per_gain)
     what = (
         f"every gain ĉ(t) up to {max_gain:g} rad/s²" if max_gain is not None else "every gain ĉ(t), which has no cap,"
     )
     what = what if adaptive or max_gain is not None else f"every time-varying slope up to {circle * size:.4g} 1/s²"
-    return dict_certificate(
-        kind="slope",
+    return Certificate(
         claim=f"The loop of {type(law).__name__} around q̈ = {ratio:g} M̂⁻¹τ is stable for {what}.",
         problem="‖S‖∞ < 2/k with k/2 in the loop, for k = α ĉ ‖P2‖/ε" if adaptive else "‖S‖∞ < 2/k, k/2 in the loop",
         verdict=verdict,
-        margin=float(circle / asked - 1) if asked and numbers["bounded"] else 0.0,
+        margin=float(circle / slope - 1) if slope and evidence.gain_is_bounded else 0.0,
         margin_meaning="circle limit over the slope at the cap, less 1",
         assumptions=(
             "the robot's M(q)⁻¹M̂ is a constant multiple ρ of the identity; Coriolis, gravity and friction disturb only",
@@ -103,8 +158,7 @@ def certify_sector(
             "H∞ norms are computed in floating point, to six digits from above",
             f"the torque reaches the joints {computation_delay} periods late and is held for a period",
         ),
-        matrices=matrices,
-        numbers={name: value for name, value in numbers.items() if np.isfinite(value)},
+        evidence=evidence,
         witness=witness,
     )
 
@@ -173,23 +227,3 @@ def frozen_limit(A: Array, B: Array, C: Array) -> float:
             k = float(trial)
             break
     return k
-
-
-def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, float, Witness | None]:
-    """Verdict, margin and witness from the stored matrices alone."""
-    kappa, period = numbers["kappa"], numbers["period"]
-    loops = [tuple(matrices[f"{letter}{i}"] for letter in "ABC") for i in range(int(numbers["loops"]))]
-    for A, B, C in loops:
-        edges = [edge for edge in crossings(A, -B, C, 1e-9, 1e12) if edge < kappa] if B.shape[1] == 1 else []
-        trials = {0.0, kappa, *((one + two) / 2 for one, two in pairwise([0.0, *edges, kappa]))}
-        for trial in sorted(trials):
-            answer, radius, mode = schur(A - trial * B @ C)
-            if answer == "refuted":
-                rate = np.log(radius) / period
-                found: Witness = {"slope": trial, "growth rate [1/s]": rate}
-                return "refuted", 0.0, found | {"frequency [rad/s]": float(abs(np.angle(mode)) / period)}
-    sound = numbers["bounded"] and all(_within_circle(A, B, C, kappa) for A, B, C in loops)
-    return ("certified" if sound else "inconclusive"), 0.0, None
-
-
-JUDGES["slope"] = judge

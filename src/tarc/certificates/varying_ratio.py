@@ -1,22 +1,184 @@
 """The robust ball: how far the inertia may be off, in any direction and changing at any time."""
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
 from tarc.analysis.linearise import alike, decouple
-from tarc.analysis.stability import Witness
 from tarc.analysis.uncertain_loop import Parts, Responses, parts_of, system, weighed
-from tarc.certificates.base import JUDGES, Certificate, dict_certificate
-from tarc.certificates.iqc import STILL, Multiplier, bears, best_multiplier
+from tarc.certificates.base import Certificate, Evidence, Judgement, Verdict
+from tarc.certificates.iqc import STILL, Multiplier, bears, best_multiplier, dissipation
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
 from tarc.core.types import Array
 from tarc.laws.base import Law
 from tarc.numerics.matrix_tests import schur
-from tarc.numerics.norms import hinf_norm
+from tarc.numerics.norms import gains, greatest, hinf_norm
 
 DIGITS = 1e-6
+
+
+Shown = Multiplier | float | None
+"""What shows a radius: a multiplier, or the scale of the slope's block, or nothing where there is no slope."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Ball:
+    """Symmetric mismatches E with ‖E − ρ0 I‖ ≤ δ that a loop tolerates, and what shows it.
+
+    Attributes
+    ----------
+    loop
+        The loop, opened at its inertia ratio.
+    centre, radius
+        ρ0 and δ.
+    weight
+        η of the position beside v [1/s²]; zero without stiffness.
+    stiffness
+        Largest ‖[H, C/θ]‖ of the robot [1/s²].
+    scale
+        Scale of the slope's block; None without a slope, and with a multiplier.
+    step
+        Largest change of E⁻¹ in one period; None for any.
+    multiplier
+        What shows the radius where the change is bounded.
+    """
+
+    loop: Parts
+    centre: float
+    radius: float
+    weight: float = 0.0
+    stiffness: float = 0.0
+    scale: float | None = None
+    step: float | None = None
+    multiplier: Multiplier | None = None
+
+    @property
+    def min_ratio(self) -> float:
+        """Smallest inertia ratio in the ball."""
+        return self.centre - self.radius
+
+    @property
+    def max_ratio(self) -> float:
+        """Largest inertia ratio in the ball."""
+        return self.centre + self.radius
+
+    def judge(self, needed_radius: float) -> Judgement:
+        """Test the radius against the one needed, the loop at the centre, and the norm or the form of the ball."""
+        multiplier = self.multiplier
+        numbers = [self.centre, self.radius, needed_radius, self.weight, self.stiffness]
+        numbers += [value for value in (self.scale, self.step) if value is not None]
+        numbers += [] if multiplier is None else [multiplier.slope, multiplier.stiffness]
+        if not np.all(np.isfinite(numbers)) or not self.centre > 0 or self.scale == 0:
+            return Judgement(Verdict.INCONCLUSIVE, 0.0)
+        loop = system(self.loop, self.centre, self.weight)
+        margin = self.radius / self.centre
+        if needed_radius:
+            margin = self.radius / max(needed_radius, self.centre / 1e3) - 1
+        sound = self.radius > 0 and self.radius >= needed_radius and schur(loop[0])[0] == "certified"
+        if self.step is None:
+            sound = sound and hinf_norm(*weighed(loop, self.radius, self.scale)) < 1
+        else:
+            sound = sound and multiplier is not None and self._satisfies_iqc(multiplier)
+        return Judgement(Verdict.CERTIFIED if sound else Verdict.INCONCLUSIVE, float(margin))
+
+    def _satisfies_iqc(self, multiplier: Multiplier) -> bool:
+        step = 0.0 if self.step is None else self.step
+        return bears(self.loop, self.centre, self.radius, step, multiplier, self.weight, self.stiffness)
+
+    def gains(self, angles: Array) -> Array:
+        """Return what must stay below one at each angle ω [rad]: the weighted gain, or with a multiplier its form."""
+        if self.step is not None and self.multiplier is not None:
+            A, B, Q, S, R = dissipation(
+                self.loop, self.centre, self.radius, self.step, self.multiplier, self.weight, self.stiffness
+            )
+            return 1 + greatest(A, B, Q, S, R, angles)
+        loop = system(self.loop, self.centre, self.weight)
+        return gains(*weighed(loop, self.radius, self.scale), angles)
+
+
+def make_ball(
+    loop: Parts,
+    centre: float,
+    radius: float,
+    shown: Shown,
+    *,
+    weight: float = 0.0,
+    stiffness: float = 0.0,
+    step: float | None = None,
+) -> Ball:
+    """Return a ball with what `widest` gave to show it."""
+    multiplier = shown if isinstance(shown, Multiplier) else None
+    scale = None if multiplier is not None or shown is None else float(shown)  # pyright: ignore[reportArgumentType]
+    return Ball(
+        loop=loop,
+        centre=centre,
+        radius=radius,
+        weight=weight,
+        stiffness=stiffness,
+        scale=scale,
+        step=step,
+        multiplier=multiplier,
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class VaryingRatioEvidence(Evidence):
+    """A ball of inertia mismatches that a loop tolerates.
+
+    Attributes
+    ----------
+    ball
+        The ball, and what shows it.
+    needed_radius
+        Radius that contains the range to certify; zero where there is none.
+    slope
+        Largest slope of the robust term [1/s²].
+    period
+        T [s].
+    """
+
+    kind: ClassVar[str] = "ball"
+
+    ball: Ball
+    needed_radius: float
+    slope: float
+    period: float
+
+    @property
+    def centre(self) -> float:
+        """ρ0."""
+        return self.ball.centre
+
+    @property
+    def radius(self) -> float:
+        """δ."""
+        return self.ball.radius
+
+    @property
+    def min_ratio(self) -> float:
+        """Smallest inertia ratio in the ball."""
+        return self.ball.min_ratio
+
+    @property
+    def max_ratio(self) -> float:
+        """Largest inertia ratio in the ball."""
+        return self.ball.max_ratio
+
+    @property
+    def ratio_range(self) -> float:
+        """Largest by smallest inertia ratio in the ball; infinite where the smallest is not above zero."""
+        return self.max_ratio / self.min_ratio if self.min_ratio > 0 else np.inf
+
+    @property
+    def rate(self) -> float | None:
+        """Largest ‖dE⁻¹/dt‖ [1/s]; None for any."""
+        return None if self.ball.step is None else self.ball.step / self.period
+
+    def judge(self) -> Judgement:
+        """Judge the ball against the radius needed."""
+        return self.ball.judge(self.needed_radius)
 
 
 def certify_varying_ratio(
@@ -28,7 +190,7 @@ def certify_varying_ratio(
     rate: float | None = None,
     intersample: bool = True,
     computation_delay: int = 0,
-) -> Certificate:
+) -> Certificate[VaryingRatioEvidence]:
     """Certify the loop for every time-varying inertia ratio in a ball, in any number of joints at the cost of one.
 
     In coordinates M̂^½ q the joints' loops are identical and the mismatch is the symmetric E(q) = M̂^½ M(q)⁻¹ M̂^½. By
@@ -67,9 +229,9 @@ def certify_varying_ratio(
     Returns
     -------
     Certificate
-        Its numbers: ``centre``, ``radius``, ``low`` and ``high`` ratio, ``ratio`` high/low. Certified for every ball of
-        a radius above zero; with ``contains`` only if the ball holds the range, and inconclusive if not. The margin is
-        the radius over the one that is needed, less 1; without ``contains`` it is the radius over the centre.
+        Certified for every ball of a radius above zero; with ``contains`` only if the ball contains the range, and
+        inconclusive if not. The margin is the radius over the one that is needed, less 1; without ``contains`` it is
+        the radius over the centre.
 
     Raises
     ------
@@ -97,25 +259,22 @@ def certify_varying_ratio(
     step = None if rate is None else law.period * check.number("rate", rate, 0)
     free = centre is None and contains is None and step is not None
     centre = check.number("centre", best_centre(parts, contains, step) if centre is None else centre, 0, strict=True)
-    evidence, radius = widest(parts, centre, step=step)
-    for other in BESIDE if free else ():  # the best on the grid of frequencies need not be the best on all
-        trial = widest(parts, other * centre, step=step)
-        if trial[1] > other * radius:
-            centre, (evidence, radius) = other * centre, trial
+    shown, radius = widest(parts, centre, step=step)
+    for factor in BESIDE if free else ():  # the best on the grid of frequencies need not be the best on all
+        trial = widest(parts, factor * centre, step=step)
+        if trial[1] > factor * radius:
+            centre, (shown, radius) = factor * centre, trial
             break
-    needed = 0.0 if contains is None else max(contains[1] - centre, centre - contains[0])
-    evidence_matrices, evidence_numbers = recorded(evidence)
-    matrices: dict[str, Array] = parts._asdict() | evidence_matrices
-    numbers = {"centre": centre, "radius": radius, "needed": needed} | evidence_numbers
-    numbers |= {} if step is None else {"step": step, "rate": step / law.period}
-    verdict, margin, witness = judge(matrices, numbers)
-    numbers |= {"low": centre - radius, "high": centre + radius, "slope": slope, "period": law.period}
-    if centre > radius:
-        numbers["ratio"] = (centre + radius) / (centre - radius)
+    evidence = VaryingRatioEvidence(
+        ball=make_ball(parts, centre, radius, shown, step=step),
+        needed_radius=0.0 if contains is None else max(contains[1] - centre, centre - contains[0]),
+        slope=slope,
+        period=law.period,
+    )
+    verdict, margin, _ = evidence.judge()
     ends = contains or (centre - radius, centre + radius)
     name = type(law).__name__
-    return dict_certificate(
-        kind="ball",
+    return Certificate(
         claim=f"The loop of {name} around q̈ = E(t) M̂⁻¹τ is stable for every symmetric E(t) with eigenvalues from "
         f"{ends[0]:.5g} to {ends[1]:.5g}" + ("." if rate is None else f", E⁻¹ changing by at most {rate:.5g} 1/s."),
         problem=_problem(bool(slope), rate is not None),
@@ -133,9 +292,7 @@ def certify_varying_ratio(
             "H∞ norms are computed in floating point, to six digits from above",
             f"the torque reaches the joints {computation_delay} periods late and is held for a period",
         ),
-        matrices=matrices,
-        numbers=numbers,
-        witness=witness,
+        evidence=evidence,
     )
 
 
@@ -155,29 +312,10 @@ BESIDE = 0.94, 0.88, 0.82
 FASTER = 1.0, 4.0, 16.0
 """Times its rate for which a multiplier is searched for, until one holds between the frequencies of the grid too."""
 
-Evidence = Multiplier | float | None
-"""What shows a radius: a multiplier, or the scale of the slope's block, or nothing where there is no slope."""
-
-
-def recorded(evidence: Evidence) -> tuple[dict[str, Array], dict[str, float]]:
-    """Its matrices and numbers, as a certificate holds them."""
-    if isinstance(evidence, Multiplier):
-        return {"decays": evidence.decays, "coefficients": evidence.coefficients}, {
-            "slope weight": evidence.slope,
-            "stiffness weight": evidence.stiffness,
-        }
-    return {}, {} if evidence is None else {"scale": evidence}
-
-
-def multiplier_of(matrices: dict[str, Array], numbers: dict[str, Any]) -> Multiplier:
-    """The multiplier that a certificate holds."""
-    weights = float(numbers["slope weight"]), float(numbers["stiffness weight"])
-    return Multiplier(matrices["decays"], matrices["coefficients"], *weights)
-
 
 def widest(
     parts: Parts, centre: float, weight: float = 0.0, *, step: float | None = None, stiffness: float = 0.0
-) -> tuple[Evidence, float]:
+) -> tuple[Shown, float]:
     """The largest radius that is certified, zero for none, and what shows it.
 
     With a step E⁻¹ changes by no more than that in a period; the stiffness is the greatest ‖H‖ of a robot, or more.
@@ -264,26 +402,3 @@ def best_centre(parts: Parts, contains: tuple[float, float] | None, step: float 
     elif step is not None and contains is not None:
         best = refined(np.sort([best, np.log((contains[0] + contains[1]) / 2)]), True, 1e-2)
     return float(np.exp(best))
-
-
-def judge(matrices: dict[str, Array], numbers: dict[str, Any]) -> tuple[str, float, Witness | None]:
-    """Verdict and margin from the stored matrices alone: the norm below one or the form negative, the radius enough."""
-    centre, radius, needed = numbers["centre"], numbers["radius"], numbers["needed"]
-    weight, scale, step = numbers.get("weight", 0.0), numbers.get("scale"), numbers.get("step")
-    given = [centre, radius, needed, weight, 1.0 if scale is None else scale, 0.0 if step is None else step]
-    given += [numbers.get(name, 1.0) for name in ("slope weight", "stiffness weight", "stiffness")]
-    if not np.all(np.isfinite(given)) or not centre > 0 or scale == 0:
-        return "inconclusive", 0.0, None
-    parts = Parts(*(matrices[name] for name in Parts._fields))
-    loop = system(parts, centre, weight)
-    margin = radius / max(needed, centre / 1e3) - 1 if needed else radius / centre
-    sound = radius > 0 and radius >= needed and schur(loop[0])[0] == "certified"
-    if step is None:
-        sound = sound and hinf_norm(*weighed(loop, radius, scale)) < 1
-    else:
-        multiplier = multiplier_of(matrices, numbers)
-        sound = sound and bears(parts, centre, radius, step, multiplier, weight, numbers.get("stiffness", 0.0))
-    return ("certified" if sound else "inconclusive"), float(margin), None
-
-
-JUDGES["ball"] = judge

@@ -2,14 +2,14 @@
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from tarc.cli.options import Figures, Json, Out, Set, file_stem, numbers_of, result_folder
 
 if TYPE_CHECKING:
-    from tarc.scenario.model import Scenario, Setup
+    from tarc.certification import LawCertification
 
 
 def certify(
@@ -42,6 +42,7 @@ def certify(
 
     Example: tarc certify ur5e --set law.synchronised=true --set law.inertia.fraction=0.5
     """
+
     from tarc.scenario.model import Scenario
 
     described = Scenario.load(scenario, set_ or [])
@@ -51,25 +52,23 @@ def certify(
     found = described.certify_setup(
         setup, tube=tube, full_range=full_range, speed=swift, acceleration=steep, samples=samples
     )
-    files = save_certificates(described, setup, found, folder, figures)
+    files = save_certificates(found, folder, figures)
     from tarc.cli import tables
 
     if as_json:
         print(json.dumps(tables.certificate_summary(described, found, files), indent=2, allow_nan=False))
     else:
-        tables.print_certificates(described, setup, found, files)
+        tables.print_certificates(described, found, files)
 
 
-def save_certificates(
-    scenario: "Scenario", setup: "Setup", found: dict[str, dict[str, Any]], folder: Path, figures: bool
-) -> list[Path]:
+def save_certificates(found: dict[str, "LawCertification"], folder: Path, figures: bool) -> list[Path]:
     """Write certificates as JSON, one file a law, and their figures into a folder; the files written."""
     from tarc.core.errors import TarcError
 
     files = []
-    for name, certificates in found.items():
+    for name, certification in found.items():
         path = folder / f"{file_stem(name)}-certificates.json"
-        content = {kind: json.loads(certificate.to_json()) for kind, certificate in certificates.items()}
+        content = {kind: certificate.to_dict() for kind, certificate in certification.certificates.items()}
         try:
             path.write_text(json.dumps(content), encoding="utf-8")
         except OSError as error:
@@ -81,12 +80,12 @@ def save_certificates(
         from tarc.plotting.certificates import design_figure
 
         with Console(stderr=True).status("drawing figures"):
-            for name, certificates in found.items():
+            for name, certification in found.items():
                 stem = file_stem(name)
                 picture = folder / f"{stem}-design.png"
-                design_figure(setup.laws[name], certificates, scenario.computation_delay).savefig(picture, dpi=110)
+                design_figure(certification).savefig(picture, dpi=110)
                 files.append(picture)
-                for kind, certificate in certificates.items():
+                for kind, certificate in certification.certificates.items():
                     picture = folder / f"{stem}-{kind}.png"
                     certificate.plot().savefig(picture, dpi=110)
                     files.append(picture)

@@ -13,13 +13,14 @@ from rich.table import Table
 
 import tarc.laws
 from tarc.certificates.base import Certificate
+from tarc.certification import LawCertification
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
 from tarc.core.formatting import format_vector
 from tarc.plants.mujoco import MujocoPlant
 from tarc.plants.robot_file import shipped_robots
 from tarc.scenario.loader import find_scenario, shipped_scenarios
-from tarc.scenario.model import Scenario, Setup
+from tarc.scenario.model import Scenario
 from tarc.scenario.schema import SECTIONS, catalogue, parameters
 from tarc.simulation.quantities import MEASURES
 from tarc.simulation.run import Run
@@ -94,9 +95,22 @@ CERTIFICATES = {
 """What each kind of certificate is about, in the order of the table."""
 
 
-def certificate_summary(
-    scenario: Scenario, found: dict[str, dict[str, Certificate]], files: list[Path]
-) -> dict[str, Any]:
+def _findings(certificate: Certificate) -> dict[str, Any]:
+    """Return the plain numbers of the evidence, None for what is not finite."""
+    content = certificate.to_dict()
+    evidence = content["evidence"]
+    flat = {key: value for key, value in evidence.items() if not isinstance(value, dict | list)}
+    flat |= evidence.get("findings") or {}
+    for name in ("rate", "ratio_range"):
+        value = getattr(certificate.evidence, name, None)
+        flat |= {} if value is None else {name: value}
+    finite = {key: None if value in ("inf", "-inf", "nan") else value for key, value in flat.items()}
+    return {
+        key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in finite.items()
+    }
+
+
+def certificate_summary(scenario: Scenario, found: dict[str, LawCertification], files: list[Path]) -> dict[str, Any]:
     """Certificates as plain data, ready for JSON; their matrices are in the files."""
     laws = {
         name: {
@@ -106,56 +120,55 @@ def certificate_summary(
                 "margin": one.margin if math.isfinite(one.margin) else None,
                 "margin_meaning": one.margin_meaning,
                 "proof_grade": one.proof_grade,
-                "numbers": {key: value if math.isfinite(value) else None for key, value in one.numbers.items()},
-                "witness": one.witness,
+                "findings": _findings(one),
+                "witness": one.to_dict()["witness"],
                 "assumptions": list(one.assumptions),
             }
-            for kind, one in certificates.items()
+            for kind, one in certification.certificates.items()
         }
-        for name, certificates in found.items()
+        for name, certification in found.items()
     }
     return {"name": scenario.name, "certificates": laws, "files": [str(file) for file in files]}
 
 
-def print_certificates(
-    scenario: Scenario, setup: Setup, found: dict[str, dict[str, Certificate]], files: list[Path]
-) -> None:
+def print_certificates(scenario: Scenario, found: dict[str, LawCertification], files: list[Path]) -> None:
     """A table a law, with the worst configuration and, where a design is refuted, what to do."""
-    from tarc.certification import advice
-
     console = Console()
     colours = {"certified": "green", "refuted": "red", "inconclusive": "yellow"}
-    for name, certificates in found.items():
+    for name, certification in found.items():
         table = Table(title=f"{scenario.name}: {name}", title_justify="left")
         wide = console.width >= WIDE
         for column in ("certificate", "verdict", "margin", *(["which is"] if wide else []), "decided in"):
             table.add_column(column, justify="right" if column == "margin" else "left")
-        for kind, one in certificates.items():
+        for kind, one in certification.certificates.items():
             if kind == "lemma1":
                 table.add_section()
             table.add_row(
                 CERTIFICATES[kind],
-                f"[{colours[one.verdict]}]{one.verdict}[/]",
+                f"[{colours[one.verdict]}]{one.verdict_in_words}[/]",
                 f"{one.margin:.3g}",
                 *([one.margin_meaning] if wide else []),
                 "ball arithmetic" if one.proof_grade else "floating point",
             )
         console.print(table)
-        verdict = certificates["robot"]
-        for end, word in (("low", "least"), ("high", "greatest")):
-            posture = format_vector(verdict.matrices[f"posture_{end}"])
-            console.print(f"{word} ratio {verdict.numbers[f'{word} ratio']:.4g} at q = ({posture})", highlight=False)
-        numbers = verdict.numbers
-        count = f"{numbers['samples']:.0f} postures and local search"
-        held = ""
-        if numbers.get("radius"):
-            low, high = numbers["centre"] - numbers["radius"], numbers["centre"] + numbers["radius"]
-            held = f"; the ball that fits best holds {low:.4g} to {high:.4g}"
-        console.print(f"spread {numbers['spread']:.3g}, from {count}{held}", highlight=False)
-        if "rate" in numbers:
-            speeds = format_vector(verdict.matrices["speed"])
-            console.print(f"no joint faster than ({speeds}), M changes by {numbers['rate']:.3g} M̂ a second at most")
-        text = advice(setup.laws[name], verdict, scenario.computation_delay)
+        verdict = certification.verdict
+        evidence = verdict.evidence
+        for word, ratio, point in (
+            ("least", evidence.min_ratio, evidence.points.min_ratio),
+            ("greatest", evidence.max_ratio, evidence.points.max_ratio),
+        ):
+            posture = format_vector(point.position)
+            console.print(f"{word} ratio {ratio:.4g} at q = ({posture})", highlight=False)
+        ball = evidence.ball
+        contained = ""
+        if ball is not None and ball.radius:
+            contained = f"; the ball that fits best contains {ball.min_ratio:.4g} to {ball.max_ratio:.4g}"
+        spread = f"spread {evidence.ratio_range:.3g}, from {evidence.samples} postures and local search{contained}"
+        console.print(spread, highlight=False)
+        if evidence.rate is not None and evidence.max_rate_point is not None:
+            speeds = format_vector(evidence.max_rate_point.velocity_limits)
+            console.print(f"no joint faster than ({speeds}), M changes by at most {evidence.rate:.3g} M̂ per second")
+        text = certification.suggestion
         if text:
             console.print(f"[{colours[verdict.verdict]}]{escape(text)}[/]", highlight=False)
         console.print()

@@ -224,7 +224,7 @@ class _Case:
         plants = [self.design.plants[0]]
         if self.mass is not None:
             plants.append(plants[0].with_parameters({"payload": self.mass}))
-        samples = int(self.design.certificates["robot"].numbers["samples"])
+        samples = self.design.certificates["robot"].evidence.samples
         return certify_robot(self.law, plants, self.workspace, computation_delay=self.delay, samples=samples)
 
     def simulate(self, value: float, duration: float, usual: float = np.inf) -> Outcome:

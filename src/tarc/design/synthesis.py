@@ -103,7 +103,7 @@ def design_controller(
             samples=requirements.samples,
             seed=requirements.seed,
             known=certificate,
-        )
+        ).certificates
         bar.advance(20)
     own_limits = requirements.torque_limits is None
     given = assumptions(problem.plants, problem.workspace, problem.torque_limits, load, own=own_limits)

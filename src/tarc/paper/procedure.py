@@ -336,7 +336,7 @@ def _loop_step(
     synchronised: tuple[float, float] | None,
 ) -> Step:
     """Return the step of M̂, from the sampled loop."""
-    values: dict[str, float | Array] = {"ρ": ratio, "spectral radius": certificate.numbers["spectral radius"]}
+    values: dict[str, float | Array] = {"ρ": ratio, "spectral radius": certificate.evidence.findings.spectral_radius}
     if literal:
         values |= {"least stable ρ": literal[0], "greatest stable ρ": literal[1]}
     if synchronised:

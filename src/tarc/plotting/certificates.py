@@ -1,7 +1,6 @@
 """Figures of certificates."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from tarc.plotting.runs import COLOURS
 
 if TYPE_CHECKING:
     from tarc.certificates.base import Certificate
-    from tarc.laws.pole_placement import PolePlacement
+    from tarc.certification import LawCertification, StabilityMap
 
 
 VERDICT_COLOURS = {"certified": COLOURS[2], "refuted": COLOURS[1], "inconclusive": COLOURS[4]}
@@ -34,12 +33,11 @@ def _finish(figure: Figure, certificate: "Certificate") -> Figure:
 
 
 def _eigenvalues(axes: Axes, loops: dict[str, np.ndarray]) -> None:
-    """Eigenvalues of loops in the unit circle, by label."""
+    """Draw eigenvalues in the unit circle, by label."""
     turn = np.linspace(0, 2 * np.pi, 400)
     axes.plot(np.cos(turn), np.sin(turn), color="0.6", lw=0.8)
-    for colour, marker, (label, A) in zip(COLOURS, "x+1", loops.items(), strict=False):
-        values = np.linalg.eigvals(A)
-        axes.plot(values.real, values.imag, marker, color=colour, label=label)
+    for colour, marker, (label, values) in zip(COLOURS, "x+1", loops.items(), strict=False):
+        axes.plot(np.real(values), np.imag(values), marker, color=colour, label=label)
     axes.set_aspect("equal")
     axes.set_title("eigenvalues", fontsize="medium")
     axes.legend(fontsize="small", loc="upper left")
@@ -54,12 +52,14 @@ def _block(loops: list[tuple[np.ndarray, ...]], ratio: float) -> np.ndarray:
 
 def _loop(certificate: "Certificate") -> Figure:
     """Eigenvalues at both ends of the range, and the spectral radius over the ratio."""
-    low, high = certificate.numbers["low"], certificate.numbers["high"]
-    count = sum(name.startswith("A") for name in certificate.matrices)
-    loops = [tuple(certificate.matrices[f"{letter}{i}"] for letter in "Abc") for i in range(count)]
+    evidence = certificate.evidence
+    low, high = evidence.min_ratio, evidence.max_ratio
+    loops = [(loop.A, loop.B, loop.C) for loop in evidence.loops]
     figure = Figure(figsize=(9, 4.2), layout="constrained")
     circle, radius = figure.subplots(1, 2)
-    _eigenvalues(circle, {f"ρ = {ratio:.4g}": _block(loops, ratio) for ratio in dict.fromkeys((low, high))})
+    _eigenvalues(
+        circle, {f"ρ = {ratio:.4g}": np.linalg.eigvals(_block(loops, ratio)) for ratio in dict.fromkeys((low, high))}
+    )
     ratios = np.geomspace(low / 30, high * 30, 400)
     largest = np.array([max(np.max(np.abs(np.linalg.eigvals(A + r * b @ c))) for A, b, c in loops) for r in ratios])
     gap = np.maximum(np.abs(largest - 1), 1e-9)
@@ -78,15 +78,15 @@ def _slope(certificate: "Certificate") -> Figure:
     figure = Figure(figsize=(5.5, 4.5), layout="constrained")
     axes = figure.subplots()
     z = np.exp(1j * np.geomspace(1e-5, np.pi, 3000))[:, None, None]
-    count, least = len(certificate.matrices) // 3, 0.0
-    for i in range(count):
-        A, B, C = (certificate.matrices[f"{letter}{i}"] for letter in "ABC")
+    least = 0.0
+    for i, loop in enumerate(certificate.evidence.loops):
+        A, B, C = loop.A, loop.B, loop.C
         S = C @ np.linalg.solve(z * np.eye(len(A)) - A, B + 0 * z)
         values = np.linalg.eigvals(S).T
         for branch in values:
             axes.plot(branch.real, branch.imag, color=COLOURS[i], lw=1)
         least = min(least, float(values.real.min()))
-    kappa = certificate.numbers["kappa"]
+    kappa = certificate.evidence.max_slope
     if kappa > 0:
         axes.axvline(
             -1 / kappa, color=VERDICT_COLOURS[certificate.verdict], ls="--", label=f"−1/k, k = {kappa:.4g} 1/s²"
@@ -99,32 +99,24 @@ def _slope(certificate: "Certificate") -> Figure:
 
 def _ball(certificate: "Certificate") -> Figure:
     """The gain that limits the radius, over frequency, and the ratios that the ball holds and the robot needs."""
-    from tarc.analysis.uncertain_loop import Parts, system, weighed
-    from tarc.numerics.norms import gains, greatest
-
-    numbers = certificate.numbers
+    evidence = certificate.evidence
+    ball = evidence.ball
     figure = Figure(figsize=(9, 3.8), layout="constrained")
     left, right = figure.subplots(1, 2)
-    if "centre" in numbers:
+    rows = {"ball": (np.nan, np.nan)}
+    if ball is not None:
+        rows["ball"] = ball.min_ratio, ball.max_ratio
         angles = np.geomspace(1e-4, np.pi, 600)
-        parts = Parts(*(certificate.matrices[name] for name in Parts._fields))
-        if numbers["radius"] > 0 and "step" in numbers:
-            A, B, Q, S, R = _form(certificate)
-            left.semilogx(angles / numbers["period"], 1 + greatest(A, B, Q, S, R, angles), color=COLOURS[0])
-        elif numbers["radius"] > 0:
-            loop = system(parts, numbers["centre"], numbers.get("weight", 0.0))
-            norm = gains(*weighed(loop, numbers["radius"], numbers.get("scale")), angles)
-            left.semilogx(angles / numbers["period"], norm, color=COLOURS[0])
+        if ball.radius > 0:
+            left.semilogx(angles / evidence.period, ball.gains(angles), color=COLOURS[0])
         left.axhline(1.0, color="0.5", ls="--", label="limit")
         left.set_xlabel("frequency [rad/s]")
-        slow = "step" in numbers
+        slow = ball.step is not None
         left.set_ylabel("weighted square gain, with the multiplier" if slow else "weighted gain of the loop")
         left.set_ylim(0, 1.1)
         left.legend(fontsize="small")
-    rows = {"ball": (numbers.get("centre", np.nan) - numbers.get("radius", 0), numbers.get("centre", np.nan))}
-    rows["ball"] = rows["ball"][0], numbers.get("centre", np.nan) + numbers.get("radius", 0)
-    if "least ratio" in numbers:
-        rows["robot"] = numbers["least ratio"], numbers["greatest ratio"]
+    if certificate.kind == "robot":
+        rows["robot"] = evidence.min_ratio, evidence.max_ratio
     for place, (label, (low, high)) in enumerate(rows.items()):
         right.plot([low, high], [place, place], lw=6, solid_capstyle="butt", color=COLOURS[place], label=label)
     right.set_yticks(range(len(rows)), list(rows))
@@ -135,18 +127,6 @@ def _ball(certificate: "Certificate") -> Figure:
     right.xaxis.set_minor_formatter(NullFormatter())
     right.set_xlabel("inertia ratio, eigenvalues of M(q)⁻¹M̂")
     return _finish(figure, certificate)
-
-
-def _form(certificate: "Certificate") -> tuple[np.ndarray, ...]:
-    """The form that a ball of bounded speed asks to be negative."""
-    from tarc.analysis.uncertain_loop import Parts
-    from tarc.certificates.iqc import dissipation
-    from tarc.certificates.varying_ratio import multiplier_of
-
-    numbers, parts = certificate.numbers, Parts(*(certificate.matrices[name] for name in Parts._fields))
-    multiplier = multiplier_of(certificate.matrices, numbers)
-    given = numbers["centre"], numbers["radius"], numbers["step"], multiplier
-    return dissipation(parts, *given, numbers.get("weight", 0.0), numbers.get("stiffness", 0.0))
 
 
 def _forms(certificate: "Certificate") -> Figure:
@@ -169,105 +149,51 @@ def _forms(certificate: "Certificate") -> Figure:
 FIGURES: dict[str, Callable[[Any], Figure]] = {"loop": _loop, "slope": _slope, "ball": _ball, "robot": _ball}
 
 
-def design_figure(law: "PolePlacement", certificates: dict[str, "Certificate"], computation_delay: int = 0) -> Figure:
-    """Where a design stands: stability over window and ratio, gains over frequency, eigenvalues.
-
-    Parameters
-    ----------
-    law
-        The law that was certified.
-    certificates
-        As `tarc.certify_law` gives them.
-    computation_delay
-        Periods between a measurement and its torque.
-    """
-    from tarc.analysis.linearise import decouple
-    from tarc.analysis.stability import from_disturbance, from_noise
-    from tarc.numerics.norms import gains
-
-    verdict = certificates["robot"]
-    low, high = verdict.numbers["least ratio"], verdict.numbers["greatest ratio"]
-    ratios = {"least ratio": low, "mean": float(np.sqrt(low * high)), "greatest ratio": high}
-    channels = decouple(law, computation_delay)
+def design_figure(certification: "LawCertification") -> Figure:
+    """Draw stability over window and ratio, gains over frequency, and eigenvalues of a law that was certified."""
+    law, verdict = certification.law, certification.verdict
     figure = Figure(figsize=(13, 8), layout="constrained")
     (map_axes, circle), (error, torque) = figure.subplots(2, 2)
-    _map(map_axes, law, low, high, computation_delay, verdict.numbers.get("rate"))
-    from scipy.linalg import block_diag
-
-    _eigenvalues(
-        circle,
-        {
-            f"{name}, {one:.4g}": np.asarray(block_diag(*(c.closed(one) for c in channels)))
-            for name, one in ratios.items()
-        },
-    )
+    _map(map_axes, certification.stability_map)
+    labels = {name: f"{name}, {ratio:.4g}" for name, ratio in certification.ratios.items()}
+    _eigenvalues(circle, {labels[name]: values for name, values in certification.eigenvalues.items()})
     angles = np.geomspace(1e-4, 0.99 * np.pi, 500)
-    for axes, system, label in (
-        (error, from_disturbance, "disturbing acceleration to error [s²]"),
-        (torque, from_noise, "noise to M̂⁻¹τ [1/s²]"),
+    disturbed, noisy = certification.gains_over_frequency(angles)
+    for axes, curves, label in (
+        (error, disturbed, "disturbing acceleration to error [s²]"),
+        (torque, noisy, "noise to M̂⁻¹τ [1/s²]"),
     ):
-        for colour, (name, one) in zip(COLOURS, ratios.items(), strict=False):
-            gain = np.max([gains(*system(channel, one), angles) for channel in channels], axis=0)
+        for colour, (name, gain) in zip(COLOURS, curves.items(), strict=False):
             axes.loglog(angles / law.period, gain, color=colour, label=name)
         axes.set_xlabel("frequency [rad/s]")
         axes.set_ylabel(label)
         axes.legend(fontsize="small")
         axes.grid(alpha=0.3)
     figure.suptitle(
-        f"{type(law).__name__}: {verdict.verdict}", fontsize="large", color=VERDICT_COLOURS[verdict.verdict]
+        f"{type(law).__name__}: {verdict.verdict_in_words}",
+        fontsize="large",
+        color=VERDICT_COLOURS[verdict.verdict],
     )
     return figure
 
 
-def _map(axes: Axes, law: "PolePlacement", low: float, high: float, computation_delay: int, rate: float | None) -> None:
-    """Stable ratios, and the widest ball, over the window, with the design marked; without a window over the ratio.
-
-    With a rate it is the ball that suits the design: the widest may be at another scale of M̂, and so another rate.
-    """
-    from tarc.analysis.linearise import alike, decouple
-    from tarc.analysis.stability import stable_intervals
-    from tarc.certificates.varying_ratio import certify_varying_ratio
-    from tarc.core.errors import TarcError
-    from tarc.estimators.algebraic import Algebraic
-
-    estimator = law.estimator
-    own, estimators = 1, [estimator]
-    if isinstance(estimator, Algebraic):
-        own = estimator.samples - 1
-        longest = max(min(4 * own, 40), 30, 1.3 * own)  # the time grows with its cube
-        counts = sorted({*np.geomspace(estimator.degree, longest, 14).astype(int).tolist(), own})
-        estimators = [replace(estimator, window=count * law.period) for count in counts]
-    else:
-        counts = [0, 2]
-        estimators = [estimator, estimator]
-    if any(channel.width > 1 for channel in decouple(law)):
+def _map(axes: Axes, data: "StabilityMap | None") -> None:
+    """Draw stable ratios and the widest ball over the window, with the law marked."""
+    if data is None:
         axes.set_axis_off()
         axes.text(0.5, 0.5, "the gains couple the joints: no map", ha="center", transform=axes.transAxes)
         return
-    exact, held = np.full((len(counts), 2), np.nan), np.full((len(counts), 2), np.nan)
-    for i, one in enumerate(estimators):
-        other = replace(law, estimator=one)
-        found = stable_intervals(other, computation_delay=computation_delay)
-        if found:
-            exact[i] = max(found, key=lambda ends: ends[1] / max(ends[0], 1e-300))
-        if alike(law):
-            try:
-                about = None if rate is None else (low, high)
-                numbers = certify_varying_ratio(
-                    other, contains=about, rate=rate, computation_delay=computation_delay
-                ).numbers
-                held[i] = numbers["low"], numbers["high"]
-            except TarcError:
-                pass
-    axes.fill_between(
-        counts, exact[:, 0], exact[:, 1], color=COLOURS[5], alpha=0.5, lw=0, label="stable if the ratio is constant"
-    )
-    words = "stable if it varies: widest ball" if rate is None else "if it varies as fast as the joints move: a ball"
-    axes.fill_between(counts, held[:, 0], held[:, 1], color=COLOURS[2], alpha=0.6, lw=0, label=words)
-    axes.plot([own, own], [low, high], "o-", color=COLOURS[1], lw=3, ms=4, label="this design on this robot")
+    label = "stable if the ratio is constant"
+    axes.fill_between(data.windows, *data.stable.T, color=COLOURS[5], alpha=0.5, lw=0, label=label)
+    label = "stable if it varies: widest ball"
+    if data.rate is not None:
+        label = "if it varies as fast as the joints move: a ball"
+    axes.fill_between(data.windows, *data.tolerated.T, color=COLOURS[2], alpha=0.6, lw=0, label=label)
+    window = [data.window, data.window]
+    axes.plot(window, data.required, "o-", color=COLOURS[1], lw=3, ms=4, label="this design on this robot")
     axes.set_yscale("log")
     axes.yaxis.set_major_formatter("{x:g}")
-    if len(counts) > 2:
+    if len(data.windows) > 2:
         axes.set_xlabel("window [periods]")
     else:
         axes.set_xticks([])

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, MaxNLocator, NullFormatter, NullLocator
 
+from tarc.certification import LawCertification
 from tarc.design.candidates import Candidate
 from tarc.design.result import Design
 from tarc.design.writer import plant_name
@@ -268,5 +269,9 @@ def design_figures(design: Design) -> dict[str, Figure]:
     """Return all figures of a design by name; that of the law only for a short window."""
     found = {kind: draw(design) for kind, draw in FIGURES.items()}
     if window_periods(design) <= MAX_MAP_WINDOW:
-        found["law"] = design_figure(design.law, design.certificates, design.law.actuation_delay)
+        found["law"] = design_figure(
+            LawCertification(
+                law=design.law, certificates=design.certificates, computation_delay=design.law.actuation_delay
+            )
+        )
     return found

@@ -11,8 +11,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from tarc.analysis.workspace import Workspace
-from tarc.certificates.base import Certificate
-from tarc.certification import certify_law
+from tarc.certification import LawCertification, certify_law
 from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter, ScenarioError, TarcError
 from tarc.core.progress import Progress
@@ -267,8 +266,8 @@ class Scenario(BaseModel):
         acceleration: Numbers | None = None,
         samples: int = 2000,
         progress: bool | None = None,
-    ) -> dict[str, dict[str, Certificate]]:
-        """Certify every law, by name and then by kind, on the robot with each payload and schedule that it meets.
+    ) -> dict[str, LawCertification]:
+        """Certify every law, by name, on the robot with each payload and schedule that it meets.
 
         Parameters
         ----------
@@ -306,7 +305,7 @@ class Scenario(BaseModel):
         acceleration: Numbers | None = None,
         samples: int = 2000,
         progress: bool | None = None,
-    ) -> dict[str, dict[str, Certificate]]:
+    ) -> dict[str, LawCertification]:
         """Certify constructed laws; the parameters are those of `certify`."""
         changes = scheduled_plants(setup.plant, setup.events)
         plants = [plant for start, plant in changes if start < self.duration]

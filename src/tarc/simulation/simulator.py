@@ -140,7 +140,7 @@ def warn_if_unstable(
         is_present = (times >= start) & (times < stop)
         if np.any(is_present):
             witnesses.append(unstable_posture(law, present_plant, postures[:, is_present], computation_delay))
-    worst = max(filter(None, witnesses), key=lambda witness: witness["growth rate [1/s]"], default=None)
+    worst = max(filter(None, witnesses), key=lambda witness: witness.growth_rate, default=None)
     if worst:
         warnings.warn(remedy(law, worst, computation_delay), DesignWarning, stacklevel=3)
 

@@ -1,0 +1,52 @@
+"""Table, file and figure of a certification read it, and compute nothing again."""
+
+from collections import Counter
+
+import pytest
+
+import tarc
+from law_catalogue import make_tdc
+from tarc import analysis, certification
+from tarc.analysis import Workspace, linearise
+from tarc.certification import certify_law
+from tarc.plotting.certificates import design_figure
+
+ARM = tarc.plants.TwoLinkArm()
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """Count linearisations by law and balls by law, slope and rate."""
+    counter = Counter()
+    linearise_law, certify_ball = linearise._linearise, certification.certify_varying_ratio
+
+    def counted_linearise(law, gain, joints):
+        counter["linearise", repr(law), gain, joints] += 1
+        return linearise_law(law, gain, joints)
+
+    def counted_ball(law, *args, **options):
+        counter["ball", repr(law), repr(options)] += 1
+        return certify_ball(law, *args, **options)
+
+    monkeypatch.setattr(linearise, "_linearise", counted_linearise)
+    monkeypatch.setattr(certification, "certify_varying_ratio", counted_ball)
+    return counter
+
+
+def test_each_ball_is_computed_once_for_table_file_and_figures(calls):
+    law = make_tdc(inertia=0.05 * ARM.inertia([0.0, 1.5]))
+    certified = certify_law(law, ARM, Workspace.box([-1.0, 0.0], [1.0, 3.0]), samples=50)
+    for _ in range(2):
+        assert certified.suggestion is certified.suggestion
+        design_figure(certified)
+    balls = {key: count for key, count in calls.items() if key[0] == "ball"}
+    assert balls
+    assert set(balls.values()) == {1}
+
+
+def test_the_law_is_linearised_once(calls):
+    law = make_tdc(inertia=0.05 * ARM.inertia([0.0, 1.5]))
+    certified = certify_law(law, ARM, Workspace.box([-1.0, 0.0], [1.0, 3.0]), samples=50)
+    design_figure(certified)
+    assert analysis.stable_intervals(law)
+    assert max(count for key, count in calls.items() if key[0] == "linearise") == 1
