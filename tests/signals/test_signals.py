@@ -412,7 +412,7 @@ def test_payload_is_a_schedule_of_the_payload() -> None:
             "offset: got shape",
         ),
         (lambda: Quintic(points=[[0.0], [1.0]], times=[0.0]), r"points: got shape \(2, 1\) with 1 times"),
-        (lambda: Quintic(points=[0.0, 1.0], times=[0.0, 1.0]), "one row a time"),  # pyright: ignore[reportArgumentType]
+        (lambda: Quintic(points=[0.0, 1.0], times=[0.0, 1.0]), "one row per time"),  # pyright: ignore[reportArgumentType]
         (lambda: Quintic(points=[[0.0], [1.0]], times=[1.0, 0.5]), r"times: got \[1.0, 0.5\]; must increase"),
         (lambda: Encoder(bits=12, resolution=1e-3), "bits, resolution: both are given"),
         (lambda: Encoder(bits=0), "bits: got 0"),
