@@ -24,7 +24,7 @@ def loops():
 
 
 def tarc_of_loop(one, values):
-    return laws.TARC(inertia=one.scale, estimator=one.estimator, **one.options(), **values.options())
+    return laws.TARC(inertia=one.inertia_scale, estimator=one.estimator, **one.law_options(), **values.law_options())
 
 
 @pytest.mark.parametrize("expected", [0.0123, 1.0, 77.7])
@@ -32,13 +32,15 @@ def test_slope_at_the_cap_is_the_certified_one_and_never_above(loops, expected):
     assert len(loops) > 10
     for one in loops:
         law = tarc_of_loop(one, choose_adaptation(one, expected))
-        assert law.robust_slope_bound <= one.slope
-        assert law.robust_slope_bound == pytest.approx(one.slope, rel=2e-4)
+        assert law.robust_slope_bound <= one.robust_slope
+        assert law.robust_slope_bound == pytest.approx(one.robust_slope, rel=2e-4)
         assert law.max_gain is not None
         assert law.start_gain < law.max_gain
     one = loops[0]
     law = tarc_of_loop(one, choose_adaptation(one, expected))
-    assert certify_varying_ratio(law, contains=(one.scale, 3.0 * one.scale), slope=law.robust_slope_bound).certified
+    assert certify_varying_ratio(
+        law, contains=(one.inertia_scale, 3.0 * one.inertia_scale), slope=law.robust_slope_bound
+    ).certified
 
 
 def test_rounding_never_steepens_the_slope():
@@ -66,9 +68,9 @@ def test_scaling_laws(loops):
             small.fall_rate,
         )  # which are rates over the error's size
         assert small.rise_rate == pytest.approx(RISE_TO_FALL * small.fall_rate)
-        assert small.max_gain == pytest.approx(one.slope * small.boundary_layer)
+        assert small.max_gain == pytest.approx(one.robust_slope * small.boundary_layer)
         assert small.min_gain == pytest.approx(small.max_gain / 100)
-        steeper = choose_adaptation(replace(one, robust_slope=2 * one.slope), 2.0)
+        steeper = choose_adaptation(replace(one, robust_slope=2 * one.robust_slope), 2.0)
         assert steeper.boundary_layer == small.boundary_layer
         assert steeper.max_gain == pytest.approx(2 * small.max_gain)
         assert steeper.fall_rate == pytest.approx(2 * small.fall_rate)
@@ -76,7 +78,7 @@ def test_scaling_laws(loops):
 
 def test_boundary_is_the_greatest_error_after_the_step_and_above_the_noise(loops):
     for one in loops:
-        least = 2.0 * max(peak_error(one.channel(), ratio * one.scale) for ratio in (1.0, 3.0))
+        least = 2.0 * max(peak_error(one.channel(), ratio * one.inertia_scale) for ratio in (1.0, 3.0))
         assert choose_adaptation(one, 2.0).boundary_layer == pytest.approx(least)
         assert choose_adaptation(one, 2.0, noise=least / MIN_LAYER_TO_NOISE / 2).boundary_layer == pytest.approx(least)
         assert choose_adaptation(one, 2.0, noise=least).boundary_layer == pytest.approx(MIN_LAYER_TO_NOISE * least)

@@ -25,7 +25,7 @@ PERIOD = 1e-3
 
 def tdc_of_candidate(one, shape: object = 1.0):
     """The law that a candidate stands for."""
-    return laws.TDC(inertia=one.scale * np.asarray(shape), estimator=one.estimator, **one.options())
+    return laws.TDC(inertia=one.inertia_scale * np.asarray(shape), estimator=one.estimator, **one.law_options())
 
 
 def hand_recurrence(one):

@@ -153,7 +153,7 @@ def test_simulated_noise_stays_below_the_predicted(arm_design, stress_limits):
 
 def test_questions_that_do_not_apply(arm_design, monkeypatch):
     monkeypatch.setattr(TwoLinkArm, "parameters", property(lambda self: {}))
-    other = replace(arm_design, plants=arm_design.plants[:1], law=replace(arm_design.law, torque_limits=None))
+    other = replace(arm_design, plants=arm_design.plants[:1], law=replace(arm_design.law, torque_limit=None))
     answers = stress_test(other, questions=["payload", "bits"], simulate=False)
     assert [one.value for one in answers.values()] == [None, None]
     assert "TwoLinkArm has no such parameter" in answers["payload"].explain()
