@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 import tarc
 from tarc import TarcError
+from tarc.scenario.yaml_text import read_yaml
 from tarc.study import SearchSpace, tune, variation_limit
-from tarc.study.tuning import LOST, objective
+from tarc.study.tuning import FAILURE_SCORE, objective
 
 TARC = str(Path(sys.executable).parent / "tarc")
 SHORT = ["duration=1.0", "metrics_start=0.3"]
@@ -50,8 +50,13 @@ def test_the_limit_keeps_torque_variation_down():
 
 def test_a_law_that_diverges_or_cannot_be_made_scores_worst():
     one = training_scenario()
-    assert objective(one, {"kind": "TDC", "inertia": {"fraction": 1.2}, "natural_frequency": 10.0}, 1e3) > LOST - 2
-    assert objective(one, {"kind": "TDC", "inertia": {"fraction": 0.1}, "natural_frequency": -1.0}, 1e3) == LOST
+    assert (
+        objective(one, {"kind": "TDC", "inertia": {"fraction": 1.2}, "natural_frequency": 10.0}, 1e3)
+        > FAILURE_SCORE - 2
+    )
+    assert (
+        objective(one, {"kind": "TDC", "inertia": {"fraction": 0.1}, "natural_frequency": -1.0}, 1e3) == FAILURE_SCORE
+    )
 
 
 def test_windows_are_whole_periods():
@@ -62,7 +67,7 @@ def test_windows_are_whole_periods():
 
 def test_scenarios_that_a_law_cannot_run_in_are_left_out():
     model = SearchSpace(
-        {"kind": "ProjectionARC", "model": "robot", "bounds": {"payload": [0.0, 3.0]}},
+        {"kind": "ProjectionARC", "model": "robot", "parameter_bounds": {"payload": [0.0, 3.0]}},
         {"natural_frequency": (5.0, 20.0)},
     )
     law, score = tune(
@@ -83,7 +88,7 @@ def test_command_writes_gains_and_how_they_were_found(tmp_path):
     call = [TARC, "tune", "train_two_link", "--laws", "tdc,pid", "--trials", "2", "--jobs", "1", "-o", "g.yaml"]
     done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True, check=True)
     assert "written: g.yaml" in done.stdout
-    content = yaml.safe_load((tmp_path / "g.yaml").read_text())
+    content = read_yaml((tmp_path / "g.yaml").read_text(), "g.yaml")
     assert set(content["laws"]) == {"tdc", "pid"}
     assert content["command"].startswith("tarc tune train_two_link --laws tdc,pid --trials 2")
     wrong = subprocess.run([*call[:3], "--laws", "xyz"], cwd=tmp_path, capture_output=True, text=True, check=False)

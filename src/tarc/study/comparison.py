@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from html import escape
 from importlib.resources import files
 from multiprocessing import get_context
 from pathlib import Path
@@ -18,23 +19,21 @@ import numpy as np
 from tarc.core import validation as check
 from tarc.core.errors import DesignWarning, TarcError
 from tarc.core.progress import Progress
+from tarc.core.units import unit_for_joints
 from tarc.scenario.model import Scenario
 from tarc.scenario.yaml_text import read_yaml
+from tarc.simulation.quantities import MEASURES
 from tarc.simulation.run import Run
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+MEASURES_WITHOUT_COLUMN = ("rms_tde_error", "mean_gain", "peak_gain")
 COLUMNS = {
-    "rms_error": ("RMS error", 1e3, "mrad"),
-    "peak_error": ("peak error", 1e3, "mrad"),
-    "torque_variation": ("torque variation", 1.0, "N m/s"),
-    "high_frequency_share": ("above 50 Hz", 100.0, "%"),
-    "peak_torque": ("peak torque", 1.0, "N m"),
-    "saturated": ("saturated", 100.0, "%"),
-    "overestimation": ("overestimation", 100.0, "%"),
-    "underestimation": ("underestimation", 100.0, "%"),
+    key: (measure.short_label, measure.scale, measure.unit)
+    for key, measure in MEASURES.items()
+    if key not in MEASURES_WITHOUT_COLUMN
 }
 """Label, scale and unit of each measure of a comparison."""
 
@@ -69,11 +68,10 @@ class Comparison:
 
     @property
     def columns(self) -> dict[str, tuple[str, float, str]]:
-        """`COLUMNS`, in mm and N for a robot whose joints slide."""
-        if {str(run.data["position"].attrs["units"]) for run in self.runs.values()} != {"m"}:
+        """`COLUMNS` in the units of the robot's joints."""
+        if {run.joint_units for run in self.runs.values()} != {("m",)}:
             return COLUMNS
-        units = {"mrad": "mm", "N m/s": "N/s", "N m": "N"}
-        return {key: (label, scale, units.get(unit, unit)) for key, (label, scale, unit) in COLUMNS.items()}
+        return {key: (label, scale, unit_for_joints(unit, ("m",))) for key, (label, scale, unit) in COLUMNS.items()}
 
     @property
     def front(self) -> list[str]:
@@ -85,6 +83,20 @@ class Comparison:
             if not any(e <= error and v <= variation and (e, v) != (error, variation) for e, v in points.values())
         ]
         return sorted(best, key=lambda name: points[name])
+
+    def __repr__(self) -> str:
+        failed = f", failed: {', '.join(self.failures)}" if self.failures else ""
+        return f"<Comparison in {self.scenario.name}: {', '.join(self.runs)}{failed}; front: {', '.join(self.front)}>"
+
+    def _repr_html_(self) -> str:
+        heads = "".join(f"<th>{escape(label)} [{escape(unit)}]</th>" for label, _, unit in self.columns.values())
+        rows = []
+        for name, measures in self.measures.items():
+            cells = [
+                f"{scale * measures[key]:.4g}" if key in measures else "–" for key, (_, scale, _) in COLUMNS.items()
+            ]
+            rows.append(f"<tr><td>{escape(name)}</td>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>")
+        return f"<table><tr><th>law</th>{heads}</tr>{''.join(rows)}</table>"
 
     def to_csv(self) -> str:
         """One line a law, SI units, header first."""
@@ -107,13 +119,13 @@ class Comparison:
             lines.append(" & ".join([name, *cells]).replace("_", r"\_") + r" \\")
         return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
 
-    def plot(self, kind: str = "plane") -> "Figure":
+    def plot(self, style: str = "plane") -> "Figure":
         """``plane``: accuracy against smoothness, with the Pareto front; ``side``: error and torque side by side;
         ``gain``: gain against ‖s‖ of the laws that adapt one.
         """
         from tarc.plotting.comparison import FIGURES
 
-        return FIGURES[check.one_of("kind", kind, FIGURES)](self)
+        return FIGURES[check.one_of("style", style, FIGURES)](self)
 
     def save(self, folder: str | Path, figures: bool = True) -> list[Path]:
         """Write trajectories (netCDF), table (CSV, LaTeX) and figures into a folder; the files written."""

@@ -11,29 +11,28 @@ from typing import Any
 import numpy as np
 
 from tarc.core import validation as check
-from tarc.core.errors import DesignWarning, TarcError
+from tarc.core.errors import DesignWarning, InvalidParameter, TarcError
 from tarc.core.optional import require
 from tarc.core.progress import Progress
 from tarc.scenario.model import Scenario
-from tarc.study.search_spaces import SearchSpace
+from tarc.study.search_spaces import SPACES, SearchSpace
 
-LOST = 20.0
-"""Objective of a run that did not complete: beyond any that did."""
-STIFF = 5.0
-"""How steeply the objective rises with torque variation above the limit: the limit is all but hard."""
+FAILURE_SCORE = 20.0
+"""Objective of a run that did not complete, above that of any that did."""
+PENALTY = 5.0
+"""Factor of log(torque variation / limit) in the objective, where the limit is exceeded."""
 
 
 def search_spaces() -> dict[str, SearchSpace]:
-    """The laws that are compared, by name, with the gains that are searched for."""
-    from tarc.study.search_spaces import SPACES
-
+    """Return the laws that are compared, by name, with the gains that are searched for."""
     return SPACES
 
 
 def variation_limit(scenario: Scenario, factor: float = 10.0) -> float:
-    """So many times the torque variation [N m/s] of the scenario's own law with a perfect sensor.
+    """Return a multiple of the torque variation [N m/s] of the scenario's own law with a perfect sensor.
 
-    That is what the task takes and no noise, so that the factor is a budget for noise and chatter, the same for all.
+    The task alone, without noise, causes that variation. The factor is a budget for noise and chatter, the same for
+    all laws.
     """
     perfect = Scenario.parse({**scenario.model_dump(), "sensor": {}})
     run = next(iter(perfect.run(progress=False).values()))
@@ -41,19 +40,22 @@ def variation_limit(scenario: Scenario, factor: float = 10.0) -> float:
 
 
 def objective(scenario: Scenario, part: dict[str, Any], limit: float) -> float:
-    """log of the RMS error, and steeply more where the torque variation [N m/s] is above a limit."""
+    """Return log(RMS error), plus a penalty where the torque variation [N m/s] is above a limit.
+
+    Gains that the law refuses, and runs that diverge, score up to `FAILURE_SCORE`.
+    """
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore", DesignWarning)
         try:
             trial = Scenario.parse({**scenario.model_dump(), "law": part})
             run = next(iter(trial.run(progress=False).values()))
-            if not run.status.completed:
-                return LOST - float(run.data["time"].values[-1]) / scenario.duration
-            found = run.metrics(start_time=scenario.metrics_start)
-        except TarcError:
-            return LOST
-    excess = max(0.0, float(np.log(found["torque_variation"] / limit)))
-    return float(np.log(found["rms_error"])) + STIFF * excess
+        except InvalidParameter:
+            return FAILURE_SCORE
+    if not run.status.completed:
+        return FAILURE_SCORE - float(run.data["time"].values[-1]) / scenario.duration
+    measures = run.metrics(start_time=scenario.metrics_start)
+    excess = max(0.0, float(np.log(measures["torque_variation"] / limit)))
+    return float(np.log(measures["rms_error"])) + PENALTY * excess
 
 
 def tune(
@@ -63,7 +65,7 @@ def tune(
     *,
     trials: int = 60,
     seed: int = 0,
-    begin: dict[str, Any] | None = None,
+    warm_start: dict[str, Any] | None = None,
     progress: bool | None = None,
 ) -> tuple[dict[str, Any], float]:
     """Search a law's gains for the least mean log RMS error over training scenarios, under limits on torque variation.
@@ -80,7 +82,7 @@ def tune(
         How many sets of gains to try.
     seed
         Of the sampler.
-    begin
+    warm_start
         A law, as a scenario writes it, whose values half of the random trials keep where they are free here.
     progress
         Show a progress bar when it takes more than two seconds; None for when standard error is a terminal.
@@ -115,21 +117,20 @@ def tune(
 
     sampler = optuna.samplers.TPESampler(seed=seed, n_startup_trials=max(trials // 3, 1))
     study = optuna.create_study(sampler=sampler)
-    for _ in range(trials // 6 if begin else 0):
-        study.enqueue_trial(space.values(begin or {}))
+    for _ in range(trials // 6 if warm_start else 0):
+        study.enqueue_trial(space.values(warm_start or {}))
     with Progress("tuning", trials, progress) as bar:
         study.optimize(score, n_trials=trials if space.free else 1, callbacks=[lambda *_: bar.advance()])
     return space.law(study.best_params, period), float(study.best_value)
 
 
 def _fits(space: SearchSpace, scenario: Scenario) -> bool:
-    """Whether the law can be made for the scenario's robot at all: some need a model that they can read."""
+    """Return whether the law suits the scenario's robot: some laws need parameters that not every robot has."""
     middle = {key: float(np.sqrt(low * high)) for key, (low, high) in space.free.items()}
     try:
         trial = Scenario.parse({**scenario.model_dump(), "law": space.law(middle, scenario.period)})
-        plant, reference = trial.build_plant(), trial.build_reference()
-        trial.build_laws(plant, reference)
-    except TarcError:
+        trial.build()
+    except InvalidParameter:
         return False
     return True
 
@@ -172,8 +173,8 @@ def tune_all(
         for some in rounds:
             futures = {}
             for name in some:
-                begin = found[known[name].extends][0] if known[name].extends else None
-                futures[pool.submit(_tune_one, name, contents, list(limits), trials, seed, begin)] = name
+                warm_start = found[known[name].extends][0] if known[name].extends else None
+                futures[pool.submit(_tune_one, name, contents, list(limits), trials, seed, warm_start)] = name
             for future in as_completed(futures):
                 try:
                     found[futures[future]] = future.result()
@@ -189,7 +190,9 @@ def _tune_one(
     limits: list[float],
     trials: int,
     seed: int,
-    begin: dict[str, Any] | None,
+    warm_start: dict[str, Any] | None,
 ) -> tuple[dict[str, Any], float]:
     scenarios = [Scenario.parse(content) for content in contents]
-    return tune(search_spaces()[name], scenarios, limits, trials=trials, seed=seed, begin=begin, progress=False)
+    return tune(
+        search_spaces()[name], scenarios, limits, trials=trials, seed=seed, warm_start=warm_start, progress=False
+    )
