@@ -260,7 +260,7 @@ def test_a_cap_decides():
         ),
         (tdc_with_inertia_share(1e-3), 0, "Use a larger inertia or a lower bandwidth"),
         (tdc_with_inertia_share(4.0, synchronised=True), 0, "a shorter window or less bandwidth"),
-        (tdc_with_inertia_share(0.05, natural_frequency=200.0), 60, "No ratio is stable: lower the bandwidth"),
+        (tdc_with_inertia_share(0.05, natural_frequency=200.0), 60, "No ratio is stable: lower the natural frequency"),
     ],
 )
 def test_advice_for_a_refuted_design(law, delay, message):

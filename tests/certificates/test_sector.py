@@ -260,7 +260,9 @@ def test_explains_itself_and_draws(tmp_path):
         (lambda: certify_sector(LITERAL.law, 0.08, computation_delay=-1), "computation_delay: got -1"),
         (lambda: certify_sector("TDC", 0.08), "law: got str"),  # type: ignore[arg-type]
         (
-            lambda: certify_sector(make_law(laws.TARC, natural_frequency=[10.0, 20.0], weight=mixed_weight()), 0.05),
+            lambda: certify_sector(
+                make_law(laws.TARC, natural_frequency=[10.0, 20.0], lyapunov_weight=mixed_weight()), 0.05
+            ),
             "weight: P2 couples joints whose gains do not",
         ),
     ],

@@ -271,7 +271,10 @@ def test_explains_itself_and_draws(tmp_path):
             ),
             "gains differ or couple",
         ),
-        (lambda: certify_varying_ratio(make_law(laws.TARC, weight=[1.0, 2.0, 1.0, 1.0])), "gains differ or couple"),
+        (
+            lambda: certify_varying_ratio(make_law(laws.TARC, lyapunov_weight=[1.0, 2.0, 1.0, 1.0])),
+            "gains differ or couple",
+        ),
         (lambda: certify_varying_ratio(LITERAL.law, 0.0), "centre: got 0"),
         (lambda: certify_varying_ratio(LITERAL.law, np.inf), "centre: got inf"),
         (lambda: certify_varying_ratio(LITERAL.law, slope=-1.0), "slope: got -1"),
@@ -458,7 +461,7 @@ def hand_pair_radius(design, centre, weight, slope=0.0):
 @pytest.mark.parametrize(("design", "centre", "weight"), PAIRS)
 @pytest.mark.parametrize("slope", [0.0, 60.0])
 def test_radius_of_pairs_by_hand(design, centre, weight, slope):
-    parts = parts_of(decouple(design.law, design.computation)[0], slope, intersample=False)
+    parts = parts_of(decouple(design.law, design.computation_delay)[0], slope, intersample=False)
     scale, found = best_scales(parts, centre, weight)
     expected = hand_pair_radius(design, centre, weight, slope)
     assert (scale is None) == (not slope)
@@ -470,7 +473,7 @@ def test_radius_of_pairs_by_hand(design, centre, weight, slope):
 @pytest.mark.parametrize(("design", "centre", "weight"), PAIRS)
 def test_pairs_are_sharp_in_two_dimensions(design, centre, weight):
     """A mismatch that rotates at the peak beside a stiffness that turns: diverges just outside, not just inside."""
-    parts = parts_of(decouple(design.law, design.computation)[0], 0.0, intersample=False)
+    parts = parts_of(decouple(design.law, design.computation_delay)[0], 0.0, intersample=False)
     found = best_scales(parts, centre, weight)[1]
     assert found < 0.999 * best_scales(parts, centre)[1]  # the stiffness does take part
     case = UncertainCase(recurrence(design), centre, found, 0.0, weight)

@@ -56,7 +56,7 @@ class LawParameters:
         if not self.slope:
             return laws.TDC(**options)
         weight = [2 * self.natural_frequency**2 * self.P2, 2.0]  # P2 = q1 / (2 K1)
-        options |= {"weight": weight, "boundary_layer": self.boundary_layer, "margin": self.gain_factor}
+        options |= {"lyapunov_weight": weight, "boundary_layer": self.boundary_layer, "gain_factor": self.gain_factor}
         return laws.TARC(rise_rate=100.0, fall_rate=100.0, **options)
 
     @property

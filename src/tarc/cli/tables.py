@@ -96,18 +96,18 @@ CERTIFICATES = {
 
 
 def _findings(certificate: Certificate) -> dict[str, Any]:
-    """Return the plain numbers of the evidence, None for what is not finite."""
-    content = certificate.to_dict()
-    evidence = content["evidence"]
-    flat = {key: value for key, value in evidence.items() if not isinstance(value, dict | list)}
-    flat |= evidence.get("findings") or {}
-    for name in ("rate", "ratio_range"):
-        value = getattr(certificate.evidence, name, None)
-        flat |= {} if value is None else {name: value}
-    finite = {key: None if value in ("inf", "-inf", "nan") else value for key, value in flat.items()}
-    return {
-        key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in finite.items()
+    """Return the plain numbers of the evidence, None for a number that is not finite."""
+    evidence = certificate.to_dict()["evidence"]
+    flat = {
+        key: value
+        for content in (evidence, evidence.get("findings") or {}, evidence.get("ball") or {})
+        for key, value in content.items()
+        if not isinstance(value, dict | list)
     }
+    for name in ("rate", "ratio_range"):
+        if hasattr(certificate.evidence, name):
+            flat[name] = getattr(certificate.evidence, name)
+    return {key: None if value in ("inf", "-inf", "nan") else value for key, value in flat.items()}
 
 
 def certificate_summary(scenario: Scenario, found: dict[str, LawCertification], files: list[Path]) -> dict[str, Any]:
