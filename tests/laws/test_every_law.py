@@ -2,6 +2,7 @@
 
 import pickle
 from dataclasses import replace
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -36,7 +37,12 @@ every_way = pytest.mark.parametrize(
         if name is None or name in parameters(kind)
     ],
 )
-every_estimator = pytest.mark.parametrize("estimator", ESTIMATORS)
+ESTIMATORS_AND_SYMBOLS = [
+    pytest.param(name, symbol, id=f"{name}-{symbol.__name__}", marks=marks)
+    for name in ESTIMATORS
+    for symbol, marks in ((ca.SX, ()), (ca.MX, () if name in ("algebraic", "truth") else pytest.mark.slow))
+]
+"""Graphs of matrices are slow to trace, and two estimators show that the laws have them."""
 
 
 def random_state(law, rng):
@@ -48,9 +54,15 @@ def random_state(law, rng):
     return numbers._replace(missing=zero, fault=zero)
 
 
+@lru_cache(maxsize=1)
+def traced_law(kind, options, estimator, symbol):
+    """Return a law with its traced step and the example of its output; options as pairs."""
+    law = make_law(kind, 3, estimator, **dict(options))
+    return law, *trace(law.step, *law.example(), symbol=symbol)
+
+
 @every_way
-@every_estimator
-@pytest.mark.parametrize("symbol", [ca.SX, ca.MX], ids=["SX", "MX"])
+@pytest.mark.parametrize(("estimator", "symbol"), ESTIMATORS_AND_SYMBOLS)
 @settings(deadline=None, max_examples=10)
 @given(seed=st.integers(0, 2**32 - 1), lost=st.sampled_from([None, np.nan, np.inf]))
 def test_traced_equals_numpy(kind, options, estimator, symbol, seed, lost):
@@ -58,8 +70,7 @@ def test_traced_equals_numpy(kind, options, estimator, symbol, seed, lost):
         with pytest.raises(TarcError, match="use synchronised=False"):
             make_law(kind, 3, estimator, **options).example()
         return
-    law = make_law(kind, 3, estimator, **options)
-    function, example = trace(law.step, *law.example(), symbol=symbol)
+    law, function, example = traced_law(kind, tuple(options.items()), estimator, symbol)
     rng = np.random.default_rng(seed)
     state, value = random_state(law, rng), LawInput(*rng.normal(size=(4, 3)))
     if lost is not None:
@@ -249,16 +260,16 @@ def test_estimator_without_acceleration_is_refused(kind):
 def test_safe_torque_is_of_the_last_position_seen(kind):
     """However long nothing is heard: the window's own prediction runs away, the last position does not."""
     law = make_law(kind, max_missing=3, safe_torque=lambda q: 10.0 * q)
-    state, value = law.example()
+    controller, still = Controller(law), np.zeros(2)
+    controller.reset(still)
     rng = np.random.default_rng(0)
-    seen, output = np.zeros(2), None
+    seen, torque = still, still
     for _ in range(20):
         seen = np.array([0.3, -0.2]) + 1e-4 * rng.normal(size=2)
-        state, _ = law.step(state, value._replace(position=seen))
+        controller.step(seen, still, still, still)
     for _ in range(3000):
-        state, output = law.step(state, value._replace(position=np.array([np.nan, np.nan])))
-    assert output is not None
-    np.testing.assert_allclose(output.torque, 10.0 * seen, rtol=1e-12)
+        torque = controller.step(np.full(2, np.nan), still, still, still)
+    np.testing.assert_allclose(torque, 10.0 * seen, rtol=1e-12)
 
 
 @every_law
