@@ -217,8 +217,13 @@ def check_slopes(
     try_adversaries(pairs, [Adversary("none", kind) for kind in SLOPES], rng, tally, steps, intersample=False)
 
 
-def tally_certificates(count: int, seed: int = 0, show: bool | None = False, steps: int = N_STEPS) -> dict[str, Tally]:
-    """Tallies of all certificates: so many loops, a quarter as many balls and slopes, an eighth of the other kinds."""
+def tally_certificates(
+    count: int, seed: int = 0, show: bool | None = False, steps: int = N_STEPS, kinds: Sequence[str] | None = None
+) -> dict[str, Tally]:
+    """Return a tally for each kind of certificate, or for some of them.
+
+    There are ``count`` loops, a quarter as many balls and slopes, and an eighth as many of each other kind.
+    """
     rng = np.random.default_rng(seed)
     plan = {"loop": count, "loop, a range": count // 8, "ball": count // 4, "slope": count // 4}
     plan |= {"ball, stiffness": count // 8, "ball, slow": count // 8}
@@ -229,7 +234,8 @@ def tally_certificates(count: int, seed: int = 0, show: bool | None = False, ste
         "ball, slow": check_slow_balls,
     }
     tallies = {}
-    for name, designs in plan.items():
+    for name in kinds or plan:
+        designs = plan[name]
         tally = tallies[name] = Tally()
         begin = time.perf_counter()
         drawn = [draw_parameters(rng, name == "slope") for _ in range(designs)]
