@@ -14,6 +14,7 @@ import tarc
 from benchmarks.page_values.registry import (
     Value,
     command,
+    flat,
     long_source,
     run_page,
     source,
@@ -95,27 +96,44 @@ def refused_design() -> str:
 
 @source
 def signals() -> dict[str, Value]:
-    """Errors of the recorded trajectory, and of the arm seen through four encoders."""
+    """Errors of an arm seen through four encoders."""
     page = run_page("how-to/signals.md")
     labels = ("perfect", "12 bits", "17 bits, one sample in twenty lost", "17 bits, two periods late")
-    found = page.columns(r"^Encoder\(.*\) (\S+) (\S+) completed")
+    measured = page.columns(r"^Encoder\(.*\) (\S+) (\S+) completed")
     rows = [
         (label, f"{1e3 * float(error):.4g}", f"{float(variation):.4g}")
-        for label, (error, variation) in zip(labels, found, strict=True)
+        for label, (error, variation) in zip(labels, measured, strict=True)
     ]
-    recorded, t = page.names["recorded"], page.names["t"]
-    deviation = np.max(np.abs(recorded.sample(t)[1][0] - 0.5 * np.cos(t)))
-    return {
-        "recorded_velocity": float(1e8 * deviation),
-        "encoders": table(["encoder", "RMS error [mrad]", "torque variation [N m/s]"], rows),
-    }
+    return {"encoders": table(["encoder", "RMS error [mrad]", "torque variation [N m/s]"], rows)}
+
+
+@source
+def own_reference() -> dict[str, Value]:
+    """Deviation of the velocity of a recorded trajectory, in 10⁻⁸ rad/s."""
+    deviation = run_page("how-to/own-reference.md").names["deviation"]
+    return {"recorded_velocity": float(1e8 * np.max(np.abs(deviation)))}
+
+
+@source
+def own_law() -> dict[str, Value]:
+    """Errors of time-delayed control and of the law that extends it."""
+    runs = run_page("how-to/own-law.md").names["runs"]
+    return flat({name: run.metrics(start_time=1.0) for name, run in runs.items()})
 
 
 @source
 def robots() -> dict[str, Value]:
     """Errors of the polar arm."""
-    boom, slide = run_page("how-to/robots.md").names["run"].joint_errors().values()
+    boom, slide = run_page("how-to/own-plant.md").names["run"].joint_errors().values()
     return {"boom": 1e3 * boom, "slide": 1e3 * slide}
+
+
+@source
+def real_time() -> dict[str, Value]:
+    """Errors of the arm in a loop of one's own."""
+    errors = run_page("how-to/real-time.md").names["errors"]
+    shoulder, elbow = 1e3 * np.sqrt(np.mean(errors[1000:] ** 2, axis=0))
+    return {"shoulder": float(shoulder), "elbow": float(elbow)}
 
 
 @source
