@@ -79,6 +79,8 @@ OPERATORS = {"sgn", "sig", "diag", "cov", "tanh", "trace", "blockdiag"}
 WORDS = r"if|otherwise|for|from|to|over|with|on|the|all|and|or|where|at|of|projected|every|which"
 PHRASE = rf"(?:(?:{WORDS})|(?<=  )[a-z]{{3,}})\b(?: (?!{'|'.join(sorted(FUNCTIONS | OPERATORS))})[a-z]{{2,}}\b)*"
 """Plain words within an equation; other runs of letters are parameters or products of symbols."""
+MAX_WIDTH = 100
+"""Characters of a line of plain text that fit on a page."""
 
 
 def to_latex(text: str) -> str:
@@ -86,11 +88,17 @@ def to_latex(text: str) -> str:
 
     The lines are aligned at their first equals sign.
     """
-    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    lines = [part.strip() for line in text.splitlines() for part in statements(line.strip()) if part.strip()]
     if len(lines) == 1:
         return f"$$\n{line_to_latex(lines[0])}\n$$"
     body = " \\\\\n".join(aligned(line) for line in lines)
     return f"$$\n\\begin{{aligned}}\n{body}\n\\end{{aligned}}\n$$"
+
+
+def statements(line: str) -> list[str]:
+    """Return the statements of a line that is too wide for a page, otherwise the line."""
+    parts = re.split(r"(?<=[,;]) {4,}(?!otherwise|if)", line)
+    return parts if len(line) > MAX_WIDTH and all(re.search("[=≤]", part) for part in parts) else [line]
 
 
 def aligned(line: str) -> str:

@@ -24,6 +24,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from PIL import Image
 
 from benchmarks.comparison import MEASURES, SCENARIOS
+from benchmarks.latex import to_latex
 from tarc import laws
 from tarc.plotting.runs import COLOURS
 from tarc.study import tuned_laws
@@ -76,13 +77,11 @@ def read(folder: Path) -> tuple[dict[str, Result], dict[str, dict[str, Any]]]:
 
 
 def equation(kind: type) -> str:
-    """The docstring from its equation up to the parameters, the equation as a block of its own."""
+    """Return the docstring from its equation up to the parameters, with the equation as LaTeX."""
     text = inspect.cleandoc(kind.__doc__ or "").split("\n\n", 1)[1]
     text = re.split(r"\n(?:Parameters|Notes|References|Raises)\n---", text)[0].strip("\n")
     text = re.sub(r"[ \n]?Takes the\s+parameters of\s[^.:]*(?:, and:|\.)[ ]?", "", text)
-    blocks = re.sub(
-        r"((?:^    .+\n?)+)", lambda found: f"```text\n{inspect.cleandoc(found[1])}\n```\n", text, flags=re.M
-    )
+    blocks = re.sub(r"((?:^    .+\n?)+)", lambda block: f"{to_latex(block[1])}\n", text, flags=re.M)
     return re.sub(r"\n{3,}", "\n\n", blocks).strip()
 
 
@@ -303,22 +302,30 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", help="classes whose pages to write; all without")
     parser.add_argument("--results", type=Path, default=Path("runs/comparison"))
+    parser.add_argument("--equations", action="store_true", help="only the equations, which need no results")
     options = parser.parse_args()
+    kinds = [kind for kind in concrete_laws() if not options.names or kind.__name__ in options.names]
+    for kind in kinds:
+        write_part(kind, "equation", equation(kind))
+    if options.equations:
+        return
     results, used = read(options.results)
     if used != {name: tuned_laws().get(name) for name in used}:
         print("the gains have changed since the comparison ran; run make compare again")
-    for kind in concrete_laws():
-        name, page = kind.__name__, DOCS / "laws" / f"{kind.__name__}.md"
-        if options.names and name not in options.names:
-            continue
-        if not page.is_file():
-            raise SystemExit(f"{page} is missing; begin it as a copy of another law's")
-        content, canvas = benchmark(name, results, used)
-        text = replace(page.read_text(encoding="utf-8"), "equation", equation(kind))
-        page.write_text(replace(text, "benchmark", content), encoding="utf-8")
+    for kind in kinds:
+        content, canvas = benchmark(kind.__name__, results, used)
+        write_part(kind, "benchmark", content)
         if canvas:
-            save(canvas, DOCS / "images" / "laws" / f"{name}.png")
-        print(page.relative_to(DOCS.parent))
+            save(canvas, DOCS / "images" / "laws" / f"{kind.__name__}.png")
+        print(kind.__name__)
+
+
+def write_part(kind: type, part: str, content: str) -> None:
+    """Write one generated part of a law's page."""
+    page = DOCS / "laws" / f"{kind.__name__}.md"
+    if not page.is_file():
+        raise SystemExit(f"{page} is missing; begin it as a copy of another law's")
+    page.write_text(replace(page.read_text(encoding="utf-8"), part, content), encoding="utf-8")
 
 
 if __name__ == "__main__":

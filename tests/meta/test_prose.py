@@ -8,7 +8,7 @@ from meta.prose_rules import page_problems, sentences, source_problems, words
 
 ROOT = Path(__file__).parents[2]
 MODULES: list[Path] = []  # every module, likewise
-PAGES = [ROOT / "CONTRIBUTING.md"]  # every page, once each follows the rules
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 def test_words_are_counted_without_code_and_formulas():

@@ -26,7 +26,8 @@ class AdaptiveFuzzy(PolePlacement):
     """Adaptive fuzzy control: rules "if q is about c and q̇ about d, then the robot accelerates by w" that learn w.
 
         f̂_j(q_j, q̇_j) = Σ_k w_jk φ_k(q_j, v̂_j),     Σ_k φ_k = 1
-        τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 − f̂),     ẇ_jk = rate s_j φ_k,  |w_jk| ≤ cap,     s = BᵀP e
+        τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 − f̂),     s = BᵀP e
+        ẇ_jk = adaptation_rate s_j φ_k,     |w_jk| ≤ max_consequent
 
     with P as in `CorlessLeitmann`, so that s = e1 + (v̂ − q̇ᵈ)/(ζ ωn) for scalar gains. Takes the parameters of
     `PolePlacement` and `Law`, and:

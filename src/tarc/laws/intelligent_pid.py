@@ -28,7 +28,7 @@ class IntelligentPID(PolePlacement):
     """Intelligent PID: the robot is q̈ = F + M̂⁻¹ τ for an instant, and F is found from a window of q and τ.
 
         F̂ = 60/L⁵ ∫₀ᴸ (L² − 6 L σ + 6 σ²) q(t−σ) dσ − 30/L⁵ ∫₀ᴸ σ² (L − σ)² M̂⁻¹ τ(t−σ) dσ
-        τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + z − F̂),     ż = −integral K1 e1
+        τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + z − F̂),     ż = −integral_gain K1 e1
 
     F̂ is exact while F is constant over the window. Takes the parameters of `PolePlacement` and `Law`, and:
 

@@ -17,8 +17,8 @@ class NonsingularTerminal(TDE):
         s = Λ e1 + ψ(ė),     ψ(v) = v0 sig(v/v0)^a,     Λ = ½ K2
 
     With damping 1 (K1 = Λ²) and perfect time-delay estimation ṡ = −ψ'(ė) (Λ s + k sig(s)^ρ), and on s = 0 the error
-    goes to zero in finite time. sig(x)^a = |x|^a sgn x in each joint, smoothed to x (x² + ε²)^((a−1)/2); nothing is
-    singular at zero. Takes the parameters of `TDE`, `PolePlacement` and `Law`, and:
+    goes to zero in finite time. The power sig(x)^a = |x|^a sgn x of each joint is smoothed to x (x² + ε²)^((a−1)/2),
+    so that nothing is singular at zero. Takes the parameters of `TDE`, `PolePlacement` and `Law`, and:
 
     Parameters
     ----------

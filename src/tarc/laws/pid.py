@@ -15,7 +15,7 @@ from tarc.laws.pole_placement import PolePlacement
 class PID(PolePlacement):
     """PID with the acceleration of the reference fed forward: what most robots run.
 
-        τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + z),     ż = −K_i e1,     K_i = integral K1
+        τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + z),     ż = −K_i e1,     K_i = integral_gain K1
 
     Takes the parameters of `PolePlacement` and `Law`, and:
 

@@ -29,8 +29,9 @@ class ProjectionARC(ModelBased):
 
         s = v̂ − q̇ᵣ,     q̇ᵣ = q̇ᵈ − Ω e1,     Ω = diag ωn
         τ = M(q; p̂) q̈ᵣ + C(q, v̂; p̂) q̇ᵣ + ∂V/∂q(q; p̂) + F(q, q̇ᵣ; p̂) − Ω^½ M(q; p0) Ω^½ s − h s/max(|s|, ε)
-        dp̂/dt = −Γ Yᵀ s, projected on low ≤ p̂ ≤ high;     Y = ∂τ/∂p̂,   Γ = adaptation (high − low)²
-        h = margin Σ_i |Y_i| (high − low)_i + disturbance
+        dp̂/dt = −Γ Yᵀ s, projected on p_min ≤ p̂ ≤ p_max
+        Y = ∂τ/∂p̂,     Γ = adaptation_gain (p_max − p_min)²
+        h = robust_fraction Σ_i |Y_i| (p_max − p_min)_i + disturbance_bound
 
     Takes the parameters of `Law`, and:
 

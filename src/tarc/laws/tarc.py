@@ -30,9 +30,8 @@ class TARC(TDE):
         ĉ' = +c̄ ‖s‖  if ĉ ≤ γ or ‖s‖ > ‖s_h‖,     −c̲ ‖s‖  otherwise
         AᵀP + PA = −Q,     P = [P1 P2ᵀ; P2 P3]
 
-    The gain rises while the error grows and falls while it does not; no bound on the uncertainty and no threshold
-    on the error is set beforehand. The adaptation runs as forward Euler, held at the floor γ from below as the
-    continuous law is. Takes the parameters of `TDE`, `PolePlacement` and `Law`, and:
+    The gain rises while the error grows and falls otherwise. The law needs neither a bound on the uncertainty nor a
+    threshold on the error. The adaptation runs as forward Euler, limited from below to γ like the continuous law. Takes the parameters of `TDE`, `PolePlacement` and `Law`, and:
 
     Parameters
     ----------
