@@ -31,7 +31,8 @@ class TARC(TDE):
         AᵀP + PA = −Q,     P = [P1 P2ᵀ; P2 P3]
 
     The gain rises while the error grows and falls otherwise. The law needs neither a bound on the uncertainty nor a
-    threshold on the error. The adaptation runs as forward Euler, limited from below to γ like the continuous law. Takes the parameters of `TDE`, `PolePlacement` and `Law`, and:
+    threshold on the error. The adaptation runs as forward Euler, limited from below to γ like the continuous law.
+    Takes the parameters of `TDE`, `PolePlacement` and `Law`, and:
 
     Parameters
     ----------
