@@ -83,6 +83,8 @@ def test_speed_lies_between_certified_and_not(arm_design, tries, samples, monkey
     faster = replace(arm_design, plants=loaded, workspace=space, certificates={"robot": certificate(2.5)})
     one = stress_test(faster, questions="speed", duration=2.0)["speed"]
     assert one.confirmed
+    assert one.beyond is not None
+    assert one.value is not None
     assert 2.5 <= one.value < one.beyond
     assert one.verdict.startswith("certified")
     assert not one.beyond_verdict.startswith("certified")
