@@ -176,7 +176,7 @@ def test_noise_without_any_torque_limit():
         (["--speed", "fast"], r"--speed: got 'fast'; needs one number"),
         (["--joint-range", 0], r"joint_range: got 0; needs a finite number above 0"),
         (["--joint-range", -0.5], r"joint_range: got -0.5; needs a finite number above 0"),
-        (["--control-rate", 0], r"--rate: got 0; needs a finite number above 0"),
+        (["--control-rate", 0], r"--control-rate: got 0; needs a finite number above 0"),
         (["--natural-frequency", -3], r"natural_frequency: got -3; needs a finite number above 0"),
         (["--damping-ratio", 0], r"damping_ratio: got 0; needs a finite number above 0"),
         (["--noise", 5], r"--noise: got 5; needs a share of the torque limit, such as 0.02 for 2 %"),
