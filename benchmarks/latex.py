@@ -30,6 +30,7 @@ GREEK = {
     "π": "pi",
     "ρ": "rho",
     "ϱ": "varrho",
+    "ϖ": "varpi",
     "σ": "sigma",
     "ς": "varsigma",
     "τ": "tau",

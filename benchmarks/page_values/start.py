@@ -91,7 +91,7 @@ def refused_design() -> str:
             Path(folder),
             fails=True,
         )
-    return text_block(textwrap.fill(error, 100))
+    return text_block(textwrap.fill(error, 92))
 
 
 @source

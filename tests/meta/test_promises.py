@@ -14,7 +14,20 @@ import tarc
 ROOT = Path(__file__).parents[2]
 PACKAGES = [
     "tarc",
-    *(f"tarc.{part}" for part in ("laws", "estimators", "plants", "signals", "certificates", "design", "study")),
+    *(
+        f"tarc.{part}"
+        for part in (
+            "laws",
+            "estimators",
+            "plants",
+            "signals",
+            "analysis",
+            "certificates",
+            "paper",
+            "design",
+            "study",
+        )
+    ),
 ]
 
 
