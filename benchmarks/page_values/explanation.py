@@ -65,7 +65,7 @@ def _cell(value: float, chaotic: bool) -> str:
     if np.isnan(value):
         return NO_VALUE
     if chaotic:
-        return f"≈ {_grouped(float(f'{value:.1g}'))}"
+        return f"≈ {grouped(float(f'{value:.1g}'))}"
     return f"{value:.4g}"
 
 
@@ -74,7 +74,7 @@ def _slopes(found: list[tuple[str, ...]]) -> str:
     rows = []
     for frequency in dict.fromkeys(row[0] for row in found):
         for name, place in (("frozen", 2), ("circle criterion", 3)):
-            cells = [_grouped(float(row[place]), 5) for row in found if row[0] == frequency]
+            cells = [grouped(float(row[place]), 5) for row in found if row[0] == frequency]
             rows.append((f"{frequency}, {name}", *cells))
     return table(["natural frequency", f"ratio {ratios[0]}", *ratios[1:]], rows)
 
@@ -92,7 +92,7 @@ def estimators() -> dict[str, Value]:
                 cells += [NO_VALUE, NO_VALUE]
                 continue
             delay, noise = 1e3 * abs(timed.group_delay(order)), timed.noise_gain(order)
-            cells += [f"{round(delay, 2):g} ms", _grouped(noise)]
+            cells += [f"{round(delay, 2):g} ms", grouped(noise)]
         rows.append((name, *cells))
     heads = ["estimator", "delay of velocity", "noise gain [1/s]", "delay of acceleration", "noise gain [1/s²]"]
     values: dict[str, Value] = {"delays": table(heads, rows)}
@@ -108,6 +108,7 @@ def estimators() -> dict[str, Value]:
     return values
 
 
-def _grouped(value: float, digits: int = 4) -> str:
+def grouped(value: float, digits: int = 4) -> str:
+    """Return a number with significant digits, thousands apart from 10 000 on."""
     rounded = float(f"{value:.{digits}g}")
     return f"{rounded:,.0f}".replace(",", "\N{NO-BREAK SPACE}") if rounded >= 1e4 else f"{rounded:g}"

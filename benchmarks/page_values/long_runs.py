@@ -1,0 +1,68 @@
+"""Values of the long benchmarks: designs for six arms, and all laws in eight scenarios."""
+
+import csv
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+from benchmarks.page_values.registry import ROOT, Value, long_source, table
+
+TABLE = re.compile(r"(?:^\|.*\|\n)+", re.MULTILINE)
+
+
+def run_benchmark(module: str) -> None:
+    """Run a module of `benchmarks` in the repository's folder, where it keeps its results in ``runs``."""
+    subprocess.run([sys.executable, "-m", module], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+
+
+def tables(file: Path) -> dict[str, str]:
+    """Return the tables of a Markdown file by the line before them."""
+    text = file.read_text(encoding="utf-8")
+    named = {}
+    for match in TABLE.finditer(text):
+        title = text[: match.start()].strip().splitlines()[-1].rstrip(":")
+        named[title] = match[0].strip()
+    return named
+
+
+@long_source
+def comparison() -> dict[str, Value]:
+    """Errors and torque variations of all laws in eight scenarios; the pages of the laws are written too."""
+    run_benchmark("benchmarks.comparison")
+    run_benchmark("benchmarks.pages")
+    named = tables(ROOT / "runs" / "comparison" / "comparison.md")
+    errors, variations = (
+        next(text for title, text in named.items() if word in title) for word in ("error", "variation")
+    )
+    return {"errors": errors, "variations": variations}
+
+
+@long_source
+def six_arms() -> dict[str, Value]:
+    """Designs for six arms, hand-picked gains beside them, and what limits the natural frequency."""
+    run_benchmark("benchmarks.design")
+    folder = ROOT / "runs" / "design"
+    named = tables(folder / "design.md")
+    designs, limits = (
+        next(text for title, text in named.items() if word in title) for word in ("Certified", "frequency")
+    )
+    return {"designs": designs, "limits": limits, "picks": _picks(folder / "picks.csv", folder / "designs.csv")}
+
+
+def _picks(picks: Path, designs: Path) -> str:
+    own = {row["name"]: float(row["error"]) for row in _rows(designs)}
+    sweeps: dict[str, list[str]] = {}
+    verdicts: dict[str, list[str]] = {}
+    for row in _rows(picks):
+        if row["error"] in ("", "nan"):
+            continue
+        sweeps.setdefault(row["sweep"], []).append(f"{float(row['error']) / own[row['name']]:.2g} {row['name']}")
+        verdicts.setdefault(row["sweep"], []).append(f"{row['verdict']} {row['name']}")
+    rows = [(name, ", ".join(ratios), ", ".join(verdicts[name])) for name, ratios in sweeps.items()]
+    return table(["hand-picked", "error, as a multiple of the design's", "over the workspace"], rows)
+
+
+def _rows(file: Path) -> list[dict[str, str]]:
+    with file.open(encoding="utf-8") as lines:
+        return list(csv.DictReader(lines))
