@@ -22,7 +22,7 @@ def report():
         duration=4.0,
         samples=100,
         natural_frequency=10.0,
-        torque_limit=[100.0, 50.0],
+        torque_limits=[100.0, 50.0],
     )
 
 

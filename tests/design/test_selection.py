@@ -33,7 +33,7 @@ def speed(request):
         if request.param == "all candidates":
             yield 1.0
         else:
-            patch.setattr(import_module("tarc.design.selection"), "WINDOWS", (8, 16))
+            patch.setattr(import_module("tarc.design.candidates"), "WINDOWS", (8, 16))
             patch.setattr(import_module("tarc.design.candidates"), "NATURAL_FREQUENCIES", (4.0, 8.0))
             yield np.inf
 

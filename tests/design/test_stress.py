@@ -23,7 +23,7 @@ LIMIT = np.array([90.0, 40.0])
 def arm_design(request):
     """A design from few loops, so that it is quick."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(import_module("tarc.design.selection"), "WINDOWS", (12,))
+        patch.setattr(import_module("tarc.design.candidates"), "WINDOWS", (12,))
         patch.setattr(import_module("tarc.design.candidates"), "NATURAL_FREQUENCIES", (8.0,))
         space = Workspace.box([-np.pi, -2.0], [np.pi, 2.0], speed=request.param)
         return design_controller(TwoLinkArm(), payload=(0, 0.5), workspace=space, torque_limits=LIMIT, samples=SAMPLES)

@@ -254,8 +254,8 @@ def print_design(design: "Design", files: list[Path]) -> None:
     console = Console()
     title = f"{type(design.law).__name__} for {plant_name(design.plants[0])}, {1 / design.law.period:g} Hz"
     table = Table(title=title, title_justify="left", show_lines=True)
-    table.add_column("choice", width=12)
-    table.add_column("value", max_width=24)
+    table.add_column("choice", width=17)
+    table.add_column("value", max_width=22)
     table.add_column("reason")
     for one in design.choices:
         style = "yellow" if one.reason.startswith("WARNING") else None

@@ -130,7 +130,7 @@ def enumerate_candidates(
     period: float,
     *,
     natural_frequencies: Iterable[float] | None = None,
-    windows: Iterable[int] = WINDOWS,
+    windows: Iterable[int] | None = None,
     degrees: Iterable[int] = (2, 3),
     delays: Iterable[int] | None = None,
     synchronised: Iterable[bool] = (False, True),
@@ -147,6 +147,7 @@ def enumerate_candidates(
         delays = (1, 2) if computation_delay % 2 else (1,)
     rate = 1e-3 / check.number("period", period, 0, strict=True)
     speeds = [rate * one for one in NATURAL_FREQUENCIES] if natural_frequencies is None else list(natural_frequencies)
+    windows = WINDOWS if windows is None else list(windows)
     return [
         Candidate(
             window=window,

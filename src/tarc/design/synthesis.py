@@ -14,7 +14,7 @@ from tarc.certification import certify_law
 from tarc.core.errors import InfeasibleDesign, InvalidParameter
 from tarc.core.progress import Progress
 from tarc.design.adaptation import Adaptation, choose_adaptation, expected_step
-from tarc.design.candidates import WINDOWS, Candidate, assess_candidates, enumerate_candidates
+from tarc.design.candidates import Candidate, assess_candidates, enumerate_candidates
 from tarc.design.noise import torque_noise
 from tarc.design.reasons import explain_adaptation, explain_loop
 from tarc.design.requirements import DesignProblem, DesignRequirements
@@ -132,7 +132,7 @@ def _initial_candidates(requirements: DesignRequirements) -> list[Candidate]:
         natural_frequencies=None if frequency is None else [frequency],
         damping_ratio=requirements.damping_ratio,
         computation_delay=requirements.computation_delay,
-        windows=WINDOWS if frequency is None else range(2, 31),
+        windows=None if frequency is None else range(2, 31),
     )
     # literal loops of degree 3 have more noise and more error than others
     return [trial for trial in trials if trial.synchronised or trial.degree == 2]
