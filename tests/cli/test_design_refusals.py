@@ -166,7 +166,7 @@ def test_noise_without_any_torque_limit():
     [
         (["--payload", 5, 0], r"payload: got 5 to 0 kg; needs the smallest first"),
         (["--payload", -1, 5], r"payload: got -1; needs a finite number of at least 0"),
-        (["--tool", "frk"], r"tool 'frk' is no body or site of it\..* It has base, upper, fore"),
+        (["--tool", "frk"], r"tool: got 'frk'; arm.urdf has no such body or site\..* It has base, upper, fore"),
         (["--joints", "elbow,wirst"], r"no hinge or slide 'wirst'; it has shoulder, elbow"),
         (["--encoder-bits", 0], r"--encoder-bits: got 0; needs a whole number from 1 to 52"),
         (["--encoder-bits", 99], r"--encoder-bits: got 99; needs a whole number from 1 to 52"),

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from law_catalogue import make_law
-from tarc import Controller, TarcError, laws
+from tarc import Controller, laws
+from tarc.core.errors import ControllerNotReset, InvalidParameter
 
 
 @pytest.fixture
@@ -67,16 +68,16 @@ def test_signals_are_readable(controller):
 def test_misuse_is_told():
     controller = Controller(make_law(laws.TDC))
     zero = np.zeros(2)
-    with pytest.raises(TarcError, match="called before reset"):
+    with pytest.raises(ControllerNotReset, match="called before reset"):
         controller.step(zero, zero, zero, zero)
-    with pytest.raises(TarcError, match="position: .*finite numbers, not NaN"):
+    with pytest.raises(InvalidParameter, match="position: .*finite numbers, not NaN"):
         controller.reset([0.0, np.nan])
-    with pytest.raises(TarcError, match=r"position: got shape \(3,\)"):
+    with pytest.raises(InvalidParameter, match=r"position: got shape \(3,\)"):
         controller.reset(np.zeros(3))
     controller.reset(zero)
-    with pytest.raises(TarcError, match=r"got shapes .*\(3,\).* needs \(2,\) each"):
+    with pytest.raises(InvalidParameter, match=r"got shapes .*\(3,\).* needs \(2,\) each"):
         controller.step(np.zeros(3), zero, zero, zero)
-    with pytest.raises(TarcError, match="law: got .*constructed"):
+    with pytest.raises(InvalidParameter, match="law: got .*constructed"):
         Controller(laws.TDC)  # type: ignore[arg-type]
 
 
@@ -87,5 +88,5 @@ def test_nothing_is_broadcast(controller, short):
     for place in range(4):
         arguments = [zero, zero, zero, zero]
         arguments[place] = short
-        with pytest.raises(TarcError, match="Controller.step: got shapes"):
+        with pytest.raises(InvalidParameter, match="Controller.step: got shapes"):
             controller.step(*arguments)

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from law_catalogue import make_law
-from tarc import Controller, TarcError, laws, plants, signals, simulate
+from tarc import Controller, laws, plants, signals, simulate
 from tarc.core import codegen as native
+from tarc.core.errors import CompilationError, MissingTool
 from tarc.core.tracing import trace
 
 REFERENCE = signals.Sinusoid(amplitude=[0.3, 0.4], frequency=[2.0, 3.0])
@@ -70,18 +71,24 @@ def test_no_compiler_is_told(monkeypatch):
     monkeypatch.delenv("CC", raising=False)
     monkeypatch.setattr("shutil.which", lambda name: None)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(TarcError, match=r"no C compiler found; looked for \$CC, cc, gcc, clang .* pip install"):
+    with pytest.raises(MissingTool, match=r"no C compiler found; looked for \$CC, cc, gcc, clang .* pip install"):
         Controller(make_law(laws.TDC), native=True)
 
 
 def test_failing_compiler_is_told(monkeypatch):
     monkeypatch.setenv("CC", "false")
-    with pytest.raises(TarcError, match="native: false .* failed"):
+    with pytest.raises(CompilationError, match="native: false .* failed"):
+        Controller(make_law(laws.TDC), native=True)
+
+
+def test_a_compiler_that_is_not_there_is_told(monkeypatch):
+    monkeypatch.setenv("CC", "no-such-compiler")
+    with pytest.raises(MissingTool, match="there is no compiler 'no-such-compiler'; correct or unset"):
         Controller(make_law(laws.TDC), native=True)
 
 
 def test_cache_that_cannot_be_written_is_told(monkeypatch, tmp_path):
     (tmp_path / "taken").write_text("a file")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "taken"))
-    with pytest.raises(TarcError, match="native: cannot compile into .*; set XDG_CACHE_HOME"):
+    with pytest.raises(CompilationError, match="native: cannot compile into .*; set XDG_CACHE_HOME"):
         Controller(make_law(laws.TDC), native=True)

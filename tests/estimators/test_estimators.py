@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.signal import freqz, lfilter, savgol_coeffs
 
-from tarc import TarcError
+from tarc.core.errors import InvalidParameter
 from tarc.core.tracing import trace
 from tarc.core.trees import pack, unpack
 from tarc.estimators import Algebraic, BackwardDifference, Estimate, Estimator, FilteredDifference
@@ -313,7 +313,7 @@ def test_a_degree_given_as_a_float_counts_if_it_is_whole() -> None:
 
     assert np.array_equal(algebraic(2.0).weights(2), algebraic(2).weights(2))
     for degree in (2.5, "x", None, np.nan, True):
-        with pytest.raises(TarcError, match="degree: got .*; needs a whole number from 1 to 6"):
+        with pytest.raises(InvalidParameter, match="degree: got .*; needs a whole number from 1 to 6"):
             algebraic(degree)
 
 
@@ -399,5 +399,5 @@ def test_an_estimator_at_rest_sees_no_motion() -> None:
     ],
 )
 def test_bad_input_is_refused_with_the_remedy(attempt: Any, message: str) -> None:
-    with pytest.raises(TarcError, match=message):
+    with pytest.raises(InvalidParameter, match=message):
         attempt()

@@ -5,9 +5,10 @@ import pytest
 from scipy.signal import lfilter, savgol_coeffs
 
 from law_catalogue import PERIOD as T
-from tarc import TarcError, estimators, laws, plants, signals, simulate
+from tarc import estimators, laws, plants, signals, simulate
 from tarc.analysis import stable_interval
 from tarc.certificates import certify_constant_ratio
+from tarc.core.errors import InvalidParameter, NotLinearisable, TarcError
 
 
 def estimates_along(estimator, motion):
@@ -169,10 +170,6 @@ def test_a_loop_with_a_nonlinear_estimator_has_no_certificate_but_runs():
         (lambda: estimators.HighGain(time_constant=0.0), "time_constant: got 0"),
         (lambda: estimators.RobustDifferentiator(lipschitz=0.0), "lipschitz: got 0"),
         (
-            lambda: estimators.RobustDifferentiator(lipschitz=1.0).with_period(T).transfer_function(1),
-            "no transfer function",
-        ),
-        (
             lambda: estimators.RobustDifferentiator(lipschitz=1.0).with_period(T).matched_torque_filter(),
             "use synchronised=False",
         ),
@@ -180,5 +177,11 @@ def test_a_loop_with_a_nonlinear_estimator_has_no_certificate_but_runs():
     ],
 )
 def test_bad_input(make, message):
-    with pytest.raises(TarcError, match=message):
+    with pytest.raises(InvalidParameter, match=message):
         make()
+
+
+def test_a_nonlinear_estimator_has_no_transfer_function():
+    estimator = estimators.RobustDifferentiator(lipschitz=1.0, period=T)
+    with pytest.raises(NotLinearisable, match="no transfer function"):
+        estimator.transfer_function(1)

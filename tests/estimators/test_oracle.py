@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from law_catalogue import make_law
-from tarc import Controller, Scenario, TarcError, analysis, certificates, estimators, laws, signals, simulate
+from tarc import Controller, Scenario, analysis, certificates, estimators, laws, signals, simulate
+from tarc.core.errors import InvalidParameter, NotLinearisable
 from tarc.plants import MujocoPlant, Pendulum, TwoLinkArm
 
 T = 1e-3
@@ -136,7 +137,7 @@ def test_a_scenario_can_name_it():
     }
     scenario = Scenario.parse(content)
     assert scenario.run()["TDC"].metrics()["peak_error"] < 1e-2
-    with pytest.raises(TarcError, match="exists in simulation alone"):
+    with pytest.raises(NotLinearisable, match="exists in simulation alone"):
         scenario.certify(samples=20)
 
 
@@ -151,23 +152,37 @@ def test_untold_it_has_no_numbers_and_the_torque_is_the_safe_one():
 @pytest.mark.parametrize(
     "use",
     [
-        lambda: Controller(tdc([0.1, 0.1])),
         lambda: certificates.certify_constant_ratio(tdc(0.1), 0.5),
         lambda: analysis.stable_interval(tdc(0.1)),
         lambda: certificates.certify_varying_ratio(tdc(0.1)),
-        lambda: simulate(Pendulum(), tdc(1.0, synchronised=True), SWING, 0.1),
         lambda: ORACLE.with_period(T).transfer_function(1),
-        lambda: ORACLE.with_period(T).matched_torque_filter(),
         lambda: ORACLE.with_period(T).group_delay(),
         lambda: ORACLE.with_period(T).noise_gain(2),
         lambda: ORACLE.with_period(T).plot(),
     ],
 )
 def test_it_is_refused_where_nothing_tells_the_truth(use):
-    with pytest.raises(TarcError, match="TrueDerivatives.* exists in simulation alone"):
+    with pytest.raises(NotLinearisable, match="TrueDerivatives.* exists in simulation alone"):
+        use()
+
+
+def test_a_controller_refuses_it():
+    with pytest.raises(InvalidParameter, match="estimator: got TrueDerivatives, which exists in simulation alone"):
+        Controller(tdc([0.1, 0.1]))
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda: simulate(Pendulum(), tdc(1.0, synchronised=True), SWING, 0.1),
+        lambda: ORACLE.with_period(T).matched_torque_filter(),
+    ],
+)
+def test_synchronised_estimation_refuses_it(use):
+    with pytest.raises(InvalidParameter, match="synchronised: TrueDerivatives has no delay"):
         use()
 
 
 def test_orders_are_checked():
-    with pytest.raises(TarcError, match="derivative: got 3"):
+    with pytest.raises(InvalidParameter, match="derivative: got 3"):
         ORACLE.with_period(T).transfer_function(3)

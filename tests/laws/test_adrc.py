@@ -5,7 +5,8 @@ import pytest
 from scipy.linalg import expm
 
 from law_catalogue import PERIOD, make_law
-from tarc import TarcError, certificates, laws, plants, signals, simulate
+from tarc import certificates, laws, plants, signals, simulate
+from tarc.core.errors import InvalidParameter
 from tarc.core.trees import pack, unpack
 from tarc.laws.base import ControlInput
 
@@ -84,5 +85,5 @@ def test_payload_is_survived_on_position_alone():
 
 
 def test_bad_parameters():
-    with pytest.raises(TarcError, match="observer_bandwidth: got 0; needs a finite number above 0"):
+    with pytest.raises(InvalidParameter, match="observer_bandwidth: got 0; needs a finite number above 0"):
         make_law(laws.ADRC, observer_bandwidth=0.0)

@@ -5,7 +5,8 @@ import pytest
 
 from law_catalogue import make_law
 from law_runs import SMALL_INERTIA, simulate_arm, tracking_at
-from tarc import TarcError, laws
+from tarc import laws
+from tarc.core.errors import InvalidParameter
 
 
 def gains_after_steps(law, sizes, start):
@@ -91,5 +92,5 @@ def test_tracks_better_than_tdc_under_friction(scale_by_error):
     ],
 )
 def test_bad_parameters(options, message):
-    with pytest.raises(TarcError, match=message):
+    with pytest.raises(InvalidParameter, match=message):
         make_law(laws.ASMC, **options)

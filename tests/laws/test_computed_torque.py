@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from law_catalogue import PERIOD, make_law
-from tarc import Scenario, TarcError, estimators, laws, plants, signals, simulate
+from tarc import Scenario, estimators, laws, plants, signals, simulate
+from tarc.core.errors import InvalidParameter
 from tarc.core.tracing import trace
 from tarc.core.trees import pack
 from tarc.laws import LawInput
@@ -110,7 +111,7 @@ def test_scenario_names_its_own_robot():
     assert all(run.status.completed for run in runs.values())
     assert runs["ComputedTorque"].metrics(start_time=0.5)["rms_error"] < 2e-3
     content["law"] = {"kind": "ComputedTorque", "model": "ur5e", "natural_frequency": 20.0}
-    with pytest.raises(TarcError, match=r"law.model: got 'ur5e'; known are robot"):
+    with pytest.raises(InvalidParameter, match=r"law.model: got 'ur5e'; known are robot"):
         Scenario.parse(content).run()
 
 
@@ -124,5 +125,5 @@ def test_scenario_names_its_own_robot():
     ],
 )
 def test_bad_parameters(options, message):
-    with pytest.raises(TarcError, match=message):
+    with pytest.raises(InvalidParameter, match=message):
         make_law(laws.ComputedTorque, period=PERIOD, **options)

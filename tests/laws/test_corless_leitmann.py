@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from law_catalogue import make_law
-from tarc import TarcError, certificates, estimators, laws, plants, signals, simulate
+from tarc import certificates, estimators, laws, plants, signals, simulate
+from tarc.core.errors import InvalidParameter
 from tarc.laws import LawInput
 
 MASS = plants.MassSpringDamper(masses=(1.0,), springs=0.0, dampers=0.0)
@@ -96,5 +97,5 @@ def test_certificate_sees_the_slope_inside_the_layer():
     ],
 )
 def test_bad_parameters(options, message):
-    with pytest.raises(TarcError, match=message):
+    with pytest.raises(InvalidParameter, match=message):
         make_law(laws.CorlessLeitmann, **options)

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from law_catalogue import ESTIMATORS, concrete_laws, make_law
-from tarc import Controller, TarcError, plants, signals, simulate
+from tarc import Controller, plants, signals, simulate
+from tarc.core.errors import InvalidParameter
 from tarc.core.tracing import trace
 from tarc.core.trees import leaves, pack, unpack
 from tarc.estimators import Algebraic, RobustDifferentiator, TrueDerivatives
@@ -67,7 +68,7 @@ def traced_law(kind, options, estimator, symbol):
 @given(seed=st.integers(0, 2**32 - 1), lost=st.sampled_from([None, np.nan, np.inf]))
 def test_traced_equals_numpy(kind, options, estimator, symbol, seed, lost):
     if options.get("synchronised") and isinstance(ESTIMATORS[estimator], RobustDifferentiator | TrueDerivatives):
-        with pytest.raises(TarcError, match="use synchronised=False"):
+        with pytest.raises(InvalidParameter, match="use synchronised=False"):
             make_law(kind, 3, estimator, **options).example()
         return
     law, function, example = traced_law(kind, tuple(options.items()), estimator, symbol)
@@ -195,7 +196,7 @@ def test_is_at_rest_on_target(kind):
     ],
 )
 def test_bad_parameters_are_refused(kind, options, message):
-    with pytest.raises(TarcError, match=message):
+    with pytest.raises(InvalidParameter, match=message):
         make_law(kind, **options)
 
 
@@ -214,7 +215,7 @@ def test_bad_parameters_are_refused(kind, options, message):
     ],
 )
 def test_bad_poles_are_refused(kind, options, message):
-    with pytest.raises(TarcError, match=message):
+    with pytest.raises(InvalidParameter, match=message):
         make_law(kind, **options)
 
 
@@ -227,15 +228,15 @@ def test_bad_poles_are_refused(kind, options, message):
     ],
 )
 def test_bad_delays_are_refused(kind, options, message):
-    with pytest.raises(TarcError, match=message):
+    with pytest.raises(InvalidParameter, match=message):
         make_law(kind, **options)
 
 
 @every_law
 def test_unknown_and_missing_parameters(kind):
-    with pytest.raises(TarcError, match=r"unknown parameter 'perod'.*Did you mean 'period'\?"):
+    with pytest.raises(InvalidParameter, match=r"unknown parameter 'perod'.*Did you mean 'period'\?"):
         make_law(kind, perod=3.0)
-    with pytest.raises(TarcError, match="parameter 'period' is missing"):
+    with pytest.raises(InvalidParameter, match="parameter 'period' is missing"):
         kind()
 
 
@@ -252,7 +253,7 @@ def test_survives_pickling_and_replacement(kind):
 
 @every_law_on_tde
 def test_estimator_without_acceleration_is_refused(kind):
-    with pytest.raises(TarcError, match="gives no acceleration"):
+    with pytest.raises(InvalidParameter, match="gives no acceleration"):
         make_law(kind, estimator=Algebraic(window=0.008, degree=1))
 
 
@@ -284,7 +285,7 @@ def test_a_safe_torque_that_is_no_number_is_zero(kind):
 @every_law
 @pytest.mark.parametrize("wrong", [lambda q: q[:1], lambda q: None, lambda q: [float(x) for x in q]])
 def test_a_safe_torque_that_cannot_be_is_refused(kind, wrong):
-    with pytest.raises(TarcError, match="safe_torque: it .*needs a function of a position"):
+    with pytest.raises(InvalidParameter, match="safe_torque: it .*needs a function of a position"):
         make_law(kind, safe_torque=wrong)
 
 
@@ -313,5 +314,5 @@ def test_keeps_its_own_copy_of_arrays(kind):
     ],
 )
 def test_odd_values_are_refused(kind, options, message):
-    with pytest.raises(TarcError, match=message):
+    with pytest.raises(InvalidParameter, match=message):
         make_law(kind, **options)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from law_catalogue import make_law
-from tarc import TarcError, analysis, certificates, laws, plants, signals, simulate
+from tarc import analysis, certificates, laws, plants, signals, simulate
+from tarc.core.errors import InvalidParameter
 
 
 def test_learns_a_known_function():
@@ -110,5 +111,5 @@ def test_certificate_freezes_the_consequents():
     ],
 )
 def test_bad_parameters(options, message):
-    with pytest.raises(TarcError, match=message):
+    with pytest.raises(InvalidParameter, match=message):
         make_law(laws.AdaptiveFuzzy, **options)

@@ -5,8 +5,9 @@ import pytest
 
 from law_catalogue import make_law
 from law_runs import SMALL_INERTIA, assert_equals_tdc, simulate_arm, tracking_at
-from tarc import TarcError, certificates, estimators, laws
+from tarc import certificates, estimators, laws
 from tarc.analysis.linearise import decouple
+from tarc.core.errors import InvalidParameter
 
 
 def test_without_its_gain_it_is_tdc():
@@ -87,5 +88,5 @@ def test_loop_certificate_sees_its_gain():
     ],
 )
 def test_bad_parameters(options, message):
-    with pytest.raises(TarcError, match=message):
+    with pytest.raises(InvalidParameter, match=message):
         make_law(laws.IVF, **options)

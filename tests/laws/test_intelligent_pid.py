@@ -5,7 +5,8 @@ import pytest
 from scipy.integrate import quad
 
 from law_catalogue import PERIOD, make_law
-from tarc import TarcError, analysis, certificates, estimators, laws, plants, signals, simulate
+from tarc import analysis, certificates, estimators, laws, plants, signals, simulate
+from tarc.core.errors import InvalidParameter
 from tarc.laws import LawInput
 
 
@@ -98,5 +99,5 @@ def test_window_is_its_own():
     ],
 )
 def test_bad_parameters(options, message):
-    with pytest.raises(TarcError, match=message):
+    with pytest.raises(InvalidParameter, match=message):
         make_law(laws.IntelligentPID, **options)

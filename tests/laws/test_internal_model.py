@@ -5,7 +5,8 @@ import pytest
 
 from law_catalogue import make_law
 from law_runs import SMALL_INERTIA, assert_equals_tdc, simulate_arm
-from tarc import TarcError, certificates, laws, plants, signals, simulate
+from tarc import certificates, laws, plants, signals, simulate
+from tarc.core.errors import InvalidParameter
 
 
 def test_with_an_endless_filter_it_is_tdc():
@@ -64,5 +65,5 @@ def test_loop_certificate_is_that_of_ideal_velocity_feedback(ratio):
 
 
 def test_bad_time_constant():
-    with pytest.raises(TarcError, match="time_constant: got 0.0001 s; needs at least the period 0.001 s"):
+    with pytest.raises(InvalidParameter, match="time_constant: got 0.0001 s; needs at least the period 0.001 s"):
         make_law(laws.TDCIM, time_constant=1e-4)

@@ -5,7 +5,8 @@ import pytest
 
 from law_catalogue import make_law
 from law_runs import SMALL_INERTIA, simulate_arm, tracking_at
-from tarc import TarcError, laws
+from tarc import laws
+from tarc.core.errors import InvalidParameter
 
 
 def test_gain_is_the_integral_of_the_distance():
@@ -39,5 +40,5 @@ def test_never_falls_and_beats_tdc_under_friction(max_gain):
     ],
 )
 def test_bad_parameters(options, message):
-    with pytest.raises(TarcError, match=message):
+    with pytest.raises(InvalidParameter, match=message):
         make_law(laws.MonotoneASMC, **options)

@@ -6,7 +6,8 @@ import pytest
 
 from law_catalogue import make_law
 from law_runs import SMALL_INERTIA, assert_equals_tdc, simulate_arm, simulate_double_integrator, tracking_at
-from tarc import TarcError, certificates, laws
+from tarc import certificates, laws
+from tarc.core.errors import InvalidParameter
 from tarc.core.tracing import trace
 from tarc.core.trees import pack
 
@@ -118,5 +119,5 @@ def test_loop_certificate_sees_the_slopes_at_zero():
     ],
 )
 def test_bad_parameters(options, message):
-    with pytest.raises(TarcError, match=message):
+    with pytest.raises(InvalidParameter, match=message):
         make_law(laws.NonsingularTerminal, **options)

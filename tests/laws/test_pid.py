@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from law_catalogue import make_law
-from tarc import TarcError, certificates, estimators, laws, plants, signals, simulate
+from tarc import certificates, estimators, laws, plants, signals, simulate
+from tarc.core.errors import InvalidParameter
 
 MASS = plants.MassSpringDamper(masses=(1.0,), springs=0.0, dampers=0.0)
 
@@ -84,5 +85,5 @@ def test_certificate_knows_the_continuous_limit():
 
 
 def test_bad_parameters():
-    with pytest.raises(TarcError, match="integral_gain: got -1; needs a finite number of at least 0"):
+    with pytest.raises(InvalidParameter, match="integral_gain: got -1; needs a finite number of at least 0"):
         make_law(laws.PID, integral_gain=-1.0)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from law_catalogue import make_law
-from tarc import TarcError, laws, plants, signals, simulate
+from tarc import laws, plants, signals, simulate
+from tarc.core.errors import InvalidParameter
 from tarc.laws import LawInput
 
 TRUE = plants.TwoLinkArm(masses=(1.4, 0.8), viscous=(2.5, 0.8))
@@ -112,11 +113,11 @@ def test_adaptation_stops_with_the_fault():
     ],
 )
 def test_bad_parameters(options, message):
-    with pytest.raises(TarcError, match=message):
+    with pytest.raises(InvalidParameter, match=message):
         projection_law(**{"model": plants.TwoLinkArm(coulomb=0.5), **options})
 
 
 def test_a_model_without_energies_is_refused():
     robot = plants.MujocoPlant.from_file("ur5e", armature=0.1)
-    with pytest.raises(TarcError, match="model: got MujocoPlant.*needs one from energies"):
+    with pytest.raises(InvalidParameter, match="model: got MujocoPlant.*needs one from energies"):
         projection_law(model=robot, parameter_bounds={"payload": [0.0, 5.0]})

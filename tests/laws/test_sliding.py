@@ -5,7 +5,8 @@ import pytest
 
 from law_catalogue import make_law
 from law_runs import SMALL_INERTIA, simulate_arm, simulate_double_integrator
-from tarc import TarcError, laws
+from tarc import laws
+from tarc.core.errors import InvalidParameter
 
 
 def test_reaches_the_layer_in_closed_form():
@@ -37,5 +38,5 @@ def test_tracks_better_than_tdc_under_friction():
 
 
 def test_bad_gain():
-    with pytest.raises(TarcError, match="gain: got -1; needs a finite number of at least 0"):
+    with pytest.raises(InvalidParameter, match="gain: got -1; needs a finite number of at least 0"):
         make_law(laws.SlidingMode, gain=-1.0)

@@ -7,7 +7,8 @@ import pytest
 from scipy.linalg import solve_continuous_lyapunov
 
 from law_catalogue import make_law
-from tarc import TarcError, estimators, laws, plants, signals, simulate
+from tarc import estimators, laws, plants, signals, simulate
+from tarc.core.errors import InvalidParameter
 
 MASS = plants.MassSpringDamper(masses=(1.0,), springs=0.0, dampers=0.0)
 TARGET = signals.Sinusoid(amplitude=0.0, frequency=1.0)
@@ -90,5 +91,5 @@ def test_integral_does_not_wind_up():
 
 @pytest.mark.parametrize("name", ["disturbance_rate", "root_gain", "switch_gain", "boundary_layer"])
 def test_bad_parameters(name):
-    with pytest.raises(TarcError, match=f"{name}: got 0; needs a finite number above 0"):
+    with pytest.raises(InvalidParameter, match=f"{name}: got 0; needs a finite number above 0"):
         replace(make_law(laws.SuperTwisting), **{name: 0.0})

@@ -7,7 +7,8 @@ import pytest
 
 from law_catalogue import concrete_laws, make_law
 from law_runs import SMALL_INERTIA, assert_equals_tdc, simulate_arm, tracking_at
-from tarc import TarcError, certificates, estimators, laws
+from tarc import certificates, estimators, laws
+from tarc.core.errors import InvalidParameter
 
 NO_GAIN: dict[Any, dict[str, Any]] = {
     laws.SlidingMode: {"gain": 0.0},
@@ -113,5 +114,5 @@ def test_holds_the_arm_against_gravity_alone(kind):
     ],
 )
 def test_bad_parameters(kind, options, message):
-    with pytest.raises(TarcError, match=message):
+    with pytest.raises(InvalidParameter, match=message):
         make_law(kind, **options)

@@ -5,7 +5,8 @@ import pytest
 from scipy.integrate import quad_vec
 
 from law_catalogue import make_law
-from tarc import TarcError, estimators, laws, plants, signals, simulate
+from tarc import estimators, laws, plants, signals, simulate
+from tarc.core.errors import InvalidParameter
 from tarc.laws import LawInput
 
 
@@ -127,7 +128,7 @@ def test_rises_at_rate_and_falls_at_rate():
     ],
 )
 def test_bad_parameters(options, message):
-    with pytest.raises(TarcError, match=message):
+    with pytest.raises(InvalidParameter, match=message):
         make_law(laws.TARC, **options)
 
 
@@ -153,7 +154,7 @@ def test_condition_c2_is_checked():
         }
         if fails:
             refused += 1
-            with pytest.raises(TarcError, match=r"condition \(c2\) fails"):
+            with pytest.raises(InvalidParameter, match=r"condition \(c2\) fails"):
                 make_law(laws.TARC, **options)
         else:
             make_law(laws.TARC, **options)

@@ -5,7 +5,8 @@ import pytest
 
 from law_catalogue import make_law
 from law_runs import SMALL_INERTIA, assert_equals_tdc, simulate_arm, simulate_double_integrator, tracking_at
-from tarc import TarcError, certificates, laws
+from tarc import certificates, laws
+from tarc.core.errors import InvalidParameter
 
 
 def test_linear_and_undamped_it_is_tdc():
@@ -100,5 +101,5 @@ def test_loop_certificate_sees_the_slope_at_zero():
     ],
 )
 def test_bad_parameters(options, message):
-    with pytest.raises(TarcError, match=message):
+    with pytest.raises(InvalidParameter, match=message):
         make_law(laws.TerminalSliding, **options)

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import tarc
-from tarc import TarcError
+from tarc.core.errors import InvalidParameter, RobotFileError
 from tarc.plants import MujocoPlant, TwoLinkArm, find_robot, shipped_robots
 from tarc.plants.base import Plant
 
@@ -324,7 +324,7 @@ def test_tdc_runs_on_real_urdfs(file: Path) -> None:
 
 
 def test_a_urdf_without_joints_says_so() -> None:
-    with pytest.raises(TarcError, match=r"ur3\.urdf: it has no hinge or slide joint"):
+    with pytest.raises(RobotFileError, match=r"ur3\.urdf: it has no hinge or slide joint"):
         MujocoPlant.from_file(ROBOTS / "ur_description" / "urdf" / EMPTY)
 
 
@@ -339,38 +339,48 @@ MESH = '<asset><mesh name="shell" file="shell.stl"/></asset>'
 
 
 @pytest.mark.parametrize(
-    ("text", "options", "message"),
+    ("text", "message"),
     [
-        ("no markup", {}, r"robot\.xml is no XML file .* needs MJCF or URDF"),
-        ("<sdf/>", {}, r"root <sdf>; needs <mujoco> \(MJCF\) or <robot> \(URDF\)"),
-        (one_joint_model("<ball/>"), {}, r"MuJoCo cannot read .*robot\.xml"),
-        (one_joint_model(BALL, joint="<freejoint name='float'/>"), {}, "joint 'float' is free or a ball"),
-        (one_joint_model(BALL, joint=""), {}, "no hinge or slide joint"),
-        (one_joint_model(BALL), {"joints": ["hing"]}, "no hinge or slide 'hing'; it has hinge. Did you mean 'hinge'"),
-        (one_joint_model(BALL), {"joints": []}, "no hinge or slide joint"),
-        (one_joint_model(BALL), {"tool": "lnk"}, "tool 'lnk' is no body or site of it. Did you mean 'link'"),
-        (one_joint_model(BALL), {"viscous": -1.0}, r"viscous: got \[-1.0\]; each must be at least 0"),
-        (one_joint_model(BALL), {"coulomb": [1.0, 2.0]}, "coulomb: got shape .* one number or 1"),
-        (one_joint_model(BALL), {"payload": -1.0}, "payload: got -1"),
-        (one_joint_model(LIGHT), {}, "singular .* need rotor inertia: give armature=0.1"),
+        ("no markup", r"robot\.xml is no XML file .* needs MJCF or URDF"),
+        ("<sdf/>", r"root <sdf>; needs <mujoco> \(MJCF\) or <robot> \(URDF\)"),
+        (one_joint_model("<ball/>"), r"MuJoCo cannot read .*robot\.xml"),
+        (one_joint_model(BALL, joint="<freejoint name='float'/>"), "joint 'float' is free or a ball"),
+        (one_joint_model(BALL, joint=""), "no hinge or slide joint"),
+        (one_joint_model(LIGHT), "singular .* need rotor inertia: give armature=0.1"),
         (
             one_joint_model('<geom type="mesh" mesh="shell"/>', MESH),
-            {},
             "inertia of body 'link' from the mesh 'shell.stl'",
         ),
     ],
 )
-def test_a_file_at_fault_is_refused_with_the_remedy(
-    text: str, options: dict[str, Any], message: str, tmp_path: Path
-) -> None:
+def test_a_file_at_fault_is_refused_with_the_remedy(text: str, message: str, tmp_path: Path) -> None:
     file = tmp_path / "robot.xml"
     file.write_text(text)
-    with pytest.raises(TarcError, match=message):
+    with pytest.raises(RobotFileError, match=message):
+        MujocoPlant.from_file(file)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"joints": ["hing"]}, "joints: .* has no hinge or slide 'hing'; it has hinge. Did you mean 'hinge'"),
+        ({"joints": []}, "joints: got none; give some of hinge"),
+        ({"tool": "lnk"}, "tool: got 'lnk'; robot.xml has no such body or site. Did you mean 'link'"),
+        ({"viscous": -1.0}, r"viscous: got \[-1.0\]; each must be at least 0"),
+        ({"coulomb": [1.0, 2.0]}, "coulomb: got shape .* one number or 1"),
+        ({"payload": -1.0}, "payload: got -1"),
+    ],
+)
+def test_a_parameter_at_fault_is_refused(options: dict[str, Any], message: str, tmp_path: Path) -> None:
+    file = tmp_path / "robot.xml"
+    file.write_text(one_joint_model(BALL))
+    with pytest.raises(InvalidParameter, match=message) as caught:
         MujocoPlant.from_file(file, **options)
+    assert caught.value.path in options
 
 
 def test_a_missing_file_names_where_it_looked_and_the_nearest_robot() -> None:
-    with pytest.raises(TarcError) as caught:
+    with pytest.raises(RobotFileError) as caught:
         MujocoPlant.from_file("ur5")
     for part in ("'ur5' not found", str(Path("ur5").resolve()), "panda, ur5e", "Did you mean 'ur5e'?"):
         assert part in str(caught.value)
@@ -516,7 +526,7 @@ def test_joints_without_names_get_all_their_parameters(tmp_path: Path) -> None:
     robot = MujocoPlant.from_file(file, armature=[0.1, 0.2])
     assert robot.joint_names == ["joint1", "joint2"]
     assert robot.parameters["armature"].tolist() == [0.1, 0.2]
-    with pytest.raises(TarcError, match="names one of them twice"):
+    with pytest.raises(InvalidParameter, match="names a joint of robot.xml twice"):
         MujocoPlant.from_file(file, joints=["joint1", "joint1"])
 
 
@@ -529,7 +539,7 @@ def test_home_is_in_radians_whatever_the_file_counts_in(tmp_path: Path) -> None:
 def test_negative_masses_cannot_be_scheduled() -> None:
     robot = SHIPPED["ur5e"]
     reference = tarc.signals.Sinusoid(amplitude=0.1, frequency=1.0, offset=robot.home)
-    with pytest.raises(TarcError, match="schedule of 'payload': got -5.0; must be at least 0"):
+    with pytest.raises(InvalidParameter, match="schedule of 'payload': got -5.0; must be at least 0"):
         tarc.simulate(
             robot,
             synchronised_tdc(robot.inertia(robot.home)),

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from tarc import TarcError
+from tarc.core.errors import InvalidParameter
 from tarc.core.tracing import trace
 from tarc.core.trees import pack
 from tarc.signals import (
@@ -349,7 +349,7 @@ def test_what_is_under_way_at_the_start_is_quantised_too() -> None:
     ],
 )
 def test_bad_numbers_are_refused(schedule: Callable[[], object], message: str) -> None:
-    with pytest.raises(TarcError, match=message):
+    with pytest.raises(InvalidParameter, match=message):
         schedule()
 
 
@@ -439,7 +439,7 @@ def test_payload_is_a_schedule_of_the_payload() -> None:
     ],
 )
 def test_bad_input_is_refused_with_the_remedy(attempt: Any, message: str) -> None:
-    with pytest.raises(TarcError, match=message):
+    with pytest.raises(InvalidParameter, match=message):
         attempt()
 
 
@@ -456,10 +456,10 @@ def test_bad_input_is_refused_with_the_remedy(attempt: Any, message: str) -> Non
 def test_a_record_at_fault_is_refused(text: str, message: str, tmp_path: Path) -> None:
     file = tmp_path / "record.csv"
     file.write_text(text)
-    with pytest.raises(TarcError, match=message):
+    with pytest.raises(InvalidParameter, match=message):
         Recorded(path=file)
 
 
 def test_a_missing_record_names_where_it_looked(tmp_path: Path) -> None:
-    with pytest.raises(TarcError, match=rf"no trajectory file .*none\.csv'; looked in {tmp_path}"):
+    with pytest.raises(InvalidParameter, match=rf"no trajectory file .*none\.csv'; looked in {tmp_path}"):
         Recorded(path=tmp_path / "none.csv")

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from tarc import Run, TarcError, estimators, laws, plants, signals, simulate
+from tarc import Run, estimators, laws, plants, signals, simulate
+from tarc.core.errors import InvalidParameter
 from tarc.plants import Pendulum
 
 
@@ -100,7 +101,7 @@ def test_a_gain_that_chatters_at_its_floor_counts_as_still():
 )
 def test_bad_smoothing_is_refused(smooth, message):
     zero = np.zeros((100, 1))
-    with pytest.raises(TarcError, match=message):
+    with pytest.raises(InvalidParameter, match=message):
         run_by_hand(zero, zero, zero[:, 0], zero[:, 0]).metrics(averaging_time=smooth)
 
 
@@ -119,7 +120,7 @@ def test_divergence_ends_early_with_status():
     assert run.data.sizes["time"] < 5000
     assert str(run.status).startswith(f"diverged at {run.status.divergence_time:.3f} s")
     assert np.all(np.isfinite(run.data["torque"]))
-    with pytest.raises(TarcError, match=r"start_time: got 4 s; the run ends at .* \(diverged at"):
+    with pytest.raises(InvalidParameter, match=r"start_time: got 4 s; the run ends at .* \(diverged at"):
         run.metrics(start_time=4.0)
 
 
@@ -161,13 +162,13 @@ def test_save_and_load(tmp_path):
     again = Run.load(run.save(tmp_path / "run.nc"))
     xr.testing.assert_identical(run.data, again.data)
     assert str(again.status) == str(run.status)
-    with pytest.raises(TarcError, match=r"save: got '.*nodir/x.nc'; the folder .*nodir does not exist"):
+    with pytest.raises(InvalidParameter, match=r"save: got '.*nodir/x.nc'; the folder .*nodir does not exist"):
         run.save(tmp_path / "nodir" / "x.nc")
     assert not (tmp_path / "nodir").exists()
-    with pytest.raises(TarcError, match="load: no file"):
+    with pytest.raises(InvalidParameter, match="load: no file"):
         Run.load(tmp_path / "none.nc")
     (tmp_path / "bad.nc").write_text("no netCDF")
-    with pytest.raises(TarcError, match="is no netCDF file"):
+    with pytest.raises(InvalidParameter, match="is no netCDF file"):
         Run.load(tmp_path / "bad.nc")
 
 
@@ -181,7 +182,7 @@ def test_failed_save_keeps_the_old_file(tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(xr.Dataset, "to_netcdf", full)
-    with pytest.raises(TarcError, match="save: cannot write .*: No space left on device"):
+    with pytest.raises(InvalidParameter, match="save: cannot write .*: No space left on device"):
         run.save(target)
     assert target.read_bytes() == before
     assert [file.name for file in tmp_path.iterdir()] == ["run.nc"]
@@ -206,7 +207,7 @@ def test_figures_draw(tmp_path):
     for style in ("screen", "column"):
         run.plot(style, others={"again": run}).savefig(tmp_path / f"{style}.png")
     assert run.plot(style="column").get_figwidth() == 3.5
-    with pytest.raises(TarcError, match="style: got 'poster'; known are screen, column"):
+    with pytest.raises(InvalidParameter, match="style: got 'poster'; known are screen, column"):
         run.plot("poster")
 
 
@@ -238,7 +239,7 @@ def test_a_run_says_what_it_is():
 )
 def test_bad_arguments(options, message):
     given = {"plant": Pendulum(), "law": pendulum_law(), "reference": REFERENCE, "duration": 0.1, **options}
-    with pytest.raises(TarcError, match=message):
+    with pytest.raises(InvalidParameter, match=message):
         simulate(**given)
 
 
@@ -337,5 +338,5 @@ def test_numpy_numbers_are_described_and_saved(tmp_path):
 )
 def test_more_bad_arguments(options, message):
     given = {"plant": Pendulum(), "law": pendulum_law(), "reference": REFERENCE, "duration": 0.1, **options}
-    with pytest.raises(TarcError, match=message):
+    with pytest.raises(InvalidParameter, match=message):
         simulate(**given)

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 
 from tarc.core.codegen import compiled
-from tarc.core.errors import TarcError
+from tarc.core.errors import ControllerNotReset, InvalidParameter
 from tarc.core.tracing import CompiledStep, trace
 from tarc.core.trees import pack
-from tarc.estimators.oracle import refuse_oracle
+from tarc.estimators.oracle import TrueDerivatives
 from tarc.laws.base import Law
 
 log = logging.getLogger("tarc")
@@ -48,8 +48,12 @@ class Controller:
 
     def __init__(self, law: Law, native: bool = False):
         if not isinstance(law, Law):
-            raise TarcError(f"law: got {law!r}; needs one of tarc.laws, constructed")
-        refuse_oracle(law.estimator)
+            raise InvalidParameter(f"law: got {law!r}; needs one of tarc.laws, constructed")
+        if isinstance(law.estimator, TrueDerivatives):
+            raise InvalidParameter(
+                "estimator: got TrueDerivatives, which exists in simulation alone; give the law one that works from "
+                "positions, such as tarc.estimators.Algebraic(window=0.010)"
+            )
         self.law = law
         state, value = law.example()
         function, example = trace(law.step, state, value)
@@ -81,7 +85,7 @@ class Controller:
     def reset(self, initial_position: Any, initial_torque: Any = 0.0) -> None:
         """Start at rest at a measured position (n,) with a torque (n,) already applied.
 
-        Raises `TarcError` for a position that is not finite: wait for a valid sample first.
+        Raises `InvalidParameter` for a position that is not finite: wait for a valid sample first.
         """
         self._call.reset(pack(self.law.init(initial_position, initial_torque)))
         self._call.output[:] = 0
@@ -93,7 +97,7 @@ class Controller:
         A position with NaN or infinity is a missing sample.
         """
         if not self._ready:
-            raise TarcError(
+            raise ControllerNotReset(
                 "Controller.step: called before reset; call reset(position) with the first measured position"
             )
         try:
@@ -106,7 +110,7 @@ class Controller:
             self._acceleration_reference[:] = acceleration_reference
         except (TypeError, ValueError, OverflowError):
             shapes = [np.shape(x) for x in (position, reference, velocity_reference, acceleration_reference)]
-            raise TarcError(
+            raise InvalidParameter(
                 f"Controller.step: got shapes {shapes} for position and references; needs ({self.law.n_joints},) each"
             ) from None
         self._call.step()

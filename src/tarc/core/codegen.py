@@ -12,7 +12,7 @@ from pathlib import Path
 
 import casadi as ca
 
-from tarc.core.errors import MissingTool, TarcError
+from tarc.core.errors import CompilationError, MissingTool
 
 FLAGS = ["-O2", "-fPIC", "-shared"]
 """No fast mathematics: the laws rely on what comparisons with NaN give."""
@@ -48,8 +48,10 @@ def compiled(function: ca.Function) -> ca.Function:
 
     Raises
     ------
-    TarcError
-        When there is no compiler, it fails, or the cache cannot be written.
+    MissingTool
+        When there is no compiler.
+    CompilationError
+        When the compiler fails, or the cache cannot be written.
     """
     generator = ca.CodeGenerator(f"{function.name()}.c")
     generator.add(function)
@@ -69,10 +71,10 @@ def compiled(function: ca.Function) -> ca.Function:
                     raise MissingTool(f"native: there is no compiler {command[0]!r}; correct or unset $CC") from None
                 if done.returncode:
                     words = done.stderr.strip()[-500:] or "it printed nothing"
-                    raise TarcError(f"native: {shlex.join(command[:-4])} failed: {words}")
+                    raise CompilationError(f"native: {shlex.join(command[:-4])} failed: {words}")
                 made.replace(library)
         except OSError as error:
-            raise TarcError(
+            raise CompilationError(
                 f"native: cannot compile into {library.parent}: {error.strerror or error}; set XDG_CACHE_HOME to a "
                 "folder that can be written, or leave native out"
             ) from None

@@ -1,4 +1,4 @@
-"""Frozen parameter classes that refuse unknown and missing keywords with a helpful `TarcError`."""
+"""Frozen parameter classes that refuse unknown and missing keywords with a helpful `InvalidParameter`."""
 
 import inspect
 from abc import ABCMeta
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tarc.core import validation as check
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter
 
 
 class _Checked(ABCMeta):
@@ -42,12 +42,12 @@ def _check_keywords(kind: Any, args: tuple[Any, ...], keywords: dict[str, Any]) 
     known = {field.name: field for field in fields(kind) if field.init}
     label = kind.__name__
     if args:
-        raise TarcError(f"{label}: takes its parameters by name; it has {', '.join(known)}")
+        raise InvalidParameter(f"{label}: takes its parameters by name; it has {', '.join(known)}")
     for name in keywords:
         if name not in known:
-            raise TarcError(
+            raise InvalidParameter(
                 f"{label}: unknown parameter {name!r}; it has {', '.join(known)}.{check.did_you_mean(name, known)}"
             )
     for name, field in known.items():
         if name not in keywords and field.default is MISSING and field.default_factory is MISSING:
-            raise TarcError(f"{label}: parameter {name!r} is missing; see help(tarc) or `tarc show {label}`")
+            raise InvalidParameter(f"{label}: parameter {name!r} is missing; see help(tarc) or `tarc show {label}`")

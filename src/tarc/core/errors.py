@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 
 class TarcError(Exception):
-    """Bad input: the message says what came, what is allowed and what to do."""
+    """Base of all errors: the message says what came, what is allowed and what to do."""
 
 
 class InvalidParameter(TarcError, ValueError):
@@ -27,7 +27,7 @@ class UnsupportedLaw(TarcError, TypeError):
 
 
 class NotLinearisable(TarcError):
-    """A law has no linearisation at rest."""
+    """A law has no linearisation at rest, or an estimator has no transfer function."""
 
 
 class NoStableRatio(TarcError):
@@ -95,6 +95,14 @@ class ScenarioError(TarcError, ValueError):
 
 class MissingTool(TarcError, ImportError):
     """A library or a compiler is not installed: the message says what needs it and how to install it."""
+
+
+class CompilationError(TarcError, RuntimeError):
+    """A C compiler fails, or its output cannot be written."""
+
+
+class ControllerNotReset(TarcError, RuntimeError):
+    """A controller is stepped before its first reset."""
 
 
 class DesignWarning(UserWarning):

@@ -1,4 +1,4 @@
-"""Checks of user input: each returns the value as an array or number, or raises `TarcError` with the remedy."""
+"""Checks of user input: each returns the value as an array or number, or raises `InvalidParameter` with the remedy."""
 
 import difflib
 from collections.abc import Iterable, Sequence
@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from tarc.core.errors import InvalidParameter, TarcError
+from tarc.core.errors import InvalidParameter
 from tarc.core.types import Array
 
 Numbers = float | Sequence[float] | np.ndarray
@@ -90,7 +90,7 @@ def square(name: str, value: Any, size: int) -> Array:
     if result.ndim < 2:
         result = np.diag(vector(name, result, size))
     if result.shape != (size, size):
-        raise TarcError(
+        raise InvalidParameter(
             f"{name}: got shape {result.shape}; needs one number, {size} numbers or a {size} by {size} matrix"
         )
     return result
@@ -101,14 +101,14 @@ def positive_definite(name: str, value: Any, size: int) -> Array:
     result = square(name, value, size)
     scale = np.max(np.abs(result))
     if not np.allclose(result, result.T, rtol=0, atol=1e-9 * scale):
-        raise TarcError(
+        raise InvalidParameter(
             f"{name}: got {result.tolist()}, which is not symmetric; use its symmetric part (A + A.T) / 2 if it "
             "was meant to be"
         )
     result = (result + result.T) / 2
     least = float(np.linalg.eigvalsh(result)[0])
     if not least > 1e-12 * scale:
-        raise TarcError(
+        raise InvalidParameter(
             f"{name}: its smallest eigenvalue is {least:.3g}; needs a positive definite matrix. Take the diagonal, "
             "or raise its small entries"
         )
@@ -121,7 +121,7 @@ def whole_periods(name: str, value: Any, period: float) -> int:
     count = round(duration / period)
     if count < 1 or abs(duration / period - count) > 1e-6:
         near = max(count, 1) * period
-        raise TarcError(
+        raise InvalidParameter(
             f"{name}: got {duration:g} s, which is no whole multiple of the period {period:g} s; "
             f"the nearest is {near:g} s"
         )

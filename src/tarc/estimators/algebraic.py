@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tarc.core import validation as check
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter
 from tarc.estimators.base import WindowedEstimator
 
 
@@ -29,7 +29,7 @@ class Algebraic(WindowedEstimator):
 
     Raises
     ------
-    TarcError
+    InvalidParameter
         When the window holds fewer than degree + 1 samples or is no multiple of the period.
 
     References
@@ -51,7 +51,7 @@ class Algebraic(WindowedEstimator):
         check.number("window", self.window, 0, strict=True)
         object.__setattr__(self, "degree", check.integer("degree", self.degree, 1, 6))
         if self.period is not None and self.samples < self.degree + 1:
-            raise TarcError(
+            raise InvalidParameter(
                 f"window: {self.window:g} s holds {self.samples} samples at a period of {self.period:g} s; degree "
                 f"{self.degree} needs {self.degree + 1}. Use window={self.degree * self.period:g} or more, or a "
                 "lower degree"
@@ -74,7 +74,9 @@ class Algebraic(WindowedEstimator):
         the paper prints in the sum belongs to the convention with q(t−ψ) and is left out.
         """
         if derivative not in range(self.degree + 1):
-            raise TarcError(f"derivative: got {derivative!r}; a kernel of degree {self.degree} has 0 to {self.degree}")
+            raise InvalidParameter(
+                f"derivative: got {derivative!r}; a kernel of degree {self.degree} has 0 to {self.degree}"
+            )
         n, j = self.degree, derivative
         psi = np.asarray(psi, dtype=float)
         scale = factorial(n + 1 + j) / (self.window ** (j + 1) * factorial(j) * factorial(n - j))

@@ -10,7 +10,7 @@ import numpy as np
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
 from tarc.core.component import Component
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter
 from tarc.core.system import System
 from tarc.core.types import Vector
 
@@ -51,7 +51,7 @@ class Estimator(Component, System):
         if self.period == period:
             return self
         if self.period is not None and abs(self.period - period) > 1e-9 * period:
-            raise TarcError(
+            raise InvalidParameter(
                 f"estimator: it is set to a period of {self.period:g} s, the law runs at {period:g} s; leave the "
                 "estimator's period out"
             )
@@ -59,9 +59,9 @@ class Estimator(Component, System):
 
     @property
     def sampling_period(self) -> float:
-        """Return the period [s]; raise `TarcError` if it is not set."""
+        """Return the period [s]; raise `InvalidParameter` if it is not set."""
         if self.period is None:
-            raise TarcError(
+            raise InvalidParameter(
                 f"{type(self).__name__}: it has no period yet; use .with_period(1e-3), or a law, which sets it"
             )
         return self.period
@@ -88,10 +88,12 @@ class Estimator(Component, System):
         """Take the newest position, shape (n,); NaN or infinite elements are replaced by a prediction."""
 
     def _order(self, derivative: int) -> int:
-        """Return the derivative if it is estimated, else raise `TarcError`."""
+        """Return the derivative if it is estimated, else raise `InvalidParameter`."""
         if derivative not in range(self.max_derivative + 1):
             kind = type(self).__name__
-            raise TarcError(f"derivative: got {derivative!r}; {kind} estimates orders 0 to {self.max_derivative}")
+            raise InvalidParameter(
+                f"derivative: got {derivative!r}; {kind} estimates orders 0 to {self.max_derivative}"
+            )
         return derivative
 
     def frequency_response(self, frequency: Any, derivative: int = 1) -> np.ndarray:

@@ -7,7 +7,7 @@ import numpy as np
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter, NotLinearisable
 from tarc.core.types import Vector
 from tarc.core.validation import array
 from tarc.estimators.base import Estimate, Estimator, TorqueAverage
@@ -63,16 +63,19 @@ class RobustDifferentiator(Estimator):
         return 2
 
     def transfer_function(self, derivative: int) -> tuple[np.ndarray, np.ndarray]:
-        """Raise `TarcError`: the differentiator is nonlinear."""
+        """Return 1 for derivative 0; raise `NotLinearisable` for the others, since the differentiator is nonlinear."""
         if self._order(derivative) == 0:
             return np.ones(1), np.ones(1)
-        raise TarcError(
+        raise NotLinearisable(
             "RobustDifferentiator: it is nonlinear and has no transfer function; simulate it, or use Kalman or HighGain"
         )
 
     def matched_torque_filter(self) -> TorqueAverage:
-        """Raise `TarcError`: no linear filter has the delay of a nonlinear estimate."""
-        raise TarcError("RobustDifferentiator: it has no averaged torque to go with it; use synchronised=False")
+        """Raise `InvalidParameter`: no linear filter has the delay of a nonlinear estimate."""
+        raise InvalidParameter(
+            "synchronised: RobustDifferentiator is nonlinear, so that no filter of the torque has its delay; use "
+            "synchronised=False"
+        )
 
     def init(self, position: Any) -> DifferentiatorState:
         """Return the state at rest at the first position, shape (n,)."""

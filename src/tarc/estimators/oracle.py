@@ -7,7 +7,7 @@ import numpy as np
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter, NotLinearisable
 from tarc.core.types import Vector
 from tarc.estimators.base import Estimate, Estimator, TorqueAverage
 
@@ -30,9 +30,10 @@ class TrueDerivatives(Estimator):
 
     Raises
     ------
-    TarcError
-        By `tarc.Controller`, by the certificates of the loop, with ``synchronised=True``, and by the methods that
-        need a transfer function.
+    InvalidParameter
+        By `tarc.Controller`, and with ``synchronised=True``.
+    NotLinearisable
+        By the certificates of a loop, and by the methods that need a transfer function.
     """
 
     @property
@@ -44,15 +45,14 @@ class TrueDerivatives(Estimator):
         """None: the truth is not made from positions."""
         if self._order(derivative) == 0:
             return np.ones(1), np.ones(1)
-        raise TarcError(
+        raise NotLinearisable(
             "TrueDerivatives: it exists in simulation alone, makes nothing from positions and has no transfer function"
         )
 
     def matched_torque_filter(self) -> TorqueAverage:
         """None: the truth is of one period, with nothing to average."""
-        raise TarcError(
-            "TrueDerivatives: it exists in simulation alone, where the literal law is in step with it already; "
-            "use synchronised=False"
+        raise InvalidParameter(
+            "synchronised: TrueDerivatives has no delay that past torques could be given; use synchronised=False"
         )
 
     def init(self, position: Any) -> OracleState:
@@ -68,9 +68,9 @@ class TrueDerivatives(Estimator):
 
 
 def refuse_oracle(estimator: Estimator) -> None:
-    """Raise `TarcError` for the oracle, where no simulation sets the true derivatives."""
+    """Raise `NotLinearisable` for the oracle, whose estimates do not come from positions."""
     if isinstance(estimator, TrueDerivatives):
-        raise TarcError(
+        raise NotLinearisable(
             "estimator: TrueDerivatives exists in simulation alone, where tarc.simulate hands it the truth; give the "
             "law one that works from positions, such as tarc.estimators.Algebraic(window=0.010)"
         )

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter
 from tarc.core.types import Vector
 from tarc.laws.switching import Switching
 
@@ -39,7 +39,7 @@ class ASMC(Switching):
 
     Raises
     ------
-    TarcError
+    InvalidParameter
         For a speed, threshold or floor that is not above zero, and a cap below the initial gain.
 
     Notes
@@ -69,7 +69,9 @@ class ASMC(Switching):
         for name in ("adaptation_rate", "threshold", "min_gain"):
             check.number(name, getattr(self, name), 0, strict=True)
         if self.max_gain is not None and not check.number("max_gain", self.max_gain) >= self.start_gain:
-            raise TarcError(f"max_gain: got {self.max_gain:g}; needs at least the initial gain {self.start_gain:g}")
+            raise InvalidParameter(
+                f"max_gain: got {self.max_gain:g}; needs at least the initial gain {self.start_gain:g}"
+            )
 
     @property
     def start_gain(self) -> float:

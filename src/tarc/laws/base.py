@@ -12,7 +12,7 @@ import numpy as np
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
 from tarc.core.component import Component
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter
 from tarc.core.system import System
 from tarc.core.types import Vector
 from tarc.core.validation import Numbers
@@ -100,7 +100,7 @@ class Law(Component, System):
         check.number("period", self.period, 0, strict=True)
         check.integer("max_missing", self.max_missing)
         if not isinstance(self.estimator, Estimator):
-            raise TarcError(
+            raise InvalidParameter(
                 f"estimator: got {self.estimator!r}; needs one of tarc.estimators, such as "
                 "tarc.estimators.Algebraic(window=0.010, degree=2)"
             )
@@ -216,8 +216,8 @@ class Law(Component, System):
             numbers, symbols = function(np.zeros(self.n_joints)), function(ca.SX.sym("q", self.n_joints))
             fits = np.shape(numbers) == (self.n_joints,) and ca.SX(symbols).shape == (self.n_joints, 1)
         except Exception as error:  # whatever a user's function may raise
-            raise TarcError(
-                f"safe_torque: it fails with {type(error).__name__}, {str(error).splitlines()[0]}; {needs}"
-            ) from None
+            raise InvalidParameter(
+                f"safe_torque: it fails with {type(error).__name__}, {str(error).partition(chr(10))[0]}; {needs}"
+            ) from error
         if not fits:
-            raise TarcError(f"safe_torque: it gives {numbers!r} at zero; {needs}")
+            raise InvalidParameter(f"safe_torque: it gives {numbers!r} at zero; {needs}")

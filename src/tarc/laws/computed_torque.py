@@ -36,7 +36,7 @@ class ComputedTorque(ModelBased):
 
     Raises
     ------
-    TarcError
+    InvalidParameter
         For a model that is no robot of `tarc.plants`.
 
     References

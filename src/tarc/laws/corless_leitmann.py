@@ -8,7 +8,7 @@ import numpy as np
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter
 from tarc.core.types import Vector
 from tarc.laws.base import ControlInput
 from tarc.laws.lyapunov import solution
@@ -46,7 +46,7 @@ class CorlessLeitmann(PolePlacement):
 
     Raises
     ------
-    TarcError
+    InvalidParameter
         For a model of another number of joints.
 
     References
@@ -64,9 +64,9 @@ class CorlessLeitmann(PolePlacement):
         check.number("uncertainty_bound", self.uncertainty_bound, 0)
         check.number("boundary_layer", self.boundary_layer, 0, strict=True)
         if self.model is not None and not isinstance(self.model, Plant):
-            raise TarcError(f"model: got {self.model!r}; needs one of tarc.plants, or None")
+            raise InvalidParameter(f"model: got {self.model!r}; needs one of tarc.plants, or None")
         if self.model is not None and self.model.n_joints != self.n_joints:
-            raise TarcError(
+            raise InvalidParameter(
                 f"model: it has {self.model.n_joints} joints, the inertia {self.n_joints}; they must be the same"
             )
 

@@ -40,7 +40,7 @@ class IVF(TDE):
 
     Raises
     ------
-    TarcError
+    InvalidParameter
         For a Γ below zero, and a cap that is not above zero.
 
     Notes

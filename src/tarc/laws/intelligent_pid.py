@@ -51,7 +51,7 @@ class IntelligentPID(PolePlacement):
 
     Raises
     ------
-    TarcError
+    InvalidParameter
         For a window that is no multiple of the period, or shorter than two periods.
 
     References

@@ -8,7 +8,7 @@ import numpy as np
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter
 from tarc.core.types import Vector
 from tarc.laws.base import ControlInput
 from tarc.laws.tde import TDE, TDEState
@@ -39,7 +39,7 @@ class TDCIM(TDE):
 
     Raises
     ------
-    TarcError
+    InvalidParameter
         For a λ below one period.
 
     Notes
@@ -61,7 +61,9 @@ class TDCIM(TDE):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not check.number("time_constant", self.time_constant, 0, strict=True) >= self.period:
-            raise TarcError(f"time_constant: got {self.time_constant:g} s; needs at least the period {self.period:g} s")
+            raise InvalidParameter(
+                f"time_constant: got {self.time_constant:g} s; needs at least the period {self.period:g} s"
+            )
 
     @cached_property
     def inverse(self) -> np.ndarray:

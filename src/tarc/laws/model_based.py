@@ -11,7 +11,7 @@ import numpy as np
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter
 from tarc.core.types import Vector
 from tarc.core.validation import Numbers
 from tarc.laws.base import ControlInput, Law
@@ -36,7 +36,7 @@ class ModelBased(Law):
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, Plant):
-            raise TarcError(f"model: got {self.model!r}; needs one of tarc.plants, such as the robot itself")
+            raise InvalidParameter(f"model: got {self.model!r}; needs one of tarc.plants, such as the robot itself")
         super().__post_init__()
         _ = self.omega
 
@@ -116,7 +116,7 @@ def _called(model: Plant) -> ca.Function:
     from tarc.plants.mujoco import MujocoPlant
 
     if not isinstance(model, MujocoPlant):
-        raise TarcError(f"model: got {type(model).__name__}; needs a robot of tarc.plants")
+        raise InvalidParameter(f"model: got {type(model).__name__}; needs a robot of tarc.plants")
     _LIVE_CALLBACKS.append(_RigidBodyCallback(model))
     q, v = ca.MX.sym("q", model.n_joints), ca.MX.sym("v", model.n_joints)
     return ca.Function("robot_model", [q, v], _LIVE_CALLBACKS[-1].call([q, v]), {"never_inline": True})

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter
 from tarc.core.types import Vector
 from tarc.laws.switching import Switching
 
@@ -33,7 +33,7 @@ class MonotoneASMC(Switching):
 
     Raises
     ------
-    TarcError
+    InvalidParameter
         For a growth that is not above zero, a dead zone or initial gain below zero, and a cap below the initial gain.
 
     Notes
@@ -58,7 +58,9 @@ class MonotoneASMC(Switching):
         check.number("adaptation_rate", self.adaptation_rate, 0, strict=True)
         check.number("dead_zone", self.dead_zone, 0)
         if self.max_gain is not None and not check.number("max_gain", self.max_gain) >= self.start_gain:
-            raise TarcError(f"max_gain: got {self.max_gain:g}; needs at least the initial gain {self.start_gain:g}")
+            raise InvalidParameter(
+                f"max_gain: got {self.max_gain:g}; needs at least the initial gain {self.start_gain:g}"
+            )
 
     @property
     def start_gain(self) -> float:

@@ -37,7 +37,7 @@ class NonsingularTerminal(TDE):
 
     Raises
     ------
-    TarcError
+    InvalidParameter
         For exponents out of their range, a scale or boundary that is not above zero, and a gain below zero.
 
     Notes

@@ -7,7 +7,7 @@ from typing import Any, Self
 import numpy as np
 
 from tarc.core import validation as check
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter
 from tarc.core.types import Vector
 from tarc.core.validation import Matrix, Numbers
 from tarc.laws.base import ControlInput, Law
@@ -31,7 +31,7 @@ class PolePlacement(Law):
 
     Raises
     ------
-    TarcError
+    InvalidParameter
         For an M̂ that is not positive definite, and gains that leave A = [0 I; −K1 −K2] not Hurwitz.
     """
 
@@ -46,7 +46,7 @@ class PolePlacement(Law):
         _ = self.M
         growth = float(np.max(np.linalg.eigvals(self.A).real))
         if growth >= 0:
-            raise TarcError(
+            raise InvalidParameter(
                 f"position_gain, velocity_gain: A = [0 I; -K1 -K2] is not Hurwitz, an eigenvalue has real part "
                 f"{growth:.3g}; "
                 "give a natural frequency instead, or symmetric positive definite K1 and K2"
@@ -67,7 +67,7 @@ class PolePlacement(Law):
         """Stiffness [1/s²], shape (n, n)."""
         if self.position_gain is not None:
             if self.natural_frequency is not None:
-                raise TarcError(
+                raise InvalidParameter(
                     "natural_frequency, position_gain: both are given; K1 = natural_frequency², so give one of them"
                 )
             return check.square("position_gain", self.position_gain, self.n_joints)
@@ -78,7 +78,7 @@ class PolePlacement(Law):
         """Viscosity [1/s], shape (n, n)."""
         if self.velocity_gain is not None:
             if np.any(np.asarray(self.damping_ratio) != 1.0):
-                raise TarcError(
+                raise InvalidParameter(
                     "damping_ratio, velocity_gain: both are given; K2 = 2 damping_ratio natural_frequency, so give "
                     "one of them"
                 )
@@ -89,7 +89,9 @@ class PolePlacement(Law):
     @cached_property
     def _omega(self) -> np.ndarray:
         if self.natural_frequency is None:
-            raise TarcError("natural_frequency: missing; give it [rad/s], or both position_gain and velocity_gain")
+            raise InvalidParameter(
+                "natural_frequency: missing; give it [rad/s], or both position_gain and velocity_gain"
+            )
         return check.vector("natural_frequency", self.natural_frequency, self.n_joints, 0, strict=True)
 
     @property

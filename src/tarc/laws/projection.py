@@ -10,7 +10,7 @@ import numpy as np
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter
 from tarc.core.types import Vector
 from tarc.laws.base import ControlInput
 from tarc.laws.model_based import ModelBased
@@ -65,7 +65,7 @@ class ProjectionARC(ModelBased):
 
     Raises
     ------
-    TarcError
+    InvalidParameter
         For a model that is no `EulerLagrange`, unknown parameters, dynamics that are not affine in them, bounds that
         are not in order or leave the model's own value out.
 
@@ -89,7 +89,7 @@ class ProjectionARC(ModelBased):
         check.number("boundary_layer", self.boundary_layer, 0, strict=True)
         model = self.robot
         if not isinstance(self.parameter_bounds, dict) or not self.parameter_bounds:
-            raise TarcError(
+            raise InvalidParameter(
                 f"parameter_bounds: got {self.parameter_bounds!r}; needs least and greatest by name, such as "
                 f"masses: [0.5, 2]"
             )
@@ -98,7 +98,7 @@ class ProjectionARC(ModelBased):
             low, high = check.vector(f"bounds of {name}", pair, 2)
             own = model.parameters[name]
             if not (low < high and np.all(own >= low) and np.all(own <= high)):
-                raise TarcError(f"bounds of {name}: got {low:g} to {high:g}; the model's own is {own.tolist()}")
+                raise InvalidParameter(f"bounds of {name}: got {low:g} to {high:g}; the model's own is {own.tolist()}")
         _ = self.model_torque
 
     def linearisation_constants(self, gain: float) -> dict[str, float | None]:
@@ -109,7 +109,7 @@ class ProjectionARC(ModelBased):
     def robot(self) -> EulerLagrange:
         """The model, which must have energies."""
         if not isinstance(self.model, EulerLagrange):
-            raise TarcError(
+            raise InvalidParameter(
                 f"model: got {self.model!r}; this law differentiates the model with respect to its parameters, which "
                 "needs one from energies, such as TwoLinkArm or NLinkArm"
             )
@@ -152,7 +152,7 @@ class ProjectionARC(ModelBased):
         torque = at("inertia", q) @ acceleration + at("coriolis", q, v) @ rate + at("gravity", q)
         torque += at("friction", q, rate)
         if not ca.is_linear(torque, p):
-            raise TarcError(
+            raise InvalidParameter(
                 f"parameter_bounds: the dynamics of {type(model).__name__} are not affine in "
                 f"{', '.join(self.parameter_bounds)} together; "
                 "leave out those that multiply the others, such as lengths where there are masses"

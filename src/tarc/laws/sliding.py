@@ -26,7 +26,7 @@ class SlidingMode(Switching):
 
     Raises
     ------
-    TarcError
+    InvalidParameter
         For a gain below zero, and a boundary or surface that is not above zero.
 
     Notes

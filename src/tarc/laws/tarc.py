@@ -8,7 +8,7 @@ import numpy as np
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter
 from tarc.core.types import Vector
 from tarc.core.validation import Matrix
 from tarc.laws.base import ControlInput
@@ -56,7 +56,7 @@ class TARC(TDE):
 
     Raises
     ------
-    TarcError
+    InvalidParameter
         When ĉ(0) ≤ γ, α < 1, or P3 P2ᵀ is not positive definite (condition (c2)).
 
     References
@@ -79,15 +79,17 @@ class TARC(TDE):
             check.number(name, getattr(self, name), 0, strict=True)
         check.number("gain_factor", self.gain_factor, 1.0)
         if not self.start_gain > self.min_gain:
-            raise TarcError(
+            raise InvalidParameter(
                 f"initial_gain: got {self.start_gain:g}, which is not above min_gain {self.min_gain:g}; the "
                 "adaptive law needs ĉ(0) > γ. Raise initial_gain or lower min_gain"
             )
         if self.max_gain is not None and not check.number("max_gain", self.max_gain) >= self.start_gain:
-            raise TarcError(f"max_gain: got {self.max_gain:g}; needs at least the initial gain {self.start_gain:g}")
+            raise InvalidParameter(
+                f"max_gain: got {self.max_gain:g}; needs at least the initial gain {self.start_gain:g}"
+            )
         product = self.P3 @ self.P2.T
         if np.linalg.eigvalsh(product + product.T)[0] <= 0:
-            raise TarcError(
+            raise InvalidParameter(
                 "lyapunov_weight: P3 P2ᵀ is not positive definite, so condition (c2) fails; use a block-diagonal "
                 "weight Q, "
                 "such as the default"

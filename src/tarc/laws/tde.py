@@ -8,7 +8,7 @@ import numpy as np
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter
 from tarc.core.types import Vector
 from tarc.estimators.oracle import TrueDerivatives
 from tarc.laws.base import ControlInput
@@ -47,7 +47,7 @@ class TDE(PolePlacement):
 
     Raises
     ------
-    TarcError
+    InvalidParameter
         For an estimator without acceleration, and a delay that is no multiple of the period.
     """
 
@@ -57,12 +57,12 @@ class TDE(PolePlacement):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.uses_tde and self.estimator.max_derivative < 2:
-            raise TarcError(
+            raise InvalidParameter(
                 f"estimator: {self.estimator} gives no acceleration, which time-delay estimation needs; use degree 2 "
                 "or more"
             )
         if self.delay_periods != 1 and self.synchronised:
-            raise TarcError(
+            raise InvalidParameter(
                 f"delay: got {self.delay} s with synchronised=True, whose averaged torque has the window's own delay; "
                 "leave the delay out, or use synchronised=False"
             )

@@ -36,7 +36,7 @@ class TerminalSliding(TDE):
 
     Raises
     ------
-    TarcError
+    InvalidParameter
         For an exponent outside ½ to 1, a scale, boundary or cap that is not above zero, and κ below zero.
 
     Notes

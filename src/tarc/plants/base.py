@@ -6,7 +6,7 @@ from typing import Any, Self
 import numpy as np
 
 from tarc.core import validation as check
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter
 
 
 class Plant(ABC):
@@ -120,7 +120,7 @@ class Plant(ABC):
         """Mean of M(q) over the columns of positions (n, k): the nominal inertia along a path, shape (n, n)."""
         columns = check.array("positions", positions)
         if columns.ndim != 2 or columns.shape[0] != self.n_joints:
-            raise TarcError(
+            raise InvalidParameter(
                 f"positions: got shape {columns.shape}; needs ({self.n_joints}, k), one position per column"
             )
         return np.mean([self.inertia(column) for column in columns.T], axis=0)

@@ -12,7 +12,7 @@ import numpy as np
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
 from tarc.core.component import Component
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter
 from tarc.plants.base import Plant
 
 
@@ -53,18 +53,18 @@ class EulerLagrange(Component, Plant):
         q = np.linspace(0.1, 1.1, self.n_joints)
         M = self.inertia(q)
         if not np.isfinite(self.evaluate("energy", q, q)):
-            raise TarcError(
+            raise InvalidParameter(
                 f"{type(self).__name__}: its energy is not a number at q = {q.round(2).tolist()}; write the "
                 "energies with CasADi's functions, such as casadi.sin, not with those of math"
             )
         if not np.all(np.isfinite(M)) or np.linalg.eigvalsh(M)[0] <= 0:
-            raise TarcError(
+            raise InvalidParameter(
                 f"{type(self).__name__}: its inertia matrix is not positive definite at q = {q.round(2).tolist()}; "
                 "check masses, lengths and inertias"
             )
 
     def validate(self) -> None:
-        """Check the fields, with a `TarcError` that names the one at fault; nothing unless overridden."""
+        """Check the fields, with a `InvalidParameter` that names the one at fault; nothing unless overridden."""
 
     @property
     def parameters(self) -> dict[str, np.ndarray]:

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from tarc.core import validation as check
-from tarc.core.errors import TarcError
+from tarc.core.errors import RobotFileError
 from tarc.core.validation import Numbers
 from tarc.plants.base import Plant
 from tarc.plants.robot_file import (
@@ -69,7 +69,7 @@ class MujocoPlant(Plant):
         if not values[0] > 1e-9:
             loosest = int(np.argmax(np.abs(vectors[:, 0])))
             link = self.model.body(int(self.model.jnt_bodyid[loosest])).name
-            raise TarcError(
+            raise RobotFileError(
                 f"{label}: its inertia matrix is singular (smallest eigenvalue {values[0]:.2g}): link {link!r} has no "
                 f"inertia about its joint {self.joint_names[loosest]}; such links need rotor inertia: give "
                 "armature=0.1, or one number per joint, or correct the link's <inertial>"
@@ -121,9 +121,11 @@ class MujocoPlant(Plant):
 
         Raises
         ------
-        TarcError
-            For a file that is missing or does not read, unknown joints, free or ball joints that are not locked, and
-            an inertia matrix that is singular.
+        RobotFileError
+            For a file that is missing or does not read, free or ball joints that are not locked, and an inertia matrix
+            that is singular.
+        InvalidParameter
+            For joints or a tool that the file does not have, and for negative parameters.
         """
         file = find_robot(path)
         with without_log_file():

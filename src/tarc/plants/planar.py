@@ -7,7 +7,7 @@ import casadi as ca
 import numpy as np
 
 from tarc.core import validation as check
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter
 from tarc.core.validation import Numbers
 from tarc.plants.euler_lagrange import EulerLagrange, joint_friction
 
@@ -112,7 +112,7 @@ class TwoLinkArm(PlanarArm):
     def validate(self) -> None:
         """Check the parameters."""
         if np.size(self.masses) != 2:
-            raise TarcError(f"masses: got {self.masses!r}; a two-link arm has 2. For more use NLinkArm")
+            raise InvalidParameter(f"masses: got {self.masses!r}; a two-link arm has 2. For more use NLinkArm")
         super().validate()
 
 

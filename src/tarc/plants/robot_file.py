@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 
 from tarc.core import validation as check
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter, RobotFileError
 
 
 def shipped_robots() -> list[str]:
@@ -34,7 +34,7 @@ def find_robot(path: str | Path) -> Path:
         if candidate.is_file() and (candidate == here or len(here.parts) == 1):
             return candidate
     names = [name.removesuffix(".xml") for name in shipped_robots()]
-    raise TarcError(
+    raise RobotFileError(
         f"robot file: {str(path)!r} not found; looked for {here.resolve()} and among the shipped robots "
         f"({', '.join(names)}).{check.did_you_mean(here.stem, names)}"
     )
@@ -57,12 +57,12 @@ def compile_model(spec: mujoco.MjSpec, label: str) -> mujoco.MjModel:
         return spec.compile()
     except ValueError as error:
         if "mjMINVAL" not in str(error):
-            raise TarcError(_refused(spec, label, error)) from None
+            raise RobotFileError(_refused(spec, label, error)) from None
     spec.compiler.boundmass, spec.compiler.boundinertia = 1e-9, 1e-12
     try:
         return spec.compile()
     except ValueError as error:
-        raise TarcError(_refused(spec, label, error)) from None
+        raise RobotFileError(_refused(spec, label, error)) from None
 
 
 def _refused(spec: mujoco.MjSpec, label: str, error: ValueError) -> str:
@@ -97,19 +97,19 @@ def check_links(spec: mujoco.MjSpec, label: str) -> None:
     """Refuse masses and inertias below zero and ranges the wrong way round, which MuJoCo lets pass."""
     for body in spec.bodies:
         if body.explicitinertial and not (np.isfinite(body.mass) and body.mass >= 0):
-            raise TarcError(
+            raise RobotFileError(
                 f"{label}: link {body.name!r} has the mass {body.mass:g} kg; needs a number of at least 0. Correct its "
                 "<inertial>"
             )
         moments = _moments(body)
         if moments[0] < -1e-9 * moments[-1] or moments[-1] < 0:
-            raise TarcError(
+            raise RobotFileError(
                 f"{label}: the inertia of link {body.name!r} is that of no body: its principal moments are "
                 f"{format_vector(moments, 4)} kg m² and none may be below 0. {_INERTIA}"
             )
     for joint in spec.joints:
         if joint.range[0] > joint.range[1]:
-            raise TarcError(
+            raise RobotFileError(
                 f"{label}: the range of joint {joint.name!r} goes from {joint.range[0]:g} to {joint.range[1]:g}; needs "
                 "the lower end first"
             )
@@ -126,18 +126,18 @@ def _parsed(file: Path) -> ET.Element:
     try:
         content = file.read_bytes()
     except OSError as error:
-        raise TarcError(f"robot file: {file} cannot be read: {error.strerror or error}") from None
+        raise RobotFileError(f"robot file: {file} cannot be read: {error.strerror or error}") from None
     if not content.strip():
-        raise TarcError(f"robot file: {file} is empty; {needs}")
+        raise RobotFileError(f"robot file: {file} is empty; {needs}")
     try:
         root = ET.fromstring(content)
     except (ET.ParseError, ValueError, LookupError) as error:
-        raise TarcError(f"robot file: {file} is no XML file ({error}); {needs}") from None
+        raise RobotFileError(f"robot file: {file} is no XML file ({error}); {needs}") from None
     if root.tag not in ("robot", "mujoco"):
-        raise TarcError(f"robot file: {file} has root <{root.tag}>; needs <mujoco> (MJCF) or <robot> (URDF)")
+        raise RobotFileError(f"robot file: {file} has root <{root.tag}>; needs <mujoco> (MJCF) or <robot> (URDF)")
     if any("xacro}" in str(element.tag) for element in root.iter()):
         made = "robot.urdf" if file.name != "robot.urdf" else "plain.urdf"
-        raise TarcError(
+        raise RobotFileError(
             f"robot file: {file} is a template of xacro; make a URDF of it first: xacro {file.name} > {made}"
         )
     return root
@@ -153,14 +153,14 @@ def _check_tree(root: ET.Element, file: Path) -> None:
         names = [one.get("name", "") for one in root.findall(tag)]
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
-            raise TarcError(
+            raise RobotFileError(
                 f"robot file: {file}: the name {twice!r} stands for more than one {tag}; rename one of them"
             )
     links = [link.get("name", "") for link in root.findall("link")]
     for joint in root.findall("joint"):
         name, kind = joint.get("name"), joint.get("type")
         if kind not in KINDS:
-            raise TarcError(
+            raise RobotFileError(
                 f"robot file: {file}: joint {name!r} is of the type {kind!r}; known are {', '.join(KINDS)}."
                 f"{check.did_you_mean(str(kind), KINDS)}"
             )
@@ -168,7 +168,7 @@ def _check_tree(root: ET.Element, file: Path) -> None:
             part = joint.find(end)
             link = None if part is None else part.get("link")
             if link not in links:
-                raise TarcError(
+                raise RobotFileError(
                     f"robot file: {file}: the {end} of joint {name!r} is {link!r}, and there is no such link."
                     f"{check.did_you_mean(str(link), links)}"
                 )
@@ -189,7 +189,7 @@ def read_specification(file: Path) -> mujoco.MjSpec:
         compiler.set("fusestatic", "false")
         return mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
     except ValueError as error:
-        raise TarcError(f"robot file: MuJoCo cannot read {file}: {_line(error)}") from None
+        raise RobotFileError(f"robot file: MuJoCo cannot read {file}: {_line(error)}") from None
 
 
 def speed_limits(file: Path) -> dict[str, float]:
@@ -226,7 +226,7 @@ def _without_missing_meshes(spec: mujoco.MjSpec, file: Path) -> mujoco.MjSpec:
                 and geom.mass != 0
                 and geom.density != 0
             ):
-                raise TarcError(
+                raise RobotFileError(
                     f"robot file: {file.name} takes the inertia of body {geom.parent.name!r} from the mesh "
                     f"{gone[geom.meshname].file!r}, which is not in {folder}; add the mesh or an <inertial>"
                 )
@@ -249,25 +249,29 @@ def choose_joints(
         loose = [joint.name for joint in spec.joints if joint.type not in plain]
         rest = [name for name in movable if name not in leaders]
         if loose and rest:
-            raise TarcError(
+            raise RobotFileError(
                 f"{label}: joint {loose[0]!r} is free or a ball; a law drives hinges and slides. List the joints to "
                 f"control, the others are locked: joints={rest}, on the command line --joints {','.join(rest)}"
             )
         if loose:
-            raise TarcError(
+            raise RobotFileError(
                 f"{label}: joint {loose[0]!r} is free or a ball, and there are no others; it has no hinge or slide "
                 "joint to control"
             )
         wanted = rest
+    elif movable and not wanted:
+        raise InvalidParameter(f"joints: got none; give some of {', '.join(movable)}, or leave it out", "joints")
     for name in wanted:
         if name not in movable:
-            raise TarcError(
-                f"{label}: no hinge or slide {name!r}; it has {', '.join(movable)}.{check.did_you_mean(name, movable)}"
+            raise InvalidParameter(
+                f"joints: {label} has no hinge or slide {name!r}; it has {', '.join(movable)}."
+                f"{check.did_you_mean(name, movable)}",
+                "joints",
             )
     if len(set(wanted)) < len(wanted):
-        raise TarcError(f"{label}: joints: got {list(wanted)}; names one of them twice")
+        raise InvalidParameter(f"joints: got {list(wanted)}; names a joint of {label} twice", "joints")
     if not wanted:
-        raise TarcError(f"{label}: it has no hinge or slide joint to control")
+        raise RobotFileError(f"{label}: it has no hinge or slide joint to control")
     locked = {joint.name: _why_locked(joint, leaders, plain) for joint in spec.joints if joint.name not in wanted}
     posture = _home(spec)
     for group in (spec.keys, spec.equalities, spec.sensors, spec.tendons):
@@ -336,9 +340,10 @@ def tool_body(spec: mujoco.MjSpec, tool: str, label: str) -> tuple[Any, Any, str
     if tool:
         if tool not in bodies:
             known = [*sites, *(name for name in bodies if name != "world")]
-            raise TarcError(
-                f"{label}: tool {tool!r} is no body or site of it.{check.did_you_mean(tool, known)} It has "
-                f"{', '.join(known)}"
+            raise InvalidParameter(
+                f"tool: got {tool!r}; {label} has no such body or site.{check.did_you_mean(tool, known)} It has "
+                f"{', '.join(known)}",
+                "tool",
             )
         return bodies[tool], [0.0, 0.0, 0.0], f"link {tool}"
     last = list(spec.joints)[-1].parent

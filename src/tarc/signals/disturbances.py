@@ -9,7 +9,7 @@ import numpy as np
 
 from tarc.core import validation as check
 from tarc.core.component import Component
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter
 from tarc.core.validation import Numbers
 
 
@@ -45,7 +45,9 @@ class Step(Disturbance):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not isinstance(self.stop_time, int | float) or not self.stop_time > self.start_time:
-            raise TarcError(f"stop_time: got {self.stop_time!r}; needs a time after start_time = {self.start_time:g}")
+            raise InvalidParameter(
+                f"stop_time: got {self.stop_time!r}; needs a time after start_time = {self.start_time:g}"
+            )
 
     def profile(self, times: np.ndarray, n_joints: int, rng: np.random.Generator) -> np.ndarray:
         """Return one inside the interval, else zero."""
@@ -98,7 +100,7 @@ class BandNoise(Disturbance):
             <= check.number("min_frequency", self.min_frequency)
             < check.number("max_frequency", self.max_frequency)
         ):
-            raise TarcError(
+            raise InvalidParameter(
                 f"min_frequency, max_frequency: got {self.min_frequency:g} and {self.max_frequency:g}; needs "
                 "0 ≤ min_frequency < max_frequency"
             )
@@ -110,7 +112,7 @@ class BandNoise(Disturbance):
         step = times[1] - times[0] if len(times) > 1 else 1.0
         nyquist = np.pi / step
         if self.max_frequency >= nyquist:
-            raise TarcError(
+            raise InvalidParameter(
                 f"max_frequency: got {self.max_frequency:g} rad/s; the plant step {step:g} s allows up to {nyquist:.4g}"
             )
         kind, edges = (
@@ -152,7 +154,7 @@ class Schedule(Component):
         times = np.atleast_1d(check.array("times", self.times))
         count = len(self.values) if isinstance(self.values, Sequence | np.ndarray) else -1
         if times.size == 0 or np.any(np.diff(times) <= 0) or times.size != count:
-            raise TarcError(
+            raise InvalidParameter(
                 f"schedule of {self.parameter!r}: got times {self.times!r} and values {self.values!r}; needs "
                 "increasing times, and a list of one value each"
             )

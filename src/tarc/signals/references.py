@@ -11,7 +11,7 @@ import numpy as np
 
 from tarc.core import validation as check
 from tarc.core.component import Component
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter
 from tarc.core.validation import Numbers, Table
 
 
@@ -102,7 +102,7 @@ class Multisine(Reference):
         if amplitude.ndim == 1:
             amplitude = np.repeat(amplitude[:, None], tones, axis=1)
         if amplitude.shape[1] != tones:
-            raise TarcError(
+            raise InvalidParameter(
                 f"amplitude: got shape {amplitude.shape}; needs (joints, {tones}), one column per frequency"
             )
         n = len(amplitude)
@@ -112,7 +112,7 @@ class Multisine(Reference):
         else:
             phase = check.array("phase", self.phase)
             if phase.shape != amplitude.shape:
-                raise TarcError(f"phase: got shape {phase.shape}; needs {amplitude.shape}, as the amplitude")
+                raise InvalidParameter(f"phase: got shape {phase.shape}; needs {amplitude.shape}, as the amplitude")
         return amplitude, frequency, phase, check.vector("offset", self.offset, n)
 
     @property
@@ -206,11 +206,11 @@ class Quintic(Reference):
         times = np.atleast_1d(check.array("times", self.times))
         points = check.array("points", self.points)
         if points.ndim != 2 or len(points) != len(times) or len(points) < 2:
-            raise TarcError(
+            raise InvalidParameter(
                 f"points: got shape {points.shape} with {len(times)} times; needs (k, n), one row per time, two or more"
             )
         if np.any(np.diff(times) <= 0):
-            raise TarcError(f"times: got {times.tolist()}; must increase")
+            raise InvalidParameter(f"times: got {times.tolist()}; must increase")
         zero = np.zeros(points.shape[1])
         if self.stop_at_points:
             return BPoly.from_derivatives(times, [[point, zero, zero] for point in points])
@@ -253,7 +253,7 @@ class Recorded(Reference):
     def _table(self) -> np.ndarray:
         path = Path(self.path)
         if not path.is_file():
-            raise TarcError(f"path: no trajectory file {str(self.path)!r}; looked in {path.resolve().parent}")
+            raise InvalidParameter(f"path: no trajectory file {str(self.path)!r}; looked in {path.resolve().parent}")
         try:
             if path.suffix == ".npy":
                 table = np.load(path)
@@ -263,12 +263,16 @@ class Recorded(Reference):
                 skip = 1 if any(c.isalpha() and c not in "eE" for c in head) else 0
                 table = np.loadtxt(path, delimiter="," if "," in head else None, skiprows=skip, ndmin=2)
         except (ValueError, EOFError, OSError) as error:
-            raise TarcError(f"path: {path} does not read as numbers ({error}); needs columns time, q1, q2, …") from None
+            raise InvalidParameter(
+                f"path: {path} does not read as numbers ({error}); needs columns time, q1, q2, …"
+            ) from None
         table = check.array(f"path ({path})", table)
         if table.ndim != 2 or table.shape[0] < 6 or table.shape[1] < 2:
-            raise TarcError(f"path: {path} has shape {table.shape}; needs six rows or more, columns time, q1, q2, …")
+            raise InvalidParameter(
+                f"path: {path} has shape {table.shape}; needs six rows or more, columns time, q1, q2, …"
+            )
         if np.any(np.diff(table[:, 0]) <= 0):
-            raise TarcError(f"path: the times in {path} do not increase")
+            raise InvalidParameter(f"path: the times in {path} do not increase")
         return table
 
     @cached_property

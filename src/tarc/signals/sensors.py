@@ -8,7 +8,7 @@ import numpy as np
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
 from tarc.core.component import Component
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter
 from tarc.core.system import System
 from tarc.core.types import Vector
 from tarc.core.validation import Numbers
@@ -52,14 +52,16 @@ class Encoder(Component, System):
 
     def __post_init__(self) -> None:
         if self.bits is not None and self.resolution is not None:
-            raise TarcError("bits, resolution: both are given; give one of them")
+            raise InvalidParameter("bits, resolution: both are given; give one of them")
         check.number("noise", self.noise, 0)
         check.number("span", self.span, 0, strict=True)
         check.number("dropout", self.dropout, 0, high=0.99)
         if self.bits is not None:
             check.integer("bits", self.bits, 1, 52)
         if self.resolution is not None and np.any(check.array("resolution", self.resolution) <= 0):
-            raise TarcError(f"resolution: got {self.resolution!r}; needs numbers above 0, or None for no quantisation")
+            raise InvalidParameter(
+                f"resolution: got {self.resolution!r}; needs numbers above 0, or None for no quantisation"
+            )
         check.integer("delay", self.delay)
 
     @property

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter
 from tarc.core.trees import leaves, names
 from tarc.simulation.closed_loop import LoopOutput
 
@@ -21,7 +21,7 @@ class Record:
 
         Raises
         ------
-        TarcError
+        InvalidParameter
             When two signals have the same name.
         """
         arrays: dict[str, np.ndarray] = {}
@@ -29,7 +29,7 @@ class Record:
         for label, leaf in zip(names(example), leaves(example), strict=True):
             name = label.split(".")[-1]
             if name in arrays:
-                raise TarcError(f"signals: two are called {name!r}; a law's signals need names of their own")
+                raise InvalidParameter(f"signals: two are called {name!r}; a law's signals need names of their own")
             size = int(np.size(leaf))
             block = rows[:, start : start + size]
             arrays[name] = block.reshape(len(rows), *np.shape(leaf)[::-1])

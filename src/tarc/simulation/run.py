@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from tarc.core import validation as check
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter
 from tarc.core.units import unit_for_joints
 from tarc.simulation.quantities import MEASURES
 
@@ -109,7 +109,7 @@ class Run:
 
         Raises
         ------
-        TarcError
+        InvalidParameter
             For a start time after the run's end, and an averaging time that is no multiple of the period or longer
             than the run.
         """
@@ -166,19 +166,21 @@ class Run:
 
         Raises
         ------
-        TarcError
+        InvalidParameter
             For a folder that does not exist, and a file that cannot be written.
         """
         target = Path(path)
         if not target.parent.is_dir():
-            raise TarcError(f"save: got {str(path)!r}; the folder {target.parent} does not exist, create it first")
+            raise InvalidParameter(
+                f"save: got {str(path)!r}; the folder {target.parent} does not exist, create it first"
+            )
         part = target.with_name(f".{target.name}.part")
         try:
             self.data.to_netcdf(part, engine="h5netcdf")
             part.replace(target)
         except OSError as error:
             part.unlink(missing_ok=True)
-            raise TarcError(
+            raise InvalidParameter(
                 f"save: cannot write {target}: {error.strerror or error}; free space or choose another path"
             ) from None
         return target
@@ -189,15 +191,15 @@ class Run:
 
         Raises
         ------
-        TarcError
+        InvalidParameter
             For a file that does not exist, or is no netCDF file of a run.
         """
         if not Path(path).is_file():
-            raise TarcError(f"load: no file {str(path)!r}; looked for {Path(path).resolve()}")
+            raise InvalidParameter(f"load: no file {str(path)!r}; looked for {Path(path).resolve()}")
         try:
             return cls(xr.load_dataset(path, engine="h5netcdf"))
         except (OSError, ValueError) as error:
-            raise TarcError(f"load: {path} is no netCDF file of a run ({error})") from None
+            raise InvalidParameter(f"load: {path} is no netCDF file of a run ({error})") from None
 
     def __repr__(self) -> str:
         measures = self.metrics_or_none()
@@ -222,7 +224,7 @@ class Run:
         data = self.data.sel(time=slice(start_time - 1e-9, None))
         if data.sizes["time"] < 2:
             end = float(self.data["time"].values[-1])
-            raise TarcError(f"start_time: got {start_time:g} s; the run ends at {end:g} s ({self.status})")
+            raise InvalidParameter(f"start_time: got {start_time:g} s; the run ends at {end:g} s ({self.status})")
         return data
 
     @staticmethod
@@ -232,7 +234,7 @@ class Run:
             return 1
         n_averaged = check.whole_periods("averaging_time", averaging_time, period)
         if n_averaged >= n_samples:
-            raise TarcError(
+            raise InvalidParameter(
                 f"averaging_time: got {averaging_time:g} s; the measured part of the run lasts "
                 f"{n_samples * period:g} s, use less"
             )

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tarc.core import validation as check
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter
 from tarc.core.validation import Numbers
 from tarc.laws.base import Law
 from tarc.plants.base import Plant
@@ -65,23 +65,27 @@ def check_compatible(plant: Plant, law: Law, reference: Reference, sensor: Encod
 
     Raises
     ------
-    TarcError
+    InvalidParameter
         For an argument of a wrong type, and for different numbers of joints.
     """
     if not isinstance(plant, EulerLagrange | MujocoPlant):
-        raise TarcError(f"plant: got {plant!r}; needs one of tarc.plants")
+        raise InvalidParameter(f"plant: got {plant!r}; needs one of tarc.plants")
     if not isinstance(law, Law):
-        raise TarcError(f"law: got {law!r}; needs one of tarc.laws, constructed, such as tarc.laws.TDC(inertia=…)")
+        raise InvalidParameter(
+            f"law: got {law!r}; needs one of tarc.laws, constructed, such as tarc.laws.TDC(inertia=…)"
+        )
     if not isinstance(reference, Reference):
-        raise TarcError(f"reference: got {reference!r}; needs one of tarc.signals, such as tarc.signals.Sinusoid(…)")
+        raise InvalidParameter(
+            f"reference: got {reference!r}; needs one of tarc.signals, such as tarc.signals.Sinusoid(…)"
+        )
     if not isinstance(sensor, Encoder):
-        raise TarcError(f"sensor: got {sensor!r}; needs a tarc.signals.Encoder, constructed")
+        raise InvalidParameter(f"sensor: got {sensor!r}; needs a tarc.signals.Encoder, constructed")
     if sensor.step_size.size not in (1, plant.n_joints):
-        raise TarcError(
+        raise InvalidParameter(
             f"sensor: its resolution has {sensor.step_size.size} numbers; the plant has {plant.n_joints} joints"
         )
     if not plant.n_joints == law.n_joints == reference.n_joints:
-        raise TarcError(
+        raise InvalidParameter(
             f"joints: the plant has {plant.n_joints}, the law {law.n_joints} (the size of its inertia), the reference "
             f"{reference.n_joints}; they must be equal: give one number per joint ({', '.join(plant.joint_names)})"
         )
@@ -101,7 +105,7 @@ def sample_inputs(
 
     Raises
     ------
-    TarcError
+    InvalidParameter
         For a duration below one period or above `MAX_PERIODS`, and for events that the plant cannot have.
     """
     n = plant.n_joints
@@ -119,10 +123,12 @@ def sample_inputs(
             schedule = event.schedule if isinstance(event, Payload) else event
             name, values = _sample_schedule(plant, schedule, times)
             if name in schedules:
-                raise TarcError(f"disturbance: two schedules change {name!r}; put both into one Schedule")
+                raise InvalidParameter(f"disturbance: two schedules change {name!r}; put both into one Schedule")
             schedules[name] = values
         else:
-            raise TarcError(f"disturbance: got {event!r}; needs a Disturbance, Payload or Schedule of tarc.signals")
+            raise InvalidParameter(
+                f"disturbance: got {event!r}; needs a Disturbance, Payload or Schedule of tarc.signals"
+            )
     return SampledInputs(
         times,
         reference.sample(times),
@@ -173,5 +179,5 @@ def _sample_schedule(plant: Plant, schedule: Schedule, times: np.ndarray) -> tup
         if isinstance(plant, EulerLagrange):
             replace(plant, **{name: value})
         elif np.any(check.array(f"schedule of {name!r}, values", value) < 0):
-            raise TarcError(f"schedule of {name!r}: got {np.asarray(value).tolist()}; must be at least 0")
+            raise InvalidParameter(f"schedule of {name!r}: got {np.asarray(value).tolist()}; must be at least 0")
     return name, schedule.sample(times, parameters[name])

@@ -98,7 +98,7 @@ def simulate(
 
     Raises
     ------
-    TarcError
+    InvalidParameter
         When the parts do not fit together.
 
     Warns
