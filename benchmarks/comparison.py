@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-import yaml
 from rich.console import Console
 from rich.table import Table
 
 from tarc import Scenario
+from tarc.scenario.yaml_text import write_yaml
 from tarc.study import Comparison, compare, tuned_laws
 
 SCENARIOS = (
@@ -119,7 +119,7 @@ def main() -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     (options.out / "comparison.md").write_text(markdown(found, order), encoding="utf-8")
     used = {law: part for law in order if (part := tuned_laws().get(law))}
-    (options.out / "laws.yaml").write_text(yaml.safe_dump(used, sort_keys=False), encoding="utf-8")
+    (options.out / "laws.yaml").write_text(write_yaml(used), encoding="utf-8")
     for name, comparison in found.items():
         (options.out / f"{name}.csv").write_text(comparison.to_csv(), encoding="utf-8")
         traces(comparison).to_netcdf(options.out / f"{name}.nc", engine="h5netcdf")

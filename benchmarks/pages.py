@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-import yaml
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
@@ -27,6 +26,7 @@ from benchmarks.comparison import MEASURES, SCENARIOS
 from benchmarks.latex import to_latex
 from tarc import laws
 from tarc.plotting.runs import COLOURS
+from tarc.scenario.yaml_text import read_yaml, write_yaml
 from tarc.study import tuned_laws
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
@@ -73,7 +73,7 @@ def read(folder: Path) -> tuple[dict[str, Result], dict[str, dict[str, Any]]]:
             if not row["status"].startswith("failed"):
                 measures[row["law"]] = {key: float(row[key]) for key in MEASURES if row[key]}
         results[scenario] = Result(measures, xr.load_dataset(folder / f"{scenario}.nc", engine="h5netcdf"))
-    return results, yaml.safe_load((folder / "laws.yaml").read_text(encoding="utf-8"))
+    return results, read_yaml((folder / "laws.yaml").read_text(encoding="utf-8"), "laws.yaml")
 
 
 def equation(kind: type) -> str:
@@ -95,7 +95,7 @@ def rounded(value: Any) -> Any:
 def gains(variants: dict[str, dict[str, Any]]) -> str:
     """The laws' gains as a scenario writes them."""
     entries = [{"label": name, **rounded(law)} for name, law in variants.items()]
-    text = yaml.safe_dump({"law": entries}, sort_keys=False, default_flow_style=None, width=100)
+    text = write_yaml({"law": entries}, width=100)
     return f"```yaml\n{text}```"
 
 

@@ -6,13 +6,13 @@ import sys
 from pathlib import Path
 
 import pytest
-import yaml
 
 import tarc
 from law_catalogue import make_law, make_tdc
 from tampering import reread
 from tarc.analysis import Workspace
 from tarc.certification import certificate_from_dict, certify_law
+from tarc.scenario.yaml_text import write_yaml
 
 TARC = str(Path(sys.executable).parent / "tarc")
 ARM = tarc.plants.TwoLinkArm()
@@ -75,7 +75,7 @@ def scenario(tmp_path):
         "disturbance": [{"kind": "Schedule", "parameter": "masses", "times": [0.5], "values": [[1.0, 3.0]]}],
         "duration": 1.0,
     }
-    (tmp_path / "swing.yaml").write_text(yaml.safe_dump(content))
+    (tmp_path / "swing.yaml").write_text(write_yaml(content))
     return tmp_path
 
 

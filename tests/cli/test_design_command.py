@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import yaml
 from rich.cells import cell_len
 from typer.testing import CliRunner
 
@@ -18,6 +17,7 @@ from tarc.certification import certificate_from_dict
 from tarc.cli.main import app
 from tarc.design import Choice, Design, Limit, design_controller
 from tarc.scenario.model import Scenario
+from tarc.scenario.yaml_text import read_yaml
 from urdf_text import arm, joint, link
 
 ENDLESS = '<limit effort="80" velocity="3"/>'
@@ -165,7 +165,7 @@ def test_it_certifies_again_over_the_full_range(designed_folder, tmp_path):
 def test_each_choice_stands_above_its_key(designed_folder):
     folder, _ = designed_folder
     text = (folder / "out.yaml").read_text()
-    above, content = comments_by_key(text), yaml.safe_load(text)
+    above, content = comments_by_key(text), read_yaml(text, "design")
     expected = {
         "robot.file": "robot: ",
         "reference": "workspace: ",
@@ -213,7 +213,7 @@ def test_json_and_a_part_of_the_workspace(designed_folder, tmp_path):
     assert found["choices"]["workspace"]["value"] == "a part of what the joints reach"
     assert set(found["torque_noise"]) == {"shoulder", "elbow"}
     assert found["files"] == ["design.yaml", "design-certificates.json"]
-    content = yaml.safe_load((tmp_path / "design.yaml").read_text())
+    content = read_yaml((tmp_path / "design.yaml").read_text(), "design.yaml")
     assert content["robot"]["file"] == str(folder / "arm.urdf")  # not in the folder of the scenario
     assert np.max(np.abs(content["reference"]["offset"]) + content["reference"]["amplitude"]) <= 0.5
     assert "tarc certify design.yaml --tube 0.01" in (tmp_path / "design.yaml").read_text()
@@ -224,7 +224,7 @@ def test_the_same_in_python(designed_in_python, tmp_path):
     assert [file.name for file in files] == ["links.yml", "links-certificates.json"]
     text = designed_in_python.to_yaml()
     assert text.startswith("# Made by: tarc.design.design_controller\n")
-    content = yaml.safe_load(text)
+    content = read_yaml(text, "design")
     assert content["robot"]["kind"] == "TwoLinkArm"
     assert content["robot"]["viscous"] == [0.5, 0.5]
     assert len(content["law"]["inertia"]) == 2  # a diagonal as such

@@ -9,7 +9,7 @@ _CERTIFY = ("clarabel", "cvxpy", "flint")
 _PLOT = ("matplotlib",)
 _ROBOTS = ("mujoco",)
 _SIM = (*_ROBOTS, "flint", "h5netcdf", "h5py", "xarray")
-_CLI = (*_SIM, "clarabel", "cvxpy", *_PLOT, "pydantic", "yaml", "rich", "typer")
+_CLI = (*_SIM, "clarabel", "cvxpy", *_PLOT, "pydantic", "rich", "ruamel.yaml", "typer")
 
 EXTRAS = {
     "certify": _CERTIFY,

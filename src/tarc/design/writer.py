@@ -4,15 +4,11 @@ import tempfile
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-from ruamel.yaml import YAML
-from ruamel.yaml.comments import CommentedMap, CommentedSeq
-from ruamel.yaml.nodes import ScalarNode
-from ruamel.yaml.representer import RoundTripRepresenter
+from ruamel.yaml.comments import CommentedMap
 
 from tarc.analysis.workspace import Workspace
 from tarc.certificates.base import Certificate
@@ -25,6 +21,7 @@ from tarc.laws.tdc import TDC
 from tarc.plants.base import Plant
 from tarc.plants.mujoco import MujocoPlant
 from tarc.plants.robot_file import find_robot, shipped_robots
+from tarc.scenario.yaml_text import write_yaml
 from tarc.signals.references import Sinusoid
 from tarc.signals.sensors import Encoder
 
@@ -46,8 +43,10 @@ DURATION = 10.0
 """Duration of the scenario [s]."""
 MAX_GRAVITY_SHARE = 0.7
 """Largest gravity torque along the sines, over the torque limit; the amplitudes are reduced until it is met."""
-LINE_WIDTH = 110
-"""Columns of a comment."""
+COMMENT_WIDTH = 110
+"""Largest number of characters per line of a comment."""
+MAX_LINE_WIDTH = 10**6
+"""Largest number of characters per line of a value: a row of a matrix stays on one line."""
 SECTION_ORDER = ("name", "robot", "law", "estimator", "sensor", "reference", "disturbance")
 LAW_ORDER = ("kind", "inertia", "natural_frequency", "damping_ratio", "synchronised", "delay")
 
@@ -214,17 +213,6 @@ def _plain(value: object) -> Value:
     raise InvalidParameter(f"scenario: {type(value).__name__} is no value of a YAML file")
 
 
-class _Representer(RoundTripRepresenter):
-    """Write None as ``null``, not as an empty value."""
-
-    def represent_none(self, data: None) -> ScalarNode:
-        """Return the node of None."""
-        return self.represent_scalar("tag:yaml.org,2002:null", "null")
-
-
-_Representer.add_representer(type(None), _Representer.represent_none)
-
-
 def to_commented_yaml(content: Content, choices: Sequence[Choice], header: Sequence[str] = ()) -> str:
     """Return YAML with the reason of each choice above its key. The comments survive a reload by ruamel.yaml.
 
@@ -245,15 +233,8 @@ def to_commented_yaml(content: Content, choices: Sequence[Choice], header: Seque
         comments.setdefault(key, []).append(f"{choice.label}: {choice.value}; {choice.reason}")
     ordered = [key for key in SECTION_ORDER if key in content]
     sections = {key: content[key] for key in (*ordered, *content)}
-    yaml = YAML()
-    yaml.Representer = _Representer
-    yaml.width = 10**6
-    yaml.allow_unicode = True
-    yaml.indent(mapping=2, sequence=4, offset=2)
-    stream = StringIO()
-    yaml.dump(_commented_map(sections, comments), stream)
     top = "\n".join(f"# {line}".rstrip() for line in _wrap([*header, *comments.get((), [])], 0))
-    return f"{top}\n\n{stream.getvalue()}"
+    return f"{top}\n\n{write_yaml(_commented_map(sections, comments), MAX_LINE_WIDTH)}"
 
 
 def _commented_map(
@@ -261,28 +242,14 @@ def _commented_map(
 ) -> CommentedMap:
     indent = 2 * len(path)
     result = CommentedMap()
+    result.fa.set_block_style()
     for key, value in content.items():
         place = (*path, key)
-        result[key] = _commented_map(value, comments, place) if isinstance(value, dict) else _flow(value)
+        result[key] = _commented_map(value, comments, place) if isinstance(value, dict) else value
         if place in comments:
             text = "\n".join(_wrap(comments[place], indent))
             result.yaml_set_comment_before_after_key(key, before=text, indent=indent)
     return result
-
-
-def _flow(value: Value) -> "Value | CommentedSeq | CommentedMap":
-    """Return a list in brackets; a list of lists or mappings has one of them per line."""
-    if isinstance(value, list) and value and isinstance(value[0], list | dict):
-        return CommentedSeq([_flow(entry) for entry in value])
-    if isinstance(value, list):
-        row = CommentedSeq(value)
-        row.fa.set_flow_style()
-        return row
-    if isinstance(value, dict):
-        section = CommentedMap(value)
-        section.fa.set_flow_style()
-        return section
-    return value
 
 
 def _has_key(content: Value, path: Sequence[str]) -> bool:
@@ -298,7 +265,7 @@ def _wrap(texts: Sequence[str], indent: int) -> list[str]:
     lines: list[str] = []
     for text in texts:
         following = "  " if text.startswith("- ") else ""
-        width = LINE_WIDTH - indent - 2
+        width = COMMENT_WIDTH - indent - 2
         lines += textwrap.wrap(text, width, subsequent_indent=following, break_long_words=False, break_on_hyphens=False)
     return lines
 

@@ -6,6 +6,8 @@ from typing import Any
 from ruamel.yaml import YAML
 from ruamel.yaml.constructor import DuplicateKeyError
 from ruamel.yaml.error import YAMLError
+from ruamel.yaml.nodes import ScalarNode
+from ruamel.yaml.representer import RoundTripRepresenter
 
 from tarc.core.errors import ScenarioError
 
@@ -34,21 +36,33 @@ def read_yaml(text: str, label: str) -> Any:
         raise ScenarioError(f"{label}: no valid YAML: {error}") from None
 
 
+class _Representer(RoundTripRepresenter):
+    """Write None as ``null``, not as an empty value."""
+
+    def represent_none(self, data: None) -> ScalarNode:
+        """Return the node of None."""
+        return self.represent_scalar("tag:yaml.org,2002:null", "null")
+
+
+_Representer.add_representer(type(None), _Representer.represent_none)
+
+
 def write_yaml(content: object, width: int = 120) -> str:
-    """Return plain data as YAML, in the order of its keys; lists of numbers stand on one line.
+    """Return data as YAML, in the order of its keys; lists of numbers stand on one line.
 
     Parameters
     ----------
     content
-        Dictionaries, lists, numbers and texts.
+        Dictionaries, lists, numbers and texts, or the ``CommentedMap`` of ruamel.yaml, whose comments are written.
     width
         Largest number of characters per line.
     """
-    yaml = YAML(typ="safe", pure=True)
-    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
+    yaml = YAML()
+    yaml.Representer = _Representer
     yaml.default_flow_style = None  # type: ignore[assignment]
     yaml.width = width  # type: ignore[assignment]
     yaml.allow_unicode = True
+    yaml.indent(mapping=2, sequence=4, offset=2)
     stream = StringIO()
     yaml.dump(content, stream)
     return stream.getvalue()
