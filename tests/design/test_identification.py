@@ -242,7 +242,7 @@ def wrapped_positions(q, tau):
 REFUSED: list[tuple[Any, str]] = [
     (second_joint_at_rest, "joint 2 never moves; move each joint"),
     (joints_in_step, "accelerate together.* frequencies of its own"),
-    (motion_of_one_tone, "does not show its inertia.* faster and farther|accelerate together"),
+    (motion_of_one_tone, "does not show its inertia.* faster, farther|accelerate together"),
     (wrapped_positions, "unwrap"),
     (lambda q, tau: (q[:150], tau[:150]), "record for longer"),
     (lambda q, tau: (np.where(np.arange(len(q))[:, None] % 5 == 0, np.nan, q), tau), "lose fewer samples"),

@@ -65,4 +65,4 @@ def test_benchmarks_are_imported_by_their_own_tests_alone():
         if "import benchmarks" in (text := path.read_text(encoding="utf-8")) or "from benchmarks" in text
     }
     own = {name for name in importing if name.startswith("tests/benchmarks/")}
-    assert importing - own <= {"tests/meta/test_source.py"}
+    assert importing - own == {"tests/meta/test_source.py"}

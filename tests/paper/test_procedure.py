@@ -138,7 +138,7 @@ def test_explain_has_every_step_and_how_it_ends():
         ({"natural_frequency": 1.0, "degree": 1}, "degree: got"),
         ({"natural_frequency": 1.0, "window": 0.0015}, "no whole multiple"),
         ({"natural_frequency": 1.0, "n_joints": 0}, "n_joints: got"),
-        ({"natural_frequency": [1.0, 2.0], "n_joints": 3}, "one a joint"),
+        ({"natural_frequency": [1.0, 2.0], "n_joints": 3}, "one per joint"),
         ({"natural_frequency": 1.0, "ratio": 0.0}, "ratio: got"),
     ],
 )
