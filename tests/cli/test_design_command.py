@@ -239,7 +239,7 @@ def test_the_same_in_python(designed_in_python, tmp_path):
 
 def test_what_cannot_be_written_says_so(designed_in_python, tmp_path):
     (tmp_path / "taken").write_text("a file, not a folder")
-    with pytest.raises(TarcError, match="out: cannot write .*taken/design.yaml: .*; choose another folder"):
+    with pytest.raises(TarcError, match="save: cannot write .*taken/design.yaml: .*; free space or"):
         designed_in_python.save(tmp_path / "taken" / "design.yaml")
     assert designed_in_python.save(tmp_path)[0] == tmp_path / "design.yaml"
 

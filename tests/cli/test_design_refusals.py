@@ -182,13 +182,16 @@ def test_noise_without_any_torque_limit():
         (["--noise", 5], r"--noise: got 5; needs a share of the torque limit, such as 0.02 for 2 %"),
         (["--law", "pid"], r"--law: got 'pid'; known are tarc, tdc"),
         (["--computation-delay", -1], r"computation_delay: got -1; needs a whole number of at least 0"),
-        (["--torque-limit", "80,x"], r"--torque-limit: got '80,x'; needs one number, or one a joint with commas"),
+        (["--torque-limit", "80,x"], r"--torque-limit: got '80,x'; needs one number, or one per joint with commas"),
         (["--torque-limit", "80,80,80"], r"torque_limits: got shape \(3,\); needs one number or 2 of them"),
         (["--torque-limit", "0"], r"torque_limits: got \[0.0, 0.0\]; each must be above 0"),
         (["--armature", "-0.1"], r"armature: got \[-0.1, -0.1\]; each must be at least 0"),
         (["--samples", 0], r"samples: got 0; needs a whole number of at least 1"),
-        (["-o", "design.json"], r"out: got 'design.json'; needs the name of a YAML file, such as design\.yaml"),
-        (["-o", "arm.urdf/design.yaml"], r"out: cannot write arm\.urdf/design\.yaml: .*; choose another folder"),
+        (["-o", "design.json"], r"--out: got 'design.json'; needs the name of a YAML file, such as design\.yaml"),
+        (
+            ["-o", "arm.urdf/design.yaml"],
+            r"--out: cannot write arm\.urdf/design\.yaml: .*; free space or",
+        ),
     ],
 )
 def test_options_at_fault(options, message):

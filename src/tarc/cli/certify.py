@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tarc.cli.options import Figures, Json, Out, Set, file_stem, numbers_of, result_folder
+from tarc.cli.options import Figures, Json, Out, Set, file_stem, numbers_of
+from tarc.core.files import make_folder, writing
 
 if TYPE_CHECKING:
     from tarc.certification import LawCertification
@@ -46,7 +47,7 @@ def certify(
     from tarc.scenario.model import Scenario
 
     described = Scenario.load(scenario, set_ or [])
-    folder = result_folder(out or Path("runs") / file_stem(described.name))
+    folder = make_folder("--out", out or Path("runs") / file_stem(described.name))
     swift, steep = numbers_of("--speed", speed), numbers_of("--acceleration", acceleration)
     setup = described.build()
     found = described.certify_setup(
@@ -63,16 +64,12 @@ def certify(
 
 def save_certificates(found: dict[str, "LawCertification"], folder: Path, figures: bool) -> list[Path]:
     """Write certificates as JSON, one file a law, and their figures into a folder; the files written."""
-    from tarc.core.errors import TarcError
-
     files = []
     for name, certification in found.items():
         path = folder / f"{file_stem(name)}-certificates.json"
         content = {kind: certificate.to_dict() for kind, certificate in certification.certificates.items()}
-        try:
+        with writing("--out", path):
             path.write_text(json.dumps(content), encoding="utf-8")
-        except OSError as error:
-            raise TarcError(f"--out: cannot write {path}: {error.strerror or error}; choose another folder") from None
         files.append(path)
     if figures:
         from rich.console import Console

@@ -6,7 +6,8 @@ from typing import Annotated
 
 import typer
 
-from tarc.cli.options import Figures, Json, Out, Set, file_stem, result_folder
+from tarc.cli.options import Figures, Json, Out, Set, file_stem
+from tarc.core.files import make_folder
 
 
 def compare(
@@ -31,7 +32,7 @@ def compare(
     from tarc.study import compare, tuned_laws
 
     described = Scenario.load(scenario, set_ or [])
-    folder = result_folder(out or Path("runs") / f"{file_stem(described.name)}-compared")
+    folder = make_folder("--out", out or Path("runs") / f"{file_stem(described.name)}-compared")
     names = list(tuned_laws()) if laws.strip() == "all" else [name.strip() for name in laws.split(",") if name.strip()]
     found = compare(described, names or None, jobs=jobs)
     files = found.save(folder, figures)

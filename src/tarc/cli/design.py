@@ -164,7 +164,7 @@ def design(
         samples=samples,
         seed=seed,
     )
-    file = check_writable(out)
+    file = check_writable(out, "--out")
     result = design_controller(plant, requirements)
     drawn = {}
     if figures:

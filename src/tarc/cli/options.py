@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter
 
 Set = Annotated[
     list[str] | None,
@@ -24,19 +24,12 @@ def numbers_of(name: str, text: str) -> float | list[float] | None:
     try:
         found = [float(one) for one in text.split(",")] if text.strip() else []
     except ValueError:
-        raise TarcError(f"{name}: got {text!r}; needs one number, or one a joint with commas between") from None
+        raise InvalidParameter(
+            f"{name}: got {text!r}; needs one number, or one per joint with commas between"
+        ) from None
     return found if len(found) > 1 else found[0] if found else None
 
 
 def file_stem(name: str) -> str:
     """A name as that of one file or folder."""
     return re.sub(r"[^\w.+-]+", "-", str(name)).strip(".-") or "run"
-
-
-def result_folder(path: Path) -> Path:
-    """The folder, made."""
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise TarcError(f"--out: cannot write to {path}: {error.strerror or error}; choose another folder") from None
-    return path

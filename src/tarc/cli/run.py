@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tarc.cli.options import Figures, Json, Out, Set, file_stem, result_folder
+from tarc.cli.options import Figures, Json, Out, Set, file_stem
+from tarc.core.files import make_folder
 
 if TYPE_CHECKING:
     from tarc.scenario.model import Scenario
@@ -35,7 +36,7 @@ def run_scenario(scenario: "Scenario", out: Path | None, as_json: bool, figures:
     """Run a scenario, write its results and print them."""
     from tarc.cli import tables
 
-    folder = result_folder(out or Path("runs") / file_stem(scenario.name))
+    folder = make_folder("--out", out or Path("runs") / file_stem(scenario.name))
     try:
         runs = scenario.run()
     except KeyboardInterrupt:

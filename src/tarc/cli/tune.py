@@ -22,7 +22,7 @@ def tune(
     The laws that tarc compare knows by name were found with:
     tarc tune train_two_link train_ur5e train_masses -o src/tarc/study/gains.yaml
     """
-    from tarc.core.errors import TarcError
+    from tarc.core.files import writing
     from tarc.scenario.model import Scenario
     from tarc.scenario.yaml_text import write_yaml
     from tarc.study import search_spaces, tune_all, variation_limit
@@ -40,10 +40,8 @@ def tune(
         "scores": {name: round(score, 4) for name, (_, score) in found.items()},
         "laws": {name: part for name, (part, _) in found.items()},
     }
-    try:
+    with writing("--out", out):
         out.write_text(write_yaml(content), encoding="utf-8")
-    except OSError as error:
-        raise TarcError(f"--out: cannot write {out}: {error.strerror or error}; choose another file") from None
     for name, (_, score) in sorted(found.items(), key=lambda item: item[1][1]):
         print(f"{name:20} {score:8.3f}")
     print(f"written: {out}")

@@ -13,6 +13,7 @@ from ruamel.yaml.comments import CommentedMap
 from tarc.analysis.workspace import Workspace
 from tarc.certificates.base import Certificate
 from tarc.core.errors import InvalidParameter
+from tarc.core.files import writing
 from tarc.design.choice import Choice
 from tarc.design.robot_facts import joint_workspace
 from tarc.estimators.base import Estimator
@@ -325,8 +326,15 @@ def certificates_path(file: Path) -> Path:
     return file.with_name(f"{file.stem}-certificates.json")
 
 
-def check_writable(path: str | Path) -> Path:
+def check_writable(path: str | Path, name: str = "save") -> Path:
     """Return the YAML file to write; for a folder, ``design.yaml`` in it. Missing folders are made.
+
+    Parameters
+    ----------
+    path
+        The file or folder.
+    name
+        The parameter that holds it, for the message.
 
     Raises
     ------
@@ -338,23 +346,17 @@ def check_writable(path: str | Path) -> Path:
         file = file / "design.yaml"
     if file.suffix not in (".yaml", ".yml"):
         raise InvalidParameter(
-            f"out: got {str(path)!r}; needs the name of a YAML file, such as {file.with_suffix('.yaml')}, or a folder "
-            "that exists"
+            f"{name}: got {str(path)!r}; needs the name of a YAML file, such as {file.with_suffix('.yaml')}, or an "
+            "existing folder"
         )
-    try:
+    with writing(name, file):
         file.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=file.parent):
             pass
         if file.exists():
             with file.open("a", encoding="utf-8"):
                 pass
-    except OSError as error:
-        raise _unwritable(file, error) from None
     return file
-
-
-def _unwritable(path: Path, error: OSError) -> InvalidParameter:
-    return InvalidParameter(f"out: cannot write {path}: {error.strerror or error}; choose another folder")
 
 
 def write_files(file: Path, texts: Mapping[Path, str], figures: "Mapping[str, Figure]") -> list[Path]:
@@ -366,12 +368,10 @@ def write_files(file: Path, texts: Mapping[Path, str], figures: "Mapping[str, Fi
         For a file that cannot be written.
     """
     written = list(texts)
-    try:
+    with writing("save", file):
         for path, text in texts.items():
             path.write_text(text, encoding="utf-8")
         for kind, figure in figures.items():
             written.append(file.with_name(f"{file.stem}-{kind}.png"))
             figure.savefig(written[-1], dpi=110)
-    except OSError as error:
-        raise _unwritable(file, error) from None
     return written

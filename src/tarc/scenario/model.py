@@ -13,7 +13,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from tarc.analysis.workspace import Workspace
 from tarc.certification import LawCertification, certify_law
 from tarc.core import validation as check
-from tarc.core.errors import InvalidParameter, ScenarioError, TarcError
+from tarc.core.errors import InvalidParameter, ScenarioError
+from tarc.core.files import file_in_folder, writing
 from tarc.core.progress import Progress
 from tarc.core.validation import Numbers
 from tarc.estimators.base import Estimator
@@ -369,16 +370,12 @@ class Scenario(BaseModel):
 
         Raises
         ------
-        TarcError
+        InvalidParameter
             For a folder that does not exist, and a file that cannot be written.
         """
-        target = Path(path)
-        if not target.parent.is_dir():
-            raise TarcError(f"save: got {str(path)!r}; the folder {target.parent} does not exist, create it first")
-        try:
+        target = file_in_folder("save", path)
+        with writing("save", target):
             target.write_text(self.to_yaml(target.parent), encoding="utf-8")
-        except OSError as error:
-            raise TarcError(f"save: cannot write {target}: {error.strerror or error}; choose another path") from None
         return target
 
     def __repr__(self) -> str:

@@ -11,6 +11,7 @@ import xarray as xr
 
 from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter
+from tarc.core.files import file_in_folder, writing
 from tarc.core.units import unit_for_joints
 from tarc.simulation.quantities import MEASURES
 
@@ -169,20 +170,14 @@ class Run:
         InvalidParameter
             For a folder that does not exist, and a file that cannot be written.
         """
-        target = Path(path)
-        if not target.parent.is_dir():
-            raise InvalidParameter(
-                f"save: got {str(path)!r}; the folder {target.parent} does not exist, create it first"
-            )
+        target = file_in_folder("save", path)
         part = target.with_name(f".{target.name}.part")
         try:
-            self.data.to_netcdf(part, engine="h5netcdf")
-            part.replace(target)
-        except OSError as error:
+            with writing("save", target):
+                self.data.to_netcdf(part, engine="h5netcdf")
+                part.replace(target)
+        finally:
             part.unlink(missing_ok=True)
-            raise InvalidParameter(
-                f"save: cannot write {target}: {error.strerror or error}; free space or choose another path"
-            ) from None
         return target
 
     @classmethod

@@ -18,6 +18,7 @@ import numpy as np
 
 from tarc.core import validation as check
 from tarc.core.errors import DesignWarning, TarcError
+from tarc.core.files import make_folder, writing
 from tarc.core.progress import Progress
 from tarc.core.units import unit_for_joints
 from tarc.scenario.model import Scenario
@@ -129,16 +130,11 @@ class Comparison:
 
     def save(self, folder: str | Path, figures: bool = True) -> list[Path]:
         """Write trajectories (netCDF), table (CSV, LaTeX) and figures into a folder; the files written."""
-        place = Path(folder)
-        try:
-            place.mkdir(parents=True, exist_ok=True)
-            written = [place / "comparison.csv", place / "comparison.tex"]
+        place = make_folder("save", folder)
+        written = [place / "comparison.csv", place / "comparison.tex"]
+        with writing("save", place):
             written[0].write_text(self.to_csv(), encoding="utf-8")
             written[1].write_text(self.to_latex(), encoding="utf-8")
-        except OSError as error:
-            raise TarcError(
-                f"save: cannot write to {place}: {error.strerror or error}; free space or choose another folder"
-            ) from None
         written += [run.save(place / f"{name}.nc") for name, run in self.runs.items()]
         if figures and any(self.measures.values()):
             from tarc.plotting.comparison import FIGURES
