@@ -1,5 +1,7 @@
 """Spread of the inertia ratio: against dense sweeps, random postures, and the known ratios of two robots."""
 
+import subprocess
+import sys
 import sysconfig
 from pathlib import Path
 
@@ -187,3 +189,20 @@ BOX = Workspace.box([-1, -1], [1, 1])
 def test_bad_input(call, message):
     with pytest.raises(TarcError, match=message):
         call()
+
+
+def test_joint_limits_need_no_mujoco():
+    code = """
+import sys
+import numpy as np
+from tarc.analysis import Workspace
+from tarc.plants import Pendulum
+
+class LimitedPendulum(Pendulum):
+    position_limits = np.array([[-1.0, 2.0]])
+
+workspace = Workspace.from_joint_limits(LimitedPendulum())
+assert (workspace.low, workspace.high) == (-1.0, 2.0)
+assert "mujoco" not in sys.modules
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)

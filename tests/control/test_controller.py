@@ -90,3 +90,13 @@ def test_nothing_is_broadcast(controller, short):
         arguments[place] = short
         with pytest.raises(InvalidParameter, match="Controller.step: got shapes"):
             controller.step(*arguments)
+
+
+def test_a_controller_says_what_it_is():
+    controller = Controller(make_law(laws.TDC))
+    assert repr(controller) == "Controller(TDC, n_joints=2, period=0.001 s, not reset)"
+    controller.reset(np.zeros(2))
+    assert repr(controller).endswith(", ready)")
+    html = controller._repr_html_()
+    assert html.startswith("<p><b>Controller of TDC</b>, 2 joints, ready</p>")
+    assert "<td>period</td><td>0.001</td>" in html

@@ -539,7 +539,7 @@ def test_home_is_in_radians_whatever_the_file_counts_in(tmp_path: Path) -> None:
 def test_negative_masses_cannot_be_scheduled() -> None:
     robot = SHIPPED["ur5e"]
     reference = tarc.signals.Sinusoid(amplitude=0.1, frequency=1.0, offset=robot.home)
-    with pytest.raises(InvalidParameter, match="schedule of 'payload': got -5.0; must be at least 0"):
+    with pytest.raises(InvalidParameter, match=r"payload: got \[-5.0\]; each must be at least 0"):
         tarc.simulate(
             robot,
             synchronised_tdc(robot.inertia(robot.home)),

@@ -340,3 +340,30 @@ def test_more_bad_arguments(options, message):
     given = {"plant": Pendulum(), "law": pendulum_law(), "reference": REFERENCE, "duration": 0.1, **options}
     with pytest.raises(InvalidParameter, match=message):
         simulate(**given)
+
+
+class BarePlant(plants.Plant):
+    """One joint by its matrices alone, which nothing integrates."""
+
+    n_joints = 1
+
+    @property
+    def parameters(self):
+        return {}
+
+    def inertia(self, position):
+        return np.eye(1)
+
+    def gravity_torque(self, position):
+        return np.zeros(1)
+
+    def with_parameters(self, values):
+        return self
+
+    def bias(self, position, velocity):
+        return np.zeros(1)
+
+
+def test_a_plant_that_cannot_be_integrated_is_refused():
+    with pytest.raises(InvalidParameter, match="plant: got .*; only a robot from energies .* or from a file"):
+        simulate(BarePlant(), pendulum_law(), REFERENCE, 0.1)

@@ -1,6 +1,8 @@
 """The real-time face of a law: for the user's own robot loop."""
 
 import logging
+from dataclasses import fields
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -72,15 +74,22 @@ class Controller:
         self._warned = False
         self._ready = False
 
-    def __repr__(self) -> str:
+    @property
+    def _status(self) -> str:
         if not self._ready:
-            status = "not reset"
-        elif self.fault:
-            status = f"fault, {self.missing} samples missing"
-        else:
-            status = "ready"
+            return "not reset"
+        return f"fault, {self.missing} samples missing" if self.fault else "ready"
+
+    def __repr__(self) -> str:
         law = self.law
-        return f"Controller({type(law).__name__}, n_joints={law.n_joints}, period={law.period:g} s, {status})"
+        return f"Controller({type(law).__name__}, n_joints={law.n_joints}, period={law.period:g} s, {self._status})"
+
+    def _repr_html_(self) -> str:
+        law = self.law
+        values = {field.name: getattr(law, field.name) for field in fields(law)}
+        rows = [f"<tr><td>{escape(name)}</td><td>{escape(str(value))}</td></tr>" for name, value in values.items()]
+        heading = f"<b>Controller of {type(law).__name__}</b>, {law.n_joints} joints, {self._status}"
+        return f"<p>{heading}</p><table>{''.join(rows)}</table>"
 
     def reset(self, initial_position: Any, initial_torque: Any = 0.0) -> None:
         """Start at rest at a measured position (n,) with a torque (n,) already applied.

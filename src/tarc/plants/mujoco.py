@@ -226,8 +226,10 @@ class MujocoPlant(Plant):
         """Return the same robot with another payload, armature or friction."""
         import copy
 
-        for name in values:
-            check.one_of("parameters", name, self.parameters)
+        nominal = self.parameters
+        for name, value in values.items():
+            check.one_of("parameters", name, nominal)
+            check.vector(name, value, nominal[name].size, 0)
         other = copy.copy(self)
         other.options = {**self.options, **values}
         other.model = self.copy_model()

@@ -1,7 +1,7 @@
 """What acts on a run from outside: reference, noise, disturbances and schedules, sampled beforehand."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,8 +10,6 @@ from tarc.core.errors import InvalidParameter
 from tarc.core.validation import Numbers
 from tarc.laws.base import Law
 from tarc.plants.base import Plant
-from tarc.plants.euler_lagrange import EulerLagrange
-from tarc.plants.mujoco import MujocoPlant
 from tarc.signals.disturbances import Disturbance, Payload, Schedule
 from tarc.signals.references import Reference
 from tarc.signals.sensors import Encoder
@@ -68,7 +66,7 @@ def check_compatible(plant: Plant, law: Law, reference: Reference, sensor: Encod
     InvalidParameter
         For an argument of a wrong type, and for different numbers of joints.
     """
-    if not isinstance(plant, EulerLagrange | MujocoPlant):
+    if not isinstance(plant, Plant):
         raise InvalidParameter(f"plant: got {plant!r}; needs one of tarc.plants")
     if not isinstance(law, Law):
         raise InvalidParameter(
@@ -175,9 +173,5 @@ def _sample_schedule(plant: Plant, schedule: Schedule, times: np.ndarray) -> tup
     name = check.one_of("schedule parameter", schedule.parameter, parameters)
     shape = np.shape(parameters[name])
     for value in schedule.values:
-        value = np.reshape(value, shape) if np.size(value) == np.prod(shape) else value
-        if isinstance(plant, EulerLagrange):
-            replace(plant, **{name: value})
-        elif np.any(check.array(f"schedule of {name!r}, values", value) < 0):
-            raise InvalidParameter(f"schedule of {name!r}: got {np.asarray(value).tolist()}; must be at least 0")
+        plant.with_parameters({name: np.reshape(value, shape) if np.size(value) == np.prod(shape) else value})
     return name, schedule.sample(times, parameters[name])

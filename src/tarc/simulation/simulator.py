@@ -10,7 +10,7 @@ import numpy as np
 from tarc.analysis.rest_stability import remedy, unstable_posture
 from tarc.control.digital_controller import DigitalController
 from tarc.core import validation as check
-from tarc.core.errors import DesignWarning
+from tarc.core.errors import DesignWarning, InvalidParameter
 from tarc.core.validation import Numbers
 from tarc.laws.base import Law
 from tarc.plants.base import Plant
@@ -110,6 +110,11 @@ def simulate(
     events = list(disturbance) if isinstance(disturbance, Sequence) else [disturbance]
     check.integer("seed", seed, 0, 2**63 - 1)
     check_compatible(plant, law, reference, sensor)
+    if not isinstance(plant, EulerLagrange | MujocoPlant):
+        raise InvalidParameter(
+            f"plant: got {plant!r}; only a robot from energies (tarc.plants.EulerLagrange) or from a file "
+            "(tarc.plants.MujocoPlant) can be simulated"
+        )
     controller = DigitalController(
         sensor, _with_limits(law, plant), check.integer("computation_delay", computation_delay, 0)
     )
@@ -123,7 +128,6 @@ def simulate(
     if isinstance(plant, EulerLagrange):
         record = run_casadi(ClosedLoop(plant, controller, substeps), initial, inputs, monitor, native)
     else:
-        assert isinstance(plant, MujocoPlant)
         record = run_mujoco(plant, controller, initial, inputs, monitor, native)
     return Run(dataset(plant, controller, reference, inputs, record, monitor.divergence_index, seed))
 
