@@ -50,7 +50,7 @@ def _rates(designed) -> str:
     rows = []
     for periods, synchronised in LOOPS:
         law = designed(periods, synchronised)
-        ratios = [certify_varying_ratio(law, rate=rate).evidence.ratio_range for rate in RATES]
+        ratios = [certify_varying_ratio(law, rate=rate).evidence.ratio_spread for rate in RATES]
         low, high = stable_interval(law)
         cells = [f"{ratio:.3g}" for ratio in (*ratios, high / low)]
         rows.append((f"{_kind(synchronised)}, N = {periods}", *cells))
@@ -117,17 +117,17 @@ def soundness() -> dict[str, Value]:
     from reference.soundness_checks import tally_certificates
 
     labels = {
-        "loop": "constant ratio",
-        "loop, a range": "constant ratio, a range",
-        "ball": "varying ratio",
-        "ball, slow": "slowly varying ratio",
-        "slope": "sector",
+        "constant_ratio": "constant ratio",
+        "constant_ratio, a range": "constant ratio, a range",
+        "varying_ratio": "varying ratio",
+        "varying_ratio, slow": "slowly varying ratio",
+        "sector": "sector",
     }
     tallies = tally_certificates(10_000, 0, None)
     rows = []
     for name, label in labels.items():
         tally = tallies[name]
-        refuted = "–" if name.startswith("ball") else grouped(tally.refuted)
+        refuted = "–" if name.startswith("varying_ratio") else grouped(tally.refuted)
         counts = (grouped(tally.designs), grouped(tally.certified), refuted, grouped(tally.inconclusive))
         rows.append((label, *counts, f"{len(tally.violations)}"))
     return {

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from tarc.analysis.linearise import Channel, alike, decouple
-from tarc.analysis.rest_stability import remedy
-from tarc.analysis.stability import from_disturbance, from_noise, stable_intervals
+from tarc.analysis.linearise import Channel, decoupled_channels, joints_share_loop
+from tarc.analysis.rest_stability import describe_instability
+from tarc.analysis.stability import disturbance_to_error, noise_to_torque, stable_intervals
 from tarc.analysis.workspace import Workspace
 from tarc.certificates.base import Certificate, Evidence, certificate_from_plain
 from tarc.certificates.constant_ratio import ConstantRatioEvidence, certify_constant_ratio
@@ -25,7 +25,7 @@ from tarc.laws.base import Law
 from tarc.laws.pole_placement import PolePlacement
 from tarc.laws.tarc import TARC
 from tarc.laws.tde import TDE
-from tarc.numerics.norms import gains
+from tarc.numerics.norms import max_singular_values
 from tarc.paper.lemma1 import ConditionC2Evidence, Lemma1Evidence, check_condition_c2, check_lemma1
 from tarc.paper.nominal_loop import NominalEvidence, check_nominal_loop
 from tarc.paper.theorem1 import Theorem1Evidence, check_theorem1
@@ -41,8 +41,8 @@ def certify_law(
     computation_delay: int = 0,
     samples: int = 2000,
     seed: int = 0,
-    known: Certificate[RobotEvidence] | None = None,
-    done: Callable[[str], object] = lambda kind: None,
+    robot_certificate: Certificate[RobotEvidence] | None = None,
+    on_certificate: Callable[[str], object] = lambda kind: None,
 ) -> "LawCertification":
     """Return all certificates that apply to a law on a robot, the verdict for the robot first.
 
@@ -84,19 +84,19 @@ def certify_law(
 
     def add(certificate: Certificate[Any]) -> None:
         found[certificate.kind] = certificate
-        done(certificate.kind)
+        on_certificate(certificate.kind)
 
     options = {"computation_delay": computation_delay, "samples": samples, "seed": seed}
-    verdict = known or certify_robot(law, plant, workspace, **options)
+    verdict = robot_certificate or certify_robot(law, plant, workspace, **options)
     add(verdict)
     low, high = verdict.evidence.min_ratio, verdict.evidence.max_ratio
-    if all(channel.width == 1 for channel in decouple(law, computation_delay)):
+    if all(channel.n_coupled == 1 for channel in decoupled_channels(law, computation_delay)):
         add(certify_constant_ratio(law, (low, high), computation_delay=computation_delay))
     if isinstance(law, TARC):
         ratios = low, (low * high) ** 0.5, high
         occurring = [certify_sector(law, ratio, computation_delay=computation_delay) for ratio in ratios]
         add(min(occurring, key=lambda one: one.evidence.circle_limit))
-    if alike(law):
+    if joints_share_loop(law):
         with suppress(TarcError):  # stable for no ratio, which the verdict for the robot has shown already
             add(certify_varying_ratio(law, computation_delay=computation_delay))
     add(check_lemma1(law, plant, workspace, samples=samples, seed=seed))
@@ -164,12 +164,12 @@ class LawCertification:
     @cached_property
     def channels(self) -> list[Channel]:
         """The linearised loops of the law."""
-        return decouple(self.law, self.computation_delay)
+        return decoupled_channels(self.law, self.computation_delay)
 
     @cached_property
     def suggestion(self) -> str:
         """What to change in a law that was not certified; empty for one that was."""
-        ball = self.certificates.get("ball")
+        ball = self.certificates.get("varying_ratio")
         return suggest_changes(self.law, self.verdict, self.computation_delay, ball=ball)
 
     @property
@@ -182,7 +182,7 @@ class LawCertification:
     def eigenvalues(self) -> dict[str, Array]:
         """Eigenvalues of the loop at each of the `ratios`, by name."""
         return {
-            name: np.concatenate([np.linalg.eigvals(channel.closed(ratio)) for channel in self.channels])
+            name: np.concatenate([np.linalg.eigvals(channel.state_matrix(ratio)) for channel in self.channels])
             for name, ratio in self.ratios.items()
         }
 
@@ -190,16 +190,16 @@ class LawCertification:
         """Return the gains from disturbance to error [s²] and from noise to M̂⁻¹τ [1/s²] at angles ω T [rad]."""
 
         def largest(system: Callable[[Channel, float], tuple[Array, Array, Array, Array]], ratio: float) -> Array:
-            return np.max([gains(*system(channel, ratio), angles) for channel in self.channels], axis=0)
+            return np.max([max_singular_values(*system(channel, ratio), angles) for channel in self.channels], axis=0)
 
-        disturbed = {name: largest(from_disturbance, ratio) for name, ratio in self.ratios.items()}
-        noisy = {name: largest(from_noise, ratio) for name, ratio in self.ratios.items()}
+        disturbed = {name: largest(disturbance_to_error, ratio) for name, ratio in self.ratios.items()}
+        noisy = {name: largest(noise_to_torque, ratio) for name, ratio in self.ratios.items()}
         return disturbed, noisy
 
     @cached_property
     def stability_map(self) -> StabilityMap | None:
         """Stable ratios over the window; None where the gains couple the joints."""
-        if any(channel.width > 1 for channel in self.channels):
+        if any(channel.n_coupled > 1 for channel in self.channels):
             return None
         estimator, period = self.law.estimator, self.law.period
         laws, window, windows = [self.law], 1, [0, 2]
@@ -233,14 +233,14 @@ class LawCertification:
 
         With a rate it is the ball that suits the robot: the widest may be at another scale of M̂, and so another rate.
         """
-        if not alike(law):
+        if not joints_share_loop(law):
             return np.nan, np.nan
         evidence = self.verdict.evidence
         contains = None if evidence.rate is None else (evidence.min_ratio, evidence.max_ratio)
-        certificate = self.certificates.get("ball") if law is self.law and evidence.rate is None else None
+        certificate = self.certificates.get("varying_ratio") if law is self.law and evidence.rate is None else None
         try:
             certificate = certificate or certify_varying_ratio(
-                law, contains=contains, rate=evidence.rate, computation_delay=self.computation_delay
+                law, ratio_range=contains, rate=evidence.rate, computation_delay=self.computation_delay
             )
         except TarcError:  # stable for no ratio
             return np.nan, np.nan
@@ -268,10 +268,10 @@ def suggest_changes(
         The widest ball of the law without a slope and a rate, where it is at hand.
     """
     if verdict.witness:
-        return remedy(law, verdict.witness, computation_delay)
+        return describe_instability(law, verdict.witness, computation_delay)
     if verdict.certified:
         return ""
-    if not alike(law):
+    if not joints_share_loop(law):
         return "Give all joints the same natural frequency and damping, which the ball needs"
     if isinstance(law, TARC) and law.max_gain is None:
         return "Give the gain a cap, without which nothing bounds the robust term"
@@ -299,9 +299,9 @@ def _suggest_wider_ball(
             widest = widest or certify_varying_ratio(trial, slope=slope, rate=rate, computation_delay=computation_delay)
             scale = (widest.evidence.min_ratio * widest.evidence.max_ratio) ** 0.5
             scale /= (evidence.min_ratio * evidence.max_ratio) ** 0.5
-            ranges.append(f"{widest.evidence.ratio_range:.3g} ({name}, with {scale:.3g} of this M̂)")
+            ranges.append(f"{widest.evidence.ratio_spread:.3g} ({name}, with {scale:.3g} of this M̂)")
     return (
-        f"The robot's spread is {evidence.ratio_range:.3g}; the widest ball of this loop holds "
+        f"The robot's spread is {evidence.ratio_spread:.3g}; the widest ball of this loop holds "
         f"{' or '.join(ranges) or 'none'}. A shorter window, a lower natural frequency, a smaller cap, more rotor "
         f"inertia or {slower} narrow the gap; inconclusive does not mean unstable"
     )

@@ -88,7 +88,7 @@ def test_shape_of_a_light_arm_whose_solver_stops_short(seed):
 )
 def test_bounds_meet_however_little_is_searched(both, low, high, known, starts, monkeypatch):
     """No posture comes and goes for ever."""
-    monkeypatch.setattr(sys.modules["tarc.analysis.inertia_shape"], "STARTS", starts)
+    monkeypatch.setattr(sys.modules["tarc.analysis.inertia_shape"], "N_SEARCHES", starts)
     for seed in range(3):
         _, t = best_inertia_shape(both, Workspace.box(low, high), samples=200, seed=seed)
         assert t == pytest.approx(known, rel=0.015)

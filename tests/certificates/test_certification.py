@@ -25,7 +25,17 @@ def adaptive_law(**options):
 
 def test_every_certificate_that_applies_verifies_and_survives_json(tmp_path):
     found = certify_law(adaptive_law(max_gain=1.0), ARM, BOX, samples=50).certificates
-    assert list(found) == ["robot", "loop", "slope", "ball", "lemma1", "c2", "theorem1", "theorem2", "nominal"]
+    assert list(found) == [
+        "robot",
+        "constant_ratio",
+        "sector",
+        "varying_ratio",
+        "lemma1",
+        "c2",
+        "theorem1",
+        "theorem2",
+        "nominal",
+    ]
     for kind, one in found.items():
         assert one.kind == kind
         again = reread(one)
@@ -38,7 +48,7 @@ def test_every_certificate_that_applies_verifies_and_survives_json(tmp_path):
 
 def test_those_that_do_not_apply_are_left_out():
     plain = certify_law(make_tdc(inertia=0.05 * ARM.inertia([0.0, 1.5])), ARM, BOX, samples=50).certificates
-    assert not {"slope", "c2"} & set(plain)
+    assert not {"sector", "c2"} & set(plain)
     filtered = tarc.estimators.FilteredDifference(cutoff=300.0)
     other = certify_law(
         make_law(tarc.laws.TDC, inertia=[0.05, 0.02], estimator=filtered), ARM, BOX, samples=50
@@ -47,22 +57,22 @@ def test_those_that_do_not_apply_are_left_out():
     apart = certify_law(
         make_law(tarc.laws.TDC, inertia=[0.05, 0.02], natural_frequency=[10.0, 20.0]), ARM, BOX, samples=50
     ).certificates
-    assert "ball" not in apart
+    assert "varying_ratio" not in apart
     assert apart["robot"].verdict in ("inconclusive", "refuted")
 
 
 def test_a_law_without_time_delay_estimation_gets_what_applies_to_it():
     law = make_law(tarc.laws.PID, inertia=0.5 * ARM.inertia([0.0, 1.5]), integral_gain=1.0)
     steps = []
-    found = certify_law(law, ARM, BOX, samples=50, done=steps.append).certificates
-    assert list(found) == steps == ["robot", "loop", "ball", "lemma1"]
-    assert found["loop"].certified
+    found = certify_law(law, ARM, BOX, samples=50, on_certificate=steps.append).certificates
+    assert list(found) == steps == ["robot", "constant_ratio", "varying_ratio", "lemma1"]
+    assert found["constant_ratio"].certified
 
 
 def test_the_loop_is_tested_over_the_ratios_that_the_robot_has():
     found = certify_law(adaptive_law(max_gain=1.0), ARM, BOX, samples=50).certificates
-    assert found["loop"].evidence.min_ratio == found["robot"].evidence.min_ratio
-    assert found["loop"].evidence.max_ratio == found["robot"].evidence.max_ratio
+    assert found["constant_ratio"].evidence.min_ratio == found["robot"].evidence.min_ratio
+    assert found["constant_ratio"].evidence.max_ratio == found["robot"].evidence.max_ratio
 
 
 @pytest.fixture
@@ -112,8 +122,8 @@ def test_a_schedule_counts_only_if_it_comes_before_the_end(scenario):
 
 def test_full_range_is_wider_than_the_path(scenario):
     described = tarc.Scenario.load(scenario / "swing.yaml")
-    path = described.certify(samples=100)["TDC"].verdict.evidence.ratio_range
-    assert described.certify(samples=100, full_range=True)["TDC"].verdict.evidence.ratio_range > path
+    path = described.certify(samples=100)["TDC"].verdict.evidence.ratio_spread
+    assert described.certify(samples=100, full_range=True)["TDC"].verdict.evidence.ratio_spread > path
 
 
 @pytest.mark.parametrize(

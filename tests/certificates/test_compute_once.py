@@ -25,7 +25,7 @@ def calls(monkeypatch):
         return linearise_law(law, gain, joints)
 
     def counted_ball(law, *args, **options):
-        counter["ball", repr(law), repr(options)] += 1
+        counter["varying_ratio", repr(law), repr(options)] += 1
         return certify_ball(law, *args, **options)
 
     monkeypatch.setattr(linearise, "_linearise", counted_linearise)
@@ -39,7 +39,7 @@ def test_each_ball_is_computed_once_for_table_file_and_figures(calls):
     for _ in range(2):
         assert certified.suggestion is certified.suggestion
         design_figure(certified)
-    balls = {key: count for key, count in calls.items() if key[0] == "ball"}
+    balls = {key: count for key, count in calls.items() if key[0] == "varying_ratio"}
     assert balls
     assert set(balls.values()) == {1}
 

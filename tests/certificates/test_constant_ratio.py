@@ -12,7 +12,7 @@ from law_catalogue import KNOWN_RANGES, agrees_to_digits, make_law, make_tdc
 from tampering import replaced, reread, scaled, without
 from tarc import TarcError, estimators, laws, plants, signals
 from tarc.analysis import h2_norm, hinf_norm, stable_interval, stable_intervals
-from tarc.analysis.linearise import decouple
+from tarc.analysis.linearise import decoupled_channels
 from tarc.certificates import certify_constant_ratio
 from tarc.certification import certificate_from_dict, certificate_from_json
 from tarc.control.digital_controller import DigitalController
@@ -124,9 +124,9 @@ def test_decoupled_equals_the_full_matrices(gain):
 
     mixed = 0.1 * (np.eye(3) + 0.3 * np.ones((3, 3)))
     law = make_law(laws.TARC, 3, inertia=mixed)
-    full = _linearise(law, gain, (0, 1, 2)).closed(0.08)
-    (one,) = decouple(law, 0, gain)
-    expected = np.repeat(np.linalg.eigvals(one.closed(0.08)), 3)
+    full = _linearise(law, gain, (0, 1, 2)).state_matrix(0.08)
+    (one,) = decoupled_channels(law, 0, gain)
+    expected = np.repeat(np.linalg.eigvals(one.state_matrix(0.08)), 3)
     found = np.linalg.eigvals(full)
     # eigenvalues at zero come from delay lines, Jordan blocks whose rounding is the tenth root of the machine's
     sizes = [np.sort(np.abs(values)[np.abs(values) > 0.7]) for values in (expected, found)]
@@ -135,7 +135,7 @@ def test_decoupled_equals_the_full_matrices(gain):
 
 def test_different_bandwidths_are_different_loops():
     law = tdc(joints=3, natural_frequency=[10.0, 20.0, 10.0])
-    assert [channel.joints for channel in decouple(law)] == [(0, 2), (1,)]
+    assert [channel.joints for channel in decoupled_channels(law)] == [(0, 2), (1,)]
     slow, fast = (stable_interval(tdc(natural_frequency=natural_frequency)) for natural_frequency in (10.0, 20.0))
     both = stable_interval(law)
     assert both == pytest.approx((max(slow[0], fast[0]), min(slow[1], fast[1])), rel=1e-9)

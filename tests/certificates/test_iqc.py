@@ -15,14 +15,14 @@ from slow_cases import slow
 from tampering import replaced, reread, scaled, without
 from tarc import TarcError, plants, signals, simulate
 from tarc.analysis import Workspace, stable_interval
-from tarc.analysis.linearise import decouple
-from tarc.analysis.operating_points import Instant, inertia_slopes, mismatches, rates
-from tarc.analysis.uncertain_loop import parts_of
+from tarc.analysis.linearise import decoupled_channels
+from tarc.analysis.operating_points import OperatingPoint, inertia_rates, inertia_slopes, uncertainty_samples
+from tarc.analysis.uncertain_loop import UncertainLoop
 from tarc.certificates import certify_robot, certify_varying_ratio
-from tarc.certificates.iqc import Multiplier, bears, cost
-from tarc.certificates.varying_ratio import widest
+from tarc.certificates.iqc import Multiplier, rate_penalty, satisfies_iqc
+from tarc.certificates.varying_ratio import max_radius
 from tarc.certification import certificate_from_dict
-from tarc.numerics.norms import negative
+from tarc.numerics.norms import fdi_negative
 
 LITERAL, SYNCHRONISED = LawParameters(window=10), LawParameters(window=10, synchronised=True)
 BOTH = [(LITERAL, 0.079), (SYNCHRONISED, 1.074)]
@@ -61,8 +61,8 @@ def test_a_range_that_fits_at_a_rate_only():
     low, high = stable_interval(LITERAL.law)
     ends = 1.2 * low, 0.135
     assert ends[1] < high
-    assert certify_varying_ratio(LITERAL.law, contains=ends).verdict == "inconclusive"
-    slow = certify_varying_ratio(LITERAL.law, contains=ends, rate=5.0)
+    assert certify_varying_ratio(LITERAL.law, ratio_range=ends).verdict == "inconclusive"
+    slow = certify_varying_ratio(LITERAL.law, ratio_range=ends, rate=5.0)
     assert slow.certified
     assert slow.evidence.min_ratio < ends[0] < ends[1] < slow.evidence.max_ratio
     assert "changing by at most 5 1/s" in slow.claim
@@ -170,7 +170,7 @@ def test_cost_against_the_sum(step):
     decays, most = np.array([0.05, 0.5, 0.9, 0.999]), 1.5
     m = np.arange(1, 40_000)[:, None]
     plain = 2 * np.sum(decays**m * m * step, axis=0)
-    found = cost(decays, step, most)
+    found = rate_penalty(decays, step, most)
     rest = step * most / 2
     worst = ((1 + rest / (1 - rest)) / (1 - rest / (1 - rest))) ** 2
     np.testing.assert_allclose(found, worst * plain, rtol=1e-9)
@@ -193,14 +193,14 @@ def test_a_mean_over_a_period_changes_no_more_than_what_it_costs():
             most = np.linalg.norm(E, 2, axis=(1, 2)).max()
             one, two = (np.linalg.inv(E[i : i + 20].mean(axis=0)) for i in (0, 20))
             change, p = np.linalg.norm(one - two, 2), np.array([1e-9])
-            assert change <= cost(p, step, most)[0] / 2 / p[0]
+            assert change <= rate_penalty(p, step, most)[0] / 2 / p[0]
             worst = max(worst, change / step)
     assert worst > 0.9
 
 
 def test_no_multiplier_for_what_changes_by_most_of_itself_in_a_period():
-    assert np.all(np.isinf(cost(np.array([0.5]), 1.0, 1.0)))
-    assert np.isfinite(cost(np.array([0.5]), 0.1, 1.0)).all()
+    assert np.all(np.isinf(rate_penalty(np.array([0.5]), 1.0, 1.0)))
+    assert np.isfinite(rate_penalty(np.array([0.5]), 0.1, 1.0)).all()
 
 
 def hand_form(design, centre, radius, step, evidence, angles):
@@ -219,28 +219,28 @@ def hand_form(design, centre, radius, step, evidence, angles):
 @pytest.mark.parametrize(("design", "centre"), BOTH)
 @pytest.mark.parametrize("relative", [3.0, 30.0])
 def test_bears_against_a_dense_grid(design, centre, relative):
-    (channel,) = decouple(design.law)
-    parts, step = parts_of(channel, 0.0, intersample=False), relative / centre * PERIOD
-    evidence, size = widest(parts, centre, step=step)
+    (channel,) = decoupled_channels(design.law)
+    parts, step = UncertainLoop.from_channel(channel, 0.0, intersample=False), relative / centre * PERIOD
+    evidence, size = max_radius(parts, centre, step=step)
     assert isinstance(evidence, Multiplier)
     assert len(evidence.coefficients) > 0
     angles = np.unique(np.concatenate([np.geomspace(1e-5, np.pi, 600), np.linspace(1e-3, np.pi, 600)]))
     for share in (0.5, 0.9, 0.99, 0.999, 1.01, 1.05, 1.2):
         value = hand_form(design, centre, share * size, step, evidence, angles).max()
         assert abs(value) > 1e-5
-        assert bears(parts, centre, share * size, step, evidence) == (value < 0)
+        assert satisfies_iqc(parts, centre, share * size, step, evidence) == (value < 0)
 
 
 @pytest.mark.parametrize("slope", [0.0, 100.0])
 @pytest.mark.parametrize("weight", [0.0, 3000.0])
 def test_bears_nothing_that_was_changed(slope, weight):
-    (channel,) = decouple(LITERAL.law)
-    parts, centre, step, stiffness = parts_of(channel, slope, intersample=True), 0.08, 0.1, 20.0
-    evidence, size = widest(parts, centre, weight, step=step, stiffness=stiffness)
+    (channel,) = decoupled_channels(LITERAL.law)
+    parts, centre, step, stiffness = UncertainLoop.from_channel(channel, slope, intersample=True), 0.08, 0.1, 20.0
+    evidence, size = max_radius(parts, centre, weight, step=step, stiffness=stiffness)
     rest = weight, stiffness
     assert isinstance(evidence, Multiplier)
     assert size > 0
-    assert bears(parts, centre, size, step, evidence, *rest)
+    assert satisfies_iqc(parts, centre, size, step, evidence, *rest)
     wrong = [
         evidence._replace(coefficients=-evidence.coefficients),
         evidence._replace(coefficients=100 * evidence.coefficients),
@@ -250,20 +250,20 @@ def test_bears_nothing_that_was_changed(slope, weight):
         evidence._replace(stiffness=0.0),
     ]
     for one in wrong:
-        assert not bears(parts, centre, size, step, one, *rest)
-    assert not bears(parts, centre, 1.1 * size, step, evidence, *rest)
-    assert not bears(parts, centre, 1.01 * centre, step, evidence, *rest)
+        assert not satisfies_iqc(parts, centre, size, step, one, *rest)
+    assert not satisfies_iqc(parts, centre, 1.1 * size, step, evidence, *rest)
+    assert not satisfies_iqc(parts, centre, 1.01 * centre, step, evidence, *rest)
     for other in (30 * step, -step, np.nan):
-        assert not bears(parts, centre, size, other, evidence, *rest)
+        assert not satisfies_iqc(parts, centre, size, other, evidence, *rest)
 
 
 @pytest.mark.parametrize("slope", [0.0, 100.0])
 def test_without_exponentials_it_is_the_ball_at_any_speed(slope):
-    parts = parts_of(decouple(LITERAL.law)[0], slope, intersample=True)
+    parts = UncertainLoop.from_channel(decoupled_channels(LITERAL.law)[0], slope, intersample=True)
     anyhow = certify_varying_ratio(LITERAL.law, 0.08, slope=slope).evidence
     plain = Multiplier(np.zeros(0), np.zeros(0), (anyhow.ball.scale or 1.0) ** -2.0)
-    assert bears(parts, 0.08, 0.999 * anyhow.radius, 1e9, plain)
-    assert not bears(parts, 0.08, 1.02 * anyhow.radius, 0.0, plain)
+    assert satisfies_iqc(parts, 0.08, 0.999 * anyhow.radius, 1e9, plain)
+    assert not satisfies_iqc(parts, 0.08, 1.02 * anyhow.radius, 0.0, plain)
 
 
 def test_negative_against_a_dense_grid():
@@ -283,16 +283,16 @@ def test_negative_against_a_dense_grid():
         top = np.linalg.eigvalsh(form).max()
         for share, answer in ((1e-2, True), (-1e-6, False)):
             R = -(top + share * max(abs(top), 1.0)) * np.eye(inputs)
-            assert negative(A, B, Q, S, R) == answer
+            assert fdi_negative(A, B, Q, S, R) == answer
             both[answer] += 1
-        assert not negative(1.5 / np.abs(np.linalg.eigvals(A)).max() * A, B, Q, S, -1e9 * np.eye(inputs))
+        assert not fdi_negative(1.5 / np.abs(np.linalg.eigvals(A)).max() * A, B, Q, S, -1e9 * np.eye(inputs))
     assert min(both) == 40
 
 
 # As certificates
 
 
-@pytest.mark.parametrize("options", [{}, {"slope": 100.0}, {"contains": (0.02, 0.13)}])
+@pytest.mark.parametrize("options", [{}, {"slope": 100.0}, {"ratio_range": (0.02, 0.13)}])
 def test_json_round_trip_verifies_and_tampering_shows(options):
     certificate = certify_varying_ratio(LITERAL.law, rate=20.0, **options)
     assert certificate.certified
@@ -309,7 +309,7 @@ def test_json_round_trip_verifies_and_tampering_shows(options):
     for name, factors in changes.items():
         for factor in factors:
             assert not scaled(certificate, f"ball.{name}", factor).verify()
-    for name, factor in (("multiplier.coefficients", -1.0), ("multiplier.decays", 1.5), ("loop.into", 3.0)):
+    for name, factor in (("multiplier.coefficients", -1.0), ("multiplier.decays", 1.5), ("loop.B", 3.0)):
         assert not scaled(certificate, f"ball.{name}", factor).verify()
         with pytest.raises(TarcError, match="cannot read it"):
             certificate_from_dict(without(certificate, f"ball.{name}"))
@@ -359,7 +359,7 @@ def test_rates_bound_what_motions_do_and_are_reached():
     speed, dt, shares = np.array([2.0, 3.0]), 1e-6, []
     for _ in range(60):
         q, way = rng.uniform(-3, 3, 2), rng.uniform(-1, 1, 2)
-        bound = rates(nominal, inertia_slopes(LOADED, q)[None], speed)[0]
+        bound = inertia_rates(nominal, inertia_slopes(LOADED, q)[None], speed)[0]
         fastest = 0.0
         for share in (way, np.sign(way)):
             ends = [inverse_mismatch(LOADED, nominal, q + sign * share * speed * dt / 2) for sign in (-1, 1)]
@@ -368,7 +368,7 @@ def test_rates_bound_what_motions_do_and_are_reached():
             fastest = max(fastest, seen)
         shares.append(fastest / bound)
     assert max(shares) == pytest.approx(1.0, abs=1e-4)
-    assert np.all(rates(nominal, inertia_slopes(ARM, np.array([0.3, 1.0]))[None], np.zeros(2)) == 0)
+    assert np.all(inertia_rates(nominal, inertia_slopes(ARM, np.array([0.3, 1.0]))[None], np.zeros(2)) == 0)
 
 
 @pytest.fixture(scope="module")
@@ -409,9 +409,9 @@ def test_a_robot_verifies_and_tampering_shows(verdicts):
         ("max_rate_point.velocity_limits", 1.5),
         ("max_rate_point.inertia_slopes", 1.5),
         ("ball.multiplier.coefficients", -1.0),
-        ("ball.loop.lead", 3.0),
-        ("ball.loop.lead", 0.0),
-        ("ball.loop.lead", -1.0),
+        ("ball.loop.lead_periods", 3.0),
+        ("ball.loop.lead_periods", 0.0),
+        ("ball.loop.lead_periods", -1.0),
         ("points.stiffest_moving.damping", 30.0),
         ("points.stiffest_moving.stiffness", 30.0),
         ("points.largest_norm_moving.stiffness", 30.0),
@@ -443,16 +443,16 @@ def test_no_motion_within_the_speed_needs_a_wider_ball(verdicts):
     """At any share of the greatest speeds and accelerations, in any posture, empty and loaded."""
     slow = verdicts[1]
     ball = slow.evidence.ball
-    lead = ball.loop.lead.item() * PERIOD
+    lead = ball.loop.lead_periods.item() * PERIOD
     needed, rng = ball.radius / (1 + slow.margin), np.random.default_rng(8)
     instants = [
-        Instant(plant, rng.uniform(-np.pi, np.pi, 2), rng.uniform(-0.5, 0.5, 2), rng.uniform(-2.0, 2.0, 2))
+        OperatingPoint(plant, rng.uniform(-np.pi, np.pi, 2), rng.uniform(-0.5, 0.5, 2), rng.uniform(-2.0, 2.0, 2))
         for plant in (ARM, LOADED)
         for _ in range(1500)
     ]
-    found = mismatches(INERTIA, instants)
+    found = uncertainty_samples(INERTIA, instants)
     assert found.joint_norms(ball.centre, ball.weight, lead).max() <= needed * (1 + 1e-3)
-    assert 0.7 * ball.stiffness < found.sizes(lead).max() <= ball.stiffness
+    assert 0.7 * ball.stiffness < found.stiffness_norms(lead).max() <= ball.stiffness
     assert np.abs(slow.evidence.points.stiffest_moving.velocity).max() == pytest.approx(0.5)
     assert np.abs(slow.evidence.points.largest_norm_moving.acceleration).max() == pytest.approx(2.0)
 
@@ -485,15 +485,17 @@ def test_motions_at_the_greatest_speed_draw_together(verdicts):
 @pytest.mark.parametrize("lead", [3.0, 40.0])
 def test_damping_counts_beside_the_stiffness(lead):
     """Damping of either sign that takes the whole ball does not make the loop diverge; far more does."""
-    (channel,) = decouple(SYNCHRONISED.law)
-    parts, centre, weight = parts_of(channel, 0.0, intersample=False, lead=lead), 1.0, 300.0
+    (channel,) = decoupled_channels(SYNCHRONISED.law)
+    parts, centre, weight = UncertainLoop.from_channel(channel, 0.0, intersample=False, lead_periods=lead), 1.0, 300.0
     step = 10.0 / centre * PERIOD
-    _, plain = widest(parts_of(channel, 0.0, intersample=False), centre, weight, step=step, stiffness=300.0)
-    evidence, size = widest(parts, centre, weight, step=step, stiffness=300.0)
+    _, plain = max_radius(
+        UncertainLoop.from_channel(channel, 0.0, intersample=False), centre, weight, step=step, stiffness=300.0
+    )
+    evidence, size = max_radius(parts, centre, weight, step=step, stiffness=300.0)
     assert isinstance(evidence, Multiplier)
     assert 0 < size < plain
-    assert bears(parts, centre, size, step, evidence, weight, 300.0)
-    assert not bears(parts, centre, 1.3 * size, step, evidence, weight, 300.0)
+    assert satisfies_iqc(parts, centre, size, step, evidence, weight, 300.0)
+    assert not satisfies_iqc(parts, centre, 1.3 * size, step, evidence, weight, 300.0)
     assert growth_with_damping(parts, centre, 0.999 * size * weight, lead) < 1
     assert growth_with_damping(parts, centre, 300 * size * weight, lead) > 1
 
@@ -502,7 +504,7 @@ def growth_with_damping(parts, centre, size, lead):
     """Growth of the loop with damping of either sign that takes all of ‖[H, C/lead]‖, by the mean velocity."""
     free, into, out = parts[:3]
     closed, worst = free + centre * into @ out, 0.0
-    wide = parts.acceleration[:, :1]
+    wide = parts.B_mismatch[:, :1]
     for sign in (-1.0, 1.0):  # a = ∓ size lead (q⁺ − q), and q⁺ has a in it
         share = sign * size * lead
         row = share * (closed[:1] - np.eye(1, len(free))) / (1 - share * wide[0, 0])

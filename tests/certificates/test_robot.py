@@ -15,10 +15,10 @@ from tarc import TarcError, laws, plants, signals
 from tarc.analysis import Workspace, stable_interval
 from tarc.analysis.inertia_ratio import inverse_ratios
 from tarc.analysis.inertia_shape import best_inertia_shape
-from tarc.analysis.linearise import decouple
-from tarc.analysis.operating_points import Instant, mismatches, sampled
-from tarc.analysis.rest_stability import _at_rest
-from tarc.analysis.uncertain_loop import Parts
+from tarc.analysis.linearise import decoupled_channels
+from tarc.analysis.operating_points import OperatingPoint, sample_points, uncertainty_samples
+from tarc.analysis.rest_stability import rest_state_matrix
+from tarc.analysis.uncertain_loop import UncertainLoop
 from tarc.certificates import certify_robot, certify_varying_ratio
 from tarc.certificates.base import Certificate
 from tarc.certificates.varying_ratio import Ball
@@ -64,9 +64,9 @@ def law_of_widest_ball(shape, synchronised, **options):
     X, spread = shape
     law = make_tdc(synchronised=synchronised)
     found = certify_varying_ratio(law).evidence
-    assert found.ratio_range > spread
+    assert found.ratio_spread > spread
     return make_tdc(
-        synchronised=synchronised, inertia=X * found.min_ratio * np.sqrt(found.ratio_range / spread), **options
+        synchronised=synchronised, inertia=X * found.min_ratio * np.sqrt(found.ratio_spread / spread), **options
     )
 
 
@@ -161,7 +161,7 @@ def test_between_the_ball_and_the_stable_range_is_inconclusive():
     assert verdict.witness is None
     assert verdict.verify()
     text = suggest_changes(law, verdict)
-    assert f"The robot's spread is {verdict.evidence.ratio_range:.3g}" in text
+    assert f"The robot's spread is {verdict.evidence.ratio_spread:.3g}" in text
     assert "inconclusive does not mean unstable" in text
     assert "synchronised, with" in text
 
@@ -174,7 +174,7 @@ def test_ur5e():
     verdicts = {}
     for window, synchronised in ((10, False), (5, True)):
         found = certify_varying_ratio(make_tdc(window, synchronised)).evidence
-        law = make_tdc(window, synchronised, inertia=X * found.min_ratio * np.sqrt(found.ratio_range / spread))
+        law = make_tdc(window, synchronised, inertia=X * found.min_ratio * np.sqrt(found.ratio_spread / spread))
         verdicts[synchronised] = certify_arm(law, arm, everywhere)
     assert verdicts[False].verdict == "inconclusive"
     assert verdicts[True].certified
@@ -191,7 +191,7 @@ def test_ur5e_certified_survives_fast_motion():
     box = Workspace.box(arm.home - 0.5, arm.home + 0.5)
     X, spread = best_inertia_shape(arm, box, samples=200)
     found = certify_varying_ratio(make_tdc(10, True)).evidence
-    law = make_tdc(10, True, inertia=X * found.min_ratio * np.sqrt(found.ratio_range / spread))
+    law = make_tdc(10, True, inertia=X * found.min_ratio * np.sqrt(found.ratio_spread / spread))
     assert certify_arm(law, arm, box).certified
     rng = np.random.default_rng(1)
     reference = signals.Multisine(
@@ -298,7 +298,7 @@ def test_json_round_trip_verifies_and_tampering_shows(tmp_path):
         assert read.verify()
         read.plot().savefig(tmp_path / "robot.png")
     certified = certify_arm(tdc_with_inertia_share(0.05))
-    parts = ((f"ball.loop.{name}", 10.0) for name in Parts._fields[:3])
+    parts = ((f"ball.loop.{name}", 10.0) for name in UncertainLoop._fields[:3])
     points = (("points.min_ratio.inertia", 20.0), ("points.max_ratio.inertia", 0.1))
     for path, factor in (("nominal_inertia", 5.0), *points, *parts):
         assert not scaled(certified, path, factor).verify(), path
@@ -410,7 +410,9 @@ def test_no_law_is_certified_without_its_robust_term():
 def joint_norms(law, verdict, instants):
     """What the ball must hold, of robots at rest or moving, with the verdict's own centre, weight and lead."""
     ball = ball_of(verdict)
-    return mismatches(law.M, instants).joint_norms(ball.centre, ball.weight, ball.loop.lead.item() * law.period)
+    return uncertainty_samples(law.M, instants).joint_norms(
+        ball.centre, ball.weight, ball.loop.lead_periods.item() * law.period
+    )
 
 
 @pytest.mark.parametrize(
@@ -428,11 +430,11 @@ def test_the_worst_posture_is_sought_and_not_only_sampled(both, low, high):
         law = make_tdc(3, True, natural_frequency=3.0, inertia=part * 2.0 / (1 + spread) * X)
         verdict = certify_arm(law, both, box)
         needed = ball_of(verdict).radius / (1 + verdict.margin)
-        found = joint_norms(law, verdict, sampled(both, box, 1500, 77))
+        found = joint_norms(law, verdict, sample_points(both, box, 1500, 77))
         assert found.max() <= 1.01 * needed
-        assert joint_norms(law, verdict, [Instant.at_rest(both[0], verdict.evidence.points.largest_norm.position)])[
-            0
-        ] <= needed * (1 + 1e-9)
+        assert joint_norms(
+            law, verdict, [OperatingPoint.at_rest(both[0], verdict.evidence.points.largest_norm.position)]
+        )[0] <= needed * (1 + 1e-9)
 
 
 def test_every_payload_between_needs_no_more_than_the_ends():
@@ -442,8 +444,12 @@ def test_every_payload_between_needs_no_more_than_the_ends():
     rng = np.random.default_rng(0)
     for _ in range(100):
         posture = rng.uniform(BOX.low, BOX.high)
-        ends = joint_norms(law, verdict, [Instant.at_rest(ARM, posture), Instant.at_rest(LOADED, posture)]).max()
-        between = [Instant.at_rest(plants.TwoLinkArm(payload=float(mass)), posture) for mass in rng.uniform(0, 2, 3)]
+        ends = joint_norms(
+            law, verdict, [OperatingPoint.at_rest(ARM, posture), OperatingPoint.at_rest(LOADED, posture)]
+        ).max()
+        between = [
+            OperatingPoint.at_rest(plants.TwoLinkArm(payload=float(mass)), posture) for mass in rng.uniform(0, 2, 3)
+        ]
         assert joint_norms(law, verdict, between).max() <= ends * (1 + 1e-9)
 
 
@@ -468,9 +474,11 @@ def test_certified_with_the_least_inertia_holds_against_gravity_anywhere(natural
     law = barely_certified_law(law_of, [ARM, LOADED], box, 0.2, 1e-3)
     verdict = certify_arm(law, [ARM, LOADED], box)
     assert ball_of(verdict).weight > 0
-    loop = decouple(law)[0].around(0.0)[:3]
-    for plant, posture, *_ in sampled([ARM, LOADED], box, 300, 5):
-        assert np.abs(np.linalg.eigvals(_at_rest(loop, law.M, plant.linearised(posture), law.period))).max() < 1
+    loop = decoupled_channels(law)[0].closed_loop(0.0)[:3]
+    for plant, posture, *_ in sample_points([ARM, LOADED], box, 300, 5):
+        assert (
+            np.abs(np.linalg.eigvals(rest_state_matrix(loop, law.M, plant.linearised(posture), law.period))).max() < 1
+        )
     worst = [point.position for point in (verdict.evidence.points.largest_norm, verdict.evidence.points.min_ratio)]
     for posture in ([np.pi / 2, 0.8], [-np.pi / 2, 0.8], *worst):
         for plant in (ARM, LOADED):
@@ -528,8 +536,10 @@ def test_one_posture_and_any_stiffness(count, spring):
         verdict = certify_arm(law, plant, Workspace.box([0.0] * count, [width] * count))
         assert verdict.verify()
         assert (ball_of(verdict).weight > 0) == (abs(spring) > 1e-9)
-        loop = decouple(law)[0].around(0.0)[:3]
-        size = np.abs(np.linalg.eigvals(_at_rest(loop, law.M, plant.linearised([0.0] * count), law.period))).max()
+        loop = decoupled_channels(law)[0].closed_loop(0.0)[:3]
+        size = np.abs(
+            np.linalg.eigvals(rest_state_matrix(loop, law.M, plant.linearised([0.0] * count), law.period))
+        ).max()
         expected = "refuted" if size > 1 else "certified" if abs(spring) < 2e3 else "inconclusive"
         assert verdict.verdict == expected
 
@@ -555,7 +565,7 @@ def test_a_tube_about_a_path_is_searched_too():
     law = tdc_with_inertia_share(0.05)
     verdict = certify_arm(law, [ARM, LOADED], tube)
     needed = ball_of(verdict).radius / (1 + verdict.margin)
-    assert joint_norms(law, verdict, sampled([ARM, LOADED], tube, 1000, 3)).max() <= 1.01 * needed
+    assert joint_norms(law, verdict, sample_points([ARM, LOADED], tube, 1000, 3)).max() <= 1.01 * needed
 
 
 def test_what_fast_motion_adds_is_not_covered_and_said_so():
@@ -566,13 +576,13 @@ def test_what_fast_motion_adds_is_not_covered_and_said_so():
     verdict = certify_arm(law, arm, box)
     assert verdict.certified
     assert any("what stiffness and damping fast motion makes is left out" in line for line in verdict.assumptions)
-    loop, q, nudges = decouple(law)[0].around(0.0)[:3], np.array([0.0, 2.2]), 1e-5 * np.eye(2)
+    loop, q, nudges = decoupled_channels(law)[0].closed_loop(0.0)[:3], np.array([0.0, 2.2]), 1e-5 * np.eye(2)
     sizes = []
     for speed in (0.0, 1.0, 6.0):
         dq = np.array([speed, 0.0])
         stiffness = np.column_stack([(arm.bias(q + d, dq) - arm.bias(q - d, dq)) / 2e-5 for d in nudges])
         damping = np.column_stack([(arm.bias(q, dq + d) - arm.bias(q, dq - d)) / 2e-5 for d in nudges])
-        A = _at_rest(loop, law.M, (arm.inertia(q), damping, stiffness), law.period)
+        A = rest_state_matrix(loop, law.M, (arm.inertia(q), damping, stiffness), law.period)
         sizes.append(np.abs(np.linalg.eigvals(A)).max())
     assert sizes[0] < 1
     assert sizes[1] < 1

@@ -24,12 +24,12 @@ from slow_cases import slow
 from tampering import replaced, reread, scaled, without
 from tarc import TarcError, estimators, laws
 from tarc.analysis import hinf_norm, stable_interval, stable_intervals
-from tarc.analysis.linearise import decouple, whole
-from tarc.analysis.uncertain_loop import Parts, Responses, parts_of, system, weighed
+from tarc.analysis.linearise import coupled_channel, decoupled_channels
+from tarc.analysis.uncertain_loop import FrequencyResponses, UncertainLoop, scaled_system
 from tarc.certificates import certify_varying_ratio
-from tarc.certificates.varying_ratio import best_scales
+from tarc.certificates.varying_ratio import max_radius_any_rate
 from tarc.certification import certificate_from_dict
-from tarc.numerics.matrix_tests import schur
+from tarc.numerics.matrix_tests import schur_stability
 
 LITERAL, SYNCHRONISED = LawParameters(window=10), LawParameters(window=10, synchronised=True)
 
@@ -59,10 +59,10 @@ def test_known_balls(design, centre, known, ratio):
     assert there.evidence.radius == pytest.approx(hand_radius(design, centre), rel=5e-6)
     assert there.evidence.radius <= hand_radius(design, centre)
     widest = certify_varying_ratio(design.law, intersample=False).evidence
-    assert round(widest.ratio_range, 1) == ratio
+    assert round(widest.ratio_spread, 1) == ratio
     assert widest.centre == pytest.approx(centre, rel=0.01)
     lifted = certify_varying_ratio(design.law).evidence
-    assert widest.ratio_range * 0.98 < lifted.ratio_range < widest.ratio_range
+    assert widest.ratio_spread * 0.98 < lifted.ratio_spread < widest.ratio_spread
     low, high = stable_interval(design.law)
     assert low < lifted.min_ratio < lifted.max_ratio < high
 
@@ -70,7 +70,7 @@ def test_known_balls(design, centre, known, ratio):
 @pytest.mark.parametrize("window", [5, 10])
 def test_widest_is_the_widest(window):
     design = LawParameters(window=window, synchronised=True)
-    found = certify_varying_ratio(design.law, intersample=False).evidence.ratio_range
+    found = certify_varying_ratio(design.law, intersample=False).evidence.ratio_spread
     others = [hand_radius(design, centre) / centre for centre in np.geomspace(0.2, 2.5, 60)]
     assert found == pytest.approx((1 + max(others)) / (1 - max(others)), rel=2e-3)
 
@@ -126,7 +126,7 @@ def test_a_rotating_mismatch_inside_the_frozen_interval_diverges():
     sizes = growth_of_rotating(LITERAL, low, high, fastest)
     assert fastest[np.argmax(sizes)] / PERIOD == pytest.approx(153.6, abs=2)
     assert PERIOD / np.log(sizes.max()) == pytest.approx(0.0298, rel=0.01)
-    assert certify_varying_ratio(LITERAL.law, contains=(low, high)).verdict == "inconclusive"
+    assert certify_varying_ratio(LITERAL.law, ratio_range=(low, high)).verdict == "inconclusive"
 
 
 @pytest.mark.parametrize("design", [LITERAL, LawParameters(window=5), SYNCHRONISED])
@@ -185,19 +185,19 @@ def test_a_slope_costs_radius_and_none_costs_nothing():
     assert certify_varying_ratio(LITERAL.law, 0.08, slope=700.0).verdict == "inconclusive"
 
 
-def test_contains():
-    verdict = certify_varying_ratio(LITERAL.law, contains=(0.03, 0.12))
+def test_ratio_range():
+    verdict = certify_varying_ratio(LITERAL.law, ratio_range=(0.03, 0.12))
     assert verdict.certified
     numbers = verdict.evidence
     assert numbers.min_ratio < 0.03
     assert numbers.max_ratio > 0.12
     assert verdict.margin == pytest.approx(numbers.radius / max(0.12 - numbers.centre, numbers.centre - 0.03) - 1)
     assert "from 0.03 to 0.12" in verdict.claim
-    assert certify_varying_ratio(LITERAL.law, contains=(0.05, 0.05)).certified
+    assert certify_varying_ratio(LITERAL.law, ratio_range=(0.05, 0.05)).certified
     # a spread below that of the widest ball, but not around its centre
-    assert certify_varying_ratio(LITERAL.law, contains=(0.1, 0.8)).verdict == "inconclusive"
-    assert certify_varying_ratio(LITERAL.law, contains=(0.01, 0.2)).verdict == "inconclusive"
-    given = certify_varying_ratio(LITERAL.law, 0.08, contains=(0.03, 0.12))
+    assert certify_varying_ratio(LITERAL.law, ratio_range=(0.1, 0.8)).verdict == "inconclusive"
+    assert certify_varying_ratio(LITERAL.law, ratio_range=(0.01, 0.2)).verdict == "inconclusive"
+    given = certify_varying_ratio(LITERAL.law, 0.08, ratio_range=(0.03, 0.12))
     assert given.certified
     assert given.evidence.centre == 0.08
 
@@ -215,22 +215,22 @@ def test_one_joint_stands_for_three_with_a_full_inertia():
     found = certify_varying_ratio(law, intersample=False).evidence
     values, vectors = np.linalg.eigh(mixed)
     root = vectors @ np.diag(np.sqrt(values)) @ vectors.T
-    A, B, C, _, _ = whole(law).around(found.centre)
+    A, B, C, _, _ = coupled_channel(law).closed_loop(found.centre)
     norm = hinf_norm(A, B @ np.linalg.inv(root), root @ C, np.zeros((3, 3)))
     assert 1 / norm == pytest.approx(found.radius, rel=5e-6)
     rng = np.random.default_rng(0)
     for _ in range(5):
         turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
         E = turn @ np.diag(rng.uniform(found.min_ratio, found.max_ratio, 3)) @ turn.T
-        assert schur(whole(law).closed(np.linalg.inv(root) @ E @ root))[0] == "certified"
+        assert schur_stability(coupled_channel(law).state_matrix(np.linalg.inv(root) @ E @ root))[0] == "certified"
     beyond = np.diag([stable_interval(law)[1] * 1.01, 0.05, 0.05])
-    assert schur(whole(law).closed(np.linalg.inv(root) @ beyond @ root))[0] == "refuted"
+    assert schur_stability(coupled_channel(law).state_matrix(np.linalg.inv(root) @ beyond @ root))[0] == "refuted"
 
 
 def test_json_round_trip_verifies_and_tampering_shows():
     for certificate in (
         certify_varying_ratio(LITERAL.law),
-        certify_varying_ratio(SYNCHRONISED.law, contains=(0.5, 1.5), slope=50.0),
+        certify_varying_ratio(SYNCHRONISED.law, ratio_range=(0.5, 1.5), slope=50.0),
     ):
         read = reread(certificate)
         assert read.certified
@@ -238,7 +238,7 @@ def test_json_round_trip_verifies_and_tampering_shows():
         assert read.to_dict() == certificate.to_dict()
         for name, factor in (("radius", 1.01), ("centre", 0.5)):
             assert not scaled(certificate, f"ball.{name}", factor).verify()
-        for name in Parts._fields[:3]:
+        for name in UncertainLoop._fields[:3]:
             assert not scaled(certificate, f"ball.loop.{name}", 10).verify()
             with pytest.raises(TarcError, match="cannot read it"):
                 certificate_from_dict(without(certificate, f"ball.loop.{name}"))
@@ -280,10 +280,10 @@ def test_explains_itself_and_draws(tmp_path):
         (lambda: certify_varying_ratio(LITERAL.law, np.inf), "centre: got inf"),
         (lambda: certify_varying_ratio(LITERAL.law, slope=-1.0), "slope: got -1"),
         (
-            lambda: certify_varying_ratio(LITERAL.law, contains=(0.2, 0.1)),
-            "contains: got 0.1; needs a finite number of at least 0.2",
+            lambda: certify_varying_ratio(LITERAL.law, ratio_range=(0.2, 0.1)),
+            "ratio_range: got 0.1; needs a finite number of at least 0.2",
         ),
-        (lambda: certify_varying_ratio(LITERAL.law, contains=(0.0, 0.1)), "contains: got 0"),
+        (lambda: certify_varying_ratio(LITERAL.law, ratio_range=(0.0, 0.1)), "ratio_range: got 0"),
         (lambda: certify_varying_ratio(LITERAL.law, computation_delay=-1), "computation_delay: got -1"),
         (lambda: certify_varying_ratio("TDC"), "law: got str"),  # type: ignore[arg-type]
         (
@@ -354,12 +354,12 @@ def test_any_damping(damping_ratio):
 
 def test_schur_judges_what_has_no_basis_of_eigenvectors():
     block = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
-    assert schur(block + 0.5 * np.eye(3))[0] == "certified"
-    assert schur(block + 2.0 * np.eye(3))[0] == "refuted"
-    assert schur(block + np.eye(3))[0] == "inconclusive"
-    assert schur(np.diag([1.0, -1.0]))[0] == "inconclusive"
-    assert schur(np.diag([1.0 - 1e-15, 0.5]))[0] == "certified"
-    assert schur(np.diag([1.0 + 1e-15, 0.5]))[0] == "refuted"
+    assert schur_stability(block + 0.5 * np.eye(3))[0] == "certified"
+    assert schur_stability(block + 2.0 * np.eye(3))[0] == "refuted"
+    assert schur_stability(block + np.eye(3))[0] == "inconclusive"
+    assert schur_stability(np.diag([1.0, -1.0]))[0] == "inconclusive"
+    assert schur_stability(np.diag([1.0 - 1e-15, 0.5]))[0] == "certified"
+    assert schur_stability(np.diag([1.0 + 1e-15, 0.5]))[0] == "refuted"
 
 
 def reflection(angle, size):
@@ -379,13 +379,13 @@ def reflection(angle, size):
 )
 def test_stiffness_of_the_robot_within_the_ball_does_not_diverge(window, synchronised, ratio, slope, stiffness):
     """Pairs of mismatch and stiffness at the edge of what is certified, turning, and a slope that switches."""
-    (channel,) = decouple(make_tdc(window, synchronised))
-    parts = parts_of(channel, slope, intersample=False)
+    (channel,) = decoupled_channels(make_tdc(window, synchronised))
+    parts = UncertainLoop.from_channel(channel, slope, intersample=False)
     weight = stiffness / (0.6 * ratio)
-    scale, radius = best_scales(parts, ratio, weight)
+    scale, radius = max_radius_any_rate(parts, ratio, weight)
     assert radius > 0
-    assert hinf_norm(*weighed(system(parts, ratio, weight), radius, scale)) < 1
-    assert radius < best_scales(parts, ratio)[1]
+    assert hinf_norm(*scaled_system(parts.closed_loop(ratio, weight), radius, scale)) < 1
+    assert radius < max_radius_any_rate(parts, ratio)[1]
     free, into, out, robust, through = parts[:5]
     A, W = free + ratio * into @ out, robust + ratio * into @ through
     rng = np.random.default_rng(0)
@@ -409,12 +409,12 @@ def test_stiffness_of_the_robot_within_the_ball_does_not_diverge(window, synchro
 
 def test_stiffness_beyond_what_is_certified_can_diverge():
     """A constant negative stiffness that the loop at its least ratio cannot hold is outside every ball."""
-    (channel,) = decouple(make_tdc(10, False))
-    parts = parts_of(channel, 0.0, intersample=False)
+    (channel,) = decoupled_channels(make_tdc(10, False))
+    parts = UncertainLoop.from_channel(channel, 0.0, intersample=False)
     least = 0.006
-    assert best_scales(parts, least)[1] > 0
+    assert max_radius_any_rate(parts, least)[1] > 0
     for weight in np.geomspace(1.0, 1e6, 25):
-        assert best_scales(parts, least, weight)[1] * weight < 60.0
+        assert max_radius_any_rate(parts, least, weight)[1] * weight < 60.0
     free, into, out = parts[:3]
     falling = free + least * into @ out + 60.0 * into @ np.eye(1, len(free))
     assert np.abs(np.linalg.eigvals(falling)).max() > 1
@@ -469,8 +469,10 @@ def hand_pair_radius(design, centre, weight, slope=0.0):
 @pytest.mark.parametrize(("design", "centre", "weight"), PAIRS)
 @pytest.mark.parametrize("slope", [0.0, 60.0])
 def test_radius_of_pairs_by_hand(design, centre, weight, slope):
-    parts = parts_of(decouple(design.law, design.computation_delay)[0], slope, intersample=False)
-    scale, found = best_scales(parts, centre, weight)
+    parts = UncertainLoop.from_channel(
+        decoupled_channels(design.law, design.computation_delay)[0], slope, intersample=False
+    )
+    scale, found = max_radius_any_rate(parts, centre, weight)
     expected = hand_pair_radius(design, centre, weight, slope)
     assert (scale is None) == (not slope)
     # scales by hand are on a grid
@@ -481,9 +483,11 @@ def test_radius_of_pairs_by_hand(design, centre, weight, slope):
 @pytest.mark.parametrize(("design", "centre", "weight"), PAIRS)
 def test_pairs_are_sharp_in_two_dimensions(design, centre, weight):
     """A mismatch that rotates at the peak beside a stiffness that turns: diverges just outside, not just inside."""
-    parts = parts_of(decouple(design.law, design.computation_delay)[0], 0.0, intersample=False)
-    found = best_scales(parts, centre, weight)[1]
-    assert found < 0.999 * best_scales(parts, centre)[1]  # the stiffness does take part
+    parts = UncertainLoop.from_channel(
+        decoupled_channels(design.law, design.computation_delay)[0], 0.0, intersample=False
+    )
+    found = max_radius_any_rate(parts, centre, weight)[1]
+    assert found < 0.999 * max_radius_any_rate(parts, centre)[1]  # the stiffness does take part
     case = UncertainCase(recurrence(design), centre, found, 0.0, weight)
     rate = peak_gain_of_pair(loop_polynomials(case.law, centre), weight)[1]
     inside, outside = (
@@ -495,8 +499,8 @@ def test_pairs_are_sharp_in_two_dimensions(design, centre, weight):
 
 def test_the_fleet_finds_pairs_outside():
     law = recurrence(LITERAL)
-    parts = parts_of(decouple(LITERAL.law)[0], 0.0, intersample=True)
-    found = best_scales(parts, 0.08, 300.0)[1]
+    parts = UncertainLoop.from_channel(decoupled_channels(LITERAL.law)[0], 0.0, intersample=True)
+    found = max_radius_any_rate(parts, 0.08, 300.0)[1]
     cases = [UncertainCase(law, 0.08, share * found, 0.0, 300.0) for share in (0.95, 1.1)]
     inside, outside = AdversarialLoops(cases, [Adversary("rotate at the peak")]).run(8000, intersample=True)[0]
     assert inside < -1
@@ -517,7 +521,7 @@ def test_nothing_contradicts_a_ball_of_pairs(n_designs, steps):
 def test_stiffness_acts_between_the_samples_as_at_them(design, centre, weight):
     """The period cut into pieces, the position weighed in each of them, against the one that is sampled."""
     cuts = 24
-    parts = parts_of(decouple(design.law)[0], 0.0, intersample=True)
+    parts = UncertainLoop.from_channel(decoupled_channels(design.law)[0], 0.0, intersample=True)
     free, into, out = parts[:3]
     A = free + centre * into @ out
     B, C, D = np.zeros((len(A), cuts)), np.zeros((cuts + 1, len(A))), np.zeros((cuts + 1, cuts))
@@ -529,7 +533,7 @@ def test_stiffness_acts_between_the_samples_as_at_them(design, centre, weight):
     C[1:, 1] += moments
     D[1:] = PERIOD**2 * np.tril(moments[:, None] - moments, -1) / np.sqrt(cuts)
     C[1:], D[1:] = C[1:] * weight / np.sqrt(cuts), D[1:] * weight / np.sqrt(cuts)
-    assert best_scales(parts, centre, weight)[1] == pytest.approx(1 / hinf_norm(A, B, C, D), rel=1e-3)
+    assert max_radius_any_rate(parts, centre, weight)[1] == pytest.approx(1 / hinf_norm(A, B, C, D), rel=1e-3)
 
 
 @pytest.mark.parametrize(("design", "centre"), [(LITERAL, 0.08), (SYNCHRONISED, 1.0), (LawParameters(window=5), 0.2)])
@@ -537,7 +541,7 @@ def test_stiffness_acts_between_the_samples_as_at_them(design, centre, weight):
 def test_damping_acts_between_the_samples_as_their_mean_velocity(design, centre, lead):
     """The period cut into pieces, position and velocity weighed in each, against position and mean velocity."""
     cuts, weight = 24, 1e3
-    parts = parts_of(decouple(design.law)[0], 0.0, intersample=True, lead=lead)
+    parts = UncertainLoop.from_channel(decoupled_channels(design.law)[0], 0.0, intersample=True, lead_periods=lead)
     free, into, out = parts[:3]
     A = free + centre * into @ out
     B, C, D = np.zeros((len(A), cuts)), np.zeros((2 * cuts + 1, len(A))), np.zeros((2 * cuts + 1, cuts))
@@ -554,7 +558,7 @@ def test_damping_acts_between_the_samples_as_their_mean_velocity(design, centre,
     D[velocity] = PERIOD**2 * np.tril(np.ones((cuts, cuts)), -1) / np.sqrt(cuts)
     C[velocity], D[velocity] = lead * C[velocity], lead * D[velocity]
     C[1:], D[1:] = C[1:] * weight / np.sqrt(cuts), D[1:] * weight / np.sqrt(cuts)
-    assert best_scales(parts, centre, weight)[1] == pytest.approx(1 / hinf_norm(A, B, C, D), rel=5e-3)
+    assert max_radius_any_rate(parts, centre, weight)[1] == pytest.approx(1 / hinf_norm(A, B, C, D), rel=5e-3)
 
 
 @pytest.mark.parametrize(
@@ -570,19 +574,21 @@ def test_a_narrow_peak_at_a_third_of_the_rate_is_not_missed(window, degree, natu
         computation_delay=late,
         actuation_delay=late,
     )
-    parts = parts_of(decouple(design.law, late)[0], 0.0, intersample=True)
+    parts = UncertainLoop.from_channel(decoupled_channels(design.law, late)[0], 0.0, intersample=True)
     checked = 0
     for centre in np.geomspace(0.005, 0.3, 12):
         if spectral_radius(loop_polynomials(recurrence(design), centre).closed) < 1 - 1e-5:
             checked += 1
-            assert Responses(parts).best(centre)[1] == pytest.approx(best_scales(parts, centre)[1], rel=0.02)
+            assert FrequencyResponses(parts).best_scale(centre)[1] == pytest.approx(
+                max_radius_any_rate(parts, centre)[1], rel=0.02
+            )
     assert checked > 3
 
 
 def test_numbers_that_are_none_certify_nothing():
     for certificate in (
         certify_varying_ratio(LITERAL.law),
-        certify_varying_ratio(SYNCHRONISED.law, contains=(0.5, 1.5), slope=50.0),
+        certify_varying_ratio(SYNCHRONISED.law, ratio_range=(0.5, 1.5), slope=50.0),
     ):
         for name in ("ball.radius", "ball.centre", "needed_radius", "ball.scale"):
             for value in (0.0, np.nan, np.inf, -np.inf):

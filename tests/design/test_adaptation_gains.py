@@ -39,7 +39,7 @@ def test_slope_at_the_cap_is_the_certified_one_and_never_above(loops, expected):
     one = loops[0]
     law = tarc_of_loop(one, choose_adaptation(one, expected))
     assert certify_varying_ratio(
-        law, contains=(one.inertia_scale, 3.0 * one.inertia_scale), slope=law.robust_slope_bound
+        law, ratio_range=(one.inertia_scale, 3.0 * one.inertia_scale), slope=law.robust_slope_bound
     ).certified
 
 

@@ -15,7 +15,7 @@ from tarc import TarcError, laws, plants, signals
 from tarc.analysis import Workspace
 from tarc.analysis.inertia_ratio import inertia_spread
 from tarc.analysis.inertia_shape import best_inertia_shape
-from tarc.analysis.operating_points import Mismatches
+from tarc.analysis.operating_points import UncertaintySamples
 from tarc.certificates import certify_robot, certify_varying_ratio
 from tarc.design.candidates import assess_candidates, enumerate_candidates, pareto_front, peak_error, step_error
 from tarc.design.robustness import RobustnessSpec
@@ -78,7 +78,7 @@ def test_reach_is_the_ratio_of_the_widest_ball(window, synchronised, known):
         PERIOD, natural_frequencies=[10.0], windows=[window], degrees=[2], synchronised=[synchronised]
     )
     (reach,) = {one.max_spread for one in assess_candidates(trials, RobustnessSpec.from_spread(2.0))}
-    widest = certify_varying_ratio(make_tdc(window, synchronised)).evidence.ratio_range
+    widest = certify_varying_ratio(make_tdc(window, synchronised)).evidence.ratio_spread
     assert 0.98 * widest < reach < 1.001 * widest
     assert 0.96 * known < reach < 1.01 * known
 
@@ -94,10 +94,10 @@ def test_what_bears_a_spread_within_a_speed_is_certified(slope_ratio, rate):
     for one in able:
         ends = one.inertia_scale, one.inertia_scale * spread
         slow = certify_varying_ratio(
-            tdc_of_candidate(one), contains=ends, slope=one.robust_slope, rate=rate / one.inertia_scale
+            tdc_of_candidate(one), ratio_range=ends, slope=one.robust_slope, rate=rate / one.inertia_scale
         )
         assert slow.certified, one
-        at_once.append(certify_varying_ratio(tdc_of_candidate(one), contains=ends, slope=one.robust_slope).certified)
+        at_once.append(certify_varying_ratio(tdc_of_candidate(one), ratio_range=ends, slope=one.robust_slope).certified)
     assert len(able) > 3
     assert not all(at_once)
 
@@ -125,7 +125,7 @@ def test_what_bears_a_spread_is_certified(delay, slope_ratio, spread):
         assert one.required_spread == spread
         options = {"slope": one.robust_slope, "computation_delay": delay}
         assert certify_varying_ratio(
-            tdc_of_candidate(one), contains=(one.inertia_scale, one.inertia_scale * spread), **options
+            tdc_of_candidate(one), ratio_range=(one.inertia_scale, one.inertia_scale * spread), **options
         ).certified, one
         there = certify_varying_ratio(tdc_of_candidate(one), one.inertia_scale * (1 + spread) / 2, **options).evidence
         borne = spread * (1 + one.spread_margin)
@@ -303,7 +303,7 @@ def test_a_spread_of_nothing_and_gains_that_make_no_law():
     for one in single:
         if one.feasible:
             assert certify_varying_ratio(
-                tdc_of_candidate(one), contains=(one.inertia_scale, one.inertia_scale)
+                tdc_of_candidate(one), ratio_range=(one.inertia_scale, one.inertia_scale)
             ).certified
     with pytest.raises(TarcError, match="damping_ratio"):
         enumerate_candidates(PERIOD, natural_frequencies=[10.0], windows=[5], damping_ratio=-1.0)
@@ -314,10 +314,10 @@ def test_demand():
     np.testing.assert_allclose(plain.radius_ratios, [0.6])
     np.testing.assert_array_equal(plain.stiffness_weights, [0.0])
     E = np.array([np.eye(2), 4.0 * np.eye(2), np.diag([1.0, 4.0])])
-    none = RobustnessSpec.from_samples(4.0, Mismatches(E, 0 * E, 0 * E))
+    none = RobustnessSpec.from_samples(4.0, UncertaintySamples(E, 0 * E, 0 * E))
     np.testing.assert_array_equal(none.radius_ratios, plain.radius_ratios)
     H = np.array([10.0 * np.eye(2), 0 * np.eye(2), 0 * np.eye(2)])
-    some = RobustnessSpec.from_samples(4.0, Mismatches(E, H, 0 * E))
+    some = RobustnessSpec.from_samples(4.0, UncertaintySamples(E, H, 0 * E))
     # the first posture alone: [1 − 2.5, 10/η] over 2.5
     expected = np.hypot(1.5, 10.0 / some.stiffness_weights) / 2.5
     np.testing.assert_allclose(some.radius_ratios, np.maximum(expected, 0.6))

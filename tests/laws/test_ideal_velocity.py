@@ -6,7 +6,7 @@ import pytest
 from law_catalogue import make_law
 from law_runs import SMALL_INERTIA, assert_equals_tdc, simulate_arm, tracking_at
 from tarc import certificates, estimators, laws
-from tarc.analysis.linearise import decouple
+from tarc.analysis.linearise import decoupled_channels
 from tarc.core.errors import InvalidParameter
 
 
@@ -45,8 +45,8 @@ def test_adds_a_pole_at_its_gain():
         synchronised=True,
         estimator=estimators.Algebraic(window=2e-5, degree=2),
     )
-    (channel,) = decouple(law)
-    values = np.asarray(np.linalg.eigvals(channel.closed(1.0)), dtype=complex)
+    (channel,) = decoupled_channels(law)
+    values = np.asarray(np.linalg.eigvals(channel.state_matrix(1.0)), dtype=complex)
     slow = np.sort(np.real(np.log(values[np.abs(values) > 0.9]))) / law.period
     np.testing.assert_allclose(slow, [-20.0, -12.0, -5.0], rtol=2e-3)
 

@@ -13,7 +13,7 @@ from tarc import TarcError, laws
 from tarc.analysis.workspace import Workspace
 from tarc.certificates import certify_constant_ratio
 from tarc.certification import certificate_from_json
-from tarc.numerics.ball_arithmetic import balls, positive
+from tarc.numerics.ball_arithmetic import balls, is_positive_definite
 from tarc.paper.lemma1 import check_condition_c2, check_lemma1, lemma1_form
 from tarc.plants import MassSpringDamper, MujocoPlant, NLinkArm, TwoLinkArm
 
@@ -48,7 +48,7 @@ def test_form_and_norm_are_the_same_condition(seed, size):
     norm = np.linalg.norm(np.linalg.solve(M, nominal) - np.eye(size), 2)
     if abs(norm - 1) > 1e-6:
         with flint.ctx.workprec(160):
-            assert positive(lemma1_form(balls(M), balls(nominal))) == (norm < 1)
+            assert is_positive_definite(lemma1_form(balls(M), balls(nominal))) == (norm < 1)
 
 
 def test_refuted_with_a_posture_that_shows_it():

@@ -45,8 +45,8 @@ def test_usual_choice():
         ("c2", "certified"),
         ("theorem2", "refuted"),
         ("nominal", "certified"),
-        ("loop", "refuted"),
-        ("loop", "certified"),
+        ("constant_ratio", "refuted"),
+        ("constant_ratio", "certified"),
     ]
     assert found["M̂"].values["spectral radius"] == pytest.approx(1.152, abs=5e-4)
     ends = [float(found["M̂"].values[name]) for name in ("least stable ρ", "greatest stable ρ")]

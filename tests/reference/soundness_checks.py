@@ -29,10 +29,10 @@ from reference.soundness_tally import (
     try_adversaries,
 )
 from reference.uncertain_case import UncertainCase
-from tarc.analysis.linearise import decouple
-from tarc.analysis.uncertain_loop import parts_of
+from tarc.analysis.linearise import decoupled_channels
+from tarc.analysis.uncertain_loop import UncertainLoop
 from tarc.certificates import certify_constant_ratio, certify_sector, certify_varying_ratio
-from tarc.certificates.varying_ratio import best_scales, widest
+from tarc.certificates.varying_ratio import max_radius, max_radius_any_rate
 from tarc.core.progress import Progress
 
 N_STEPS = 4000
@@ -96,8 +96,8 @@ def check_balls(
             options["slope"] = float(rng.uniform(0.02, 1.2) / reach)
         if rng.random() < 0.4:
             spread = np.exp(10 ** rng.uniform(-2, 0.3))
-            options["contains"] = centre / spread, centre * spread
-        found = certify_varying_ratio(design.law, None if "contains" in options else centre, **options)
+            options["ratio_range"] = centre / spread, centre * spread
+        found = certify_varying_ratio(design.law, None if "ratio_range" in options else centre, **options)
         tally.count(found.verdict)
         if found.certified:
             ball = found.evidence
@@ -132,8 +132,10 @@ def check_balls_with_stiffness(
                 steep = float(
                     rng.uniform(0.02, 1.0) / max(most_negative_real_part(known.w_to_q, known.closed)[0], 1e-9)
                 )
-        parts = parts_of(decouple(design.law, design.computation_delay)[0], steep, intersample=True)
-        reach = best_scales(parts, centre, weight)[1]
+        parts = UncertainLoop.from_channel(
+            decoupled_channels(design.law, design.computation_delay)[0], steep, intersample=True
+        )
+        reach = max_radius_any_rate(parts, centre, weight)[1]
         tally.count("certified" if reach > 0 else "inconclusive")
         if reach > 0:
             case = UncertainCase(hand, centre, reach, steep, weight)
@@ -166,8 +168,10 @@ def check_slow_balls(
                 stiffness = float(centre * design.natural_frequency**2 * np.exp(rng.uniform(-3, 0.5)))
                 weight = float(stiffness / centre * np.exp(rng.uniform(-1, 3)))
         if weight:
-            parts = parts_of(decouple(design.law, design.computation_delay)[0], steep, intersample=True)
-            reach = widest(parts, centre, weight, step=rate * PERIOD, stiffness=stiffness)[1]
+            parts = UncertainLoop.from_channel(
+                decoupled_channels(design.law, design.computation_delay)[0], steep, intersample=True
+            )
+            reach = max_radius(parts, centre, weight, step=rate * PERIOD, stiffness=stiffness)[1]
         else:
             found = certify_varying_ratio(
                 design.law, centre, slope=steep, rate=rate, computation_delay=design.computation_delay
@@ -225,24 +229,29 @@ def tally_certificates(
     There are ``count`` loops, a quarter as many balls and slopes, and an eighth as many of each other kind.
     """
     rng = np.random.default_rng(seed)
-    plan = {"loop": count, "loop, a range": count // 8, "ball": count // 4, "slope": count // 4}
-    plan |= {"ball, stiffness": count // 8, "ball, slow": count // 8}
+    plan = {
+        "constant_ratio": count,
+        "constant_ratio, a range": count // 8,
+        "varying_ratio": count // 4,
+        "sector": count // 4,
+    }
+    plan |= {"varying_ratio, stiffness": count // 8, "varying_ratio, slow": count // 8}
     checks = {
-        "ball": check_balls,
-        "slope": check_slopes,
-        "ball, stiffness": check_balls_with_stiffness,
-        "ball, slow": check_slow_balls,
+        "varying_ratio": check_balls,
+        "sector": check_slopes,
+        "varying_ratio, stiffness": check_balls_with_stiffness,
+        "varying_ratio, slow": check_slow_balls,
     }
     tallies = {}
     for name in kinds or plan:
         designs = plan[name]
         tally = tallies[name] = Tally()
         begin = time.perf_counter()
-        drawn = [draw_parameters(rng, name == "slope") for _ in range(designs)]
+        drawn = [draw_parameters(rng, name == "sector") for _ in range(designs)]
         with Progress(name, designs, show) as progress:
-            if name.startswith("loop"):
+            if name.startswith("constant_ratio"):
                 for design in drawn:
-                    (check_ratio if name == "loop" else check_range)(design, rng, tally)
+                    (check_ratio if name == "constant_ratio" else check_range)(design, rng, tally)
                     progress.advance()
             else:
                 checks[name](drawn, rng, tally, steps, progress.advance)

@@ -13,14 +13,14 @@ from tarc.core.validation import Matrix
 from tarc.plants.base import Plant
 from tarc.plants.euler_lagrange import EulerLagrange
 
-SINGULAR = 1e-12
+MIN_CONDITION = 1e-12
 """Smallest to largest eigenvalue of an inertia matrix below which it counts as singular."""
 STEP = 1e-7
 """Step of the differences in the local search, in widths of the box: near the root of the rounding error."""
-REFINE = 12
+N_SEARCHES = 12
 """Starts of the local search."""
 
-Stacked = Callable[[np.ndarray], np.ndarray]
+InertiaFunction = Callable[[np.ndarray], np.ndarray]
 """Maps inertia matrices (k, n, n) to one number each, (k,)."""
 
 
@@ -74,7 +74,7 @@ def inertia_spread(
     *,
     samples: int = 2000,
     seed: int = 0,
-    refine: int = REFINE,
+    refine: int = N_SEARCHES,
 ) -> InertiaSpread:
     """Least and greatest eigenvalue of M(q)⁻¹M̂, those of the symmetric E(q) = M̂^½ M(q)⁻¹ M̂^½, over a workspace.
 
@@ -100,9 +100,11 @@ def inertia_spread(
         For an M̂ that is not positive definite, joints that do not match, and an inertia matrix that is singular or not
         finite somewhere.
     """
-    plants = plants_of(plant)
+    plants = as_plants(plant)
     nominal = check.positive_definite("inertia", inertia, plants[0].n_joints)
-    low, high = extremes(ends_of(nominal), plants, workspace, samples=samples, seed=seed, refine=refine)
+    low, high = maximise_over_workspace(
+        extreme_ratio_functions(nominal), plants, workspace, samples=samples, seed=seed, refine=refine
+    )
     return InertiaSpread(
         min_ratio=1 / low.value,
         max_ratio=-1 / high.value,
@@ -125,19 +127,19 @@ def inverse_ratios(M: np.ndarray, nominal: np.ndarray) -> np.ndarray:
     return np.linalg.eigvalsh(whiten @ M @ whiten.T)
 
 
-def ends_of(nominal: np.ndarray) -> tuple[Stacked, Stacked]:
+def extreme_ratio_functions(nominal: np.ndarray) -> tuple[InertiaFunction, InertiaFunction]:
     """What is greatest where the least, and where the greatest, eigenvalue of M⁻¹M̂ is found."""
     return lambda M: inverse_ratios(M, nominal)[:, -1], lambda M: -inverse_ratios(M, nominal)[:, 0]
 
 
-def extremes(
-    functions: Sequence[Stacked],
+def maximise_over_workspace(
+    functions: Sequence[InertiaFunction],
     plant: Plant | Sequence[Plant],
     workspace: Workspace,
     *,
     samples: int = 2000,
     seed: int = 0,
-    refine: int = REFINE,
+    refine: int = N_SEARCHES,
 ) -> list[Extremum]:
     """Greatest value of each function of the inertia matrix over a workspace: samples, then local search.
 
@@ -152,11 +154,14 @@ def extremes(
     plant, workspace, samples, seed, refine
         As in `spread`.
     """
-    plants = plants_of(plant)
-    return [top(peaks) for peaks in peaks_of(functions, plants, Grid(workspace, plants, samples, seed), refine)]
+    plants = as_plants(plant)
+    return [
+        largest_maximum(peaks)
+        for peaks in local_maxima(functions, plants, PostureSamples(workspace, plants, samples, seed), refine)
+    ]
 
 
-class Grid:
+class PostureSamples:
     """Samples of a workspace: the points of the unit cube of its free variables, the postures, M(q) of each plant."""
 
     def __init__(self, workspace: Workspace, plants: Sequence[Plant], samples: int, seed: int):
@@ -173,9 +178,9 @@ class Grid:
         self.workspace = workspace
         self.width = workspace.high - workspace.low
         self.free = np.flatnonzero(self.width > 0)
-        self.units = workspace.units(samples, seed)[:, self.free]
+        self.units = workspace.unit_samples(samples, seed)[:, self.free]
         self.postures = self.place(self.units)
-        self.inertias = [inertias(plant, self.postures) for plant in plants]
+        self.inertias = [inertia_matrices(plant, self.postures) for plant in plants]
 
     def place(self, units: np.ndarray) -> np.ndarray:
         """Postures (k, n) at points (k, d) of the unit cube."""
@@ -184,7 +189,9 @@ class Grid:
         return self.workspace.positions(variables)
 
 
-def peaks_of(functions: Sequence[Stacked], plants: Sequence[Plant], grid: Grid, refine: int) -> list[list[Extremum]]:
+def local_maxima(
+    functions: Sequence[InertiaFunction], plants: Sequence[Plant], grid: PostureSamples, refine: int
+) -> list[list[Extremum]]:
     """For each function the local maxima that are reached from its best samples."""
     check.integer("refine", refine, 0)
     found = []
@@ -203,14 +210,14 @@ def peaks_of(functions: Sequence[Stacked], plants: Sequence[Plant], grid: Grid, 
     return found
 
 
-def top(peaks: list[Extremum]) -> Extremum:
+def largest_maximum(peaks: list[Extremum]) -> Extremum:
     """The highest, with the best of the samples."""
     best = max(peaks, key=lambda peak: peak.value)
     return best._replace(sampled=max(peak.sampled for peak in peaks))
 
 
 def _climb(
-    function: Stacked, plant: Plant, place: Callable[[np.ndarray], np.ndarray], start: np.ndarray
+    function: InertiaFunction, plant: Plant, place: Callable[[np.ndarray], np.ndarray], start: np.ndarray
 ) -> tuple[float, np.ndarray]:
     """Local maximum of the function, and where, in the unit cube.
 
@@ -222,11 +229,11 @@ def _climb(
     from scipy.optimize import minimize
 
     nudges = STEP * np.concatenate([np.zeros((1, len(start))), np.eye(len(start))])
-    size = max(abs(float(function(inertias(plant, place(start[None])))[0])), 1e-300)
+    size = max(abs(float(function(inertia_matrices(plant, place(start[None])))[0])), 1e-300)
 
     def downhill(unit: np.ndarray) -> tuple[float, np.ndarray]:
         inward = np.where(unit > 0.5, -1.0, 1.0)
-        near = -function(inertias(plant, place(unit + nudges * inward))) / size
+        near = -function(inertia_matrices(plant, place(unit + nudges * inward))) / size
         return float(near[0]), (near[1:] - near[0]) / (STEP * inward)
 
     with warnings.catch_warnings():
@@ -237,7 +244,7 @@ def _climb(
     return -float(end.fun) * size, np.clip(end.x, 0, 1)
 
 
-def inertias(plant: Plant, postures: np.ndarray) -> np.ndarray:
+def inertia_matrices(plant: Plant, postures: np.ndarray) -> np.ndarray:
     """M(q) at the rows of postures (k, n), shape (k, n, n), each positive definite."""
     n = plant.n_joints
     if isinstance(plant, EulerLagrange):  # one call of CasADi costs as much as a thousand postures
@@ -246,7 +253,7 @@ def inertias(plant: Plant, postures: np.ndarray) -> np.ndarray:
         M = np.array([plant.inertia(posture) for posture in postures])
     finite = np.array([np.isfinite(one).all() for one in M])
     values = np.linalg.eigvalsh(np.where(finite[:, None, None], M, 0.0))
-    wrong = np.flatnonzero(~(finite & (values[:, 0] > SINGULAR * values[:, -1])))
+    wrong = np.flatnonzero(~(finite & (values[:, 0] > MIN_CONDITION * values[:, -1])))
     if wrong.size:
         i = int(wrong[0])
         what = f"singular (smallest eigenvalue {values[i, 0]:.3g})" if finite[i] else "not finite"
@@ -257,7 +264,7 @@ def inertias(plant: Plant, postures: np.ndarray) -> np.ndarray:
     return M
 
 
-def plants_of(plant: Plant | Sequence[Plant]) -> list[Plant]:
+def as_plants(plant: Plant | Sequence[Plant]) -> list[Plant]:
     """Robots of as many joints each, as a list."""
     plants = list(plant) if isinstance(plant, Sequence) else [plant]
     if not plants or not all(isinstance(one, Plant) for one in plants):

@@ -4,23 +4,30 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tarc.analysis.inertia_ratio import Grid, ends_of, inverse_ratios, peaks_of, plants_of, top
+from tarc.analysis.inertia_ratio import (
+    PostureSamples,
+    as_plants,
+    extreme_ratio_functions,
+    inverse_ratios,
+    largest_maximum,
+    local_maxima,
+)
 from tarc.analysis.workspace import Workspace
 from tarc.core import validation as check
 from tarc.core.errors import NotConverged
 from tarc.core.optional import require
 from tarc.plants.base import Plant
 
-ROUNDS = 30
-"""Most rounds in which `best_shape` adds postures."""
-PATIENCE = 6
+MAX_ROUNDS = 30
+"""Most rounds in which `best_inertia_shape` adds postures."""
+DROPPING_ROUNDS = 6
 """Rounds after which no posture is dropped any more."""
-STARTS = 8
+N_SEARCHES = 8
 """Of the local search in each round, for each end."""
-ALIKE = 1e-5
+SAME_TOLERANCE = 1e-5
 """Distance of two inertia matrices, of their size, below which one stands for both."""
-SLACK = 1.2
-"""Factor from the outermost eigenvalue beyond which `best_shape` drops a posture that it had added."""
+ACTIVE_FACTOR = 1.2
+"""Factor from the outermost eigenvalue beyond which `best_inertia_shape` drops a posture that it had added."""
 
 
 def best_inertia_shape(
@@ -58,30 +65,30 @@ def best_inertia_shape(
     TarcError
         As `spread`; when the solver fails or the bounds do not meet.
     """
-    plants = plants_of(plant)
+    plants = as_plants(plant)
     check.number("tolerance", tolerance, 1e-4, high=1.0)
-    grid = Grid(workspace, plants, samples, seed)
+    grid = PostureSamples(workspace, plants, samples, seed)
     pool = np.concatenate(grid.inertias)
     mean = pool.mean(axis=0)
     X, bound = np.diag(np.diag(mean)) if diagonal else mean, 1.0
     best, ratio = X, np.inf
     below = above = pool[:0]
-    for count in range(ROUNDS):
-        lows, highs = peaks_of(ends_of(X), plants, grid, STARTS)
-        low, high = 1 / top(lows).value, -1 / top(highs).value
+    for count in range(MAX_ROUNDS):
+        lows, highs = local_maxima(extreme_ratio_functions(X), plants, grid, N_SEARCHES)
+        low, high = 1 / largest_maximum(lows).value, -1 / largest_maximum(highs).value
         if high / low < ratio:
             best, ratio = X / low, high / low
         if ratio <= (1 + tolerance) * bound:
             return best, ratio
         fresh_low, fresh_high = ([plants[one.plant].inertia(one.posture) for one in ends] for ends in (lows, highs))
-        if count < PATIENCE:  # and from then on none is dropped, so that none comes and goes for ever
+        if count < DROPPING_ROUNDS:  # and from then on none is dropped, so that none comes and goes for ever
             below, above = _active(below, X, -1), _active(above, X, 0)
-        below, above = _joined(below, fresh_low), _joined(above, fresh_high)
+        below, above = _add_distinct(below, fresh_low), _add_distinct(above, fresh_high)
         X, lower = _solve(below, above, mean, diagonal)
         bound = max(bound, lower)
     raise NotConverged(
-        f"best_shape: after {ROUNDS} rounds the spread {ratio:.4g} is still more than {tolerance:.2g} above its lower "
-        f"bound {bound:.4g}; raise the tolerance or the number of samples"
+        f"best_inertia_shape: after {MAX_ROUNDS} rounds the spread {ratio:.4g} exceeds its lower bound {bound:.4g} by "
+        f"more than {tolerance:.2g}; raise the tolerance or the number of samples"
     )
 
 
@@ -91,14 +98,14 @@ def _active(matrices: np.ndarray, X: np.ndarray, end: int) -> np.ndarray:
         return matrices
     values = inverse_ratios(matrices, X)[:, end]
     outermost = values.max() if end == -1 else values.min()
-    return matrices[np.abs(np.log(values / outermost)) < np.log(SLACK)]
+    return matrices[np.abs(np.log(values / outermost)) < np.log(ACTIVE_FACTOR)]
 
 
-def _joined(matrices: np.ndarray, fresh: list[np.ndarray]) -> np.ndarray:
+def _add_distinct(matrices: np.ndarray, fresh: list[np.ndarray]) -> np.ndarray:
     """With those that are not nearly there already, as several searches end in the same posture."""
     kept = list(matrices)
     for one in fresh:
-        size = ALIKE * np.linalg.norm(one)
+        size = SAME_TOLERANCE * np.linalg.norm(one)
         if all(np.linalg.norm(one - other) > size for other in kept):
             kept.append(one)
     return np.array(kept)
@@ -111,7 +118,7 @@ def _solve(below: np.ndarray, above: np.ndarray, mean: np.ndarray, diagonal: boo
     """
     import warnings
 
-    require("certify", "best_shape", "cvxpy", "clarabel")
+    require("certify", "best_inertia_shape", "cvxpy", "clarabel")
     import cvxpy as cp
 
     n = len(mean)
@@ -127,13 +134,17 @@ def _solve(below: np.ndarray, above: np.ndarray, mean: np.ndarray, diagonal: boo
             warnings.simplefilter("ignore")
             problem.solve(solver=cp.CLARABEL)
     except cp.SolverError as error:
-        raise NotConverged(f"best_shape: the solver failed ({error}); try other samples, or more armature") from None
+        raise NotConverged(
+            f"best_inertia_shape: the solver failed ({error}); try other samples, or more armature"
+        ) from None
     if shape.value is None or t.value is None:
-        raise NotConverged(f"best_shape: the solver ended {problem.status}; try other samples, or more armature")
+        raise NotConverged(
+            f"best_inertia_shape: the solver ended {problem.status}; try other samples, or more armature"
+        )
     X = scale @ np.asarray(shape.value) @ scale.T
     duals = np.array([one.dual_value for one in constraints])
     bound = lower_bound(below, above, duals[: len(below)], duals[len(below) :], diagonal)
-    return check.positive_definite("best_shape", (X + X.T) / 2, n), bound
+    return check.positive_definite("best_inertia_shape", (X + X.T) / 2, n), bound
 
 
 def lower_bound(
@@ -157,7 +168,7 @@ def lower_bound(
     """
     if not (np.isfinite(less).all() and np.isfinite(more).all()):
         return 0.0
-    Z, W = _positive(less), _positive(more)
+    Z, W = _positive_part(less), _positive_part(more)
     gained, spent = np.sum(Z * below), np.sum(W * above)
     both = np.stack([Z.sum(axis=0), W.sum(axis=0)])
     if diagonal:
@@ -174,7 +185,7 @@ def lower_bound(
     return best
 
 
-def _positive(matrices: np.ndarray) -> np.ndarray:
+def _positive_part(matrices: np.ndarray) -> np.ndarray:
     """The nearest positive semidefinite matrices."""
     values, vectors = np.linalg.eigh((matrices + matrices.transpose(0, 2, 1)) / 2)
     return (vectors * np.maximum(values, 0.0)[:, None, :]) @ vectors.transpose(0, 2, 1)

@@ -38,17 +38,17 @@ class Channel:
     joints: tuple[int, ...]
 
     @property
-    def width(self) -> int:
+    def n_coupled(self) -> int:
         """How many joints the loop has: 1 unless the gains couple them."""
         return self.D.shape[0]
 
-    def around(self, ratio: float | Array) -> tuple[Array, Array, Array, Array, Array]:
+    def closed_loop(self, ratio: float | Array) -> tuple[Array, Array, Array, Array, Array]:
         """A, B, C, W, V of the loop around q̈ = ratio v under zero-order hold: y⁺ = A y + B a + W w, v = C y + V w.
 
         The ratio is a number, or M⁻¹M̂ itself. The state y holds q, q̇ T and x; a is an acceleration besides ratio v,
         held like it. The velocity is scaled by the period, so that rounding does not depend on it.
         """
-        n, inner = self.width, self.F.shape[0]
+        n, inner = self.n_coupled, self.F.shape[0]
         ratio = ratio * np.eye(n) if np.ndim(ratio) == 0 else np.asarray(ratio)
         eye, T2 = np.eye(n), self.period**2
         A, B, C = np.zeros((2 * n + inner,) * 2), np.zeros((2 * n + inner, n)), np.zeros((n, 2 * n + inner))
@@ -61,15 +61,15 @@ class Channel:
         W[2 * n :] += self.H
         return A + B @ ratio @ C, B, C, W, self.E
 
-    def closed(self, ratio: float | Array) -> Array:
+    def state_matrix(self, ratio: float | Array) -> Array:
         """State matrix of the loop around q̈ = ratio v."""
-        return self.around(ratio)[0]
+        return self.closed_loop(ratio)[0]
 
-    def delayed(self, periods: int) -> "Channel":
+    def with_delay(self, periods: int) -> "Channel":
         """The same loop with v so many periods later: the newest v first among the states added."""
         if periods == 0:
             return self
-        n, inner, queue = self.width, self.F.shape[0], self.width * periods
+        n, inner, queue = self.n_coupled, self.F.shape[0], self.n_coupled * periods
         F = np.zeros((inner + queue, inner + queue))
         F[:inner, :inner] = self.F
         F[inner : inner + n, :inner] = self.C
@@ -79,7 +79,7 @@ class Channel:
         return replace(self, F=F, G=G, H=H, C=C, D=none, E=none)
 
 
-def decouple(law: Law, computation_delay: int = 0, gain: float = 0.0) -> list[Channel]:
+def decoupled_channels(law: Law, computation_delay: int = 0, gain: float = 0.0) -> list[Channel]:
     """The independent loops of a law around q̈ = ρ M̂⁻¹ τ, each once.
 
     With K1 and K2 scalar, or diagonal and the gain at zero, the joints decouple in coordinates M̂^½ q (M̂⁻¹τ, for
@@ -101,34 +101,34 @@ def decouple(law: Law, computation_delay: int = 0, gain: float = 0.0) -> list[Ch
     known = _CHANNELS.setdefault(law, {})
     if gain not in known:
         known[gain] = _decouple(law, gain)
-    return [channel.delayed(computation_delay) for channel in known[gain]]
+    return [channel.with_delay(computation_delay) for channel in known[gain]]
 
 
 _CHANNELS: WeakKeyDictionary[Law, dict[float, list[Channel]]] = WeakKeyDictionary()
 """What was linearised, by law and gain: the certificates of one law all start from it."""
 
 
-def whole(law: PolePlacement, computation_delay: int = 0) -> Channel:
+def coupled_channel(law: PolePlacement, computation_delay: int = 0) -> Channel:
     """The loop of all joints at once, for a mismatch that is no multiple of the identity; the gain at zero."""
-    return _linearise(law, 0.0, tuple(range(law.n_joints))).delayed(computation_delay)
+    return _linearise(law, 0.0, tuple(range(law.n_joints))).with_delay(computation_delay)
 
 
-def alike(law: Law) -> bool:
+def joints_share_loop(law: Law) -> bool:
     """Whether K1, K2 and, with a robust term, P2 are multiples of the identity, so that all joints' loops are one."""
     if not isinstance(law, PolePlacement):
         return False
     matrices = [law.K1, law.K2] if law.P2 is None else [law.K1, law.K2, law.P2]
-    return all(_scalar(K) for K in matrices)
+    return all(_is_scalar(K) for K in matrices)
 
 
-def _scalar(K: Array) -> bool:
+def _is_scalar(K: Array) -> bool:
     return bool(np.abs(K - K[0, 0] * np.eye(len(K))).max() <= 1e-9 * abs(K[0, 0]))
 
 
 def _decouple(law: PolePlacement, gain: float) -> list[Channel]:
     diagonal = all(np.abs(K - np.diag(np.diag(K))).max() <= 1e-9 * np.abs(K).max() for K in (law.K1, law.K2))
     P2 = law.P2 if gain else None
-    scalar = all(_scalar(K) for K in (law.K1, law.K2)) and (P2 is None or _scalar(P2))
+    scalar = all(_is_scalar(K) for K in (law.K1, law.K2)) and (P2 is None or _is_scalar(P2))
     if not (scalar or (diagonal and not gain)):
         return [_linearise(law, gain, tuple(range(law.n_joints)))]
     groups: dict[tuple[float, float], list[int]] = {}
@@ -173,7 +173,7 @@ def _linearise(law: PolePlacement, gain: float, joints: tuple[int, ...]) -> Chan
             f"law: {type(law).__name__} with {type(law.estimator).__name__} has no linearisation at rest, where a "
             "slope is infinite; certificates of the loop need a linear estimator, such as tarc.estimators.Algebraic"
         )
-    keep = _needed(F, inputs, outputs)
+    keep = _observable_states(F, inputs, outputs)
     F, inputs, outputs = F[np.ix_(keep, keep)], inputs[keep], outputs[:, keep]
     root = np.linalg.inv(law.M)
     G, H, D, E = inputs[:, :n], inputs[:, n:], root @ through[:, :n], root @ through[:, n:]
@@ -185,7 +185,7 @@ def _column(leaf: Any) -> Any:
     return leaf if leaf.shape[1] == 1 else ca.vec(leaf)
 
 
-def _needed(F: Array, inputs: Array, outputs: Array) -> Array:
+def _observable_states(F: Array, inputs: Array, outputs: Array) -> Array:
     """States that an input moves and an output shows; all, unless the others are memories that empty themselves."""
     arrows = F != 0
     seen, moved = (outputs != 0).any(axis=0), (inputs != 0).any(axis=1)

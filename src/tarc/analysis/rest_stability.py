@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from tarc.analysis.inertia_ratio import inverse_ratios
-from tarc.analysis.linearise import alike, decouple
+from tarc.analysis.linearise import decoupled_channels, joints_share_loop
 from tarc.analysis.stability import UnstableMode, stable_intervals, unstable_mode
 from tarc.core.errors import TarcError
 from tarc.core.formatting import format_vector
@@ -13,11 +13,11 @@ from tarc.core.types import Array
 from tarc.laws.base import Law
 from tarc.laws.pole_placement import PolePlacement
 from tarc.laws.tde import TDE
-from tarc.numerics.matrix_tests import schur
+from tarc.numerics.matrix_tests import schur_stability
 from tarc.plants.base import Plant
 
 
-def _at_rest(loop: tuple[Array, ...], nominal: Array, rest: tuple[Array, ...], period: float) -> Array:
+def rest_state_matrix(loop: tuple[Array, ...], nominal: Array, rest: tuple[Array, ...], period: float) -> Array:
     """State matrix of the law around M δq̈ + D δq̇ + G δq = δτ, the torque held over each period.
 
     The loop is that of all joints, or one that they share: free, into, out with the double integrator still in it.
@@ -46,10 +46,10 @@ def unstable_posture(law: Law, plant: Plant, positions: Array, computation_delay
     Quick: one linearisation of the law, the inertia in each position, and the robot linearised where the ratio of
     inertias alone makes the loop unstable. Only for laws whose gains are the same on every joint; None for others.
     """
-    if not alike(law) or not isinstance(law, PolePlacement):
+    if not joints_share_loop(law) or not isinstance(law, PolePlacement):
         return None
     try:
-        free, into, out = decouple(law, computation_delay)[0].around(0.0)[:3]
+        free, into, out = decoupled_channels(law, computation_delay)[0].closed_loop(0.0)[:3]
     except TarcError:  # no linearisation, and so nothing to warn of
         return None
     inertias = np.array([plant.inertia(q) for q in np.asarray(positions).T])
@@ -60,13 +60,15 @@ def unstable_posture(law: Law, plant: Plant, positions: Array, computation_delay
         if np.max(np.abs(np.linalg.eigvals(loop))) <= 1:  # the full test only where there is something to show
             continue
         posture = np.asarray(positions)[:, int(np.argwhere(ratios == ratio)[0, 0])]
-        answer, radius, mode = schur(_at_rest((free, into, out), law.M, plant.linearised(posture), law.period))
+        answer, radius, mode = schur_stability(
+            rest_state_matrix((free, into, out), law.M, plant.linearised(posture), law.period)
+        )
         if answer == "refuted" and (found is None or radius > found[0]):
             found = radius, replace(unstable_mode(radius, mode, law.period), ratio=float(ratio), posture=posture)
     return found[1] if found else None
 
 
-def remedy(law: Law, witness: UnstableMode, computation_delay: int = 0) -> str:
+def describe_instability(law: Law, witness: UnstableMode, computation_delay: int = 0) -> str:
     """What `unstable_posture` found, and what to do about it, in a sentence each."""
     ratio = np.nan if witness.ratio is None else witness.ratio
     posture = "" if witness.posture is None else format_vector(witness.posture)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from tarc.analysis.linearise import Channel, decouple
+from tarc.analysis.linearise import Channel, decoupled_channels
 from tarc.core.errors import TarcError
 from tarc.core.types import Array
 from tarc.laws.base import Law
@@ -51,8 +51,8 @@ def unstable_mode(radius: float, mode: complex, period: float) -> UnstableMode:
     return UnstableMode(growth_rate=growth_rate, frequency=frequency)
 
 
-LONGEST_DELAY = 200
-ON_CIRCLE = 1e-9
+MAX_DELAY_PERIODS = 200
+CIRCLE_TOLERANCE = 1e-9
 """Distance from the unit circle within which an eigenvalue counts as on it."""
 
 
@@ -62,29 +62,29 @@ def stable_intervals(law: Law, *, computation_delay: int = 0, gain: float = 0.0)
     The ends are the ratios at which an eigenvalue lies on the unit circle. They are found all at once, as eigenvalues
     of a matrix pencil, and not on a grid; for that the gains must not couple the joints.
     """
-    channels = decouple(law, computation_delay, gain)
-    edges = {0.0, *(edge for channel in channels for edge in crossings(*_split(channel)))}
-    edges = sorted(edges | set(_changes(channels, edges)))
+    channels = decoupled_channels(law, computation_delay, gain)
+    edges = {0.0, *(edge for channel in channels for edge in crossings(*open_loop_matrices(channel)))}
+    edges = sorted(edges | set(_missed_crossings(channels, edges)))
     bounds = [*edges, edges[-1] * 2 + 1.0]
     found: list[tuple[float, float]] = []
     for low, high in pairwise(bounds):
-        if _radius(channels, (low + high) / 2) < 1 - ON_CIRCLE:
+        if spectral_radius(channels, (low + high) / 2) < 1 - CIRCLE_TOLERANCE:
             end = np.inf if high == bounds[-1] else high
             joined = found and found[-1][1] == low
             found[-1:] = [(found[-1][0], end)] if joined else [*found[-1:], (low, end)]
     return found
 
 
-def _changes(channels: list[Channel], edges: set[float]) -> list[float]:
+def _missed_crossings(channels: list[Channel], edges: set[float]) -> list[float]:
     """Ratios at which the loop gains or loses stability with no edge between: what rounding hid from the pencil."""
     from scipy.optimize import brentq
 
     trials = np.unique([*np.geomspace(1e-4, 30.0, 25), *((one + two) / 2 for one, two in pairwise(sorted(edges)))])
-    radii = [_radius(channels, float(trial)) - 1 for trial in trials]
+    radii = [spectral_radius(channels, float(trial)) - 1 for trial in trials]
     found = []
     for (one, before), (two, after) in pairwise(zip(trials, radii, strict=True)):
         if before * after < 0 and not any(one <= edge <= two for edge in edges):
-            edge: Any = brentq(lambda ratio: _radius(channels, ratio) - 1, float(one), float(two))
+            edge: Any = brentq(lambda ratio: spectral_radius(channels, ratio) - 1, float(one), float(two))
             found.append(float(edge))
     return found
 
@@ -156,16 +156,17 @@ def _real_response(A: np.ndarray, b: np.ndarray, c: np.ndarray, angle: float) ->
     return response
 
 
-def _split(channel: Channel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def open_loop_matrices(channel: Channel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A, b, c with the closed loop A + ρ b c."""
-    return channel.around(0.0)[:3]
+    return channel.closed_loop(0.0)[:3]
 
 
-def _radius(channels: list[Channel], ratio: float) -> float:
-    return max(float(np.max(np.abs(np.linalg.eigvals(channel.closed(ratio))))) for channel in channels)
+def spectral_radius(channels: list[Channel], ratio: float) -> float:
+    """Return the largest magnitude of an eigenvalue of the loops closed at a ratio."""
+    return max(float(np.max(np.abs(np.linalg.eigvals(channel.state_matrix(ratio))))) for channel in channels)
 
 
-def _delay_margin(channel: Channel, ratio: float) -> int:
+def delay_margin(channel: Channel, ratio: float) -> int:
     """How many periods later v may come before the loop is unstable, up to `LONGEST_DELAY`.
 
     The delay d at which a pole reaches the circle solves e^{−jωd} L(e^{jω}) = 1 where |L| = 1, L from v back to v. That
@@ -173,10 +174,10 @@ def _delay_margin(channel: Channel, ratio: float) -> int:
     """
 
     def stable(periods: int) -> bool:
-        return _radius([channel.delayed(periods)], ratio) < 1
+        return spectral_radius([channel.with_delay(periods)], ratio) < 1
 
-    if channel.width == 1:
-        A, b, c = _split(channel)
+    if channel.n_coupled == 1:
+        A, b, c = open_loop_matrices(channel)
         angles = np.geomspace(1e-4, np.pi, 50)
         z = np.exp(1j * angles)[:, None, None]
         L = (ratio * c @ np.linalg.solve(z * np.eye(len(A)) - A, b + 0 * z))[:, 0, 0]
@@ -185,22 +186,22 @@ def _delay_margin(channel: Channel, ratio: float) -> int:
         share = size[k] / (size[k] - size[k + 1])
         step = (turn[k + 1] - turn[k] + np.pi) % (2 * np.pi) - np.pi
         delays = (turn[k] + share * step) % (2 * np.pi) / (angles[k] + share * (angles[k + 1] - angles[k]))
-        guess = int(np.min(delays, initial=LONGEST_DELAY))
+        guess = int(np.min(delays, initial=MAX_DELAY_PERIODS))
         for d in (guess, guess + 1, guess - 1):
-            if 0 <= d < LONGEST_DELAY and stable(d) and not stable(d + 1):
+            if 0 <= d < MAX_DELAY_PERIODS and stable(d) and not stable(d + 1):
                 return d
-    return next((d for d in range(LONGEST_DELAY) if not stable(d + 1)), LONGEST_DELAY)
+    return next((d for d in range(MAX_DELAY_PERIODS) if not stable(d + 1)), MAX_DELAY_PERIODS)
 
 
-def from_disturbance(channel: Channel, ratio: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def disturbance_to_error(channel: Channel, ratio: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """From an acceleration, held like the torque, to the position."""
-    A, B, C, _, _ = channel.around(ratio)
+    A, B, C, _, _ = channel.closed_loop(ratio)
     return A, B, np.eye(*C.shape), np.zeros_like(channel.D)
 
 
-def from_noise(channel: Channel, ratio: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def noise_to_torque(channel: Channel, ratio: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """From an error of the measured position to M̂⁻¹τ."""
-    A, B, C, _, _ = channel.around(ratio)
+    A, B, C, _, _ = channel.closed_loop(ratio)
     into = ratio * B @ channel.D
-    into[2 * channel.width :] += channel.G
+    into[2 * channel.n_coupled :] += channel.G
     return A, into, C, channel.D

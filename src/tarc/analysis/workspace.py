@@ -10,7 +10,7 @@ from tarc.core.validation import Numbers
 from tarc.plants.base import Plant
 from tarc.signals.references import Reference
 
-START = 0.25
+TIME_TO_MAX_SPEED = 0.25
 """Time in which a robot reaches its greatest speed [s], where its acceleration is not given."""
 
 
@@ -55,7 +55,7 @@ class Workspace:
             )
         if self.speed is not None:
             object.__setattr__(self, "speed", check.vector("speed", self.speed, self.n_joints, 0))
-            given = self.speed / START if self.acceleration is None else self.acceleration
+            given = self.speed / TIME_TO_MAX_SPEED if self.acceleration is None else self.acceleration
             object.__setattr__(self, "acceleration", check.vector("acceleration", given, self.n_joints, 0))
         elif self.acceleration is not None:
             raise TarcError(
@@ -146,9 +146,9 @@ class Workspace:
 
     def sample(self, samples: int, seed: int = 0) -> np.ndarray:
         """Postures (k, n) [rad or m] evenly at random from the workspace; a single one where it is a point."""
-        return self.positions(self.low + self.units(samples, seed) * (self.high - self.low))
+        return self.positions(self.low + self.unit_samples(samples, seed) * (self.high - self.low))
 
-    def units(self, samples: int, seed: int) -> np.ndarray:
+    def unit_samples(self, samples: int, seed: int) -> np.ndarray:
         """Points (k, v) of the unit cube of its variables, evenly at random; zero for a variable that is held."""
         check.integer("samples", samples, 1)
         free = self.high > self.low

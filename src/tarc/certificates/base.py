@@ -48,7 +48,7 @@ class Evidence(ABC):
     Attributes
     ----------
     kind
-        Name of the test, such as ``loop``.
+        Name of the test, such as ``constant_ratio``.
     witness_type
         Class of the witness of a refutation; None where the test refutes nothing.
     """
@@ -128,7 +128,7 @@ class Certificate(Generic[E]):
 
     @property
     def kind(self) -> str:
-        """Name of the test, such as ``loop``."""
+        """Name of the test, such as ``constant_ratio``."""
         return self.evidence.kind
 
     @property

@@ -6,22 +6,22 @@ from typing import ClassVar
 
 import numpy as np
 
-from tarc.analysis.linearise import Channel, decouple
+from tarc.analysis.linearise import Channel, decoupled_channels
 from tarc.analysis.stability import (
     UnstableMode,
     Witness,
-    _delay_margin,
-    _radius,
-    _split,
     crossings,
-    from_disturbance,
-    from_noise,
+    delay_margin,
+    disturbance_to_error,
+    noise_to_torque,
+    open_loop_matrices,
+    spectral_radius,
     unstable_mode,
 )
 from tarc.certificates.base import Certificate, Evidence, Judgement, LoopMatrices, Verdict
 from tarc.core import validation as check
 from tarc.laws.base import Law
-from tarc.numerics.matrix_tests import schur
+from tarc.numerics.matrix_tests import schur_stability
 from tarc.numerics.norms import h2_norm, hinf_norm
 
 
@@ -74,7 +74,7 @@ class ConstantRatioEvidence(Evidence):
         Rates and gains, which `judge` does not use.
     """
 
-    kind: ClassVar[str] = "loop"
+    kind: ClassVar[str] = "constant_ratio"
     witness_type: ClassVar[type[Witness] | None] = UnstableMode
 
     min_ratio: float
@@ -88,7 +88,7 @@ class ConstantRatioEvidence(Evidence):
         """Test every loop at both ends of the range and between the crossings of the unit circle in it."""
         verdict, margin = Verdict.CERTIFIED, np.inf
         for loop in self.loops:
-            judged = _judge(loop, self.min_ratio, self.max_ratio, self.period)
+            judged = _judge_loop(loop, self.min_ratio, self.max_ratio, self.period)
             margin = min(margin, judged.margin)
             if judged.verdict == Verdict.REFUTED:
                 return Judgement(Verdict.REFUTED, margin, judged.witness)
@@ -132,9 +132,9 @@ def certify_constant_ratio(
     low, high = (ratio, ratio) if np.ndim(ratio) == 0 else tuple(np.ravel(ratio))
     low = check.number("ratio", low, 0, strict=True)
     high = check.number("ratio", high, low)
-    channels = decouple(law, computation_delay, gain)
-    loops = tuple(LoopMatrices(*_split(channel)) for channel in channels)
-    worst = low if low == high else max((low, high), key=lambda end: _radius(channels, end))
+    channels = decoupled_channels(law, computation_delay, gain)
+    loops = tuple(LoopMatrices(*open_loop_matrices(channel)) for channel in channels)
+    worst = low if low == high else max((low, high), key=lambda end: spectral_radius(channels, end))
     evidence = ConstantRatioEvidence(
         min_ratio=low,
         max_ratio=high,
@@ -166,7 +166,7 @@ def certify_constant_ratio(
     )
 
 
-def _judge(loop: LoopMatrices, low: float, high: float, period: float) -> Judgement:
+def _judge_loop(loop: LoopMatrices, low: float, high: float, period: float) -> Judgement:
     """Test one loop at both ends of the range and between every two crossings of the unit circle in it."""
     A, b, c = loop.A, loop.B, loop.C
     verdict, margin, trials = Verdict.CERTIFIED, np.inf, {low, high}
@@ -175,7 +175,7 @@ def _judge(loop: LoopMatrices, low: float, high: float, period: float) -> Judgem
         trials |= {(first + second) / 2 for first, second in pairwise([low, *inner, high])}
         trials |= set(np.geomspace(low, high, 8)[1:-1].tolist())
     for trial in sorted(trials):
-        answer, radius, mode = schur(A + trial * b @ c)
+        answer, radius, mode = schur_stability(A + trial * b @ c)
         if trial in (low, high):
             margin = min(margin, 1 - radius)
         if answer == "refuted":
@@ -188,7 +188,7 @@ def _judge(loop: LoopMatrices, low: float, high: float, period: float) -> Judgem
 
 def _describe(channels: list[Channel], ratio: float, *, stable: bool) -> LoopFindings:
     """Return rates, delay margin and gains of the loop at one ratio."""
-    values = np.concatenate([np.linalg.eigvals(channel.closed(ratio)) for channel in channels])
+    values = np.concatenate([np.linalg.eigvals(channel.state_matrix(ratio)) for channel in channels])
     lead = values[np.argmax(np.abs(values))]
     period = channels[0].period
     findings = LoopFindings(
@@ -198,11 +198,11 @@ def _describe(channels: list[Channel], ratio: float, *, stable: bool) -> LoopFin
     )
     if not stable:
         return findings
-    disturbed = [from_disturbance(channel, ratio) for channel in channels]
-    noisy = [from_noise(channel, ratio) for channel in channels]
+    disturbed = [disturbance_to_error(channel, ratio) for channel in channels]
+    noisy = [noise_to_torque(channel, ratio) for channel in channels]
     return replace(
         findings,
-        delay_margin=min(_delay_margin(channel, ratio) for channel in channels),
+        delay_margin=min(delay_margin(channel, ratio) for channel in channels),
         disturbance_to_error_hinf=max(hinf_norm(*system) for system in disturbed),
         disturbance_to_error_h2=max(h2_norm(*system) for system in disturbed),
         noise_to_torque_hinf=max(hinf_norm(*system) for system in noisy),

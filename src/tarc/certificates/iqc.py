@@ -4,25 +4,25 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tarc.analysis.uncertain_loop import Parts, Responses, system
+from tarc.analysis.uncertain_loop import FrequencyResponses, UncertainLoop
 from tarc.core.types import Array
-from tarc.numerics.norms import negative
+from tarc.numerics.norms import fdi_negative
 
-DECAYS = 10
+N_DECAYS = 10
 """How many exponentials the multiplier is made of."""
-FIRST = 50
+N_FIRST_CUTS = 50
 """About how many frequencies the linear program begins with."""
-ROUNDS = 40
+MAX_CUT_ROUNDS = 40
 """Most rounds in which `best_multiplier` adds what its linear program overlooked."""
-CLOSE = 1.005
+RANGE_TOLERANCE = 1.005
 """At which a search ends, where nothing else is said."""
-STILL = 1e-4
+MIN_CHANGE = 1e-4
 """Least change in a period, as a share of the centre, for which a multiplier is searched for."""
-NEGLIGIBLE = 1e-4
+MIN_COEFFICIENT = 1e-4
 """Share of the greatest term below which one is dropped."""
-SLOWEST = 1e-7
+MIN_DECAY = 1e-7
 """Least decay in a period that is taken: slower ones have all that they do below the frequencies looked at."""
-MARGIN = 1e-6
+FORM_MARGIN = 1e-6
 """By how much the form must be negative, as a share of the mismatch's own square."""
 
 
@@ -52,7 +52,7 @@ class Multiplier(NamedTuple):
     stiffness: float = 1.0
 
 
-def cost(decays: Array, step: float, most: float) -> Array:
+def rate_penalty(decays: Array, step: float, most: float) -> Array:
     """2 Σ_m p^m D_m for each decay p, shape (k,), where E⁻¹ changes by a step in each period and E is at most so large.
 
     D_m = m step ((1 + μ)/(1 − μ))², μ = η/(1 − η): over a period E is not E⁻¹'s inverse mean, but nearly so, where
@@ -65,8 +65,8 @@ def cost(decays: Array, step: float, most: float) -> Array:
     return 2 * step * ((1 + swing) / (1 - swing)) ** 2 * p / (1 - p) ** 2
 
 
-def bears(
-    parts: Parts,
+def satisfies_iqc(
+    parts: UncertainLoop,
     centre: float,
     radius: float,
     step: float,
@@ -79,17 +79,17 @@ def bears(
     The form is the sum of these inequalities, and of |k s/2|² ≥ |w|² for the slope, with their weights.
     """
     p, c = multiplier.decays, multiplier.coefficients
-    fine = step >= 0 and np.all((p > 0) & (p < 1 - SLOWEST)) and multiplier.slope > 0 and multiplier.stiffness > 0
+    fine = step >= 0 and np.all((p > 0) & (p < 1 - MIN_DECAY)) and multiplier.slope > 0 and multiplier.stiffness > 0
     if not fine or radius > centre:
         return False
-    if not np.isfinite(np.abs(c) @ cost(p, step, centre + radius) if len(p) else 0.0):
+    if not np.isfinite(np.abs(c) @ rate_penalty(p, step, centre + radius) if len(p) else 0.0):
         return False
-    F, G, Q, S, R = dissipation(parts, centre, radius, step, multiplier, weight, stiffness)
-    return negative(F, G, Q, S, R + MARGIN * np.eye(len(R)))
+    F, G, Q, S, R = iqc_matrices(parts, centre, radius, step, multiplier, weight, stiffness)
+    return fdi_negative(F, G, Q, S, R + FORM_MARGIN * np.eye(len(R)))
 
 
-def dissipation(
-    parts: Parts,
+def iqc_matrices(
+    parts: UncertainLoop,
     centre: float,
     radius: float,
     step: float,
@@ -98,11 +98,11 @@ def dissipation(
     stiffness: float = 0.0,
 ) -> tuple[Array, ...]:
     """A, B, Q, S, R of the form that `bears` asks to be negative, each input scaled to have −1 of its own square."""
-    A, B, C, D = system(parts, centre, weight)
+    A, B, C, D = parts.closed_loop(centre, weight)
     p, c = multiplier.decays, multiplier.coefficients
-    paid = np.abs(c) @ cost(p, step, centre + radius) if len(p) else 0.0
-    n, k, wide = len(A), len(p), parts.acceleration.shape[1]
-    sloping, stiff = bool(parts.share.item()), bool(weight and stiffness)
+    paid = np.abs(c) @ rate_penalty(p, step, centre + radius) if len(p) else 0.0
+    n, k, wide = len(A), len(p), parts.B_mismatch.shape[1]
+    sloping, stiff = bool(parts.half_slope.item()), bool(weight and stiffness)
     inputs = B.shape[1] + stiff
     # states: the loop, v through the exponentials, b through them; everything below is a row over (state, input)
     size = n + 2 * k + inputs
@@ -139,15 +139,15 @@ def dissipation(
 
 
 def best_multiplier(
-    parts: Parts,
+    parts: UncertainLoop,
     centre: float,
     step: float,
     *,
     weight: float = 0.0,
     stiffness: float = 0.0,
-    responses: Responses | None = None,
+    responses: FrequencyResponses | None = None,
     enough: float = np.inf,
-    close: float = CLOSE,
+    close: float = RANGE_TOLERANCE,
 ) -> tuple[Multiplier, float, float]:
     """The multiplier with which the loop bears the largest ball, its radius, and a bound on any such radius.
 
@@ -179,22 +179,22 @@ def best_multiplier(
     """
     from scipy.optimize import linprog
 
-    step = max(step, STILL / centre)  # where nothing costs anything, nothing bounds the coefficients
-    forms = _Forms(parts, responses or Responses(parts), centre, step, weight, stiffness)
+    step = max(step, MIN_CHANGE / centre)  # where nothing costs anything, nothing bounds the coefficients
+    forms = _FormsOverFrequency(parts, responses or FrequencyResponses(parts), centre, step, weight, stiffness)
     goal = np.zeros(forms.unknowns)
     goal[-1] = -1.0
     inside = forms.start()
-    reached = forms.borne(inside)
+    reached = forms.feasible_radius(inside)
     if not reached:
         return forms.multiplier(inside), 0.0, centre
     inside[-1] = reached**2
     straight = np.zeros((len(forms.v), forms.inputs), dtype=complex)
     straight[:, 0] = 1.0
-    first = np.arange(0, len(forms.v), max(len(forms.v) // FIRST, 1))
+    first = np.arange(0, len(forms.v), max(len(forms.v) // N_FIRST_CUTS, 1))
     A, b = forms.cuts(first, straight[first])
     bounds = [(0, None)] * (forms.unknowns - 1) + [(0, 1)]
     enough, bound = (enough / centre) ** 2, 1.0
-    for _ in range(ROUNDS):
+    for _ in range(MAX_CUT_ROUNDS):
         if inside[-1] >= enough:
             break
         found: Any = linprog(goal, A_ub=A, b_ub=b, bounds=bounds, method="highs-ds", options={"presolve": False})
@@ -205,11 +205,11 @@ def best_multiplier(
         values, vectors = np.linalg.eigh(forms.at(trial))
         top = values[:, -1]
         peak = (top >= np.append(top[1:], -np.inf)) & (top >= np.append(-np.inf, top[:-1]))
-        where = np.flatnonzero(peak & (top > -2 * MARGIN))
+        where = np.flatnonzero(peak & (top > -2 * FORM_MARGIN))
         if len(where):
             more = forms.cuts(where, vectors[where][:, :, -1])
             A, b = np.concatenate([A, more[0]]), np.concatenate([b, more[1]])
-        reached = forms.borne(trial)
+        reached = forms.feasible_radius(trial)
         if reached**2 > inside[-1]:
             inside, inside[-1] = trial, reached**2
     return forms.multiplier(inside), centre * inside[-1] ** 0.5, centre * float(bound) ** 0.5
@@ -220,7 +220,7 @@ def _spread(square: float) -> float:
     return (1 + square**0.5) / max(1 - square**0.5, 1e-9)
 
 
-class _Forms:
+class _FormsOverFrequency:
     """The form of `bears` at each frequency of a grid, as a function of what is searched for.
 
     That is the c_i above and below zero, the weights of slope and stiffness where there are such, and (δ/ρ0)²; all
@@ -229,32 +229,32 @@ class _Forms:
 
     def __init__(
         self,
-        parts: Parts,
-        responses: Responses,
+        parts: UncertainLoop,
+        responses: FrequencyResponses,
         centre: float,
         step: float,
         weight: float,
         stiffness: float,
     ):
-        G = responses.at(centre)
-        self.wide, self.half = parts.acceleration.shape[1], responses.half
+        G = responses.at_ratio(centre)
+        self.wide, self.half = parts.B_mismatch.shape[1], responses.half_slope
         self.sloping, self.stiff = bool(self.half), bool(weight and stiffness)
         G = G if self.sloping else G[:, :, : self.wide]
         G = np.concatenate([G, 0 * G[:, :, :1]], axis=2) if self.stiff else G
         self.inputs = G.shape[2]
-        self.v, self.q, self.s = centre * G[:, 0], G[:, 1] * responses.swing, G[:, 1]
+        self.v, self.q, self.s = centre * G[:, 0], G[:, 1] * responses.lead_factor, G[:, 1]
         self.b = self.v + np.eye(self.inputs)[0] + (np.eye(self.inputs)[-1] if self.stiff else 0)
         self.weight, self.stiffness = centre * weight, stiffness
-        self.started = responses.best(centre, weight)
-        lead = np.max(np.abs(np.linalg.eigvals(system(parts, centre)[0])))
+        self.started = responses.best_scale(centre, weight)
+        lead = np.max(np.abs(np.linalg.eigvals(parts.closed_loop(centre)[0])))
         slowest = -np.log(min(max(lead, 0.5), 1 - 1e-5))
-        p = self.decays = np.exp(-np.geomspace(slowest / 5, 2.0, DECAYS))
+        p = self.decays = np.exp(-np.geomspace(slowest / 5, 2.0, N_DECAYS))
         self.top = (1 - p**2) / p  # over the greatest of its sine
         self.centre = centre
         z = np.exp(1j * responses.angles)[:, None]
         self.sines = 4 * self.top * np.imag(p * z / (1 - p * z))
-        paid = cost(p, step, 2 * centre) * self.top * centre
-        self.used = DECAYS if np.isfinite(paid).all() else 0
+        paid = rate_penalty(p, step, 2 * centre) * self.top * centre
+        self.used = N_DECAYS if np.isfinite(paid).all() else 0
         self.paid, self.sines = paid[: self.used], self.sines[:, : self.used]
         self.unknowns = 2 * self.used + self.sloping + self.stiff + 1
 
@@ -295,13 +295,13 @@ class _Forms:
         if self.stiff:
             columns.append((self.stiffness**2 * position - np.abs(x[:, -1]) ** 2)[:, None])
         columns.append((square + self.weight**2 * position)[:, None])
-        A, b = np.hstack(columns), np.sum(np.abs(x[:, : self.wide]) ** 2, axis=1) - 2 * MARGIN
+        A, b = np.hstack(columns), np.sum(np.abs(x[:, : self.wide]) ** 2, axis=1) - 2 * FORM_MARGIN
         size = np.maximum(np.abs(A).max(axis=1), 1e-12)
         return A / size[:, None], b / size
 
-    def borne(self, x: Array) -> float:
+    def feasible_radius(self, x: Array) -> float:
         """The greatest radius over the centre that these coefficients and weights show on the grid; zero for none."""
-        rest = -self.at(np.concatenate([x[:-1], [0.0]])) - 2 * MARGIN * np.eye(self.inputs)
+        rest = -self.at(np.concatenate([x[:-1], [0.0]])) - 2 * FORM_MARGIN * np.eye(self.inputs)
         if np.linalg.eigvalsh(rest).min() <= 0:
             return 0.0
         sides = np.stack([self.v, self.weight * self.q], axis=1)
@@ -312,7 +312,7 @@ class _Forms:
         """In the units of the loop, without the exponentials that are not used."""
         above, below = x[: 2 * self.used].reshape(2, self.used)
         c = above - below
-        keep = np.abs(c) > NEGLIGIBLE * np.abs(c).max(initial=1e-12)
+        keep = np.abs(c) > MIN_COEFFICIENT * np.abs(c).max(initial=1e-12)
         slope = float(x[2 * self.used]) if self.sloping else 1.0
         stiffness = float(x[-2]) if self.stiff else 1.0
         top = self.top[: self.used]

@@ -7,34 +7,34 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from tarc.analysis.inertia_ratio import InertiaSpread, inertia_spread
-from tarc.analysis.linearise import Channel, alike, decouple, whole
+from tarc.analysis.linearise import Channel, coupled_channel, decoupled_channels, joints_share_loop
 from tarc.analysis.operating_points import (
-    NEGLIGIBLE,
-    Instant,
-    Mismatches,
-    fastest,
-    in_nominal,
+    NEGLIGIBLE_STIFFNESS,
+    OperatingPoint,
+    UncertaintySamples,
+    add_stiffest,
+    inertia_rates,
     inertia_slopes,
-    mismatches,
-    rates,
-    sampled,
-    searched,
-    tangent,
-    with_stiffest,
+    linearise_point,
+    max_rate_point,
+    refine_worst,
+    sample_points,
+    to_nominal_coordinates,
+    uncertainty_samples,
 )
-from tarc.analysis.rest_stability import _at_rest
+from tarc.analysis.rest_stability import rest_state_matrix
 from tarc.analysis.stability import UnstableMode, Witness, unstable_mode
-from tarc.analysis.uncertain_loop import Parts, Responses, parts_of
+from tarc.analysis.uncertain_loop import FrequencyResponses, UncertainLoop
 from tarc.analysis.workspace import Workspace
 from tarc.certificates.base import Certificate, Evidence, Judgement, LoopMatrices, Verdict
 from tarc.certificates.iqc import best_multiplier
-from tarc.certificates.varying_ratio import Ball, Shown, best_centre, make_ball, widest
+from tarc.certificates.varying_ratio import Ball, RadiusProof, best_centre, make_ball, max_radius
 from tarc.core.errors import TarcError
 from tarc.core.types import Array
 from tarc.laws.base import Law
 from tarc.laws.pole_placement import PolePlacement
 from tarc.laws.tarc import TARC
-from tarc.numerics.matrix_tests import schur
+from tarc.numerics.matrix_tests import schur_stability
 from tarc.plants.base import Plant
 
 
@@ -156,7 +156,7 @@ class RobotEvidence(Evidence):
     samples: int
 
     @property
-    def ratio_range(self) -> float:
+    def ratio_spread(self) -> float:
         """Largest by smallest inertia ratio over the workspace."""
         return self.max_ratio / self.min_ratio
 
@@ -173,7 +173,9 @@ class RobotEvidence(Evidence):
             ratios = np.linalg.eigvals(np.linalg.solve(point.inertia, self.nominal_inertia)).real
             least, largest = min(least, ratios.min()), max(largest, ratios.max())
             matrices = point.inertia, point.damping, point.stiffness
-            answer, radius, mode = schur(_at_rest(self._loop(), self.nominal_inertia, matrices, self.period))
+            answer, radius, mode = schur_stability(
+                rest_state_matrix(self._loop(), self.nominal_inertia, matrices, self.period)
+            )
             if answer == "refuted" and radius > worst:
                 ratio = ratios.max() if point is self.points.max_ratio else ratios.min()
                 worst, witness = radius, unstable_mode(radius, mode, self.period)
@@ -187,40 +189,40 @@ class RobotEvidence(Evidence):
     def _loop(self) -> tuple[Array, Array, Array]:
         """Return A, B, C of the loop opened at its inertia ratio."""
         if self.ball is not None:
-            return self.ball.loop.free, self.ball.loop.into, self.ball.loop.out
+            return self.ball.loop.A, self.ball.loop.B, self.ball.loop.C
         if self.coupled_loop is None:
             raise ValueError("evidence: it has neither a ball nor a loop of all joints")
         return self.coupled_loop.A, self.coupled_loop.B, self.coupled_loop.C
 
     def _judge_ball(self, ball: Ball, least: float, largest: float) -> Judgement:
         """Test whether the ball contains the ratios, the stiffness and the rate of all points."""
-        lead = ball.loop.lead.item() * self.period
-        mismatch = self._mismatches()
-        stiffest = float(mismatch.sizes(lead).max())
+        lead = ball.loop.lead_periods.item() * self.period
+        mismatch = self._uncertainty_samples()
+        stiffest = float(mismatch.stiffness_norms(lead).max())
         undecided = Judgement(Verdict.INCONCLUSIVE, 0.0)
-        if not np.isfinite(lead) or (lead <= 0 and float(np.abs(mismatch.damping).max()) > NEGLIGIBLE):
+        if not np.isfinite(lead) or (lead <= 0 and float(np.abs(mismatch.damping).max()) > NEGLIGIBLE_STIFFNESS):
             return undecided
         needed = max(largest - ball.centre, ball.centre - least)
         if ball.weight > 0:
             needed = max(needed, float(mismatch.joint_norms(ball.centre, ball.weight, lead).max()))
-        elif not stiffest <= NEGLIGIBLE:  # the loop without its weight leaves the stiffness out
+        elif not stiffest <= NEGLIGIBLE_STIFFNESS:  # the loop without its weight leaves the stiffness out
             return undecided
         if ball.step is not None:
             if self.max_rate_point is None or not stiffest <= (1 + 1e-9) * ball.stiffness:
                 return undecided
             slopes, limits = self.max_rate_point.inertia_slopes, self.max_rate_point.velocity_limits
-            rate = float(rates(self.nominal_inertia, slopes[None], limits)[0])
+            rate = float(inertia_rates(self.nominal_inertia, slopes[None], limits)[0])
             if rate * self.period / (1 + 1e-9) > ball.step:
                 return undecided
         judged = ball.judge(needed)
         return judged if self.robust_term_is_bounded else judged._replace(verdict=Verdict.INCONCLUSIVE)
 
-    def _mismatches(self) -> Mismatches:
+    def _uncertainty_samples(self) -> UncertaintySamples:
         """Return the mismatches of all points, without the viscous friction of those at rest."""
         points = [*self.points.at_rest(), *self.points.moving()]
         M, D, G = (np.array([getattr(point, name) for point in points]) for name in ("inertia", "damping", "stiffness"))
         D[: len(self.points.at_rest())] = 0
-        return in_nominal(self.nominal_inertia, M, D, G)
+        return to_nominal_coordinates(self.nominal_inertia, M, D, G)
 
 
 def certify_robot(
@@ -276,35 +278,35 @@ def certify_robot(
     plants = [plant] if isinstance(plant, Plant) else list(plant)
     found = inertia_spread(plants, law.M, workspace, samples=samples, seed=seed)
     ends = (plants[found.min_plant], found.min_posture), (plants[found.max_plant], found.max_posture)
-    units = workspace.units(min(samples, STIFF_SAMPLES), seed)
-    instants = [Instant.at_rest(*one) for one in ends]
-    instants += sampled(plants, workspace, min(samples, STIFF_SAMPLES), seed)
-    mismatch = mismatches(law.M, instants)
+    units = workspace.unit_samples(min(samples, MAX_STIFFNESS_SAMPLES), seed)
+    instants = [OperatingPoint.at_rest(*one) for one in ends]
+    instants += sample_points(plants, workspace, min(samples, MAX_STIFFNESS_SAMPLES), seed)
+    mismatch = uncertainty_samples(law.M, instants)
     bounded = bool(np.isfinite(law.robust_slope_bound))
     slope = law.robust_slope_bound if bounded else 0.0
-    ball, loop, max_rate_point, weight, centre, lead = None, None, None, 0.0, 1.0, 0.0
-    if alike(law):
-        channel, step = decouple(law, computation_delay)[0], None
+    ball, loop, rate_point, weight, centre, lead = None, None, None, 0.0, 1.0, 0.0
+    if joints_share_loop(law):
+        channel, step = decoupled_channels(law, computation_delay)[0], None
         if workspace.speed is not None:
-            fast = fastest(plants, law.M, workspace, min(samples, STIFF_SAMPLES), seed)
+            fast = max_rate_point(plants, law.M, workspace, min(samples, MAX_STIFFNESS_SAMPLES), seed)
             slopes = inertia_slopes(fast.plant, fast.position)
-            max_rate_point = MaxRatePoint(
+            rate_point = MaxRatePoint(
                 position=fast.position, inertia_slopes=slopes, velocity_limits=np.asarray(workspace.speed)
             )
-            step = law.period * float(rates(law.M, slopes[None], workspace.speed)[0])
-        plain = parts_of(channel, slope, intersample=True)
+            step = law.period * float(inertia_rates(law.M, slopes[None], workspace.speed)[0])
+        plain = UncertainLoop.from_channel(channel, slope, intersample=True)
         tries = {best_centre(plain, (found.min_ratio, found.max_ratio), step), (found.min_ratio + found.max_ratio) / 2}
-        instants, mismatch = hardest(min(tries), instants, mismatch, law.M, workspace, units)
+        instants, mismatch = worst_case_points(min(tries), instants, mismatch, law.M, workspace, units)
         best, shown, radius = best_ball(channel, slope, tries, mismatch, step)
         step, lead, weight, centre = best.step, best.lead, best.weight, best.centre
         if weight:  # once more, for the very ball
-            instants, mismatch = searched(instants, mismatch, workspace, units, law.M, centre, weight, lead)
-        parts = parts_of(channel, slope, intersample=True, lead=lead / law.period)
-        max_rate_point = None if step is None else max_rate_point
-        stiffness = float(mismatch.sizes(lead).max())
+            instants, mismatch = refine_worst(instants, mismatch, workspace, units, law.M, centre, weight, lead)
+        parts = UncertainLoop.from_channel(channel, slope, intersample=True, lead_periods=lead / law.period)
+        rate_point = None if step is None else rate_point
+        stiffness = float(mismatch.stiffness_norms(lead).max())
         ball = make_ball(parts, centre, radius, shown, weight=weight, stiffness=stiffness, step=step)
     else:
-        loop = LoopMatrices(*whole(law, computation_delay).around(0.0)[:3])
+        loop = LoopMatrices(*coupled_channel(law, computation_delay).closed_loop(0.0)[:3])
     evidence = RobotEvidence(
         nominal_inertia=law.M,
         period=law.period,
@@ -312,10 +314,10 @@ def certify_robot(
         ball=ball,
         coupled_loop=loop,
         points=_worst_points(instants, mismatch, centre, weight, lead),
-        max_rate_point=max_rate_point,
+        max_rate_point=rate_point,
         min_ratio=found.min_ratio,
         max_ratio=found.max_ratio,
-        stiffness=float(mismatch.sizes(lead).max()),
+        stiffness=float(mismatch.stiffness_norms(lead).max()),
         slope=slope,
         samples=found.samples,
     )
@@ -342,26 +344,26 @@ def certify_robot(
     )
 
 
-def _linearised_point(instant: Instant) -> LinearisedPoint:
+def _linearised_point(instant: OperatingPoint) -> LinearisedPoint:
     """Return the robot linearised about an instant; at rest with viscous friction, moving without."""
-    M, D, G = tangent(instant) if instant.moves else instant.plant.linearised(instant.position)
+    M, D, G = linearise_point(instant) if instant.is_moving else instant.plant.linearised(instant.position)
     return LinearisedPoint(
         position=instant.position,
         inertia=M,
         damping=D,
         stiffness=G,
-        velocity=instant.velocity if instant.moves else None,
-        acceleration=instant.acceleration if instant.moves else None,
+        velocity=instant.velocity if instant.is_moving else None,
+        acceleration=instant.acceleration if instant.is_moving else None,
     )
 
 
 def _worst_points(
-    instants: list[Instant], mismatch: Mismatches, centre: float, weight: float, lead: float
+    instants: list[OperatingPoint], mismatch: UncertaintySamples, centre: float, weight: float, lead: float
 ) -> WorstPoints:
     """Return the first two instants, and those of the largest stiffness and joint norm, at rest and moving."""
-    sizes = mismatch.sizes(lead)
+    sizes = mismatch.stiffness_norms(lead)
     norms = mismatch.joint_norms(centre, weight, lead) if weight else sizes
-    moving = np.array([instant.moves for instant in instants])
+    moving = np.array([instant.is_moving for instant in instants])
 
     def worst(which: Array, values: Array) -> LinearisedPoint:
         return _linearised_point(instants[int(np.argmax(np.where(which, values, -1.0)))])
@@ -389,7 +391,7 @@ def _assumptions(
         f"no others",
         f"gravity and springs{'' if speed is None else ', and the motion itself,'} have a stiffness, in these "
         f"coordinates, of at most {evidence.stiffness:.3g} 1/s², which with the inertia is taken from "
-        f"{min(found.samples, STIFF_SAMPLES)} samples, the two postures above and local search",
+        f"{min(found.samples, MAX_STIFFNESS_SAMPLES)} samples, the two postures above and local search",
         "the robot stays in the workspace; friction disturbs only, viscous friction apart where the robot is at rest; "
         "dry friction may hold back what is refuted",
         "no torque limit is reached and no sample is lost",
@@ -419,53 +421,63 @@ def _assumptions(
         lines.append("the gain has no cap, so that nothing bounds the robust term; give one to have it certified")
     elif not np.isfinite(law.robust_slope_bound):
         lines.append("left out: the robust term, which is no bounded slope over the error; without it the rest holds")
-    if not alike(law):
+    if not joints_share_loop(law):
         lines.append("gains that differ between the joints: only the loop at rest in the worst postures was tested")
     return tuple(lines)
 
 
-LEADS = 0.5, 1.0
+LEAD_FACTORS = 0.5, 1.0
 """Leads that are tried, over that for which damping counts as much as stiffness."""
-TRIALS = 4
+MAX_CANDIDATES = 4
 """Most balls that are tried on all frequencies."""
-STIFF_SAMPLES = 500
+MAX_STIFFNESS_SAMPLES = 500
 """Postures whose stiffness is computed; it changes little beside the inertia's eigenvalues."""
 
 
-class Trial(NamedTuple):
+class BallCandidate(NamedTuple):
     """A ball: its room, radius over the one needed, as a grid of frequencies has it; and what makes it."""
 
-    room: float
-    needed: float
+    radius_over_needed: float
+    needed_radius: float
     weight: float
     lead: float
     centre: float
     step: float | None
 
 
-def hardest(
-    centre: float, instants: list[Instant], found: Mismatches, nominal: Array, workspace: Workspace, units: Array
-) -> tuple[list[Instant], Mismatches]:
+def worst_case_points(
+    centre: float,
+    instants: list[OperatingPoint],
+    found: UncertaintySamples,
+    nominal: Array,
+    workspace: Workspace,
+    units: Array,
+) -> tuple[list[OperatingPoint], UncertaintySamples]:
     """Instants with their `mismatches`, and those that local searches add; the worst one moves with the weight."""
-    for factor in LEADS if float(found.sizes(0.0).max()) > NEGLIGIBLE or found.lead() else ():
-        lead = factor * found.lead()
-        instants, found = with_stiffest(instants, found, workspace, units, nominal, lead)
-    lead = found.lead()
-    for weight in found.weights(centre, lead)[::2]:
-        instants, found = searched(instants, found, workspace, units, nominal, centre, weight, lead)
+    for factor in (
+        LEAD_FACTORS if float(found.stiffness_norms(0.0).max()) > NEGLIGIBLE_STIFFNESS or found.lead_time() else ()
+    ):
+        lead = factor * found.lead_time()
+        instants, found = add_stiffest(instants, found, workspace, units, nominal, lead)
+    lead = found.lead_time()
+    for weight in found.candidate_weights(centre, lead)[::2]:
+        instants, found = refine_worst(instants, found, workspace, units, nominal, centre, weight, lead)
     return instants, found
 
 
 def best_ball(
-    channel: Channel, slope: float, tries: Collection[float], found: Mismatches, step: float | None
-) -> tuple[Trial, Shown, float]:
+    channel: Channel, slope: float, tries: Collection[float], found: UncertaintySamples, step: float | None
+) -> tuple[BallCandidate, RadiusProof, float]:
     """The ball with the most room, what shows it, and its radius.
 
     Several are looked at: what holds on a grid of frequencies need not hold on all, and a ball for any speed may do
     better than one for a bounded speed.
     """
-    leads = dict.fromkeys(factor * found.lead() for factor in LEADS)
-    kinds = {lead: parts_of(channel, slope, intersample=True, lead=lead / channel.period) for lead in leads}
+    leads = dict.fromkeys(factor * found.lead_time() for factor in LEAD_FACTORS)
+    kinds = {
+        lead: UncertainLoop.from_channel(channel, slope, intersample=True, lead_periods=lead / channel.period)
+        for lead in leads
+    }
     trials = [
         one
         for centre in tries
@@ -473,31 +485,37 @@ def best_ball(
         for kind in {step, None}
         for one in best_weights(parts, centre, found, lead, kind)
     ]
-    trials.sort(reverse=True, key=lambda one: one.room)
+    trials.sort(reverse=True, key=lambda one: one.radius_over_needed)
     best, evidence, radius = trials[0], None, -1.0
-    for one in trials[:TRIALS]:
-        if one.room > radius / best.needed:
-            stiffness = float(found.sizes(one.lead).max())
-            shown, reach = widest(kinds[one.lead], one.centre, one.weight, step=one.step, stiffness=stiffness)
-            if reach / one.needed > radius / best.needed:
+    for one in trials[:MAX_CANDIDATES]:
+        if one.radius_over_needed > radius / best.needed_radius:
+            stiffness = float(found.stiffness_norms(one.lead).max())
+            shown, reach = max_radius(kinds[one.lead], one.centre, one.weight, step=one.step, stiffness=stiffness)
+            if reach / one.needed_radius > radius / best.needed_radius:
                 best, evidence, radius = one, shown, reach
     return best, evidence, radius
 
 
-def best_weights(parts: Parts, centre: float, found: Mismatches, lead: float, step: float | None = None) -> list[Trial]:
+def best_weights(
+    parts: UncertainLoop, centre: float, found: UncertaintySamples, lead: float, step: float | None = None
+) -> list[BallCandidate]:
     """The weights η of the position beside v with the most room, the best first; zero where there is no stiffness.
 
     With a step E⁻¹ changes by no more than that in a period.
     """
-    responses, stiffness = Responses(parts), float(found.sizes(lead).max())
+    responses, stiffness = FrequencyResponses(parts), float(found.stiffness_norms(lead).max())
 
     def radius(weight: float) -> float:
         if step is None:
-            return responses.best(centre, weight)[1]
+            return responses.best_scale(centre, weight)[1]
         return best_multiplier(parts, centre, step, weight=weight, stiffness=stiffness, responses=responses)[1]
 
     trials = []
-    for weight in found.weights(centre, lead) or [0.0]:
-        needed = found.needed(centre, weight, lead) if weight else max(found.needed(centre, np.inf), 0.1 * centre)
-        trials.append(Trial(radius(weight) / needed, needed, weight, lead, centre, step))
-    return sorted(trials, reverse=True, key=lambda one: one.room)[:2]
+    for weight in found.candidate_weights(centre, lead) or [0.0]:
+        needed = (
+            found.needed_radius(centre, weight, lead)
+            if weight
+            else max(found.needed_radius(centre, np.inf), 0.1 * centre)
+        )
+        trials.append(BallCandidate(radius(weight) / needed, needed, weight, lead, centre, step))
+    return sorted(trials, reverse=True, key=lambda one: one.radius_over_needed)[:2]

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tarc.analysis.linearise import Channel, decouple
+from tarc.analysis.linearise import Channel, decoupled_channels
 from tarc.analysis.stability import UnstableMode, Witness, crossings, unstable_mode
 from tarc.certificates.base import Certificate, Evidence, Judgement, LoopMatrices, Verdict
 from tarc.core import validation as check
@@ -15,7 +15,7 @@ from tarc.core.types import Array
 from tarc.laws.base import Law
 from tarc.laws.pole_placement import PolePlacement
 from tarc.laws.tarc import TARC
-from tarc.numerics.matrix_tests import schur
+from tarc.numerics.matrix_tests import schur_stability
 from tarc.numerics.norms import hinf_norm
 
 
@@ -46,7 +46,7 @@ class SectorEvidence(Evidence):
         Largest ``max_gain`` that the circle criterion admits, ε κ/α [rad/s²].
     """
 
-    kind: ClassVar[str] = "slope"
+    kind: ClassVar[str] = "sector"
     witness_type: ClassVar[type[Witness] | None] = UnstableMode
 
     ratio: float
@@ -68,7 +68,7 @@ class SectorEvidence(Evidence):
             edges = [edge for edge in crossings(A, -B, C, 1e-9, 1e12) if edge < kappa] if B.shape[1] == 1 else []
             trials = {0.0, kappa, *((low + high) / 2 for low, high in pairwise([0.0, *edges, kappa]))}
             for trial in sorted(trials):
-                answer, radius, mode = schur(A - trial * B @ C)
+                answer, radius, mode = schur_stability(A - trial * B @ C)
                 if answer == "refuted":
                     witness = replace(unstable_mode(radius, mode, self.period), slope=float(trial))
                     return Judgement(Verdict.REFUTED, 0.0, witness)
@@ -123,7 +123,7 @@ def certify_sector(
     per_gain = law.gain_factor / law.boundary_layer if isinstance(law, TARC) else 1.0
     weight = law.P2 if isinstance(law, TARC) else np.eye(law.n_joints)
     size = float(np.linalg.norm(weight, 2))
-    loops = [_from_input(channel, ratio, weight) for channel in decouple(law, computation_delay)]
+    loops = [_input_to_sliding(channel, ratio, weight) for channel in decoupled_channels(law, computation_delay)]
     circle = min(circle_limit(*loop) for loop in loops)
     frozen = min(frozen_limit(*loop) for loop in loops)
     slope = circle if max_gain is None else max_gain * per_gain
@@ -163,14 +163,14 @@ def certify_sector(
     )
 
 
-def _from_input(channel: Channel, ratio: float, weight: Array) -> tuple[Array, Array, Array]:
+def _input_to_sliding(channel: Channel, ratio: float, weight: Array) -> tuple[Array, Array, Array]:
     """A, B, C from w, added to the auxiliary input, to s = P2 e1."""
-    A, _, _, W, _ = channel.around(ratio)
-    own = weight[np.ix_(channel.joints[: channel.width], channel.joints[: channel.width])]
+    A, _, _, W, _ = channel.closed_loop(ratio)
+    own = weight[np.ix_(channel.joints[: channel.n_coupled], channel.joints[: channel.n_coupled])]
     apart = np.delete(weight[list(channel.joints)], channel.joints, axis=1)
     if np.any(np.abs(apart) > 1e-9 * np.abs(own).max()):
         raise TarcError("weight: P2 couples joints whose gains do not; use the default weight Q")
-    return A, W, own @ np.eye(channel.width, len(A))
+    return A, W, own @ np.eye(channel.n_coupled, len(A))
 
 
 def circle_limit(A: Array, B: Array, C: Array) -> float:
@@ -179,7 +179,7 @@ def circle_limit(A: Array, B: Array, C: Array) -> float:
     1/k = −min_ω λ_min(He S(e^{jω})), found on a grid that is drawn closer, then lowered until the norm with k/2 in the
     loop, which has a guarantee, is at most 2/k. Zero for an A that is not stable; infinite where S is positive real.
     """
-    if schur(A)[0] != "certified":
+    if schur_stability(A)[0] != "certified":
         return 0.0
     angles = np.concatenate([[0.0], np.geomspace(1e-6, np.pi, 200)])
     least = np.inf
@@ -205,7 +205,7 @@ def _within_circle(A: Array, B: Array, C: Array, k: float) -> bool:
     middle = A - k / 2 * B @ C
     if k <= 0:
         return False
-    if schur(middle)[0] != "certified":
+    if schur_stability(middle)[0] != "certified":
         return False
     return hinf_norm(middle, B, C, np.zeros((len(C), B.shape[1])), 1e-7) <= 2 / k
 

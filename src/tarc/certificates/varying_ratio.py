@@ -5,21 +5,21 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from tarc.analysis.linearise import alike, decouple
-from tarc.analysis.uncertain_loop import Parts, Responses, parts_of, system, weighed
+from tarc.analysis.linearise import decoupled_channels, joints_share_loop
+from tarc.analysis.uncertain_loop import FrequencyResponses, UncertainLoop, scaled_system
 from tarc.certificates.base import Certificate, Evidence, Judgement, Verdict
-from tarc.certificates.iqc import STILL, Multiplier, bears, best_multiplier, dissipation
+from tarc.certificates.iqc import MIN_CHANGE, Multiplier, best_multiplier, iqc_matrices, satisfies_iqc
 from tarc.core import validation as check
 from tarc.core.errors import TarcError
 from tarc.core.types import Array
 from tarc.laws.base import Law
-from tarc.numerics.matrix_tests import schur
-from tarc.numerics.norms import gains, greatest, hinf_norm
+from tarc.numerics.matrix_tests import schur_stability
+from tarc.numerics.norms import fdi_max_eigenvalue, hinf_norm, max_singular_values
 
-DIGITS = 1e-6
+NORM_TOLERANCE = 1e-6
 
 
-Shown = Multiplier | float | None
+RadiusProof = Multiplier | float | None
 """What shows a radius: a multiplier, or the scale of the slope's block, or nothing where there is no slope."""
 
 
@@ -45,7 +45,7 @@ class Ball:
         What shows the radius where the change is bounded.
     """
 
-    loop: Parts
+    loop: UncertainLoop
     centre: float
     radius: float
     weight: float = 0.0
@@ -72,37 +72,37 @@ class Ball:
         numbers += [] if multiplier is None else [multiplier.slope, multiplier.stiffness]
         if not np.all(np.isfinite(numbers)) or not self.centre > 0 or self.scale == 0:
             return Judgement(Verdict.INCONCLUSIVE, 0.0)
-        loop = system(self.loop, self.centre, self.weight)
+        loop = self.loop.closed_loop(self.centre, self.weight)
         margin = self.radius / self.centre
         if needed_radius:
             margin = self.radius / max(needed_radius, self.centre / 1e3) - 1
-        sound = self.radius > 0 and self.radius >= needed_radius and schur(loop[0])[0] == "certified"
+        sound = self.radius > 0 and self.radius >= needed_radius and schur_stability(loop[0])[0] == "certified"
         if self.step is None:
-            sound = sound and hinf_norm(*weighed(loop, self.radius, self.scale)) < 1
+            sound = sound and hinf_norm(*scaled_system(loop, self.radius, self.scale)) < 1
         else:
             sound = sound and multiplier is not None and self._satisfies_iqc(multiplier)
         return Judgement(Verdict.CERTIFIED if sound else Verdict.INCONCLUSIVE, float(margin))
 
     def _satisfies_iqc(self, multiplier: Multiplier) -> bool:
         step = 0.0 if self.step is None else self.step
-        return bears(self.loop, self.centre, self.radius, step, multiplier, self.weight, self.stiffness)
+        return satisfies_iqc(self.loop, self.centre, self.radius, step, multiplier, self.weight, self.stiffness)
 
     def gains(self, angles: Array) -> Array:
         """Return what must stay below one at each angle ω [rad]: the weighted gain, or with a multiplier its form."""
         if self.step is not None and self.multiplier is not None:
-            A, B, Q, S, R = dissipation(
+            A, B, Q, S, R = iqc_matrices(
                 self.loop, self.centre, self.radius, self.step, self.multiplier, self.weight, self.stiffness
             )
-            return 1 + greatest(A, B, Q, S, R, angles)
-        loop = system(self.loop, self.centre, self.weight)
-        return gains(*weighed(loop, self.radius, self.scale), angles)
+            return 1 + fdi_max_eigenvalue(A, B, Q, S, R, angles)
+        loop = self.loop.closed_loop(self.centre, self.weight)
+        return max_singular_values(*scaled_system(loop, self.radius, self.scale), angles)
 
 
 def make_ball(
-    loop: Parts,
+    loop: UncertainLoop,
     centre: float,
     radius: float,
-    shown: Shown,
+    shown: RadiusProof,
     *,
     weight: float = 0.0,
     stiffness: float = 0.0,
@@ -139,7 +139,7 @@ class VaryingRatioEvidence(Evidence):
         T [s].
     """
 
-    kind: ClassVar[str] = "ball"
+    kind: ClassVar[str] = "varying_ratio"
 
     ball: Ball
     needed_radius: float
@@ -167,7 +167,7 @@ class VaryingRatioEvidence(Evidence):
         return self.ball.max_ratio
 
     @property
-    def ratio_range(self) -> float:
+    def ratio_spread(self) -> float:
         """Largest by smallest inertia ratio in the ball; infinite where the smallest is not above zero."""
         return self.max_ratio / self.min_ratio if self.min_ratio > 0 else np.inf
 
@@ -185,7 +185,7 @@ def certify_varying_ratio(
     law: Law,
     centre: float | None = None,
     *,
-    contains: tuple[float, float] | None = None,
+    ratio_range: tuple[float, float] | None = None,
     slope: float = 0.0,
     rate: float | None = None,
     intersample: bool = True,
@@ -245,34 +245,34 @@ def certify_varying_ratio(
     A. Megretski and A. Rantzer, IEEE Trans. Autom. Control 42(6), 1997.
     """
     slope = check.number("slope", slope, 0)
-    if contains is not None:
-        low = check.number("contains", contains[0], 0, strict=True)
-        contains = low, check.number("contains", contains[1], low)
-    channels = decouple(law, computation_delay)
-    if not alike(law):
+    if ratio_range is not None:
+        low = check.number("ratio_range", ratio_range[0], 0, strict=True)
+        ratio_range = low, check.number("ratio_range", ratio_range[1], low)
+    channels = decoupled_channels(law, computation_delay)
+    if not joints_share_loop(law):
         raise TarcError(
             "ball: the joints' gains differ or couple, and the ball needs the same on every joint; give one "
             "natural frequency "
             "and one damping for all"
         )
-    parts = parts_of(channels[0], slope, intersample)
+    parts = UncertainLoop.from_channel(channels[0], slope, intersample)
     step = None if rate is None else law.period * check.number("rate", rate, 0)
-    free = centre is None and contains is None and step is not None
-    centre = check.number("centre", best_centre(parts, contains, step) if centre is None else centre, 0, strict=True)
-    shown, radius = widest(parts, centre, step=step)
-    for factor in BESIDE if free else ():  # the best on the grid of frequencies need not be the best on all
-        trial = widest(parts, factor * centre, step=step)
+    free = centre is None and ratio_range is None and step is not None
+    centre = check.number("centre", best_centre(parts, ratio_range, step) if centre is None else centre, 0, strict=True)
+    shown, radius = max_radius(parts, centre, step=step)
+    for factor in CENTRE_FACTORS if free else ():  # the best on the grid of frequencies need not be the best on all
+        trial = max_radius(parts, factor * centre, step=step)
         if trial[1] > factor * radius:
             centre, (shown, radius) = factor * centre, trial
             break
     evidence = VaryingRatioEvidence(
         ball=make_ball(parts, centre, radius, shown, step=step),
-        needed_radius=0.0 if contains is None else max(contains[1] - centre, centre - contains[0]),
+        needed_radius=0.0 if ratio_range is None else max(ratio_range[1] - centre, centre - ratio_range[0]),
         slope=slope,
         period=law.period,
     )
     verdict, margin, _ = evidence.judge()
-    ends = contains or (centre - radius, centre + radius)
+    ends = ratio_range or (centre - radius, centre + radius)
     name = type(law).__name__
     return Certificate(
         claim=f"The loop of {name} around q̈ = E(t) M̂⁻¹τ is stable for every symmetric E(t) with eigenvalues from "
@@ -280,7 +280,7 @@ def certify_varying_ratio(
         problem=_problem(bool(slope), rate is not None),
         verdict=verdict,
         margin=margin,
-        margin_meaning="radius over the centre" if contains is None else "radius over the one needed, less 1",
+        margin_meaning="radius over the centre" if ratio_range is None else "radius over the one needed, less 1",
         assumptions=(
             ("E changes at any time" if intersample else "E is constant within each period")
             + ("" if rate is None else f", E⁻¹ at no more than {rate:.4g} 1/s"),
@@ -303,36 +303,41 @@ def _problem(sloping: bool, slow: bool) -> str:
     return "‖[δ T_vv, d δ T_vs; T_sv k/2d, T_ss k/2]‖∞ < 1, k/2 in the loop" if sloping else "‖T‖∞ δ < 1"
 
 
-LESS = 0.0, 2e-5, 2e-4, 1e-3, 2e-3, 4e-3, 7e-3, 0.01, 0.03, 0.08, 0.2, 0.4
+RADIUS_REDUCTIONS = 0.0, 2e-5, 2e-4, 1e-3, 2e-3, 4e-3, 7e-3, 0.01, 0.03, 0.08, 0.2, 0.4
 """Shares by which a radius is made smaller until it holds at all frequencies, and not on a grid of them alone."""
 
-BESIDE = 0.94, 0.88, 0.82
+CENTRE_FACTORS = 0.94, 0.88, 0.82
 """Times the best centre, where others are tried."""
 
-FASTER = 1.0, 4.0, 16.0
+RATE_FACTORS = 1.0, 4.0, 16.0
 """Times its rate for which a multiplier is searched for, until one holds between the frequencies of the grid too."""
 
 
-def widest(
-    parts: Parts, centre: float, weight: float = 0.0, *, step: float | None = None, stiffness: float = 0.0
-) -> tuple[Shown, float]:
+def max_radius(
+    parts: UncertainLoop, centre: float, weight: float = 0.0, *, step: float | None = None, stiffness: float = 0.0
+) -> tuple[RadiusProof, float]:
     """The largest radius that is certified, zero for none, and what shows it.
 
     With a step E⁻¹ changes by no more than that in a period; the stiffness is the greatest ‖H‖ of a robot, or more.
     """
     if step is None:
-        return best_scales(parts, centre, weight)
-    if schur(system(parts, centre, weight)[0])[0] != "certified":
+        return max_radius_any_rate(parts, centre, weight)
+    if schur_stability(parts.closed_loop(centre, weight)[0])[0] != "certified":
         return Multiplier(np.zeros(0), np.zeros(0)), 0.0
-    responses = Responses(parts, centre)
+    responses = FrequencyResponses(parts, centre)
     best = Multiplier(np.zeros(0), np.zeros(0)), 0.0
-    for faster in FASTER:
+    for faster in RATE_FACTORS:
         multiplier, radius, _ = best_multiplier(
-            parts, centre, faster * max(step, STILL / centre), weight=weight, stiffness=stiffness, responses=responses
+            parts,
+            centre,
+            faster * max(step, MIN_CHANGE / centre),
+            weight=weight,
+            stiffness=stiffness,
+            responses=responses,
         )
-        for less in LESS:
+        for less in RADIUS_REDUCTIONS:
             trial = radius * (1 - less)
-            if trial > best[1] and bears(parts, centre, trial, step, multiplier, weight, stiffness):
+            if trial > best[1] and satisfies_iqc(parts, centre, trial, step, multiplier, weight, stiffness):
                 best = multiplier, trial
                 break
         if best[1] > 0.998 * radius:
@@ -340,40 +345,40 @@ def widest(
     return best
 
 
-def best_scales(parts: Parts, centre: float, weight: float = 0.0) -> tuple[float | None, float]:
+def max_radius_any_rate(parts: UncertainLoop, centre: float, weight: float = 0.0) -> tuple[float | None, float]:
     """Scale of the slope's block, None without a slope, and the largest radius that is certified; zero for none."""
-    loop = system(parts, centre, weight)
-    sloping = bool(parts.share.item())
-    if schur(loop[0])[0] != "certified":
+    loop = parts.closed_loop(centre, weight)
+    sloping = bool(parts.half_slope.item())
+    if schur_stability(loop[0])[0] != "certified":
         return (1.0 if sloping else None), 0.0
     if not sloping:
-        return None, (1 - DIGITS) / hinf_norm(*loop)
-    scale, radius = Responses(parts).best(centre, weight)
-    for less in LESS[1:]:
+        return None, (1 - NORM_TOLERANCE) / hinf_norm(*loop)
+    scale, radius = FrequencyResponses(parts).best_scale(centre, weight)
+    for less in RADIUS_REDUCTIONS[1:]:
         trial = radius * (1 - less)
-        if trial > 0 and hinf_norm(*weighed(loop, trial, scale)) < 1:
+        if trial > 0 and hinf_norm(*scaled_system(loop, trial, scale)) < 1:
             return scale, trial
     return scale, 0.0
 
 
-def best_centre(parts: Parts, contains: tuple[float, float] | None, step: float | None = None) -> float:
+def best_centre(parts: UncertainLoop, ratio_range: tuple[float, float] | None, step: float | None = None) -> float:
     """The centre whose ball has the largest ratio of its ends, or holds a range with the most room."""
     from scipy.optimize import minimize_scalar
 
-    responses = Responses(parts)
+    responses = FrequencyResponses(parts)
 
     def worth(log: float, slow: bool = False) -> float:
         centre = float(np.exp(log))
-        spectral_radius = float(np.max(np.abs(np.linalg.eigvals(system(parts, centre)[0]))))
+        spectral_radius = float(np.max(np.abs(np.linalg.eigvals(parts.closed_loop(centre)[0]))))
         if spectral_radius >= 1:
             return -spectral_radius
         if slow and step is not None:
             radius = best_multiplier(parts, centre, step, responses=responses)[1]
         else:
-            radius = responses.best(centre)[1]
-        if contains is None:
+            radius = responses.best_scale(centre)[1]
+        if ratio_range is None:
             return radius / centre
-        return radius / max(contains[1] - centre, centre - contains[0], 1e-12)
+        return radius / max(ratio_range[1] - centre, centre - ratio_range[0], 1e-12)
 
     def refined(logs: Array, slow: bool, tolerance: float) -> float:
         values = [worth(log, slow) for log in logs]
@@ -386,19 +391,23 @@ def best_centre(parts: Parts, contains: tuple[float, float] | None, step: float 
         )
         return found.x if -found.fun > values[top] else logs[top]
 
-    if contains is None:
+    if ratio_range is None:
         logs = np.log(np.geomspace(1e-4, 10.0, 33))
     else:
-        logs = np.log(np.linspace(*contains, 9)) if contains[1] > contains[0] else np.log(np.array(contains[:1]))
+        logs = (
+            np.log(np.linspace(*ratio_range, 9))
+            if ratio_range[1] > ratio_range[0]
+            else np.log(np.array(ratio_range[:1]))
+        )
     best = refined(logs, False, 1e-4)
-    if contains is None and worth(best) <= 1e-3:
+    if ratio_range is None and worth(best) <= 1e-3:
         raise TarcError(
             "ball: no inertia ratio makes this loop stable; use a shorter window, a lower natural frequency, a "
             "smaller slope "
             "or less computation delay"
         )
-    if step is not None and contains is None:  # it is a little higher than at any speed
+    if step is not None and ratio_range is None:  # it is a little higher than at any speed
         best = refined(best + np.log([0.8, 1.0, 1.25, 1.5, 1.8]), True, 1e-2)
-    elif step is not None and contains is not None:
-        best = refined(np.sort([best, np.log((contains[0] + contains[1]) / 2)]), True, 1e-2)
+    elif step is not None and ratio_range is not None:
+        best = refined(np.sort([best, np.log((ratio_range[0] + ratio_range[1]) / 2)]), True, 1e-2)
     return float(np.exp(best))

@@ -83,9 +83,9 @@ FEW = ("rms_error", "peak_error", "torque_variation")
 """What a comparison shows in a narrow one."""
 CERTIFICATES = {
     "robot": "this robot, however it moves in the workspace",
-    "loop": "each constant inertia ratio that occurs",
-    "slope": "constant ratio, any switching of the robust term",
-    "ball": "any changing ratio: the widest ball",
+    "constant_ratio": "each constant inertia ratio that occurs",
+    "sector": "constant ratio, any switching of the robust term",
+    "varying_ratio": "any varying ratio, in the widest range",
     "lemma1": "paper, Lemma 1: ‖M(q)⁻¹M̂ − I‖ < 1",
     "c2": "paper, condition (c2): P3 P2ᵀ > 0",
     "theorem1": "paper, Theorem 1: Ψ > 0, nominal",
@@ -104,7 +104,7 @@ def _findings(certificate: Certificate) -> dict[str, Any]:
         for key, value in content.items()
         if not isinstance(value, dict | list)
     }
-    for name in ("rate", "ratio_range"):
+    for name in ("rate", "ratio_spread"):
         if hasattr(certificate.evidence, name):
             flat[name] = getattr(certificate.evidence, name)
     return {key: None if value in ("inf", "-inf", "nan") else value for key, value in flat.items()}
@@ -163,7 +163,7 @@ def print_certificates(scenario: Scenario, found: dict[str, LawCertification], f
         contained = ""
         if ball is not None and ball.radius:
             contained = f"; the ball that fits best contains {ball.min_ratio:.4g} to {ball.max_ratio:.4g}"
-        spread = f"spread {evidence.ratio_range:.3g}, from {evidence.samples} postures and local search{contained}"
+        spread = f"spread {evidence.ratio_spread:.3g}, from {evidence.samples} postures and local search{contained}"
         console.print(spread, highlight=False)
         if evidence.rate is not None and evidence.max_rate_point is not None:
             speeds = format_vector(evidence.max_rate_point.velocity_limits)

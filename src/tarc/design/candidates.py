@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from tarc.analysis.linearise import Channel, decouple
-from tarc.analysis.stability import from_disturbance, from_noise
-from tarc.analysis.uncertain_loop import Parts, Responses, parts_of, system
+from tarc.analysis.linearise import Channel, decoupled_channels
+from tarc.analysis.stability import disturbance_to_error, noise_to_torque
+from tarc.analysis.uncertain_loop import FrequencyResponses, UncertainLoop
 from tarc.certificates.iqc import best_multiplier
 from tarc.core import validation as check
 from tarc.design.robustness import RobustnessSpec, radius_ratio_of, spread_of
@@ -123,7 +123,9 @@ class Candidate:
 
     def channel(self) -> Channel:
         """The loop of one joint of unit inertia."""
-        return decouple(TDC(inertia=1.0, estimator=self.estimator, **self.law_options()), self.computation_delay)[0]
+        return decoupled_channels(
+            TDC(inertia=1.0, estimator=self.estimator, **self.law_options()), self.computation_delay
+        )[0]
 
 
 def enumerate_candidates(
@@ -237,11 +239,16 @@ def _assess(one: Candidate, demand: RobustnessSpec, slope_share: float, room: fl
         [radius_ratio_of(spread_of(share) * (1 + room)) if share < 1 else np.inf for share in demand.radius_ratios]
     )
     slope = slope_share * one.natural_frequency**2
-    parts = parts_of(channel, slope, intersample=True, lead=demand.velocity_weight / one.period)
-    responses = Responses(parts, count=FREQUENCY_COUNT)
-    free = 1 - CENTRES[:, None] * responses.held[:, 0]
-    plain = np.min(np.abs(free) / np.linalg.norm(responses.mismatch[:, 0], axis=1), axis=1) / CENTRES
-    loop, without = LoopMargins(parts, responses, demand, needed, one.period), parts_of(channel, 0.0, intersample=True)
+    parts = UncertainLoop.from_channel(
+        channel, slope, intersample=True, lead_periods=demand.velocity_weight / one.period
+    )
+    responses = FrequencyResponses(parts, count=FREQUENCY_COUNT)
+    free = 1 - CENTRES[:, None] * responses.from_torque[:, 0]
+    plain = np.min(np.abs(free) / np.linalg.norm(responses.from_mismatch[:, 0], axis=1), axis=1) / CENTRES
+    loop, without = (
+        LoopMargins(parts, responses, demand, needed, one.period),
+        UncertainLoop.from_channel(channel, 0.0, intersample=True),
+    )
     slow = np.isfinite(demand.max_rate)
     plain = (
         np.array([max_stable_radius_ratio(without, CENTRES, plain)])
@@ -265,7 +272,7 @@ def _assess(one: Candidate, demand: RobustnessSpec, slope_share: float, room: fl
     for centre in able:
         scale = 2 * centre / (spread + 1)
         ratios = scale, scale * spread**0.5, scale * spread
-        noise = scale * max(h2_norm(*from_noise(channel, ratio)) for ratio in ratios)
+        noise = scale * max(h2_norm(*noise_to_torque(channel, ratio)) for ratio in ratios)
         error = max(ratio / scale * step_error(channel, ratio) for ratio in ratios)
         if np.isfinite(noise) and np.isfinite(error):
             result.append(replace(one, inertia_scale=scale, spread_margin=rooms[centre], noise=noise, error=error))
@@ -276,8 +283,8 @@ def _assess(one: Candidate, demand: RobustnessSpec, slope_share: float, room: fl
 class LoopMargins:
     """A loop against a demand: at which centres of the ball it bears the robot, and with how much room."""
 
-    parts: Parts
-    responses: Responses
+    parts: UncertainLoop
+    responses: FrequencyResponses
     spec: RobustnessSpec
     min_radius_ratios: np.ndarray
     period: float
@@ -295,7 +302,7 @@ class LoopMargins:
         for centre in centres:
             enough, spare = False, -1.0
             for number, (share, least) in enumerate(zip(self.spec.radius_ratios, self.min_radius_ratios, strict=True)):
-                borne = self.responses.best(float(centre), self.weight(number, centre))[1] / centre
+                borne = self.responses.best_scale(float(centre), self.weight(number, centre))[1] / centre
                 now = spread_of(borne) / spread_of(float(share)) - 1
                 past = now < spare
                 enough, spare = enough or borne >= least, max(spare, now)
@@ -335,13 +342,13 @@ class LoopMargins:
         Where it is not enough, a bound on it.
         """
         able = [int(number) for number in np.flatnonzero(self.min_radius_ratios < 1)]
-        if not able or np.abs(np.linalg.eigvals(system(self.parts, centre)[0])).max() >= 1:
+        if not able or np.abs(np.linalg.eigvals(self.parts.closed_loop(centre)[0])).max() >= 1:
             return -1.0
         shares = [float(one) for one in self.spec.radius_ratios[able]]
 
         @cache
         def borne(i: int) -> float:
-            return self.responses.best(centre, self.weight(able[i], centre))[1] / centre
+            return self.responses.best_scale(centre, self.weight(able[i], centre))[1] / centre
 
         def room(i: int) -> float:
             return spread_of(borne(i)) / spread_of(shares[i]) - 1
@@ -375,7 +382,7 @@ class LoopMargins:
 
     def constant_ratio_interval(self) -> tuple[float, float]:
         """The widest interval of constant ratios with which the loop is stable, up to the grid of frequencies."""
-        held = self.responses.held[:, 0]
+        held = self.responses.from_torque[:, 0]
         change = np.flatnonzero(np.diff(np.sign(held.imag)))
         part = held.imag[change] / (held.imag[change] - held.imag[change + 1])
         real = held.real[change] + part * (held.real[change + 1] - held.real[change])
@@ -384,25 +391,25 @@ class LoopMargins:
         best = 1.0, 1.0
         for low, high in pairwise(edges):
             if high / low > best[1] / best[0]:
-                stable = np.abs(np.linalg.eigvals(system(self.parts, float((low * high) ** 0.5))[0])).max() < 1
+                stable = np.abs(np.linalg.eigvals(self.parts.closed_loop(float((low * high) ** 0.5))[0])).max() < 1
                 best = (float(low), float(high)) if stable else best
         return best
 
 
-def stable_radius_ratios(parts: Parts, centres: np.ndarray, shares: np.ndarray) -> np.ndarray:
+def stable_radius_ratios(parts: UncertainLoop, centres: np.ndarray, shares: np.ndarray) -> np.ndarray:
     """Radius of the ball over its centre, zero where it is small or the loop not stable."""
     result = np.where(shares > 0.2, shares, 0.0)
     worth = np.flatnonzero(result)
     if len(worth):
-        loops = np.stack([system(parts, float(centre))[0] for centre in centres[worth]])
+        loops = np.stack([parts.closed_loop(float(centre))[0] for centre in centres[worth]])
         result[worth[np.abs(np.linalg.eigvals(loops)).max(axis=1) >= 1]] = 0.0
     return result
 
 
-def max_stable_radius_ratio(parts: Parts, centres: np.ndarray, shares: np.ndarray) -> float:
+def max_stable_radius_ratio(parts: UncertainLoop, centres: np.ndarray, shares: np.ndarray) -> float:
     """The largest of `_where_stable`, of the few that are looked at."""
     for i in np.argsort(shares)[::-1][:MAX_STABILITY_TESTS]:
-        if shares[i] > 0.2 and np.abs(np.linalg.eigvals(system(parts, float(centres[i]))[0])).max() < 1:
+        if shares[i] > 0.2 and np.abs(np.linalg.eigvals(parts.closed_loop(float(centres[i]))[0])).max() < 1:
             return float(shares[i])
     return 0.0
 
@@ -412,14 +419,14 @@ def step_error(channel: Channel, ratio: float) -> float:
 
     The step's response settles at x∞ = (I − A)⁻¹B, with no error; e_k = −C Aᵏ x∞.
     """
-    A, B, C, D = from_disturbance(channel, ratio)
+    A, B, C, D = disturbance_to_error(channel, ratio)
     settled = np.linalg.solve(np.eye(len(A)) - A, B)
     return float(np.sqrt(channel.period) * h2_norm(A, settled, C, 0 * D))
 
 
 def peak_error(channel: Channel, ratio: float, horizon: int = 4000) -> float:
     """Greatest error after a step of 1 rad/s² [rad], within so many periods."""
-    A, B, C, _ = from_disturbance(channel, ratio)
+    A, B, C, _ = disturbance_to_error(channel, ratio)
     state, greatest = np.zeros((len(A), 1)), 0.0
     for _ in range(horizon):
         state = A @ state + B

@@ -123,7 +123,7 @@ def design_without_model(
         )
     ends = best.inertia_scale, best.inertia_scale * spread
     certificate = certify_varying_ratio(
-        law, contains=ends, slope=law.robust_slope_bound, computation_delay=computation_delay
+        law, ratio_range=ends, slope=law.robust_slope_bound, computation_delay=computation_delay
     )
     if not certificate.certified:
         raise InfeasibleDesign(

@@ -7,14 +7,14 @@ import numpy as np
 
 from tarc.analysis.inertia_ratio import InertiaSpread
 from tarc.analysis.operating_points import (
-    NEGLIGIBLE,
-    Instant,
-    Mismatches,
-    greatest_rate,
-    mismatches,
-    sampled,
-    searched,
-    with_stiffest,
+    NEGLIGIBLE_STIFFNESS,
+    OperatingPoint,
+    UncertaintySamples,
+    add_stiffest,
+    max_inertia_rate,
+    refine_worst,
+    sample_points,
+    uncertainty_samples,
 )
 from tarc.analysis.workspace import Workspace
 from tarc.core import validation as check
@@ -61,14 +61,14 @@ class RobustnessSpec:
         return cls(spread, np.array([radius_ratio_of(spread)]), np.zeros(1), rate)
 
     @classmethod
-    def from_samples(cls, spread: float, found: Mismatches, rate: float = np.inf) -> "RobustnessSpec":
+    def from_samples(cls, spread: float, found: UncertaintySamples, rate: float = np.inf) -> "RobustnessSpec":
         """Of a robot with these mismatches and this greatest rate, for M̂ = X."""
-        lead = DAMPING_WEIGHT * found.lead()
-        stiffness, centre = float(found.sizes(lead).max()), (1 + spread) / 2
-        if not stiffness > NEGLIGIBLE:
+        lead = DAMPING_WEIGHT * found.lead_time()
+        stiffness, centre = float(found.stiffness_norms(lead).max()), (1 + spread) / 2
+        if not stiffness > NEGLIGIBLE_STIFFNESS:
             return cls.from_spread(spread, rate)
-        weights = np.array(found.weights(centre, lead)[::-1])
-        norms = np.array([found.needed(centre, float(weight), lead) for weight in weights])
+        weights = np.array(found.candidate_weights(centre, lead)[::-1])
+        norms = np.array([found.needed_radius(centre, float(weight), lead) for weight in weights])
         return cls(spread, np.maximum(norms / centre, radius_ratio_of(spread)), weights, rate, stiffness, lead)
 
     @classmethod
@@ -96,16 +96,18 @@ class RobustnessSpec:
             Look for worse instants than the samples, as the certificate does.
         """
         ends = (plants[found.min_plant], found.min_posture), (plants[found.max_plant], found.max_posture)
-        instants = [Instant.at_rest(*one) for one in ends] + sampled(plants, workspace, found.samples, seed)
-        mismatch = mismatches(shape, instants)
-        lead = DAMPING_WEIGHT * mismatch.lead()
-        stiffness, middle = float(mismatch.sizes(lead).max()), (1 + found.ratio) / 2
-        if search and stiffness > NEGLIGIBLE:
-            units = workspace.units(found.samples, seed)
-            instants, mismatch = with_stiffest(instants, mismatch, workspace, units, shape, lead)
-            for eta in mismatch.weights(middle, lead)[::2]:
-                instants, mismatch = searched(instants, mismatch, workspace, units, shape, middle, eta, lead)
-        rate = greatest_rate(plants, shape, workspace, found.samples, seed)
+        instants = [OperatingPoint.at_rest(*one) for one in ends] + sample_points(
+            plants, workspace, found.samples, seed
+        )
+        mismatch = uncertainty_samples(shape, instants)
+        lead = DAMPING_WEIGHT * mismatch.lead_time()
+        stiffness, middle = float(mismatch.stiffness_norms(lead).max()), (1 + found.ratio) / 2
+        if search and stiffness > NEGLIGIBLE_STIFFNESS:
+            units = workspace.unit_samples(found.samples, seed)
+            instants, mismatch = add_stiffest(instants, mismatch, workspace, units, shape, lead)
+            for eta in mismatch.candidate_weights(middle, lead)[::2]:
+                instants, mismatch = refine_worst(instants, mismatch, workspace, units, shape, middle, eta, lead)
+        rate = max_inertia_rate(plants, shape, workspace, found.samples, seed)
         return cls.from_samples(found.ratio, mismatch, rate)
 
 

@@ -102,7 +102,7 @@ def design_controller(
             computation_delay=requirements.computation_delay,
             samples=requirements.samples,
             seed=requirements.seed,
-            known=certificate,
+            robot_certificate=certificate,
         ).certificates
         bar.advance(20)
     own_limits = requirements.torque_limits is None

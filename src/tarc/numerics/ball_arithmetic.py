@@ -63,7 +63,7 @@ FLOATS = Arithmetic(float, np.array, np.linalg.inv, exp)
 BALLS = Arithmetic(ball, balls, inverse, lambda value: ball(value).exp())
 
 
-def positive(form: Array) -> bool:
+def is_positive_definite(form: Array) -> bool:
     """Whether the form xᵀFx is proven positive definite: all pivots of an LDLᵀ factorisation are above zero.
 
     False means not proven, at this precision.
@@ -77,13 +77,13 @@ def positive(form: Array) -> bool:
     return True
 
 
-def negative_at(form: Array, vector: Array) -> bool:
+def is_negative_at(form: Array, vector: Array) -> bool:
     """Whether xᵀFx < 0 is proven at a vector of floats. False means not proven, at this precision."""
     x = balls(vector)
     return bool(x @ form @ x < 0)
 
 
-def prove(question: Callable[[], bool]) -> bool:
+def decide(question: Callable[[], bool]) -> bool:
     """Ask in ball arithmetic, again with more bits where the answer is no; whether it was ever yes.
 
     The question must answer yes only where the balls prove it.

@@ -7,7 +7,7 @@ import numpy as np
 from tarc.core.optional import require
 
 
-def definite(form: np.ndarray) -> tuple[str, float, np.ndarray]:
+def definiteness(form: np.ndarray) -> tuple[str, float, np.ndarray]:
     """Whether a symmetric matrix is positive definite, its least eigenvalue and that one's vector.
 
     ``certified`` or ``refuted`` only if rounding of the eigenvalues cannot turn the sign, else ``inconclusive``;
@@ -21,7 +21,7 @@ def definite(form: np.ndarray) -> tuple[str, float, np.ndarray]:
     return verdict, float(values[0]), vectors[:, 0]
 
 
-def schur(A: np.ndarray) -> tuple[str, float, complex]:
+def schur_stability(A: np.ndarray) -> tuple[str, float, complex]:
     """Whether A is Schur stable, its spectral radius and leading eigenvalue.
 
     Stable if P − AᵀPA is positive definite, by more than rounding can account for, for the P > 0 of the discrete
@@ -35,7 +35,7 @@ def schur(A: np.ndarray) -> tuple[str, float, complex]:
     lead = int(np.argmax(np.abs(values)))
     radius = float(np.abs(values[lead]))
     quick = _contracts(balanced) if radius < 1 else _grows(balanced, vectors, lead, radius)
-    verdict = ("certified" if radius < 1 else "refuted") if quick else _enclosed(A)
+    verdict = ("certified" if radius < 1 else "refuted") if quick else _verdict_by_enclosure(A)
     return verdict, radius, complex(values[lead])
 
 
@@ -63,16 +63,16 @@ def _grows(A: np.ndarray, vectors: np.ndarray, lead: int, radius: float) -> bool
     return bool(radius - 1 > 10 * len(A) * np.finfo(float).eps * np.linalg.norm(A, 2) * condition)
 
 
-LARGEST_ENCLOSED = 60
+MAX_ENCLOSED_STATES = 60
 """States up to which eigenvalues are enclosed; the time grows with the cube, from some milliseconds."""
 
 
-def _enclosed(A: np.ndarray) -> str:
+def _verdict_by_enclosure(A: np.ndarray) -> str:
     """Verdict from balls about all eigenvalues of the very A."""
     require("certify", "a proof in ball arithmetic", "flint")
     import flint
 
-    if len(A) > LARGEST_ENCLOSED:
+    if len(A) > MAX_ENCLOSED_STATES:
         return "inconclusive"
     before = flint.ctx.prec
     try:

@@ -49,10 +49,10 @@ def hinf_norm(A: Array, B: Array, C: Array, D: Array, tolerance: float = 1e-6) -
     poles = np.linalg.eigvals(A)
     if np.max(np.abs(poles), initial=0.0) >= 1:
         return np.inf
-    low = _peak(A, B, C, D, poles)
+    low = _peak_gain(A, B, C, D, poles)
     for _ in range(60):
         level = max((1 + 2 * tolerance) * low, 1e-300)
-        better = float(np.max(gains(A, B, C, D, _suspects(A, B, C, D, level)), initial=0.0))
+        better = float(np.max(max_singular_values(A, B, C, D, _critical_angles(A, B, C, D, level)), initial=0.0))
         if better <= level:
             return level
         low = better
@@ -79,27 +79,27 @@ def balance(A: Array, B: Array, C: Array) -> tuple[Array, Array, Array]:
     return np.asarray(balanced), B / scale[:, None], C * scale
 
 
-def gains(A: Array, B: Array, C: Array, D: Array, angles: Array) -> Array:
+def max_singular_values(A: Array, B: Array, C: Array, D: Array, angles: Array) -> Array:
     """Largest singular value of G(e^{jω}) at each angle ω [rad]."""
     z = np.exp(1j * np.asarray(angles))[:, None, None]
     response = C @ np.linalg.solve(z * np.eye(len(A)) - A, B + 0 * z) + D
     return np.abs(response[:, 0, 0]) if response.shape[1:] == (1, 1) else np.linalg.norm(response, 2, axis=(1, 2))
 
 
-def _peak(A: Array, B: Array, C: Array, D: Array, poles: Array) -> float:
+def _peak_gain(A: Array, B: Array, C: Array, D: Array, poles: Array) -> float:
     """Largest gain found on a grid of frequencies and at the poles, drawn closer around its best point."""
     angles = np.concatenate([[0.0], np.geomspace(1e-6, np.pi, 50), np.abs(np.angle(poles[np.abs(poles) > 0.5]))])
     angles = np.unique(angles)
     best = 0.0
     for _ in range(4):
-        found = gains(A, B, C, D, angles)
+        found = max_singular_values(A, B, C, D, angles)
         top = int(np.argmax(found))
         best = max(best, float(found[top]))
         angles = np.linspace(angles[max(top - 1, 0)], angles[min(top + 1, len(angles) - 1)], 13)
     return best
 
 
-def _suspects(A: Array, B: Array, C: Array, D: Array, level: float) -> Array:
+def _critical_angles(A: Array, B: Array, C: Array, D: Array, level: float) -> Array:
     """Angles in [0, π] at which the gain may exceed a level: where it crosses the level, and between.
 
     To keep rounding small the level is scaled to one.
@@ -129,7 +129,7 @@ def _crossings(A: Array, B: Array, Q: Array, S: Array, R: Array) -> Array:
     return np.concatenate([angles, (angles[1:] + angles[:-1]) / 2])
 
 
-def negative(A: Array, B: Array, Q: Array, S: Array, R: Array) -> bool:
+def fdi_negative(A: Array, B: Array, Q: Array, S: Array, R: Array) -> bool:
     """Whether [x; u]ᴴ [Q S; Sᵀ R] [x; u] < 0 for all x = (e^{jω} I − A)⁻¹ B u, u ≠ 0, and all ω.
 
     By the lemma of Kalman, Yakubovich and Popov that is dissipativity. The form can change its sign where it is
@@ -153,10 +153,10 @@ def negative(A: Array, B: Array, Q: Array, S: Array, R: Array) -> bool:
     A, (scale, _) = matrix_balance(A, permute=False, separate=True)
     B, Q, S = B / scale[:, None], Q * scale * scale[:, None], S * scale[:, None]
     grid = np.concatenate([[0.0], np.geomspace(1e-6, np.pi, 50), np.abs(np.angle(poles[np.abs(poles) > 0.5]))])
-    return bool(np.max(greatest(A, B, Q, S, R, np.concatenate([grid, _crossings(A, B, Q, S, R)]))) < 0)
+    return bool(np.max(fdi_max_eigenvalue(A, B, Q, S, R, np.concatenate([grid, _crossings(A, B, Q, S, R)]))) < 0)
 
 
-def greatest(A: Array, B: Array, Q: Array, S: Array, R: Array, angles: Array) -> Array:
+def fdi_max_eigenvalue(A: Array, B: Array, Q: Array, S: Array, R: Array, angles: Array) -> Array:
     """Greatest eigenvalue of the form of `negative` at each angle ω [rad]."""
     z = np.exp(1j * np.asarray(angles))[:, None, None]
     x = np.linalg.solve(z * np.eye(len(A)) - A, B + 0 * z)

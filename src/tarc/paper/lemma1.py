@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tarc.analysis.inertia_ratio import extremes, inverse_ratios
+from tarc.analysis.inertia_ratio import inverse_ratios, maximise_over_workspace
 from tarc.analysis.workspace import Workspace
 from tarc.certificates.base import Certificate, Evidence, Judgement, Verdict
 from tarc.core.errors import InvalidParameter, UnsupportedLaw
@@ -14,8 +14,8 @@ from tarc.core.types import Array
 from tarc.laws.base import Law
 from tarc.laws.pole_placement import PolePlacement
 from tarc.laws.tarc import TARC
-from tarc.numerics.ball_arithmetic import balls, negative_at, positive, prove
-from tarc.numerics.matrix_tests import definite
+from tarc.numerics.ball_arithmetic import balls, decide, is_negative_at, is_positive_definite
+from tarc.numerics.matrix_tests import definiteness
 from tarc.plants.base import Plant
 
 
@@ -74,10 +74,10 @@ class Lemma1Evidence(Evidence):
         """Return the verdict at the stored posture, in ball arithmetic."""
         M, nominal = self.inertia, self.nominal_inertia
         norm = float(np.linalg.norm(np.linalg.solve(M, nominal) - np.eye(len(M)), 2))
-        _, _, vector = definite(lemma1_form(M, nominal))
-        if prove(lambda: positive(lemma1_form(balls(M), balls(nominal)))):
+        _, _, vector = definiteness(lemma1_form(M, nominal))
+        if decide(lambda: is_positive_definite(lemma1_form(balls(M), balls(nominal)))):
             return Judgement(Verdict.CERTIFIED, 1 - norm)
-        if prove(lambda: negative_at(lemma1_form(balls(M), balls(nominal)), vector)):
+        if decide(lambda: is_negative_at(lemma1_form(balls(M), balls(nominal)), vector)):
             return Judgement(Verdict.REFUTED, 1 - norm, Lemma1Witness(posture=self.posture, norm=norm))
         return Judgement(Verdict.INCONCLUSIVE, 1 - norm)
 
@@ -167,7 +167,7 @@ def _worst_posture(
 ) -> Lemma1Evidence:
     """Return the posture with the largest norm, and the extreme inertia ratios."""
     identity = np.eye(len(nominal))
-    worst, low, high = extremes(
+    worst, low, high = maximise_over_workspace(
         (
             lambda M: np.linalg.norm(np.linalg.solve(M, nominal) - identity, 2, axis=(1, 2)),
             lambda M: inverse_ratios(M, nominal)[:, -1],
@@ -249,11 +249,15 @@ class ConditionC2Evidence(Evidence):
 
         def holds() -> bool:
             A, P = balls(self.A), balls(self.P)
-            return positive(P) and positive(-(A.T @ P + P @ A)) and positive(condition_c2_form(P))
+            return (
+                is_positive_definite(P)
+                and is_positive_definite(-(A.T @ P + P @ A))
+                and is_positive_definite(condition_c2_form(P))
+            )
 
-        if prove(holds):
+        if decide(holds):
             return Judgement(Verdict.CERTIFIED, margin)
-        if prove(lambda: negative_at(condition_c2_form(balls(self.P)), vectors[:, 0])):
+        if decide(lambda: is_negative_at(condition_c2_form(balls(self.P)), vectors[:, 0])):
             return Judgement(Verdict.REFUTED, margin, ConditionC2Witness(vector=vectors[:, 0]))
         return Judgement(Verdict.INCONCLUSIVE, margin)
 

@@ -31,7 +31,7 @@ from tarc.certificates.base import Certificate, Evidence, Judgement, Verdict
 from tarc.core import validation as check
 from tarc.core.types import Array
 from tarc.laws.base import Law
-from tarc.numerics.ball_arithmetic import BALLS, FLOATS, Arithmetic, positive, prove
+from tarc.numerics.ball_arithmetic import BALLS, FLOATS, Arithmetic, decide, is_positive_definite
 from tarc.numerics.sdp import bisect, max_feasible, min_scaled_eigenvalue, solve, symmetric
 from tarc.paper.kernel import lag_area
 from tarc.paper.law_parts import (
@@ -133,9 +133,9 @@ class NominalEvidence(Evidence):
 
         def is_positive(part: NominalPart) -> bool:
             weights = (BALLS.matrix(weight) for weight in (part.P, part.R1, part.R2))
-            return all(positive(form) for form in (*weights, *conditions(part, self.loop, gamma, BALLS)))
+            return all(is_positive_definite(form) for form in (*weights, *conditions(part, self.loop, gamma, BALLS)))
 
-        proven = margin > 0 and all(prove(lambda part=part: is_positive(part)) for part in self.parts)
+        proven = margin > 0 and all(decide(lambda part=part: is_positive(part)) for part in self.parts)
         return Judgement(Verdict.CERTIFIED if proven else Verdict.INCONCLUSIVE, margin)
 
     def forms(self) -> dict[str, Array]:

@@ -22,7 +22,7 @@ from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter
 from tarc.core.types import Array
 from tarc.laws.base import Law
-from tarc.numerics.ball_arithmetic import BALLS, FLOATS, Arithmetic, negative_at, positive, prove
+from tarc.numerics.ball_arithmetic import BALLS, FLOATS, Arithmetic, decide, is_negative_at, is_positive_definite
 from tarc.numerics.sdp import bisect, max_feasible, min_scaled_eigenvalue, solve, symmetric
 from tarc.paper.law_parts import (
     GainPart,
@@ -131,12 +131,12 @@ class Theorem1Evidence(Evidence):
             return Judgement(Verdict.INCONCLUSIVE, 0.0)
         worst = int(np.argmin([value for value, _ in eigenpairs]))
         margin, vector = eigenpairs[worst]
-        if margin > 0 and all(prove(lambda part=part: self._is_positive(part)) for part in self.parts):
+        if margin > 0 and all(decide(lambda part=part: self._is_positive(part)) for part in self.parts):
             return Judgement(Verdict.CERTIFIED, margin)
         weights = [weight for part in self.parts for weight in (part.P, part.D)]
-        sound = all(prove(lambda weight=weight: positive(BALLS.matrix(weight))) for weight in weights)
+        sound = all(decide(lambda weight=weight: is_positive_definite(BALLS.matrix(weight))) for weight in weights)
         part = self.parts[worst]
-        if sound and prove(lambda: negative_at(psi(part, self.condition, BALLS)[0], vector)):
+        if sound and decide(lambda: is_negative_at(psi(part, self.condition, BALLS)[0], vector)):
             value = float(vector @ psi(part, self.condition, FLOATS)[0] @ vector)
             return Judgement(Verdict.REFUTED, margin, Theorem1Witness(e=vector, value=value))
         return Judgement(Verdict.INCONCLUSIVE, margin)
@@ -151,7 +151,7 @@ class Theorem1Evidence(Evidence):
 
     def _is_positive(self, part: Theorem1Part) -> bool:
         weights = (BALLS.matrix(part.P), BALLS.matrix(part.D))
-        return all(positive(form) for form in (*weights, *psi(part, self.condition, BALLS)))
+        return all(is_positive_definite(form) for form in (*weights, *psi(part, self.condition, BALLS)))
 
 
 def check_theorem1(

@@ -27,7 +27,7 @@ from tarc.certificates.base import Certificate, Evidence, Judgement, Verdict
 from tarc.core import validation as check
 from tarc.core.types import Array
 from tarc.laws.base import Law
-from tarc.numerics.ball_arithmetic import BALLS, FLOATS, Arithmetic, negative_at, positive, prove
+from tarc.numerics.ball_arithmetic import BALLS, FLOATS, Arithmetic, decide, is_negative_at, is_positive_definite
 from tarc.numerics.sdp import min_scaled_eigenvalue, solve, symmetric
 from tarc.paper.kernel import kernel_energy
 from tarc.paper.law_parts import (
@@ -153,10 +153,10 @@ class Theorem2Evidence(Evidence):
         vector = np.concatenate([e, -e, 0 * e])
 
         def is_refuted() -> bool:
-            sound = all(positive(BALLS.matrix(weight)) for weight in (part.P, part.D, part.L))
-            return sound and negative_at(theta(part, condition, BALLS), vector)
+            sound = all(is_positive_definite(BALLS.matrix(weight)) for weight in (part.P, part.D, part.L))
+            return sound and is_negative_at(theta(part, condition, BALLS), vector)
 
-        if not prove(is_refuted):
+        if not decide(is_refuted):
             return Judgement(Verdict.INCONCLUSIVE, margin)
         return Judgement(Verdict.REFUTED, margin, Theorem2Witness(e=e, value=float(vector @ form @ vector)))
 

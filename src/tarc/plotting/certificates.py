@@ -146,7 +146,12 @@ def _forms(certificate: "Certificate") -> Figure:
     return _finish(figure, certificate)
 
 
-FIGURES: dict[str, Callable[[Any], Figure]] = {"loop": _loop, "slope": _slope, "ball": _ball, "robot": _ball}
+FIGURES: dict[str, Callable[[Any], Figure]] = {
+    "robot": _ball,
+    "constant_ratio": _loop,
+    "sector": _slope,
+    "varying_ratio": _ball,
+}
 
 
 def design_figure(certification: "LawCertification") -> Figure:

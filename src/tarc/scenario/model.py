@@ -324,7 +324,7 @@ class Scenario(BaseModel):
                     workspace,
                     computation_delay=self.computation_delay,
                     samples=samples,
-                    done=lambda _: bar.advance(),
+                    on_certificate=lambda _: bar.advance(),
                 )
         return certificates
 

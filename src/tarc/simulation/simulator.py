@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from tarc.analysis.rest_stability import remedy, unstable_posture
+from tarc.analysis.rest_stability import describe_instability, unstable_posture
 from tarc.control.digital_controller import DigitalController
 from tarc.core import validation as check
 from tarc.core.errors import DesignWarning, InvalidParameter
@@ -146,7 +146,7 @@ def warn_if_unstable(
             witnesses.append(unstable_posture(law, present_plant, postures[:, is_present], computation_delay))
     worst = max(filter(None, witnesses), key=lambda witness: witness.growth_rate, default=None)
     if worst:
-        warnings.warn(remedy(law, worst, computation_delay), DesignWarning, stacklevel=3)
+        warnings.warn(describe_instability(law, worst, computation_delay), DesignWarning, stacklevel=3)
 
 
 def _with_limits(law: Law, plant: Plant) -> Law:
