@@ -82,7 +82,7 @@ def scenario(tmp_path):
         "law": [{"kind": "TDC", "inertia": {"fraction": 0.05}, "natural_frequency": 10.0}],
         "estimator": {"kind": "Algebraic", "window": 0.010},
         "reference": {"kind": "Sinusoid", "amplitude": [0.3, 0.3], "frequency": 2.0, "offset": [0.0, 1.5]},
-        "disturbance": [{"kind": "Schedule", "parameter": "masses", "times": [0.5], "values": [[1.0, 3.0]]}],
+        "disturbance": [{"kind": "ParameterSchedule", "parameter": "masses", "times": [0.5], "values": [[1.0, 3.0]]}],
         "duration": 1.0,
     }
     (tmp_path / "swing.yaml").write_text(write_yaml(content))

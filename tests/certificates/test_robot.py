@@ -94,7 +94,7 @@ def test_certified_for_two_plants_survives_fast_motion(shape, synchronised):
     for seed in range(3):
         reference = fast_motion(seed, 0.8)
         start = reference.sample(np.zeros(1))
-        events = signals.Schedule(parameter="payload", times=[0.7, 1.4], values=[2.0, 0.0])
+        events = signals.ParameterSchedule(parameter="payload", times=[0.7, 1.4], values=[2.0, 0.0])
         for plant, disturbance in ((ARM, ()), (LOADED, ()), (ARM, events)):
             run = tarc.simulate(
                 plant, law, reference, 2.0, initial_velocity=start[1][:, 0], disturbance=disturbance, progress=False

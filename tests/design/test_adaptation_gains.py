@@ -112,7 +112,7 @@ def test_boundary_of_a_simulated_step(synchronised):
     for mass in (1.0, 0.5):
         robot = plants.MassSpringDamper(masses=(mass,), springs=(0.0,), dampers=(0.0,))
         law = laws.TDC(inertia=one.inertia_scale, estimator=one.estimator, **one.law_options())
-        step = signals.Step(amplitude=[3.0 * mass])
+        step = signals.StepDisturbance(amplitude=[3.0 * mass])
         run = tarc.simulate(robot, law, still, 3.0, disturbance=step, progress=False)
         greatest.append(np.abs(run.data["position"].values).max())
     assert max(greatest) == pytest.approx(values.boundary_layer, rel=1e-3)

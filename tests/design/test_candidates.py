@@ -221,7 +221,7 @@ def test_noise_and_error_of_a_simulated_robot(synchronised):
         sensor = signals.Encoder(noise=1e-5)
         run = tarc.simulate(mass, tdc_of_candidate(one), still, 25.0, sensor=sensor, seed=3, progress=False)
         noises.append(np.std(run.data["torque"].values[1000:]) / 1e-5)
-        step = signals.Step(amplitude=[0.1], start_time=0.0)
+        step = signals.StepDisturbance(amplitude=[0.1], start_time=0.0)
         run = tarc.simulate(mass, tdc_of_candidate(one), still, 10.0, disturbance=step, progress=False)
         errors.append(np.sqrt(PERIOD * np.sum((run.data["position"].values / 0.1) ** 2)))
     assert max(noises) == pytest.approx(one.noise, rel=0.05)

@@ -39,8 +39,8 @@ def robots(folder):
 @pytest.mark.parametrize("substeps", [1, 3])
 def test_the_law_has_the_true_derivatives_in_both_engines(engine, substeps, tmp_path):
     """The velocity is the recorded one, whatever the encoder shows; the acceleration is the one before the torque."""
-    plant, push = robots(tmp_path)[engine], signals.Step(amplitude=[2.0], start_time=0.1004)
-    stiffer = signals.Schedule(parameter="viscous", times=[0.2], values=[1.0])
+    plant, push = robots(tmp_path)[engine], signals.StepDisturbance(amplitude=[2.0], start_time=0.1004)
+    stiffer = signals.ParameterSchedule(parameter="viscous", times=[0.2], values=[1.0])
     sensor = signals.Encoder(bits=8, dropout=0.05)
     events, start = [push, stiffer], {"initial_position": [0.2], "initial_velocity": 0.7, "initial_torque": [1.5]}
     law = tdc(0.6)
@@ -70,7 +70,7 @@ def test_a_delayed_acceleration_goes_with_its_torque(delay):
 
 
 def test_both_engines_give_the_same_run(tmp_path):
-    push = signals.Step(amplitude=[3.0], start_time=0.25)
+    push = signals.StepDisturbance(amplitude=[3.0], start_time=0.25)
     plain, file = (
         simulate(robots(tmp_path)[engine], tdc(0.9), SWING, 1.0, substeps=4, disturbance=push, initial_torque="rest")
         for engine in ("symbolic", "rk4")

@@ -13,7 +13,7 @@ from tarc.laws.base import ControlInput
 
 def observer_error_matrix(law):
     """Matrix of the observer's error, found by stepping it: columns are what becomes of unit states."""
-    rest = law.example()[0].memory
+    rest = law.example()[0].control
     zero = np.zeros(1)
     tracking = ControlInput(law.estimator.step(law.estimator.init(zero), zero)[1], zero, zero, zero, zero, 0.0)
     columns = [pack(law.control(unpack(rest, column), tracking)[0]) for column in np.eye(3)]
@@ -42,7 +42,7 @@ def test_prediction_is_exact():
     missing = law.estimator.step(law.estimator.init(np.zeros(1)), np.full(1, np.nan))[1]
     zero = np.zeros(1)
     memory, _, _ = law.control(
-        unpack(law.example()[0].memory, x), ControlInput(missing, zero, zero, zero, np.full(1, 1.5), 0.0)
+        unpack(law.example()[0].control, x), ControlInput(missing, zero, zero, zero, np.full(1, 1.5), 0.0)
     )
     np.testing.assert_allclose(pack(memory), ahead[:3], rtol=1e-12)
 
@@ -51,7 +51,7 @@ def test_constant_disturbance_leaves_no_offset_and_is_observed():
     law = make_law(laws.ADRC, joints=1, inertia=1.0, natural_frequency=10.0)
     mass = plants.MassSpringDamper(masses=(1.0,), springs=0.0, dampers=0.0)
     reference = signals.Sinusoid(amplitude=0.0, frequency=1.0, offset=0.2)
-    data = simulate(mass, law, reference, 3.0, disturbance=signals.Step(amplitude=7.0)).data
+    data = simulate(mass, law, reference, 3.0, disturbance=signals.StepDisturbance(amplitude=7.0)).data
     np.testing.assert_allclose(data["position"].values[-1], 0.2, atol=1e-9)
     np.testing.assert_allclose(data["disturbance_estimate"].values[-1], 7.0, rtol=1e-6)
 

@@ -20,7 +20,7 @@ def fast_sampled_law(**options):
 def test_error_ends_in_the_known_ball(frequency):
     """Whatever the disturbance within ρ does; one at rest comes near enough to show that the bound means something."""
     law = fast_sampled_law(uncertainty_bound=6.0)
-    wave = signals.Sine(amplitude=6.0, frequency=frequency, phase=np.pi / 2)
+    wave = signals.SineDisturbance(amplitude=6.0, frequency=frequency, phase=np.pi / 2)
     data = simulate(
         MASS, law, signals.Sinusoid(amplitude=0.0, frequency=1.0), 6.0, initial_position=[0.5], disturbance=wave
     ).data
@@ -34,7 +34,7 @@ def test_error_ends_in_the_known_ball(frequency):
 
 def test_plain_pole_placement_leaves_the_ball():
     law = fast_sampled_law(uncertainty_bound=0.0)
-    disturbance = signals.Step(amplitude=6.0)
+    disturbance = signals.StepDisturbance(amplitude=6.0)
     data = simulate(MASS, law, signals.Sinusoid(amplitude=0.0, frequency=1.0), 4.0, disturbance=disturbance).data
     assert abs(data["position"].values[-1, 0]) > fast_sampled_law(uncertainty_bound=6.0).error_bound
 

@@ -51,9 +51,9 @@ def test_consequents_stay_bounded():
     rng = np.random.default_rng(0)
     for _ in range(300):
         state, output = law.step(state, value._replace(position=np.cumsum(rng.normal(size=2))))
-        assert np.abs(state.memory.consequents).max() <= 3.0
+        assert np.abs(state.control.consequents).max() <= 3.0
         assert np.abs(output.signals["disturbance_estimate"]).max() <= 3.0 + 1e-12
-    assert np.abs(state.memory.consequents).max() == 3.0
+    assert np.abs(state.control.consequents).max() == 3.0
 
 
 def test_rules_are_a_partition():
@@ -81,7 +81,7 @@ def test_adapts_by_the_equation():
     after, _ = law.step(state, value._replace(position=position))
     s = position + position / 1e-3 / 10.0
     rules = np.array(law.rules(position, position / 1e-3))
-    np.testing.assert_allclose(after.memory.consequents, (1e-3 * 700.0 * s * rules).T, rtol=1e-9)
+    np.testing.assert_allclose(after.control.consequents, (1e-3 * 700.0 * s * rules).T, rtol=1e-9)
 
 
 def test_holds_the_torque_applied_before_and_stops_with_the_fault():
@@ -90,7 +90,7 @@ def test_holds_the_torque_applied_before_and_stops_with_the_fault():
     _, output = law.step(state, value)
     np.testing.assert_allclose(output.torque, [3.0, -1.0], rtol=1e-9)
     lost, _ = law.step(state, value._replace(position=np.full(2, np.nan), reference=np.ones(2)))
-    np.testing.assert_array_equal(lost.memory.consequents, state.memory.consequents)
+    np.testing.assert_array_equal(lost.control.consequents, state.control.consequents)
 
 
 def test_certificate_freezes_the_consequents():

@@ -89,7 +89,7 @@ def test_adaptation_stops_with_the_fault():
     state, value = law.example()
     for _ in range(3):
         state, _ = law.step(state, LawInput(np.full(2, np.nan), *value[1:]))
-    np.testing.assert_array_equal(state.memory.adapted, law.nominal)
+    np.testing.assert_array_equal(state.control.adapted, law.nominal)
 
 
 @pytest.mark.parametrize(

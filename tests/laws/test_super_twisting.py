@@ -45,7 +45,7 @@ def reaching_time(law, s, z):
 
 def test_reaches_the_surface_within_the_known_time():
     law = fast_sampled_law(disturbance_rate=40.0)
-    run = simulate(MASS, law, TARGET, 4.0, initial_velocity=1.0, disturbance=signals.Step(amplitude=3.0))
+    run = simulate(MASS, law, TARGET, 4.0, initial_velocity=1.0, disturbance=signals.StepDisturbance(amplitude=3.0))
     s = sliding_variable(run, law)
     bound = reaching_time(law, 1.0, 3.0)
     late = run.data["time"].values > bound
@@ -59,7 +59,7 @@ def test_holds_the_surface_against_a_disturbance_of_bounded_rate():
     """|d'| up to L, and gains that Levant's condition has as sufficient: b > 1 and a² ≥ 4 (b + 1)/(b − 1)."""
     a, b = 3.5, 2.0
     assert a**2 >= 4 * (b + 1) / (b - 1)
-    wave = signals.Sine(amplitude=8.0, frequency=5.0)
+    wave = signals.SineDisturbance(amplitude=8.0, frequency=5.0)
     worst = []
     for L in (40.0, 10.0):
         law = fast_sampled_law(

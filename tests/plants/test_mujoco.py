@@ -248,7 +248,7 @@ def test_a_two_link_file_is_the_symbolic_arm(
 @pytest.mark.parametrize("payload", [0.0, 2.0])
 def test_both_engines_give_the_same_run(payload: float, tmp_path: Path) -> None:
     robot, arm = arms(mjcf_arm(tmp_path, RODS), RODS, payload)
-    push = tarc.signals.Step(amplitude=[3.0, -2.0], start_time=0.25)
+    push = tarc.signals.StepDisturbance(amplitude=[3.0, -2.0], start_time=0.25)
     mine, other = (
         tarc.simulate(plant, LAW, REFERENCE, 1.0, substeps=4, disturbance=push, initial_torque="rest")
         for plant in (arm, robot)
@@ -289,7 +289,7 @@ def test_a_schedule_changes_the_run_from_its_instant_on_and_not_the_plant(parame
     before = robot.parameters
 
     def motion(plant: MujocoPlant, *at: float) -> np.ndarray:
-        events = [tarc.signals.Schedule(parameter=parameter, times=[t], values=[value]) for t in at]
+        events = [tarc.signals.ParameterSchedule(parameter=parameter, times=[t], values=[value]) for t in at]
         return tarc.simulate(plant, LAW, REFERENCE, 0.4, disturbance=events).data["position"].values
 
     plain, later = motion(robot), motion(robot, 0.2)
@@ -545,5 +545,5 @@ def test_negative_masses_cannot_be_scheduled() -> None:
             synchronised_tdc(robot.inertia(robot.home)),
             reference,
             0.1,
-            disturbance=tarc.signals.Schedule(parameter="payload", times=[0.0], values=[-5.0]),
+            disturbance=tarc.signals.ParameterSchedule(parameter="payload", times=[0.0], values=[-5.0]),
         )

@@ -88,8 +88,11 @@ def test_shipped_scenarios_run(name):
         (["robot={file: ur5e, armatur: 0.1}"], r"robot.armatur: unknown key.* Did you mean 'armature'\?"),
         (["robot={}"], "robot.kind: missing; known are .*, or file:"),
         (["law=[]"], "law: got an empty list"),
-        (["disturbance=[{kind: Stepp, amplitude: 1}]"], r"disturbance.kind: got 'Stepp'.* Did you mean 'Step'\?"),
-        (["disturbance=[{kind: Schedule, parameter: pay, times: [0], values: [1]}]"], r"schedule parameter: got 'pay'"),
+        (["disturbance=[{kind: Payloads, mass: 1}]"], r"disturbance.kind: got 'Payloads'.* Did you mean 'Payload'\?"),
+        (
+            ["disturbance=[{kind: ParameterSchedule, parameter: pay, times: [0], values: [1]}]"],
+            r"schedule parameter: got 'pay'",
+        ),
     ],
 )
 def test_bad_keys_and_values(settings, message):
@@ -148,7 +151,7 @@ def test_missing_file_says_where_it_looked(tmp_path):
 def test_files_beside_the_scenario_are_found(tmp_path, monkeypatch):
     t = np.arange(0, 1, 0.01)
     np.savetxt(tmp_path / "path.csv", np.column_stack([t, 0.1 * t**2, 0.2 * t**2]), delimiter=",")
-    content = scenario_content(reference={"kind": "Recorded", "path": "path.csv"})
+    content = scenario_content(reference={"kind": "RecordedReference", "path": "path.csv"})
     (tmp_path / "a.yaml").write_text(write_yaml(content))
     monkeypatch.chdir("/")
     run = Scenario.load(tmp_path / "a.yaml").run()["TDC"]

@@ -15,20 +15,20 @@ from tarc.core.errors import InvalidParameter
 from tarc.core.tracing import trace
 from tarc.core.trees import pack
 from tarc.signals import (
-    BandNoise,
+    BandLimitedNoise,
     Chirp,
     Disturbance,
     Encoder,
-    Impulse,
+    ImpulseDisturbance,
     Multisine,
+    ParameterSchedule,
     Payload,
     Quintic,
-    Recorded,
+    RecordedReference,
     Reference,
-    Schedule,
-    Sine,
+    SineDisturbance,
     Sinusoid,
-    Step,
+    StepDisturbance,
 )
 from tarc.signals.sensors import EncoderInput
 
@@ -167,7 +167,7 @@ def test_recorded_reproduces_a_smooth_trajectory_from_any_file(
 ) -> None:
     t = np.linspace(0.5, 2.5, 201)
     table = np.vstack([t, SINUSOID.sample(t)[0]]).T
-    reference = Recorded(path=write_table(tmp_path / name, table, header, delimiter))
+    reference = RecordedReference(path=write_table(tmp_path / name, table, header, delimiter))
     assert reference.n_joints == 2
     between = np.linspace(0.5, 2.5, 333)
     errors = [np.max(np.abs(a - b)) for a, b in zip(reference.sample(between), SINUSOID.sample(between), strict=True)]
@@ -179,12 +179,12 @@ def test_recorded_converges_and_holds_its_ends(tmp_path: Path) -> None:
     def error(rows: int) -> float:
         t = np.linspace(0, 2, rows)
         path = tmp_path / f"{rows}.npy"
-        reference = Recorded(path=write_table(path, np.vstack([t, SINUSOID.sample(t)[0]]).T, None, ""))
+        reference = RecordedReference(path=write_table(path, np.vstack([t, SINUSOID.sample(t)[0]]).T, None, ""))
         inside = np.linspace(0.8, 1.2, 200)
         return float(np.max(np.abs(reference.sample(inside)[2] - SINUSOID.sample(inside)[2])))
 
     assert np.log2(error(41) / error(81)) > 3.5  # a quintic spline's second derivative is of fourth order
-    position, velocity, _ = Recorded(path=tmp_path / "81.npy").sample([-1.0, 3.0])
+    position, velocity, _ = RecordedReference(path=tmp_path / "81.npy").sample([-1.0, 3.0])
     assert np.allclose(position, SINUSOID.sample([0.0, 2.0])[0])
     assert not velocity.any()
 
@@ -273,14 +273,14 @@ def disturbance_torque(
 
 
 def test_step_acts_from_its_start_up_to_before_its_end() -> None:
-    values = disturbance_torque(Step(amplitude=[2.0, -1.0], start_time=0.3, stop_time=0.7))
+    values = disturbance_torque(StepDisturbance(amplitude=[2.0, -1.0], start_time=0.3, stop_time=0.7))
     on = (np.arange(1000) >= 300) & (np.arange(1000) < 700)
     assert np.array_equal(values, np.outer([2.0, -1.0], on))
-    assert np.array_equal(disturbance_torque(Step(amplitude=3.0)), np.full((2, 1000), 3.0))
+    assert np.array_equal(disturbance_torque(StepDisturbance(amplitude=3.0)), np.full((2, 1000), 3.0))
 
 
 def test_sine_starts_at_its_instant_on_the_clock_s_phase() -> None:
-    values = disturbance_torque(Sine(amplitude=2.0, frequency=30.0, phase=0.5, start_time=0.1), joints=1)[0]
+    values = disturbance_torque(SineDisturbance(amplitude=2.0, frequency=30.0, phase=0.5, start_time=0.1), joints=1)[0]
     assert not values[:100].any()
     assert np.allclose(values[100:], 2 * np.sin(30 * TIMES[100:] + 0.5))
 
@@ -289,7 +289,7 @@ def test_sine_starts_at_its_instant_on_the_clock_s_phase() -> None:
 @given(start_time=st.floats(0, 0.99), step=st.floats(1e-5, 0.1), amplitude=st.floats(-10, 10))
 def test_impulse_is_the_same_whatever_the_step(start_time: float, step: float, amplitude: float) -> None:
     times = np.arange(int(np.ceil(1 / step))) * step
-    values = disturbance_torque(Impulse(amplitude=amplitude, start_time=start_time), times, joints=1)[0]
+    values = disturbance_torque(ImpulseDisturbance(amplitude=amplitude, start_time=start_time), times, joints=1)[0]
     assert np.sum(values) * step == pytest.approx(amplitude, rel=1e-9)
     assert np.count_nonzero(values) == (1 if amplitude else 0)
     if amplitude:
@@ -298,7 +298,7 @@ def test_impulse_is_the_same_whatever_the_step(start_time: float, step: float, a
 
 
 def test_band_noise_has_its_standard_deviation_and_follows_the_seed() -> None:
-    noise = BandNoise(amplitude=[2.0, 0.5], min_frequency=20.0, max_frequency=60.0)
+    noise = BandLimitedNoise(amplitude=[2.0, 0.5], min_frequency=20.0, max_frequency=60.0)
     values = disturbance_torque(noise)
     long = disturbance_torque(noise, np.arange(200_000) * 1e-3)  # some 8000 independent samples: 1 % standard error
     assert np.allclose(long.std(axis=1), [2.0, 0.5], rtol=0.04)
@@ -311,7 +311,8 @@ def test_band_noise_keeps_its_size_on_a_record_shorter_than_its_waves() -> None:
     """Over a whole ensemble of short records: neither scaled up nor down by its own length."""
     times = np.arange(50) * 1e-3
     values = [
-        disturbance_torque(BandNoise(amplitude=1.0, max_frequency=5.0), times, 1, seed=seed)[0] for seed in range(400)
+        disturbance_torque(BandLimitedNoise(amplitude=1.0, max_frequency=5.0), times, 1, seed=seed)[0]
+        for seed in range(400)
     ]
     assert np.sqrt(np.mean(np.square(values))) == pytest.approx(1.0, rel=0.15)  # 400 samples: 3.5 % standard error
     assert np.max(np.abs(values)) < 5.0
@@ -332,16 +333,18 @@ def test_what_is_under_way_at_the_start_is_quantised_too() -> None:
 @pytest.mark.parametrize(
     ("schedule", "message"),
     [
-        (lambda: Schedule(parameter="viscous", times=[0.0], values=3.0), "needs increasing times"),  # type: ignore[arg-type]
-        (lambda: Schedule(parameter="viscous", times=[], values=[]), "needs increasing times"),
+        (lambda: ParameterSchedule(parameter="viscous", times=[0.0], values=3.0), "needs increasing times"),  # type: ignore[arg-type]
+        (lambda: ParameterSchedule(parameter="viscous", times=[], values=[]), "needs increasing times"),
         (
-            lambda: Schedule(parameter="viscous", times=[0.0], values=[[1, 2, 3]]).sample(np.zeros(2), np.zeros(2)),
+            lambda: ParameterSchedule(parameter="viscous", times=[0.0], values=[[1, 2, 3]]).sample(
+                np.zeros(2), np.zeros(2)
+            ),
             r"schedule of 'viscous', values: got shape \(3,\); needs one number or 2",
         ),
-        (lambda: Sine(amplitude=1.0, frequency=np.nan), "frequency: got nan"),
-        (lambda: Step(amplitude=1.0, start_time="x"), "start_time: got 'x'; needs one number"),  # type: ignore[arg-type]
+        (lambda: SineDisturbance(amplitude=1.0, frequency=np.nan), "frequency: got nan"),
+        (lambda: StepDisturbance(amplitude=1.0, start_time="x"), "start_time: got 'x'; needs one number"),  # type: ignore[arg-type]
         (
-            lambda: Step(amplitude=1.0, start_time=2.0, stop_time=1.0),
+            lambda: StepDisturbance(amplitude=1.0, start_time=2.0, stop_time=1.0),
             "stop_time: got 1.0; needs a time after start_time = 2",
         ),
         (lambda: Encoder(bits=12.5), "bits: got 12.5; needs a whole number from 1 to 52"),  # type: ignore[arg-type]
@@ -359,7 +362,7 @@ def test_band_noise_keeps_its_energy_inside_the_band(low: float, high: float) ->
     spectrum = (
         np.abs(
             np.fft.rfft(
-                disturbance_torque(BandNoise(amplitude=1.0, min_frequency=low, max_frequency=high), times, 1)[0]
+                disturbance_torque(BandLimitedNoise(amplitude=1.0, min_frequency=low, max_frequency=high), times, 1)[0]
             )
         )
         ** 2
@@ -373,14 +376,14 @@ def test_band_noise_keeps_its_energy_inside_the_band(low: float, high: float) ->
 
 
 def test_schedule_steps_from_the_plant_s_own_value() -> None:
-    schedule = Schedule(parameter="viscous", times=[0.25, 0.5], values=[[1.0, 2.0], 3.0])
+    schedule = ParameterSchedule(parameter="viscous", times=[0.25, 0.5], values=[[1.0, 2.0], 3.0])
     values = schedule.sample(TIMES, np.array([0.1, 0.2]))
     for begin, end, expected in ((0, 250, [0.1, 0.2]), (250, 500, [1.0, 2.0]), (500, 1000, [3.0, 3.0])):
         assert np.array_equal(values[:, begin:end], np.repeat(np.array([expected]).T, end - begin, axis=1))
 
 
 def test_linear_schedule_joins_its_values_and_then_stays() -> None:
-    schedule = Schedule(parameter="payload", times=[0.2, 0.6], values=[1.0, 3.0], interpolate=True)
+    schedule = ParameterSchedule(parameter="payload", times=[0.2, 0.6], values=[1.0, 3.0], interpolate=True)
     values = schedule.sample(TIMES, np.array(0.5))[0]
     assert np.array_equal(values[:200], np.full(200, 0.5))
     # 1e-9 s of tolerance in time, at 5 units a second
@@ -420,21 +423,27 @@ def test_payload_is_a_schedule_of_the_payload() -> None:
         (lambda: Encoder(dropout=1.0), "dropout: got 1; .* at most 0.99"),
         (lambda: Encoder(delay=-1), "delay: got -1; needs a whole number"),
         (lambda: Encoder(delay=1.5), "delay: got 1.5"),  # pyright: ignore[reportArgumentType]
-        (lambda: Step(amplitude=np.inf), "amplitude: .* not NaN or infinity"),
+        (lambda: StepDisturbance(amplitude=np.inf), "amplitude: .* not NaN or infinity"),
         (
-            lambda: disturbance_torque(Step(amplitude=[1.0, 2.0, 3.0])),
+            lambda: disturbance_torque(StepDisturbance(amplitude=[1.0, 2.0, 3.0])),
             "disturbance amplitude: .* needs one number or 2",
         ),
         (
-            lambda: BandNoise(amplitude=1.0, min_frequency=5.0, max_frequency=2.0),
+            lambda: BandLimitedNoise(amplitude=1.0, min_frequency=5.0, max_frequency=2.0),
             "min_frequency, max_frequency: got 5 and 2; needs 0 ≤ min_frequency < max_frequency",
         ),
         (
-            lambda: disturbance_torque(BandNoise(amplitude=1.0, max_frequency=4000.0)),
+            lambda: disturbance_torque(BandLimitedNoise(amplitude=1.0, max_frequency=4000.0)),
             "max_frequency: got 4000 rad/s; .* allows up to 3142",
         ),
-        (lambda: Schedule(parameter="payload", times=[1.0, 0.5], values=[1, 2]), "'payload': .* increasing times"),
-        (lambda: Schedule(parameter="payload", times=[1.0], values=[1, 2]), r"got times \[1.0\] and values \[1, 2\]"),
+        (
+            lambda: ParameterSchedule(parameter="payload", times=[1.0, 0.5], values=[1, 2]),
+            "'payload': .* increasing times",
+        ),
+        (
+            lambda: ParameterSchedule(parameter="payload", times=[1.0], values=[1, 2]),
+            r"got times \[1.0\] and values \[1, 2\]",
+        ),
         (lambda: Payload(mass=-1.0), "mass: got -1"),
     ],
 )
@@ -457,9 +466,9 @@ def test_a_record_at_fault_is_refused(text: str, message: str, tmp_path: Path) -
     file = tmp_path / "record.csv"
     file.write_text(text)
     with pytest.raises(InvalidParameter, match=message):
-        Recorded(path=file)
+        RecordedReference(path=file)
 
 
 def test_a_missing_record_names_where_it_looked(tmp_path: Path) -> None:
     with pytest.raises(InvalidParameter, match=rf"no trajectory file .*none\.csv'; looked in {tmp_path}"):
-        Recorded(path=tmp_path / "none.csv")
+        RecordedReference(path=tmp_path / "none.csv")

@@ -49,7 +49,7 @@ def test_a_sound_design_draws_no_warning():
 def test_a_payload_to_come_counts_from_when_it_comes():
     """A lighter second link raises the ratio past its range, but only in the second half."""
     design = tdc_with_inertia_share(0.06)
-    lighter = tarc.signals.Schedule(parameter="masses", times=[0.5], values=[[0.2, 0.1]])
+    lighter = tarc.signals.ParameterSchedule(parameter="masses", times=[0.5], values=[[0.2, 0.1]])
     with pytest.warns(tarc.DesignWarning, match="smaller inertia"):
         tarc.simulate(ARM, design, SWING, 1.0, disturbance=lighter)
     with warnings.catch_warnings():
@@ -62,7 +62,7 @@ def test_scheduled_plants_have_the_changes_up_to_each_time():
 
     events = [
         tarc.signals.Payload(mass=2.0, start_time=1.0),
-        tarc.signals.Schedule(parameter="viscous", times=[0.0, 3.0], values=[1.0, 2.0]),
+        tarc.signals.ParameterSchedule(parameter="viscous", times=[0.0, 3.0], values=[1.0, 2.0]),
     ]
     robot = tarc.plants.MujocoPlant.from_file("ur5e", armature=0.1)
     found = scheduled_plants(robot, events)

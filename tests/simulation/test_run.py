@@ -317,7 +317,7 @@ def test_numpy_numbers_are_described_and_saved(tmp_path):
         REFERENCE,
         0.1,
         sensor=signals.Encoder(bits=np.int64(12)),  # type: ignore[arg-type]
-        disturbance=signals.Schedule(parameter="payload", times=range(1), values=[np.array([1.0])]),
+        disturbance=signals.ParameterSchedule(parameter="payload", times=range(1), values=[np.array([1.0])]),
     )
     assert json.loads(Run.load(run.save(tmp_path / "a.nc")).data.attrs["law"])["max_missing"] == 3
 
@@ -331,7 +331,7 @@ def test_numpy_numbers_are_described_and_saved(tmp_path):
         ({"sensor": signals.Encoder(resolution=[0.1, 0.1])}, "sensor: its resolution has 2 numbers"),
         ({"duration": 1e9}, "duration: got 1e.09; needs a finite number"),
         (
-            {"disturbance": signals.Schedule(parameter="mass", times=[0.0], values=[-1.0])},
+            {"disturbance": signals.ParameterSchedule(parameter="mass", times=[0.0], values=[-1.0])},
             "mass: got -1; needs a finite number above 0",
         ),
     ],

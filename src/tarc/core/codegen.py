@@ -24,9 +24,9 @@ def compiler() -> list[str]:
     if named:
         return shlex.split(named)
     for name in ("cc", "gcc", "clang"):
-        found = shutil.which(name)
-        if found:
-            return [found]
+        path = shutil.which(name)
+        if path:
+            return [path]
     if importlib.util.find_spec("ziglang"):
         return [sys.executable, "-m", "ziglang", "cc"]
     raise MissingTool(
@@ -62,17 +62,18 @@ def compiled(function: ca.Function) -> ca.Function:
         try:
             library.parent.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryDirectory(dir=library.parent) as folder:
-                source, made = Path(folder, f"{function.name()}.c"), Path(folder, "made.so")
+                source = Path(folder, f"{function.name()}.c")
+                output = Path(folder, "output.so")
                 source.write_text(code)
-                command += [str(source), "-lm", "-o", str(made)]
+                command += [str(source), "-lm", "-o", str(output)]
                 try:
-                    done = subprocess.run(command, capture_output=True, text=True, check=False)
+                    process = subprocess.run(command, capture_output=True, text=True, check=False)
                 except FileNotFoundError:
                     raise MissingTool(f"native: there is no compiler {command[0]!r}; correct or unset $CC") from None
-                if done.returncode:
-                    words = done.stderr.strip()[-500:] or "it printed nothing"
-                    raise CompilationError(f"native: {shlex.join(command[:-4])} failed: {words}")
-                made.replace(library)
+                if process.returncode:
+                    message = process.stderr.strip()[-500:] or "it printed nothing"
+                    raise CompilationError(f"native: {shlex.join(command[:-4])} failed: {message}")
+                output.replace(library)
         except OSError as error:
             raise CompilationError(
                 f"native: cannot compile into {library.parent}: {error.strerror or error}; set XDG_CACHE_HOME to a "

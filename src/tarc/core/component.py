@@ -17,20 +17,20 @@ class _Checked(ABCMeta):
         def __call__(cls, *args: Any, **keywords: Any) -> Any:
             if not cls.__abstractmethods__:
                 _check_keywords(cls, args, keywords)
-            return super().__call__(*args, **{name: _own(value) for name, value in keywords.items()})
+            return super().__call__(*args, **{name: _read_only(value) for name, value in keywords.items()})
 
         @property
         def __signature__(cls) -> inspect.Signature:
             """Signature of the dataclass, which ``help`` and notebooks show."""
-            own = inspect.signature(cls.__init__)
-            return own.replace(parameters=list(own.parameters.values())[1:], return_annotation=cls)
+            signature = inspect.signature(cls.__init__)
+            return signature.replace(parameters=list(signature.parameters.values())[1:], return_annotation=cls)
 
 
 class Component(metaclass=_Checked):
     """Base of every keyword-only dataclass that a user constructs: laws, estimators, plants, signals."""
 
 
-def _own(value: Any) -> Any:
+def _read_only(value: Any) -> Any:
     """Return a read-only copy of an array, and anything else unchanged."""
     if isinstance(value, np.ndarray):
         value = value.copy()
@@ -39,15 +39,16 @@ def _own(value: Any) -> Any:
 
 
 def _check_keywords(kind: Any, args: tuple[Any, ...], keywords: dict[str, Any]) -> None:
-    known = {field.name: field for field in fields(kind) if field.init}
+    parameters = {field.name: field for field in fields(kind) if field.init}
     label = kind.__name__
     if args:
-        raise InvalidParameter(f"{label}: takes its parameters by name; it has {', '.join(known)}")
+        raise InvalidParameter(f"{label}: takes its parameters by name; it has {', '.join(parameters)}")
     for name in keywords:
-        if name not in known:
+        if name not in parameters:
             raise InvalidParameter(
-                f"{label}: unknown parameter {name!r}; it has {', '.join(known)}.{check.did_you_mean(name, known)}"
+                f"{label}: unknown parameter {name!r}; it has {', '.join(parameters)}."
+                f"{check.did_you_mean(name, parameters)}"
             )
-    for name, field in known.items():
+    for name, field in parameters.items():
         if name not in keywords and field.default is MISSING and field.default_factory is MISSING:
             raise InvalidParameter(f"{label}: parameter {name!r} is missing; see help(tarc) or `tarc show {label}`")

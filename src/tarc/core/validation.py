@@ -60,10 +60,10 @@ def array(name: str, value: Any) -> Array:
     result = float_array(name, value)
     finite = np.isfinite(result)
     if not finite.all():
-        bad = np.argwhere(~finite)
-        where = f" at {bad[0].tolist()}" if result.ndim else ""
+        first = np.argwhere(~finite)[0]
+        where = f" at {first.tolist()}" if result.ndim else ""
         raise InvalidParameter(
-            f"{name}: got {result[tuple(bad[0])]}{where}; needs finite numbers, not NaN or infinity", name
+            f"{name}: got {result[tuple(first)]}{where}; needs finite numbers, not NaN or infinity", name
         )
     return result
 
@@ -120,27 +120,27 @@ def whole_periods(name: str, value: Any, period: float) -> int:
     duration = number(name, value, 0, strict=True)
     count = round(duration / period)
     if count < 1 or abs(duration / period - count) > 1e-6:
-        near = max(count, 1) * period
+        nearest = max(count, 1) * period
         raise InvalidParameter(
             f"{name}: got {duration:g} s, which is no whole multiple of the period {period:g} s; "
-            f"the nearest is {near:g} s"
+            f"the nearest is {nearest:g} s"
         )
     return count
 
 
-def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return ' Did you mean ...?' for the closest known word, or the empty string."""
-    known = list(known)
-    lower = {k.lower(): k for k in known}
+def did_you_mean(word: str, choices: Iterable[str]) -> str:
+    """Return ' Did you mean ...?' for the closest choice, or the empty string."""
+    choices = list(choices)
+    lower = {choice.lower(): choice for choice in choices}
     close = difflib.get_close_matches(word.lower(), lower, n=1, cutoff=0.6)
     return f" Did you mean '{lower[close[0]]}'?" if close else ""
 
 
-def one_of(name: str, value: str, known: Iterable[str]) -> str:
-    """Return a word if it is one of a known set."""
-    known = list(known)
-    if value not in known:
+def one_of(name: str, value: str, choices: Iterable[str]) -> str:
+    """Return a word if it is one of the choices."""
+    choices = list(choices)
+    if value not in choices:
         raise InvalidParameter(
-            f"{name}: got {value!r}; known are {', '.join(known)}.{did_you_mean(str(value), known)}", name
+            f"{name}: got {value!r}; known are {', '.join(choices)}.{did_you_mean(str(value), choices)}", name
         )
     return value

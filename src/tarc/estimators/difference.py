@@ -100,8 +100,8 @@ class FilteredDifference(Estimator):
     def init(self, position: Any) -> FilteredState:
         """Return the state at rest at the first position, shape (n,)."""
         raw = self.difference.init(position)
-        rest = np.zeros(raw.window.shape[0])
-        return FilteredState(raw, rest, rest)
+        zero = np.zeros(raw.window.shape[0])
+        return FilteredState(raw, zero, zero)
 
     def step(self, state: FilteredState, value: Vector) -> tuple[FilteredState, Estimate]:
         """Filter the differences of the newest samples."""

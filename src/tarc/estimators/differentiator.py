@@ -115,10 +115,10 @@ class RobustDifferentiator(Estimator):
         T = self.sampling_period
         k0, k1, k2 = self._injections
         a2, a1, a0 = T * k0, T**2 * k1, T**3 / 2 * k2
-        rest = ops.maximum(ops.magnitude(sigma) - a0, 0.0)
+        excess = ops.maximum(ops.magnitude(sigma) - a0, 0.0)
         # each term alone bounds the root from above, and from there Newton's method falls to it
-        x = ops.minimum(ops.minimum(rest ** (1 / 3), (rest / a2) ** 0.5), rest / a1)
+        x = ops.minimum(ops.minimum(excess ** (1 / 3), (excess / a2) ** 0.5), excess / a1)
         for _ in range(NEWTON_STEPS):
-            x = x - (((x + a2) * x + a1) * x - rest) / ((3 * x + 2 * a2) * x + a1)
+            x = x - (((x + a2) * x + a1) * x - excess) / ((3 * x + 2 * a2) * x + a1)
         sign = ops.clip(sigma / a0, -1.0, 1.0)
         return k0 * x**2 * sign, k1 * x * sign, k2 * sign

@@ -67,9 +67,9 @@ class Observer(Estimator):
         newest torque acted in the period before this instant.
         """
         numerator, denominator = self.transfer_function(2)
-        divided, _ = np.polydiv(numerator, [1.0, -2.0, 1.0])
-        late = self.sampling_period**2 / 2 * np.polymul(divided, [1.0, 1.0])
-        return TorqueFilter(np.append(late, np.zeros(len(denominator) - len(late))), denominator)
+        quotient, _ = np.polydiv(numerator, [1.0, -2.0, 1.0])
+        response = self.sampling_period**2 / 2 * np.polymul(quotient, [1.0, 1.0])
+        return TorqueFilter(np.append(response, np.zeros(len(denominator) - len(response))), denominator)
 
     def init(self, position: Any) -> ObserverState:
         """Return the state at rest at the first position, shape (n,)."""
@@ -87,9 +87,9 @@ class Observer(Estimator):
 
 
 class FilterState(NamedTuple):
-    """Memory of a linear filter in transposed direct form, shape (n, order)."""
+    """Delay elements of a linear filter in transposed direct form, shape (n, order)."""
 
-    memory: Any
+    delays: Vector
 
 
 class TorqueFilter(System):
@@ -106,11 +106,11 @@ class TorqueFilter(System):
 
     def step(self, state: FilterState, value: Vector) -> tuple[FilterState, Any]:
         """Take the newest past torque; the output is the filter's."""
-        memory = state.memory
-        output = self.b[0] * value + memory[:, 0]
+        delays = state.delays
+        output = self.b[0] * value + delays[:, 0]
         order = len(self.a) - 1
         columns = [
-            self.b[i + 1] * value - self.a[i + 1] * output + (memory[:, i + 1] if i + 1 < order else 0.0)
+            self.b[i + 1] * value - self.a[i + 1] * output + (delays[:, i + 1] if i + 1 < order else 0.0)
             for i in range(order)
         ]
         return FilterState(ops.columns(*columns)), output

@@ -71,24 +71,24 @@ class ADRC(PolePlacement):
     def init(self, position: Any, torque: Any = 0.0) -> LawState:
         """As of every law, with the observer at the position."""
         state = super().init(position, torque)
-        return state._replace(memory=state.memory._replace(position=state.position))
+        return state._replace(control=state.control._replace(position=state.position))
 
     def initial_state(self, torque: np.ndarray) -> ObserverState:
         """At rest, where the disturbance balances the torque applied."""
-        rest = np.zeros(self.n_joints)
-        return ObserverState(rest, rest, -np.linalg.solve(self.M, torque))
+        zero = np.zeros(self.n_joints)
+        return ObserverState(zero, zero, -np.linalg.solve(self.M, torque))
 
-    def control(self, memory: ObserverState, tracking: ControlInput) -> tuple[ObserverState, Vector, dict[str, Vector]]:
+    def control(self, state: ObserverState, tracking: ControlInput) -> tuple[ObserverState, Vector, dict[str, Vector]]:
         """Predict, correct, and cancel the disturbance observed."""
         T, gain = self.period, self.correction
-        acceleration = memory.disturbance + np.linalg.inv(self.M) @ tracking.past_torque
-        position = memory.position + T * memory.velocity + T**2 / 2 * acceleration
-        velocity = memory.velocity + T * acceleration
+        acceleration = state.disturbance + np.linalg.inv(self.M) @ tracking.past_torque
+        position = state.position + T * state.velocity + T**2 / 2 * acceleration
+        velocity = state.velocity + T * acceleration
 
         estimate = tracking.estimate
         innovation = ops.where_or_zero(estimate.valid, estimate.position - position)
         position, velocity = position + gain[0] * innovation, velocity + gain[1] * innovation
-        disturbance = memory.disturbance + gain[2] * innovation
+        disturbance = state.disturbance + gain[2] * innovation
 
         # the errors as the observer sees them, from those that the estimator saw
         error = tracking.error + (position - estimate.position)

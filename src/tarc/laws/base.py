@@ -54,7 +54,7 @@ class LawState(NamedTuple):
     """
 
     estimator: Any
-    memory: Any
+    control: Any
     torque: Vector
     position: Vector
     reference: Vector
@@ -146,15 +146,15 @@ class Law(Component, System):
         """Return the law's own state before the first step, after the torque (n,) was applied at rest."""
 
     @abstractmethod
-    def control(self, memory: Any, tracking: ControlInput) -> tuple[Any, Vector, dict[str, Vector]]:
-        """Evaluate the law's equation: next memory, torque before limits, signals to record."""
+    def control(self, state: Any, tracking: ControlInput) -> tuple[Any, Vector, dict[str, Vector]]:
+        """Evaluate the law's equation: next state, torque before limits, signals to record."""
 
     @cached_property
     def torque_limits(self) -> np.ndarray:
         """Return the torque limit of each joint, shape (n,); `HUGE` of `array_ops` where there is none."""
-        given = ops.HUGE if self.torque_limit is None else self.torque_limit
-        finite = [ops.HUGE if np.isposinf(one) else one for one in np.ravel(check.float_array("torque_limit", given))]
-        return check.vector("torque_limit", finite if np.ndim(given) else finite[0], self.n_joints, 0, strict=True)
+        limits = check.float_array("torque_limit", np.inf if self.torque_limit is None else self.torque_limit)
+        finite = np.where(np.isposinf(limits), ops.HUGE, limits)
+        return check.vector("torque_limit", finite, self.n_joints, 0, strict=True)
 
     def init(self, position: Any, torque: Any = 0.0) -> LawState:
         """Return the state at rest at a position [rad or m] with a torque applied [N m or N], each (n,)."""
@@ -167,8 +167,8 @@ class Law(Component, System):
 
     def example(self) -> tuple[LawState, LawInput]:
         """Return a state and an input with the shapes to trace, at zero."""
-        rest = np.zeros(self.n_joints)
-        return self.init(rest), LawInput(rest, rest, rest, rest)
+        zero = np.zeros(self.n_joints)
+        return self.init(zero), LawInput(zero, zero, zero, zero)
 
     def step(self, state: LawState, value: LawInput) -> tuple[LawState, LawOutput]:
         """Run one control period."""
@@ -190,7 +190,7 @@ class Law(Component, System):
             state.torque[:, -1],
             fault,
         )
-        memory, torque_command, signals = self.control(state.memory, tracking)
+        control_state, torque_command, signals = self.control(state.control, tracking)
         torque_ok = ops.logical_and(ops.all_finite(torque_command), ops.logical_not(fault))
         position = ops.where(estimate.valid, value.position, state.position)
         safe = self._safe(position, state.torque[:, 0])
@@ -199,7 +199,7 @@ class Law(Component, System):
             torque = ops.clip(torque, -self.torque_limits, self.torque_limits)
         signals = {"velocity_estimate": estimate.velocity, "missing": missing, "fault": fault, **signals}
         past = ops.shift_in(state.torque, torque)
-        next_state = LawState(estimator, memory, past, position, reference, missing, fault)
+        next_state = LawState(estimator, control_state, past, position, reference, missing, fault)
         return next_state, LawOutput(torque, signals)
 
     def _safe(self, position: Any, torque: Vector) -> Vector:

@@ -55,10 +55,10 @@ class ComputedTorque(ModelBased):
         """None."""
         return ()
 
-    def control(self, memory: tuple[()], tracking: ControlInput) -> tuple[tuple[()], Vector, dict[str, Vector]]:
+    def control(self, state: tuple[()], tracking: ControlInput) -> tuple[tuple[()], Vector, dict[str, Vector]]:
         """τ = M(q) u + N(q, v̂)."""
         estimate, zeta = tracking.estimate, np.asarray(self.damping_ratio)
         M, N = inertia_and_bias(self.model, estimate.position, estimate.velocity)
         proportional, derivative = self.omega**2, 2 * zeta * self.omega
         u = tracking.acceleration_reference - derivative * tracking.error_rate - proportional * tracking.error
-        return memory, M @ u + N, {"auxiliary": u}
+        return state, M @ u + N, {"auxiliary": u}

@@ -95,7 +95,7 @@ class CorlessLeitmann(PolePlacement):
         """None."""
         return ()
 
-    def control(self, memory: tuple[()], tracking: ControlInput) -> tuple[tuple[()], Vector, dict[str, Vector]]:
+    def control(self, state: tuple[()], tracking: ControlInput) -> tuple[tuple[()], Vector, dict[str, Vector]]:
         """τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + Δu) + N̂(q, v̂)."""
         n = self.n_joints
         s = self.P[n:, :n] @ tracking.error + self.P[n:, n:] @ tracking.error_rate
@@ -104,4 +104,4 @@ class CorlessLeitmann(PolePlacement):
         if self.model is not None:
             _, bias = inertia_and_bias(self.model, tracking.estimate.position, tracking.estimate.velocity)
             torque = torque + bias
-        return memory, torque, {"surface": s}
+        return state, torque, {"surface": s}

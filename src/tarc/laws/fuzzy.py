@@ -83,22 +83,22 @@ class AdaptiveFuzzy(PolePlacement):
     def rules(self, position: Vector, velocity: Vector) -> list[Any]:
         """φ_k of each joint, one vector (n,) a rule; velocity runs faster than position."""
         grades = []
-        for value, reach in ((position, self.position_span), (velocity, self.velocity_span)):
-            centres, width = np.linspace(-reach, reach, self.memberships, retstep=True)
-            inside = ops.clip(value, -reach, reach)
-            raw = [np.e ** (-(((inside - centre) / width) ** 2) / 2) for centre in centres]
-            total = sum(raw)
-            grades.append([one / total for one in raw])
-        return [one * other for one, other in product(*grades)]
+        for value, span in ((position, self.position_span), (velocity, self.velocity_span)):
+            centres, width = np.linspace(-span, span, self.memberships, retstep=True)
+            inside = ops.clip(value, -span, span)
+            gaussians = [np.e ** (-(((inside - centre) / width) ** 2) / 2) for centre in centres]
+            total = sum(gaussians)
+            grades.append([gaussian / total for gaussian in gaussians])
+        return [position_grade * velocity_grade for position_grade, velocity_grade in product(*grades)]
 
     def initial_state(self, torque: np.ndarray) -> FuzzyState:
         """All consequents balance the torque already applied."""
         first = np.clip(-np.linalg.solve(self.M, torque), -self.max_consequent, self.max_consequent)
         return FuzzyState(np.repeat(first[:, None], self.memberships**2, axis=1))
 
-    def control(self, memory: FuzzyState, tracking: ControlInput) -> tuple[FuzzyState, Vector, dict[str, Vector]]:
+    def control(self, state: FuzzyState, tracking: ControlInput) -> tuple[FuzzyState, Vector, dict[str, Vector]]:
         """τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 − f̂), and the adaptation of the consequents."""
-        n, old = self.n_joints, memory.consequents
+        n, old = self.n_joints, state.consequents
         s = self.P[n:, :n] @ tracking.error + self.P[n:, n:] @ tracking.error_rate
         grades = self.rules(tracking.estimate.position, tracking.estimate.velocity)
         approximation: Any = sum(old[:, k] * grade for k, grade in enumerate(grades))

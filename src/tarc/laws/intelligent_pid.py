@@ -82,7 +82,7 @@ class IntelligentPID(PolePlacement):
         """As of every law, with the window full of the position."""
         state = super().init(position, torque)
         positions = self.differentiator.init(state.position)
-        return state._replace(memory=state.memory._replace(positions=positions))
+        return state._replace(control=state.control._replace(positions=positions))
 
     def initial_state(self, torque: np.ndarray) -> UltraLocalState:
         """At rest, where F balances the torque applied."""
@@ -93,15 +93,15 @@ class IntelligentPID(PolePlacement):
         )
 
     def control(
-        self, memory: UltraLocalState, tracking: ControlInput
+        self, state: UltraLocalState, tracking: ControlInput
     ) -> tuple[UltraLocalState, Vector, dict[str, Vector]]:
         """τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + z − F̂)."""
-        positions, estimate = self.differentiator.step(memory.positions, tracking.estimate.position)
-        torques, average = self.differentiator.matched_torque_filter().step(memory.torques, tracking.past_torque)
+        positions, estimate = self.differentiator.step(state.positions, tracking.estimate.position)
+        torques, average = self.differentiator.matched_torque_filter().step(state.torques, tracking.past_torque)
         F = estimate.acceleration - np.linalg.inv(self.M) @ average
         rate = -self.integral_gain * (self.K1 @ tracking.error)
-        z = integrate(self, memory.integral, tracking, rate, self.integral_gain)
+        z = integrate(self, state.integral, tracking, rate, self.integral_gain)
         u = self.feedback(tracking) + z
         torque = self.M @ (u - F)
-        state = UltraLocalState(positions, torques, remember(memory.integral, z, torque))
-        return state, torque, {"auxiliary": u, "disturbance_estimate": F}
+        next_state = UltraLocalState(positions, torques, remember(state.integral, z, torque))
+        return next_state, torque, {"auxiliary": u, "disturbance_estimate": F}

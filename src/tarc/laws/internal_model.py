@@ -81,8 +81,8 @@ class TDCIM(TDE):
 
     def initial_state(self, torque: np.ndarray) -> TDEState:
         """Rest: the torque applied all along is N̂."""
-        memory = super().initial_state(torque)
-        return memory._replace(robust=memory.robust._replace(tde_estimate=memory.robust.tde_estimate + torque[:, None]))
+        state = super().initial_state(torque)
+        return state._replace(robust=state.robust._replace(tde_estimate=state.robust.tde_estimate + torque[:, None]))
 
     def robust(self, state: ModelState, tracking: ControlInput) -> tuple[ModelState, Vector, dict[str, Vector]]:
         """Δu = (x − v̂)/λ with the filtered model x' = (v̂ − x)/λ + u_a."""
@@ -93,8 +93,8 @@ class TDCIM(TDE):
         velocity = model - self.period * correction
         return state._replace(velocity=velocity), correction, {"model_velocity": model}
 
-    def control(self, memory: TDEState, tracking: ControlInput) -> tuple[TDEState, Vector, dict[str, Vector]]:
+    def control(self, state: TDEState, tracking: ControlInput) -> tuple[TDEState, Vector, dict[str, Vector]]:
         """As `TDE`, keeping N̂ = τ − M̂ u to tell u_a from the torque that will have been applied."""
-        memory, torque, signals = super().control(memory, tracking)
-        tde_estimate = ops.shift_in(memory.robust.tde_estimate, torque - self.M @ signals["auxiliary"])
-        return memory._replace(robust=memory.robust._replace(tde_estimate=tde_estimate)), torque, signals
+        state, torque, signals = super().control(state, tracking)
+        tde_estimate = ops.shift_in(state.robust.tde_estimate, torque - self.M @ signals["auxiliary"])
+        return state._replace(robust=state.robust._replace(tde_estimate=tde_estimate)), torque, signals

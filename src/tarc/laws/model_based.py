@@ -51,7 +51,7 @@ class ModelBased(Law):
         return check.vector("natural_frequency", self.natural_frequency, self.n_joints, 0, strict=True)
 
     @abstractmethod
-    def control(self, memory: Any, tracking: ControlInput) -> tuple[Any, Vector, dict[str, Vector]]:
+    def control(self, state: Any, tracking: ControlInput) -> tuple[Any, Vector, dict[str, Vector]]:
         """Evaluate the law's equation."""
 
 
@@ -96,7 +96,7 @@ class _RigidBodyCallback(ca.Callback):
 
     def eval(self, arg: Sequence[ca.DM]) -> list[Any]:
         """Evaluate by MuJoCo; return NaN where the magnitude of an input is 1e9 or more."""
-        q, v = (np.array(one)[:, 0] for one in arg)
+        q, v = (np.array(vector)[:, 0] for vector in arg)
         M, data = np.full((self._n, self._n), np.nan), self._data
         if not (np.all(np.abs(q) < 1e9) and np.all(np.abs(v) < 1e9)):
             return [M, M[0]]

@@ -54,8 +54,8 @@ class PID(PolePlacement):
         """Return the integral that gives the torque already applied; zero for PD, where it would never decay."""
         return start(self, torque, bumpless=self.integral_gain > 0)
 
-    def control(self, memory: IntegralState, tracking: ControlInput) -> tuple[IntegralState, Vector, dict[str, Vector]]:
+    def control(self, state: IntegralState, tracking: ControlInput) -> tuple[IntegralState, Vector, dict[str, Vector]]:
         """τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + z)."""
-        z = integrate(self, memory, tracking, -self.integral_gain * (self.K1 @ tracking.error), self.integral_gain)
+        z = integrate(self, state, tracking, -self.integral_gain * (self.K1 @ tracking.error), self.integral_gain)
         torque = self.M @ (self.feedback(tracking) + z)
-        return remember(memory, z, torque), torque, {"integral": z}
+        return remember(state, z, torque), torque, {"integral": z}

@@ -96,9 +96,11 @@ class ProjectionARC(ModelBased):
         for name, pair in self.parameter_bounds.items():
             check.one_of("parameter_bounds", name, model.parameters)
             low, high = check.vector(f"bounds of {name}", pair, 2)
-            own = model.parameters[name]
-            if not (low < high and np.all(own >= low) and np.all(own <= high)):
-                raise InvalidParameter(f"bounds of {name}: got {low:g} to {high:g}; the model's own is {own.tolist()}")
+            nominal = model.parameters[name]
+            if not (low < high and np.all(nominal >= low) and np.all(nominal <= high)):
+                raise InvalidParameter(
+                    f"bounds of {name}: got {low:g} to {high:g}; the model's own is {nominal.tolist()}"
+                )
         _ = self.model_torque
 
     def linearisation_constants(self, gain: float) -> dict[str, float | None]:
@@ -146,11 +148,15 @@ class ProjectionARC(ModelBased):
             values[name] = p[start : start + size]
             start += size
 
-        def at(what: str, *arguments: Any) -> Any:
-            return model.evaluate(what, *arguments, parameters=values)
+        def at_parameters(quantity: str, *arguments: Any) -> Any:
+            return model.evaluate(quantity, *arguments, parameters=values)
 
-        torque = at("inertia", q) @ acceleration + at("coriolis", q, v) @ rate + at("gravity", q)
-        torque += at("friction", q, rate)
+        torque = (
+            at_parameters("inertia", q) @ acceleration
+            + at_parameters("coriolis", q, v) @ rate
+            + at_parameters("gravity", q)
+        )
+        torque += at_parameters("friction", q, rate)
         if not ca.is_linear(torque, p):
             raise InvalidParameter(
                 f"parameter_bounds: the dynamics of {type(model).__name__} are not affine in "
@@ -158,31 +164,35 @@ class ProjectionARC(ModelBased):
                 "leave out those that multiply the others, such as lengths where there are masses"
             )
         regressor = ca.densify(ca.jacobian(torque, p))
-        rest = ca.densify(ca.substitute(torque, p, 0 * self.nominal))
+        constant = ca.densify(ca.substitute(torque, p, 0 * self.nominal))
         arguments = [q, v, rate, acceleration]
-        return ca.Function("model_torque", arguments, [rest, regressor, model.evaluate("inertia", q)], {"cse": True})
+        return ca.Function(
+            "model_torque", arguments, [constant, regressor, model.evaluate("inertia", q)], {"cse": True}
+        )
 
     def initial_state(self, torque: np.ndarray) -> ParameterState:
         """Return the model's own parameters."""
         return ParameterState(self.nominal)
 
     def control(
-        self, memory: ParameterState, tracking: ControlInput
+        self, state: ParameterState, tracking: ControlInput
     ) -> tuple[ParameterState, Vector, dict[str, Vector]]:
         """Sum the model's torque at p̂, feedback and robust term; adapt p̂."""
-        estimate, old = tracking.estimate, memory.adapted
+        estimate, old = tracking.estimate, state.adapted
         s = tracking.error_rate + self.omega * tracking.error
         rate = estimate.velocity - s
         acceleration = tracking.acceleration_reference - self.omega * tracking.error_rate
         arguments: list[Any] = [estimate.position, estimate.velocity, rate, acceleration]
         parts = self.model_torque(*arguments)
-        rest, Y, M = parts if ops.symbolic(s) else (np.array(parts[0])[:, 0], np.array(parts[1]), np.array(parts[2]))
+        if not ops.symbolic(s):
+            parts = np.array(parts[0])[:, 0], np.array(parts[1]), np.array(parts[2])
+        constant, Y, M = parts
 
         low, high = self.limits
         root = np.diag(self.omega**0.5)
         h = self.robust_fraction * (abs(Y) @ (high - low)) + self.disturbance_bound
         robust = h * s / ops.maximum(abs(s), self.boundary_layer)
-        torque = rest + Y @ old - root @ (M @ (root @ s)) - robust
+        torque = constant + Y @ old - root @ (M @ (root @ s)) - robust
 
         step = self.period * self.adaptation_gain * (high - low) ** 2 * (Y.T @ s)
         step = ops.where_or_zero(ops.logical_and(ops.logical_not(tracking.fault), ops.finite(step)), step)

@@ -79,12 +79,12 @@ class SuperTwisting(PolePlacement):
         """Return the integral that gives the torque already applied."""
         return start(self, torque)
 
-    def control(self, memory: IntegralState, tracking: ControlInput) -> tuple[IntegralState, Vector, dict[str, Vector]]:
+    def control(self, state: IntegralState, tracking: ControlInput) -> tuple[IntegralState, Vector, dict[str, Vector]]:
         """τ = M̂ (q̈ᵈ − Λ (v̂ − q̇ᵈ) − k1 |s|^½ sgn s + z)."""
         s = tracking.error_rate + self.slope @ tracking.error
         size = ops.maximum(abs(s), self.boundary_layer)
         anti_windup_gain = float(np.max(np.diag(self.slope)))
-        z = integrate(self, memory, tracking, -self.k2 * s / size, anti_windup_gain)
+        z = integrate(self, state, tracking, -self.k2 * s / size, anti_windup_gain)
         u = tracking.acceleration_reference - self.slope @ tracking.error_rate - self.k1 * s / size**0.5 + z
         torque = self.M @ u
-        return remember(memory, z, torque), torque, {"integral": z, "surface": s}
+        return remember(state, z, torque), torque, {"integral": z, "surface": s}

@@ -94,24 +94,24 @@ class TDE(PolePlacement):
             return TDEState(self.estimator.matched_torque_filter().init(torque), past, self.robust_init())
         return TDEState(past + torque[:, None], past, self.robust_init())
 
-    def control(self, memory: TDEState, tracking: ControlInput) -> tuple[TDEState, Vector, dict[str, Vector]]:
+    def control(self, state: TDEState, tracking: ControlInput) -> tuple[TDEState, Vector, dict[str, Vector]]:
         """τ = M̂ (u − â_h) + τ_h, or M̂ u where N̂ is not estimated."""
         if not self.uses_tde:
-            robust, correction, signals = self.robust(memory.robust, tracking)
+            robust, correction, signals = self.robust(state.robust, tracking)
             u = self.feedback(tracking) + correction
-            return memory._replace(robust=robust), self.M @ u, {"auxiliary": u, **signals}
+            return state._replace(robust=robust), self.M @ u, {"auxiliary": u, **signals}
         newest = tracking.estimate.acceleration
-        accelerations = ops.shift_in(memory.acceleration, newest)
+        accelerations = ops.shift_in(state.acceleration, newest)
         if self.synchronised:
-            torques, past_torque = self.estimator.matched_torque_filter().step(memory.torque, tracking.past_torque)
+            torques, past_torque = self.estimator.matched_torque_filter().step(state.torque, tracking.past_torque)
             past_acceleration = newest
         else:
-            torques = ops.shift_in(memory.torque, tracking.past_torque)
+            torques = ops.shift_in(state.torque, tracking.past_torque)
             past_torque = torques[:, -1]
             # the oracle's acceleration at t_k is that of the torque before t_k, an estimate goes with the one set then
             is_oracle = isinstance(self.estimator, TrueDerivatives)
-            past_acceleration = (accelerations if is_oracle else memory.acceleration)[:, -1]
-        robust, correction, signals = self.robust(memory.robust, tracking)
+            past_acceleration = (accelerations if is_oracle else state.acceleration)[:, -1]
+        robust, correction, signals = self.robust(state.robust, tracking)
         u = self.feedback(tracking) + correction
         torque = self.M @ (u - past_acceleration) + past_torque
         return TDEState(torques, accelerations, robust), torque, {"auxiliary": u, **signals}

@@ -7,7 +7,7 @@ require("certify", "tarc.paper")
 from tarc.paper.gain_bounds import GainBounds, evaluate_gain_bounds
 from tarc.paper.lemma1 import check_condition_c2, check_lemma1
 from tarc.paper.nominal_loop import check_nominal_loop, nominal_max_delay, nominal_max_window
-from tarc.paper.procedure import Procedure, Step, run_procedure
+from tarc.paper.procedure import Procedure, ProcedureStep, run_procedure
 from tarc.paper.theorem1 import check_theorem1, theorem1_max_delay
 from tarc.paper.theorem2 import check_theorem2
 from tarc.paper.ultimate_bound import UltimateBound, ultimate_bound
@@ -15,7 +15,7 @@ from tarc.paper.ultimate_bound import UltimateBound, ultimate_bound
 __all__ = [
     "GainBounds",
     "Procedure",
-    "Step",
+    "ProcedureStep",
     "UltimateBound",
     "check_condition_c2",
     "check_lemma1",

@@ -21,7 +21,7 @@ from tarc.paper.theorem2 import Theorem2Evidence, check_theorem2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Step:
+class ProcedureStep:
     """A step of the procedure.
 
     Attributes
@@ -65,7 +65,7 @@ class Procedure:
         The law with an inertia of one. The parameters of its adaptation are in none of the conditions.
     """
 
-    steps: tuple[Step, ...]
+    steps: tuple[ProcedureStep, ...]
     theorem1: Certificate[Theorem1Evidence] = field(repr=False)
     condition_c2: Certificate[ConditionC2Evidence] = field(repr=False)
     theorem2: Certificate[Theorem2Evidence] = field(repr=False)
@@ -151,7 +151,7 @@ def run_procedure(
         _gains_step(law),
         _delay_step(law),
         _theorem1_step(theorem1),
-        Step(
+        ProcedureStep(
             name="Q for (c2)",
             condition="Q > 0 so that the P of AᵀP + PA = −Q has P3 P2ᵀ > 0.",
             values={},
@@ -222,9 +222,9 @@ def _certify_middle(law: TDC, stable_range: tuple[float, float] | None) -> Certi
     return certify_constant_ratio(law, float(np.sqrt(max(low, 1e-3 * high) * high)))
 
 
-def _gains_step(law: TARC) -> Step:
+def _gains_step(law: TARC) -> ProcedureStep:
     """Return the step of K1 and K2."""
-    return Step(
+    return ProcedureStep(
         name="K1, K2",
         condition="K1 = ωn² I and K2 = 2ζωn I, with ωn and ζ of the decay that the error shall have.",
         values={
@@ -238,7 +238,7 @@ def _gains_step(law: TARC) -> Step:
     )
 
 
-def _delay_step(law: TARC) -> Step:
+def _delay_step(law: TARC) -> ProcedureStep:
     """Return the step of h: the delay against the limits of Theorem 1 and of its equation."""
     h, certified, exact = law.period, theorem1_max_delay(law), exact_delay(law)
     values: dict[str, float | Array] = {
@@ -256,7 +256,7 @@ def _delay_step(law: TARC) -> Step:
             f"h is too large: Theorem 1 certifies up to {certified:.4g} s for these gains. Its equation, "
             f"ė = A1 e + B1 e_h, is {state}. Take a shorter h{remedy}."
         )
-    return Step(
+    return ProcedureStep(
         name="h",
         condition="The least that the hardware allows, within the limit of Theorem 1.",
         values=values,
@@ -275,7 +275,7 @@ def _certified_frequency_share(law: TARC, h: float) -> float:
     return low
 
 
-def _theorem1_step(certificate: Certificate[Theorem1Evidence]) -> Step:
+def _theorem1_step(certificate: Certificate[Theorem1Evidence]) -> ProcedureStep:
     """Return the step of P, D, β and ξ."""
     values: dict[str, float | Array] = {}
     meaning = "The program found none; this shows neither that none exist nor that the loop is unstable."
@@ -283,7 +283,7 @@ def _theorem1_step(certificate: Certificate[Theorem1Evidence]) -> Step:
         condition = certificate.evidence.condition
         values = {"β": condition.beta, "ξ": condition.xi}
         meaning = "They serve the proof only, which assumes a bounded σ1; σ1 holds the loop's own state."
-    return Step(
+    return ProcedureStep(
         name="P, D, β, ξ (Theorem 1)",
         condition="Ψ > 0 for some P, D > 0, β > 0 and ξ > 1, by a semidefinite program.",
         values=values,
@@ -292,13 +292,13 @@ def _theorem1_step(certificate: Certificate[Theorem1Evidence]) -> Step:
     )
 
 
-def _theorem2_step(certificate: Certificate[Theorem2Evidence]) -> Step:
+def _theorem2_step(certificate: Certificate[Theorem2Evidence]) -> ProcedureStep:
     """Return the step of L and ς, at which the procedure cannot end."""
     condition, witness = certificate.evidence.condition, certificate.witness
     values: dict[str, float | Array] = {"β": condition.beta, "ξ": condition.xi, "ς [s]": condition.window}
     if witness is not None:
         values |= {"e": witness.e, "Θ at (e, −e, 0)": witness.value}
-    return Step(
+    return ProcedureStep(
         name="L, ς (Theorem 2)",
         condition="Θ > 0 for some P, D, L > 0, β > 0 and ξ > 1, by a semidefinite program.",
         values=values,
@@ -309,7 +309,7 @@ def _theorem2_step(certificate: Certificate[Theorem2Evidence]) -> Step:
     )
 
 
-def _nominal_step(law: TARC, certificate: Certificate[NominalEvidence]) -> Step:
+def _nominal_step(law: TARC, certificate: Certificate[NominalEvidence]) -> ProcedureStep:
     """Return the step of the nominal loop, which replaces Theorem 2."""
     evidence, max_window = certificate.evidence, nominal_max_window(law)
     values: dict[str, float | Array] = {"ς [s]": evidence.loop.window, "largest ς [s]": max_window}
@@ -320,7 +320,7 @@ def _nominal_step(law: TARC, certificate: Certificate[NominalEvidence]) -> Step:
         meaning = f"The window is too long: {max_window:.4g} s is the longest that is certified with this h."
     else:
         meaning = "With this h no window is certified; take a shorter h or a lower natural frequency."
-    return Step(
+    return ProcedureStep(
         name="ς (nominal loop)",
         condition="Replaces Theorem 2: a functional with P, R1, R2 for the loop with h and the window's own lag.",
         values=values,
@@ -334,7 +334,7 @@ def _loop_step(
     ratio: float,
     literal: tuple[float, float] | None,
     synchronised: tuple[float, float] | None,
-) -> Step:
+) -> ProcedureStep:
     """Return the step of M̂, from the sampled loop."""
     values: dict[str, float | Array] = {"ρ": ratio, "spectral radius": certificate.evidence.findings.spectral_radius}
     if literal:
@@ -349,7 +349,7 @@ def _loop_step(
         remedy = "No M̂ makes it stable unless the past torques are averaged, synchronised=True."
     else:
         remedy = "No M̂ makes it stable; take a shorter h, a shorter window or a lower natural frequency."
-    return Step(
+    return ProcedureStep(
         name="M̂ (the loop that runs)",
         condition="The sampled loop, with its estimator, is stable for the inertia ratio ρ = M⁻¹M̂.",
         values=values,

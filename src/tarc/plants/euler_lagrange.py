@@ -112,12 +112,12 @@ class EulerLagrange(Component, Plant):
             check.one_of("parameters", name, self.parameters)
         return replace(self, **values)
 
-    def evaluate(self, what: str, *arguments: Any, parameters: dict[str, Any] | None = None) -> Any:
+    def evaluate(self, quantity: str, *arguments: Any, parameters: dict[str, Any] | None = None) -> Any:
         """One of the model's functions, on arrays or on CasADi symbols.
 
         Parameters
         ----------
-        what
+        quantity
             ``inertia`` M(q), ``coriolis`` C + G (q, q̇), ``bias`` N(q, q̇), ``gravity`` ∂V/∂q (q), ``friction``
             F(q, q̇), ``energy`` T + V (q, q̇), ``acceleration`` q̈(q, q̇, τ), ``tangent`` [M, ∂N/∂q̇, ∂(M q̈ + N)/∂q]
             (q, q̇, q̈).
@@ -126,19 +126,19 @@ class EulerLagrange(Component, Plant):
         parameters
             Values that replace the plant's own, by name.
         """
-        check.one_of("what", what, self._model)
+        check.one_of("quantity", quantity, self._model)
         for name in parameters or {}:
             check.one_of("parameters", name, self.parameters)
         values = {**self.parameters, **(parameters or {})}
-        result = self._model[what](*arguments, *values.values())
+        result = self._model[quantity](*arguments, *values.values())
         if ops.symbolic(*arguments, *values.values()):
             return result
         numbers = np.array(result)
         return (
             numbers
-            if what in ("inertia", "coriolis", "tangent")
+            if quantity in ("inertia", "coriolis", "tangent")
             else numbers[:, 0]
-            if what != "energy"
+            if quantity != "energy"
             else numbers.item()
         )
 

@@ -133,16 +133,16 @@ class MujocoPlant(Plant):
         names = [joints] if isinstance(joints, str) else joints
         check_links(spec, file.name)
         home, locked = choose_joints(spec, names, file.name)
-        kept = {joint.name: joint for joint in spec.joints}
+        controlled = {joint.name: joint for joint in spec.joints}
         for name, value in (("armature", armature), ("viscous", viscous), ("coulomb", coulomb)):
             if value is not None:
-                for key, number in zip(names or kept, check.vector(name, value, len(kept), 0), strict=True):
-                    set_joint(kept[key], name, float(number))
+                for key, number in zip(names or controlled, check.vector(name, value, len(controlled), 0), strict=True):
+                    set_joint(controlled[key], name, float(number))
         if not contact:
             spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
         spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         plant = cls(spec, home, tool or "", check.number("payload", payload, 0), file.name)
-        given = {
+        options = {
             "joints": None if names is None else list(names),
             "armature": armature,
             "viscous": viscous,
@@ -154,7 +154,7 @@ class MujocoPlant(Plant):
         plant._locked = locked
         speeds = speed_limits(file)
         plant._velocity_limits = np.array([speeds.get(joint, np.inf) for joint in plant.joint_names])
-        plant.options = {"file": str(path), **{key: value for key, value in given.items() if value is not None}}
+        plant.options = {"file": str(path), **{key: value for key, value in options.items() if value is not None}}
         return plant
 
     @property
@@ -230,12 +230,12 @@ class MujocoPlant(Plant):
         for name, value in values.items():
             check.one_of("parameters", name, nominal)
             check.vector(name, value, nominal[name].size, 0)
-        other = copy.copy(self)
-        other.options = {**self.options, **values}
-        other.model = self.copy_model()
-        other.set_parameters(other.model, values)
-        other._scratch = mujoco.MjData(other.model)
-        return other
+        changed = copy.copy(self)
+        changed.options = {**self.options, **values}
+        changed.model = self.copy_model()
+        changed.set_parameters(changed.model, values)
+        changed._scratch = mujoco.MjData(changed.model)
+        return changed
 
     def set_parameters(self, model: mujoco.MjModel, values: dict[str, np.ndarray]) -> None:
         """Write parameters, as `parameters` names them, into a model of this robot."""

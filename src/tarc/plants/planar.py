@@ -59,9 +59,11 @@ class PlanarArm(EulerLagrange):
         rate = ca.cumsum(dq)
 
         def squared_speed(w: list[Any]) -> Any:
-            own = sum((w[j] * rate[j]) ** 2 for j in range(len(w)))
+            squares = sum((w[j] * rate[j]) ** 2 for j in range(len(w)))
             pairs = [(j, k) for j in range(len(w)) for k in range(j)]
-            return own + 2 * sum(w[j] * w[k] * rate[j] * rate[k] * ca.cos(ca.sum1(q[k + 1 : j + 1])) for j, k in pairs)
+            return squares + 2 * sum(
+                w[j] * w[k] * rate[j] * rate[k] * ca.cos(ca.sum1(q[k + 1 : j + 1])) for j, k in pairs
+            )
 
         energy = p.payload * squared_speed([p.lengths[j] for j in range(self.n_joints)]) / 2
         for i in range(self.n_joints):

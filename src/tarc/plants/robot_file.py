@@ -28,15 +28,15 @@ def shipped_robots() -> list[str]:
 
 def find_robot(path: str | Path) -> Path:
     """Return the file itself, or one of the shipped robots by name (``ur5e`` or ``ur5e.xml``)."""
-    here = Path(path).expanduser()
+    file = Path(path).expanduser()
     shipped = Path(str(files("tarc.plants").joinpath("robots")))
-    for candidate in (here, shipped / here.name, shipped / f"{here.name}.xml"):
-        if candidate.is_file() and (candidate == here or len(here.parts) == 1):
+    for candidate in (file, shipped / file.name, shipped / f"{file.name}.xml"):
+        if candidate.is_file() and (candidate == file or len(file.parts) == 1):
             return candidate
     names = [name.removesuffix(".xml") for name in shipped_robots()]
     raise RobotFileError(
-        f"robot file: {str(path)!r} not found; looked for {here.resolve()} and among the shipped robots "
-        f"({', '.join(names)}).{check.did_you_mean(here.stem, names)}"
+        f"robot file: {str(path)!r} not found; looked for {file.resolve()} and among the shipped robots "
+        f"({', '.join(names)}).{check.did_you_mean(file.stem, names)}"
     )
 
 
@@ -136,9 +136,9 @@ def _parsed(file: Path) -> ET.Element:
     if root.tag not in ("robot", "mujoco"):
         raise RobotFileError(f"robot file: {file} has root <{root.tag}>; needs <mujoco> (MJCF) or <robot> (URDF)")
     if any("xacro}" in str(element.tag) for element in root.iter()):
-        made = "robot.urdf" if file.name != "robot.urdf" else "plain.urdf"
+        target = "robot.urdf" if file.name != "robot.urdf" else "plain.urdf"
         raise RobotFileError(
-            f"robot file: {file} is a template of xacro; make a URDF of it first: xacro {file.name} > {made}"
+            f"robot file: {file} is a template of xacro; make a URDF of it first: xacro {file.name} > {target}"
         )
     return root
 
@@ -150,11 +150,11 @@ KINDS = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar", "
 def _check_tree(root: ET.Element, file: Path) -> None:
     """Refuse joints of a URDF whose kind or whose links are unknown, which MuJoCo does not name, and equal names."""
     for tag in ("link", "joint"):
-        names = [one.get("name", "") for one in root.findall(tag)]
-        twice = next((name for name in names if names.count(name) > 1), None)
-        if twice is not None:
+        names = [element.get("name", "") for element in root.findall(tag)]
+        duplicate = next((name for name in names if names.count(name) > 1), None)
+        if duplicate is not None:
             raise RobotFileError(
-                f"robot file: {file}: the name {twice!r} stands for more than one {tag}; rename one of them"
+                f"robot file: {file}: the name {duplicate!r} stands for more than one {tag}; rename one of them"
             )
     links = [link.get("name", "") for link in root.findall("link")]
     for joint in root.findall("joint"):
@@ -194,7 +194,8 @@ def read_specification(file: Path) -> mujoco.MjSpec:
 
 def speed_limits(file: Path) -> dict[str, float]:
     """Return the velocity limits of a URDF's joints [rad/s or m/s], by name; MuJoCo drops them, MJCF has none."""
-    root, found = _parsed(file), {}
+    root = _parsed(file)
+    limits = {}
     for joint in root.findall("joint") if root.tag == "robot" else ():
         limit = joint.find("limit")
         try:
@@ -202,8 +203,8 @@ def speed_limits(file: Path) -> dict[str, float]:
         except ValueError:
             continue
         if value > 0:
-            found[joint.get("name", "")] = value
-    return found
+            limits[joint.get("name", "")] = value
+    return limits
 
 
 def _without_missing_meshes(spec: mujoco.MjSpec, file: Path) -> mujoco.MjSpec:
@@ -217,9 +218,9 @@ def _without_missing_meshes(spec: mujoco.MjSpec, file: Path) -> mujoco.MjSpec:
         if texture.file and not (file.parent / spec.texturedir / texture.file).is_file():
             texture.file, texture.builtin = "", mujoco.mjtBuiltin.mjBUILTIN_FLAT
             texture.width = texture.height = 1
-    gone = {mesh.name or Path(mesh.file).stem: mesh for mesh in spec.meshes if missing(mesh.file)}
+    missing_meshes = {mesh.name or Path(mesh.file).stem: mesh for mesh in spec.meshes if missing(mesh.file)}
     for geom in list(spec.geoms):
-        if geom.meshname in gone:
+        if geom.meshname in missing_meshes:
             if (
                 geom.parent.name != "world"
                 and not geom.parent.explicitinertial
@@ -228,51 +229,54 @@ def _without_missing_meshes(spec: mujoco.MjSpec, file: Path) -> mujoco.MjSpec:
             ):
                 raise RobotFileError(
                     f"robot file: {file.name} takes the inertia of body {geom.parent.name!r} from the mesh "
-                    f"{gone[geom.meshname].file!r}, which is not in {folder}; add the mesh or an <inertial>"
+                    f"{missing_meshes[geom.meshname].file!r}, which is not in {folder}; add the mesh or an <inertial>"
                 )
             spec.delete(geom)
-    for mesh in gone.values():
+    for mesh in missing_meshes.values():
         spec.delete(mesh)
     return spec
 
 
 def choose_joints(
-    spec: mujoco.MjSpec, wanted: Sequence[str] | None, label: str
+    spec: mujoco.MjSpec, selected: Sequence[str] | None, label: str
 ) -> tuple[dict[str, float], dict[str, str]]:
-    """Lock all joints but the wanted; the home posture of the file, and why the others are locked, both by joint."""
+    """Lock all joints but the selected; the home posture of the file, and why the others are locked, both by joint."""
     for number, joint in enumerate(spec.joints):
         joint.name = joint.name or f"joint{number + 1}"
     plain = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
     movable = [joint.name for joint in spec.joints if joint.type in plain]
-    leaders = {one.name1: one.name2 for one in spec.equalities if one.type == mujoco.mjtEq.mjEQ_JOINT}
-    if wanted is None:
-        loose = [joint.name for joint in spec.joints if joint.type not in plain]
-        rest = [name for name in movable if name not in leaders]
-        if loose and rest:
+    leaders = {
+        equality.name1: equality.name2 for equality in spec.equalities if equality.type == mujoco.mjtEq.mjEQ_JOINT
+    }
+    if selected is None:
+        unsupported = [joint.name for joint in spec.joints if joint.type not in plain]
+        drivable = [name for name in movable if name not in leaders]
+        if unsupported and drivable:
             raise RobotFileError(
-                f"{label}: joint {loose[0]!r} is free or a ball; a law drives hinges and slides. List the joints to "
-                f"control, the others are locked: joints={rest}, on the command line --joints {','.join(rest)}"
+                f"{label}: joint {unsupported[0]!r} is free or a ball; a law drives hinges and slides. List the "
+                f"joints to control, the others are locked: joints={drivable}, on the command line --joints "
+                f"{','.join(drivable)}"
             )
-        if loose:
+        if unsupported:
             raise RobotFileError(
-                f"{label}: joint {loose[0]!r} is free or a ball, and there are no others; it has no hinge or slide "
-                "joint to control"
+                f"{label}: joint {unsupported[0]!r} is free or a ball, and there are no others; it has no hinge or "
+                "slide joint to control"
             )
-        wanted = rest
-    elif movable and not wanted:
+        selected = drivable
+    elif movable and not selected:
         raise InvalidParameter(f"joints: got none; give some of {', '.join(movable)}, or leave it out", "joints")
-    for name in wanted:
+    for name in selected:
         if name not in movable:
             raise InvalidParameter(
                 f"joints: {label} has no hinge or slide {name!r}; it has {', '.join(movable)}."
                 f"{check.did_you_mean(name, movable)}",
                 "joints",
             )
-    if len(set(wanted)) < len(wanted):
-        raise InvalidParameter(f"joints: got {list(wanted)}; names a joint of {label} twice", "joints")
-    if not wanted:
+    if len(set(selected)) < len(selected):
+        raise InvalidParameter(f"joints: got {list(selected)}; names a joint of {label} twice", "joints")
+    if not selected:
         raise RobotFileError(f"{label}: it has no hinge or slide joint to control")
-    locked = {joint.name: _why_locked(joint, leaders, plain) for joint in spec.joints if joint.name not in wanted}
+    locked = {joint.name: _why_locked(joint, leaders, plain) for joint in spec.joints if joint.name not in selected}
     posture = _home(spec)
     for group in (spec.keys, spec.equalities, spec.sensors, spec.tendons):
         for element in list(group):
@@ -285,7 +289,7 @@ def choose_joints(
     for actuator in list(spec.actuators):
         spec.delete(actuator)
     for joint in list(spec.joints):
-        if joint.name not in wanted:
+        if joint.name not in selected:
             spec.delete(joint)
         elif joint.name in limits and joint.actfrcrange[1] <= 0:
             joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_TRUE
@@ -339,10 +343,10 @@ def tool_body(spec: mujoco.MjSpec, tool: str, label: str) -> tuple[Any, Any, str
     bodies = {body.name: body for body in spec.bodies}
     if tool:
         if tool not in bodies:
-            known = [*sites, *(name for name in bodies if name != "world")]
+            choices = [*sites, *(name for name in bodies if name != "world")]
             raise InvalidParameter(
-                f"tool: got {tool!r}; {label} has no such body or site.{check.did_you_mean(tool, known)} It has "
-                f"{', '.join(known)}",
+                f"tool: got {tool!r}; {label} has no such body or site.{check.did_you_mean(tool, choices)} It has "
+                f"{', '.join(choices)}",
                 "tool",
             )
         return bodies[tool], [0.0, 0.0, 0.0], f"link {tool}"

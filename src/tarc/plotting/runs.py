@@ -127,12 +127,12 @@ def _errors(axes: Axes, runs: dict[str, "Run"], line: float) -> None:
         axes.semilogy(run.data["time"], np.maximum(error, 1e-9) * 1e3, color=colour, lw=line, label=name)
     first = next(iter(runs.values())).data
     axes.set_ylabel(f"error ‖e‖ [m{_unit(first, 'position')}]")
-    steady = [np.linalg.norm((run.data["position"] - run.data["reference"]).values, axis=1) for run in runs.values()]
-    low = min(float(np.percentile(error, 1)) for error in steady) * 1e3
-    high = max(float(np.max(error)) for error in steady) * 1e3
+    errors = [np.linalg.norm((run.data["position"] - run.data["reference"]).values, axis=1) for run in runs.values()]
+    low = min(float(np.percentile(error, 1)) for error in errors) * 1e3
+    high = max(float(np.max(error)) for error in errors) * 1e3
     axes.set_ylim(max(low, 1e-6) / 2, max(high, 1e-5) * 2)
-    few = high < 100 * low
-    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if few else (1,)))
+    is_narrow = high < 100 * low
+    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if is_narrow else (1,)))
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_formatter(NullFormatter())
     _legend(axes)

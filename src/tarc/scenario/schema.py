@@ -27,7 +27,14 @@ SECTIONS: dict[str, tuple[types.ModuleType, type]] = {
     "sensor": (tarc.signals, tarc.signals.Encoder),
     "disturbance": (tarc.signals, object),
 }
-EVENTS = ("BandNoise", "Impulse", "Payload", "Schedule", "Sine", "Step")
+EVENTS = (
+    "BandLimitedNoise",
+    "ImpulseDisturbance",
+    "Payload",
+    "ParameterSchedule",
+    "SineDisturbance",
+    "StepDisturbance",
+)
 SET_BY_SCENARIO = {"period", "estimator"}
 
 

@@ -1,22 +1,30 @@
 """References, sensors and disturbances."""
 
-from tarc.signals.disturbances import BandNoise, Disturbance, Impulse, Payload, Schedule, Sine, Step
-from tarc.signals.references import Chirp, Multisine, Quintic, Recorded, Reference, Sinusoid
+from tarc.signals.disturbances import (
+    BandLimitedNoise,
+    Disturbance,
+    ImpulseDisturbance,
+    ParameterSchedule,
+    Payload,
+    SineDisturbance,
+    StepDisturbance,
+)
+from tarc.signals.references import Chirp, Multisine, Quintic, RecordedReference, Reference, Sinusoid
 from tarc.signals.sensors import Encoder
 
 __all__ = [
-    "BandNoise",
+    "BandLimitedNoise",
     "Chirp",
     "Disturbance",
     "Encoder",
-    "Impulse",
+    "ImpulseDisturbance",
     "Multisine",
+    "ParameterSchedule",
     "Payload",
     "Quintic",
-    "Recorded",
+    "RecordedReference",
     "Reference",
-    "Schedule",
-    "Sine",
+    "SineDisturbance",
     "Sinusoid",
-    "Step",
+    "StepDisturbance",
 ]

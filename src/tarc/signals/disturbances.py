@@ -36,7 +36,7 @@ class Disturbance(Component):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Step(Disturbance):
+class StepDisturbance(Disturbance):
     """Constant torque from ``start_time`` on, until ``stop_time`` if given [s]; amplitude [N m or N]."""
 
     start_time: float = 0.0
@@ -55,7 +55,7 @@ class Step(Disturbance):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Sine(Disturbance):
+class SineDisturbance(Disturbance):
     """Amplitude sin(frequency t + phase) from ``start_time`` on; amplitude [N m or N], frequency [rad/s]."""
 
     frequency: float
@@ -68,7 +68,7 @@ class Sine(Disturbance):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Impulse(Disturbance):
+class ImpulseDisturbance(Disturbance):
     """A blow at one instant; amplitude is the impulse [N m s or N s], spread over one plant step."""
 
     start_time: float
@@ -81,7 +81,7 @@ class Impulse(Disturbance):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class BandNoise(Disturbance):
+class BandLimitedNoise(Disturbance):
     """Gaussian noise between two frequencies; amplitude is its standard deviation [N m or N].
 
     Parameters
@@ -130,7 +130,7 @@ class BandNoise(Disturbance):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Schedule(Component):
+class ParameterSchedule(Component):
     """A plant parameter that changes while the robot runs: stepwise, or linearly between the times.
 
     Parameters
@@ -175,7 +175,7 @@ class Schedule(Component):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Payload(Component):
-    """The plant's ``payload`` becomes this mass [kg] at an instant [s]: a `Schedule` of one step."""
+    """The plant's ``payload`` becomes this mass [kg] at an instant [s]: a `ParameterSchedule` of one step."""
 
     mass: float
     start_time: float = 0.0
@@ -185,6 +185,6 @@ class Payload(Component):
         check.number("start_time", self.start_time)
 
     @property
-    def schedule(self) -> Schedule:
-        """Return the same change as a `Schedule`."""
-        return Schedule(parameter="payload", times=[self.start_time], values=[self.mass])
+    def schedule(self) -> ParameterSchedule:
+        """Return the same change as a `ParameterSchedule`."""
+        return ParameterSchedule(parameter="payload", times=[self.start_time], values=[self.mass])

@@ -214,8 +214,8 @@ class Quintic(Reference):
         zero = np.zeros(points.shape[1])
         if self.stop_at_points:
             return BPoly.from_derivatives(times, [[point, zero, zero] for point in points])
-        rest = [(1, zero), (2, zero)]
-        return make_interp_spline(times, points, k=5, bc_type=(rest, rest))
+        at_rest = [(1, zero), (2, zero)]
+        return make_interp_spline(times, points, k=5, bc_type=(at_rest, at_rest))
 
     @property
     def n_joints(self) -> int:
@@ -234,7 +234,7 @@ def _sample_spline(curve: Any, t: np.ndarray, first: float, last: float) -> tupl
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Recorded(Reference):
+class RecordedReference(Reference):
     """Trajectory from a file: a quintic spline through its samples gives the derivatives.
 
     Parameters

@@ -10,11 +10,11 @@ from tarc.core.errors import InvalidParameter
 from tarc.core.validation import Numbers
 from tarc.laws.base import Law
 from tarc.plants.base import Plant
-from tarc.signals.disturbances import Disturbance, Payload, Schedule
+from tarc.signals.disturbances import Disturbance, ParameterSchedule, Payload
 from tarc.signals.references import Reference
 from tarc.signals.sensors import Encoder
 
-Event = Disturbance | Payload | Schedule
+Event = Disturbance | Payload | ParameterSchedule
 """A disturbance torque, a payload that is picked up, or a parameter that changes over time."""
 
 MAX_PERIODS = 10_000_000
@@ -117,15 +117,17 @@ def sample_inputs(
     for event, rng in zip(events, event_rngs, strict=True):
         if isinstance(event, Disturbance):
             torque += event.sample(substep_times, n, rng)
-        elif isinstance(event, Payload | Schedule):
+        elif isinstance(event, Payload | ParameterSchedule):
             schedule = event.schedule if isinstance(event, Payload) else event
             name, values = _sample_schedule(plant, schedule, times)
             if name in schedules:
-                raise InvalidParameter(f"disturbance: two schedules change {name!r}; put both into one Schedule")
+                raise InvalidParameter(
+                    f"disturbance: two schedules change {name!r}; put both into one ParameterSchedule"
+                )
             schedules[name] = values
         else:
             raise InvalidParameter(
-                f"disturbance: got {event!r}; needs a Disturbance, Payload or Schedule of tarc.signals"
+                f"disturbance: got {event!r}; needs a Disturbance, Payload or ParameterSchedule of tarc.signals"
             )
     return SampledInputs(
         times,
@@ -140,7 +142,7 @@ def sample_inputs(
 def scheduled_plants(plant: Plant, events: Sequence[Event]) -> list[tuple[float, Plant]]:
     """Return the plant after each change by a payload or schedule, with the time [s] of the change."""
     schedules = [event.schedule if isinstance(event, Payload) else event for event in events]
-    schedules = [event for event in schedules if isinstance(event, Schedule)]
+    schedules = [event for event in schedules if isinstance(event, ParameterSchedule)]
     knots = sorted({0.0, *(float(max(time, 0.0)) for event in schedules for time in np.ravel(event.times))})
     nominal = plant.parameters
     plants: list[tuple[float, Plant]] = []
@@ -167,7 +169,7 @@ def initial_conditions(
     )
 
 
-def _sample_schedule(plant: Plant, schedule: Schedule, times: np.ndarray) -> tuple[str, np.ndarray]:
+def _sample_schedule(plant: Plant, schedule: ParameterSchedule, times: np.ndarray) -> tuple[str, np.ndarray]:
     """Return the name of the parameter that a schedule changes, and its values over time."""
     parameters = plant.parameters
     name = check.one_of("schedule parameter", schedule.parameter, parameters)
