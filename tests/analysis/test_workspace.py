@@ -125,7 +125,7 @@ class Broken(Plant):
     parameters = property(lambda self: {})  # type: ignore[assignment]
 
     def inertia(self, position):
-        return np.diag([1.0, self.bad if position[1] > 1 else 1.0])
+        return np.diag([1.0, self.bad if np.asarray(position)[1] > 1 else 1.0])
 
     def bias(self, position, velocity):
         return np.zeros(2)

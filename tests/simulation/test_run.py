@@ -345,7 +345,9 @@ def test_more_bad_arguments(options, message):
 class BarePlant(plants.Plant):
     """One joint by its matrices alone, which nothing integrates."""
 
-    n_joints = 1
+    @property
+    def n_joints(self):
+        return 1
 
     @property
     def parameters(self):

@@ -1,9 +1,9 @@
 """The real-time face of a law: for the user's own robot loop."""
 
 import logging
+from collections.abc import Sequence
 from dataclasses import fields
 from html import escape
-from typing import Any
 
 import numpy as np
 
@@ -11,10 +11,15 @@ from tarc.core.codegen import compiled
 from tarc.core.errors import ControllerNotReset, InvalidParameter
 from tarc.core.tracing import CompiledStep, trace
 from tarc.core.trees import pack
+from tarc.core.types import Vector
+from tarc.core.validation import Numbers
 from tarc.estimators.oracle import TrueDerivatives
 from tarc.laws.base import Law
 
 log = logging.getLogger("tarc")
+
+Samples = Sequence[float] | np.ndarray
+"""One number per joint."""
 
 
 class Controller:
@@ -91,7 +96,7 @@ class Controller:
         heading = f"<b>Controller of {type(law).__name__}</b>, {law.n_joints} joints, {self._status}"
         return f"<p>{heading}</p><table>{''.join(rows)}</table>"
 
-    def reset(self, initial_position: Any, initial_torque: Any = 0.0) -> None:
+    def reset(self, initial_position: Numbers, initial_torque: Numbers = 0.0) -> None:
         """Start at rest at a measured position (n,) with a torque (n,) already applied.
 
         Raises `InvalidParameter` for a position that is not finite: wait for a valid sample first.
@@ -100,7 +105,9 @@ class Controller:
         self._call.output[:] = 0
         self._warned, self._ready = False, True
 
-    def step(self, position: Any, reference: Any, velocity_reference: Any, acceleration_reference: Any) -> np.ndarray:
+    def step(
+        self, position: Samples, reference: Samples, velocity_reference: Samples, acceleration_reference: Samples
+    ) -> np.ndarray:
         """Torque [N m or N] for this period from the measured position and the reference, all of shape (n,).
 
         A position with NaN or infinity is a missing sample.
@@ -143,7 +150,7 @@ class Controller:
         return bool(self._fault[0])
 
 
-def _places(signals: dict[str, Any], start: int) -> list[tuple[slice, str]]:
+def _places(signals: dict[str, Vector], start: int) -> list[tuple[slice, str]]:
     """Where each signal lies in the output vector."""
     result = []
     for name, leaf in signals.items():

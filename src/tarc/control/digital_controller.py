@@ -1,15 +1,16 @@
 """Digital controller: sensor, law and computation delay."""
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from tarc.core import array_ops as ops
 from tarc.core.system import System
-from tarc.core.types import Vector
+from tarc.core.types import Array, Vector
+from tarc.core.validation import Numbers
 from tarc.estimators.oracle import TrueDerivatives
-from tarc.laws.base import Law, LawInput
+from tarc.laws.base import Law, LawInput, LawState
 from tarc.signals.sensors import Encoder, EncoderInput
 
 
@@ -26,8 +27,8 @@ class ControllerInput(NamedTuple):
 class ControllerState(NamedTuple):
     """States of sensor and law, and delayed torques, shape (n, delay + 1)."""
 
-    sensor: Any
-    law: Any
+    sensor: Vector
+    law: LawState
     torque_delay_line: Vector
 
 
@@ -36,7 +37,7 @@ class ControllerOutput(NamedTuple):
 
     measured_position: Vector
     torque: Vector
-    signals: Any
+    signals: dict[str, Vector]
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +48,7 @@ class DigitalController(System):
     law: Law
     computation_delay: int = 0
 
-    def init(self, position: Any, torque: Any = 0.0, noise: Any = 0.0) -> ControllerState:
+    def init(self, position: Array, torque: Numbers = 0.0, noise: Array | float = 0.0) -> ControllerState:
         """Return the state at rest at a position (n,), first read with this noise, with a torque (n,) applied."""
         sensor = self.sensor.init(position + noise)
         law = self.law.init(sensor[:, 0], torque)

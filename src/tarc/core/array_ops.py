@@ -5,10 +5,10 @@ as they stand, CasADi traces them. Vectors have shape (n,) in NumPy and n-by-1 i
 column per sample, newest first, so that every product is matrix times vector in both.
 """
 
-from typing import Any
-
 import casadi as ca
 import numpy as np
+
+from tarc.core.types import Vector
 
 WIDE = 32
 """Samples in a window from which `weighted_sum` is a call where it is traced."""
@@ -17,77 +17,77 @@ HUGE = 1e100
 """Magnitude above which a number counts as not finite: its square still is."""
 
 
-def symbolic(*values: Any) -> bool:
+def symbolic(*values: Vector) -> bool:
     """Return whether any of the values is a CasADi matrix."""
     return any(isinstance(value, ca.SX | ca.MX | ca.DM) for value in values)
 
 
-def where(condition: Any, yes: Any, no: Any) -> Any:
+def where(condition: Vector, yes: Vector, no: Vector) -> Vector:
     """Return ``yes`` where the condition holds, else ``no``, element by element; a NaN not chosen does no harm."""
     return ca.if_else(condition, yes, no) if symbolic(condition, yes, no) else np.where(condition, yes, no)
 
 
-def where_or_zero(condition: Any, x: Any) -> Any:
+def where_or_zero(condition: Vector, x: Vector) -> Vector:
     """Return ``x`` where the condition holds, else zero, element by element; a NaN not chosen does no harm."""
     return ca.if_else(condition, x, 0) if symbolic(condition, x) else np.where(condition, x, 0.0)
 
 
-def finite(x: Any) -> Any:
+def finite(x: Vector) -> Vector:
     """Return, element by element, whether x is a number of magnitude at most `HUGE` (so neither NaN nor infinite)."""
     return ca.fabs(x) <= HUGE if symbolic(x) else np.abs(x) <= HUGE
 
 
-def all_finite(*vectors: Any) -> Any:
+def all_finite(*vectors: Vector) -> Vector:
     """Return whether all elements are numbers and the sum of their magnitudes is at most `HUGE`."""
     return sum(ca.norm_1(x) if symbolic(x) else np.sum(np.abs(x)) for x in vectors) <= HUGE
 
 
-def logical_and(x: Any, y: Any) -> Any:
+def logical_and(x: Vector, y: Vector) -> Vector:
     """Return the logical and, element by element."""
     return ca.logic_and(x, y) if symbolic(x, y) else np.logical_and(x, y)
 
 
-def logical_or(x: Any, y: Any) -> Any:
+def logical_or(x: Vector, y: Vector) -> Vector:
     """Return the logical or, element by element."""
     return ca.logic_or(x, y) if symbolic(x, y) else np.logical_or(x, y)
 
 
-def logical_not(x: Any) -> Any:
+def logical_not(x: Vector) -> Vector:
     """Return the logical not, element by element."""
     return ca.logic_not(x) if symbolic(x) else np.logical_not(x)
 
 
-def maximum(x: Any, y: Any) -> Any:
+def maximum(x: Vector, y: Vector) -> Vector:
     """Return the larger of the two, element by element."""
     return ca.fmax(x, y) if symbolic(x, y) else np.maximum(x, y)
 
 
-def minimum(x: Any, y: Any) -> Any:
+def minimum(x: Vector, y: Vector) -> Vector:
     """Return the smaller of the two, element by element."""
     return ca.fmin(x, y) if symbolic(x, y) else np.minimum(x, y)
 
 
-def sign(x: Any) -> Any:
+def sign(x: Vector) -> Vector:
     """Return −1, 0 or 1, element by element."""
     return ca.sign(x) if symbolic(x) else np.sign(x)
 
 
-def magnitude(x: Any) -> Any:
+def magnitude(x: Vector) -> Vector:
     """Return |x|, element by element."""
     return ca.fabs(x) if symbolic(x) else np.abs(x)
 
 
-def clip(x: Any, low: Any, high: Any) -> Any:
+def clip(x: Vector, low: Vector, high: Vector) -> Vector:
     """Limit x to [low, high], element by element."""
     return ca.fmin(ca.fmax(x, low), high) if symbolic(x, low, high) else np.clip(x, low, high)
 
 
-def floor(x: Any) -> Any:
+def floor(x: Vector) -> Vector:
     """Return the largest integer not above x."""
     return ca.floor(x) if symbolic(x) else np.floor(x)
 
 
-def norm(x: Any, least: float = 0.0) -> Any:
+def norm(x: Vector, least: float = 0.0) -> Vector:
     """Return the Euclidean norm, not below ``least``; differentiable at x = 0 when ``least`` > 0."""
     squares = ca.sumsqr(x) if symbolic(x) else np.sum(np.square(x))
     if least > 0:
@@ -95,7 +95,7 @@ def norm(x: Any, least: float = 0.0) -> Any:
     return ca.sqrt(squares) if symbolic(x) else np.sqrt(squares)
 
 
-def power(x: Any, exponent: float, layer: float) -> Any:
+def power(x: Vector, exponent: float, layer: float) -> Vector:
     """Return |x|^a sgn x for an exponent a > 0, smoothed: x (x² + ε²)^((a−1)/2), element by element.
 
     Within the layer ε > 0 it is close to the line x ε^(a−1), so that its slope is finite for a < 1 and not zero for
@@ -104,12 +104,12 @@ def power(x: Any, exponent: float, layer: float) -> Any:
     return x * (x**2 + layer**2) ** ((exponent - 1) / 2)
 
 
-def power_slope(x: Any, exponent: float, layer: float) -> Any:
+def power_slope(x: Vector, exponent: float, layer: float) -> Vector:
     """Return the derivative of `power`, above zero: (x² + ε²)^((a−3)/2) (a x² + ε²)."""
     return (x**2 + layer**2) ** ((exponent - 3) / 2) * (exponent * x**2 + layer**2)
 
 
-def weighted_sum(window: Any, weights: Any) -> Any:
+def weighted_sum(window: Vector, weights: Vector) -> Vector:
     """Multiply a window (n, N) by weights (N, j).
 
     Where a wide one is traced it is one call in the scalar graph instead of 2nNj operations of a nanosecond each.
@@ -120,12 +120,12 @@ def weighted_sum(window: Any, weights: Any) -> Any:
     return window @ weights
 
 
-def columns(*vectors: Any) -> Any:
+def columns(*vectors: Vector) -> Vector:
     """Stack vectors (n,) as columns, shape (n, k)."""
     return ca.horzcat(*vectors) if symbolic(*vectors) else np.stack(vectors, axis=1)
 
 
-def shift_in(history: Any, sample: Any) -> Any:
+def shift_in(history: Vector, sample: Vector) -> Vector:
     """Put a new sample before the first column of the history and drop the last column."""
     if symbolic(history, sample):
         return ca.horzcat(sample, history[:, :-1])

@@ -14,7 +14,7 @@ from tarc.core.errors import InvalidParameter
 class _Checked(ABCMeta):
     if not TYPE_CHECKING:  # so that a type checker sees the dataclass's own signature
 
-        def __call__(cls, *args: Any, **keywords: Any) -> Any:
+        def __call__(cls, *args: object, **keywords: object) -> object:
             if not cls.__abstractmethods__:
                 _check_keywords(cls, args, keywords)
             return super().__call__(*args, **{name: _read_only(value) for name, value in keywords.items()})
@@ -30,7 +30,7 @@ class Component(metaclass=_Checked):
     """Base of every keyword-only dataclass that a user constructs: laws, estimators, plants, signals."""
 
 
-def _read_only(value: Any) -> Any:
+def _read_only(value: object) -> object:
     """Return a read-only copy of an array, and anything else unchanged."""
     if isinstance(value, np.ndarray):
         value = value.copy()
@@ -38,7 +38,7 @@ def _read_only(value: Any) -> Any:
     return value
 
 
-def _check_keywords(kind: Any, args: tuple[Any, ...], keywords: dict[str, Any]) -> None:
+def _check_keywords(kind: type[Any], args: tuple[object, ...], keywords: dict[str, object]) -> None:
     parameters = {field.name: field for field in fields(kind) if field.init}
     label = kind.__name__
     if args:

@@ -1,9 +1,10 @@
 """Numbers in messages and tables."""
 
-from typing import Any
+from collections.abc import Iterable
+from typing import SupportsFloat
 
 
-def format_vector(values: Any, digits: int = 3) -> str:
+def format_vector(values: Iterable[SupportsFloat], digits: int = 3) -> str:
     """Return numbers separated by commas, each rounded to a number of significant digits.
 
     Examples

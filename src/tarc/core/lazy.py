@@ -21,7 +21,7 @@ def lazy_attributes(
     """
     public = sorted([*names, *submodules])
 
-    def load(name: str) -> Any:
+    def load(name: str) -> object:
         if name in names:
             return getattr(import_module(names[name]), name)
         if name in submodules:

@@ -2,9 +2,12 @@
 
 import sys
 import time
-from typing import Any
+from typing import TYPE_CHECKING
 
 from tarc.core.optional import is_installed
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as Bar
 
 PATIENCE = 2.0
 
@@ -24,7 +27,7 @@ class Progress:
         self.label, self.total, self.done = label, total, 0
         self.show = is_installed("rich") and (sys.stderr.isatty() if show is None else show)
         self._start = time.monotonic()
-        self._bar: Any = None
+        self._bar: Bar | None = None
 
     def __enter__(self) -> "Progress":
         return self
@@ -39,18 +42,17 @@ class Progress:
         if not self.show:
             return
         if self._bar is None and time.monotonic() - self._start > PATIENCE:
-            from rich.console import Console
-            from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
-            from rich.progress import Progress as Bar
-
-            columns = (
-                TextColumn("{task.description}"),
-                BarColumn(),
-                TaskProgressColumn(),
-                TimeRemainingColumn(),
-            )
-            self._bar = Bar(*columns, console=Console(stderr=True), transient=True)
+            self._bar = _bar()
             self._bar.start()
             self._bar.add_task(self.label, total=self.total)
         if self._bar is not None:
             self._bar.update(self._bar.task_ids[0], completed=self.done)
+
+
+def _bar() -> "Bar":
+    from rich.console import Console
+    from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn()
+    return Bar(*columns, console=Console(stderr=True), transient=True)

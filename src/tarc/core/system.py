@@ -11,16 +11,17 @@ differentiated and exported.
 """
 
 from abc import ABC, abstractmethod
-from typing import Any
+
+from tarc.core.types import Tree, Vector
 
 
 class System(ABC):
     """A discrete-time system with explicit state."""
 
     @abstractmethod
-    def init(self, first: Any, /) -> Any:
+    def init(self, first: Vector, /) -> Tree:
         """State before the first step, made from a first input: a NamedTuple of float arrays."""
 
     @abstractmethod
-    def step(self, state: Any, value: Any) -> tuple[Any, Any]:
+    def step(self, state: Tree, value: Tree) -> tuple[Tree, Tree]:
         """Next state and output; pure, on NumPy arrays and CasADi symbols alike."""

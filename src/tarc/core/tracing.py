@@ -7,12 +7,16 @@ import casadi as ca
 import numpy as np
 
 from tarc.core.trees import leaves, names, rebuild
+from tarc.core.types import Tree, Vector
+
+Step = Callable[[Tree, Tree], tuple[Tree, Tree]]
+"""Pure function (state, value) -> (next state, output)."""
 
 BUFFER_PERIODS = 32
 """Periods between two copies of what was recorded; few, so that all memory of a ring stays in the fast cache."""
 
 
-def _symbols(tree: Any, kind: type) -> tuple[Any, Any]:
+def _symbols(tree: Tree, kind: type) -> tuple[Vector, Tree]:
     """Return one symbol vector for the whole tree, and the tree of its pieces."""
     shapes = [(*np.shape(leaf), 1, 1)[:2] if np.ndim(leaf) else (1, 1) for leaf in leaves(tree)]
     sizes = [rows * columns for rows, columns in shapes]
@@ -26,8 +30,13 @@ def _symbols(tree: Any, kind: type) -> tuple[Any, Any]:
 
 
 def expressions(
-    step: Callable[[Any, Any], tuple[Any, Any]], state: Any, value: Any, *, symbol: type = ca.SX, name: str = "step"
-) -> tuple[list[Any], list[Any]]:
+    step: Step,
+    state: Tree,
+    value: Tree,
+    *,
+    symbol: type = ca.SX,
+    name: str = "step",
+) -> tuple[list[Vector], list[Vector]]:
     """Return the packed symbols ``[state, value]`` of a step and its expressions ``[next state, output]``.
 
     Takes what `trace` takes.
@@ -40,7 +49,7 @@ def expressions(
         if old.shape != new.shape:
             raise ValueError(f"{name}: state {label} has shape {old.shape} before the step and {new.shape} after")
 
-    def column(tree: Any) -> Any:
+    def column(tree: Tree) -> Vector:
         parts = [ca.vec(leaf if isinstance(leaf, symbol) else symbol(leaf)) for leaf in leaves(tree)]
         return ca.vertcat(*parts) if parts else symbol(0, 1)
 
@@ -48,13 +57,13 @@ def expressions(
 
 
 def trace(
-    step: Callable[[Any, Any], tuple[Any, Any]],
-    state: Any,
-    value: Any,
+    step: Step,
+    state: Tree,
+    value: Tree,
     *,
     symbol: type = ca.SX,
     name: str = "step",
-) -> tuple[ca.Function, Any]:
+) -> tuple[ca.Function, Tree]:
     """Trace a step into a CasADi function of packed vectors.
 
     Parameters
@@ -106,7 +115,7 @@ class PeriodBuffer:
         self.rows = {name: np.zeros((periods, size)) for name, size in sizes.items() if name not in fixed}
         self.calls: list[Callable[[], None]] = []
         self.states = states = [np.array(state), np.array(state)]
-        self._keep: list[Any] = [function, fixed]
+        self._keep: list[object] = [function, fixed]
         for k in range(periods):
             places = fixed | {name: rows[k] for name, rows in self.rows.items()}
             buffer: Any

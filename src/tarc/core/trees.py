@@ -1,12 +1,13 @@
 """Trees of arrays: nested NamedTuples, tuples and dicts, packed into one vector and back."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
+from tarc.core.types import Tree, Vector
 
-def leaves(tree: Any) -> list[Any]:
+
+def leaves(tree: Tree) -> list[Vector]:
     """Return the arrays of a nested NamedTuple, tuple or dict, in order."""
     if isinstance(tree, dict):
         return [leaf for key in tree for leaf in leaves(tree[key])]
@@ -15,11 +16,11 @@ def leaves(tree: Any) -> list[Any]:
     return [tree]
 
 
-def rebuild(tree: Any, values: Sequence[Any]) -> Any:
+def rebuild(tree: Tree, values: Sequence[Vector]) -> Tree:
     """Return a tree of the same structure with other leaves, the inverse of `leaves`."""
     supply = iter(values)
 
-    def build(node: Any) -> Any:
+    def build(node: Tree) -> Tree:
         if isinstance(node, dict):
             return {key: build(child) for key, child in node.items()}
         if isinstance(node, tuple):
@@ -30,7 +31,7 @@ def rebuild(tree: Any, values: Sequence[Any]) -> Any:
     return build(tree)
 
 
-def names(tree: Any, prefix: str = "") -> list[str]:
+def names(tree: Tree, prefix: str = "") -> list[str]:
     """Return the dotted name of each leaf, in the order of `leaves`."""
     if isinstance(tree, dict):
         items = list(tree.items())
@@ -42,13 +43,13 @@ def names(tree: Any, prefix: str = "") -> list[str]:
     return [name for key, child in items for name in names(child, f"{prefix}.{key}" if prefix else key)]
 
 
-def pack(tree: Any) -> np.ndarray:
+def pack(tree: Tree) -> np.ndarray:
     """Return all numbers of a tree as one vector; matrices column by column, as CasADi stores them."""
     parts = [np.ravel(np.asarray(leaf, dtype=float), order="F") for leaf in leaves(tree)]
     return np.concatenate(parts) if parts else np.zeros(0)
 
 
-def unpack(tree: Any, vector: np.ndarray) -> Any:
+def unpack(tree: Tree, vector: np.ndarray) -> Tree:
     """Return a tree of the same shapes with the numbers of a vector, the inverse of `pack`."""
     result, start = [], 0
     for leaf in leaves(tree):

@@ -2,7 +2,7 @@
 
 import difflib
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import SupportsFloat, cast
 
 import numpy as np
 
@@ -19,12 +19,12 @@ Matrix = float | Sequence[float] | Sequence[Sequence[float]] | np.ndarray
 """One number (times identity), one per row (a diagonal), or the rows."""
 
 
-def number(name: str, value: Any, low: float = -np.inf, *, strict: bool = False, high: float = np.inf) -> float:
+def number(name: str, value: object, low: float = -np.inf, *, strict: bool = False, high: float = np.inf) -> float:
     """Return one finite number in [low, high], or above low if strict."""
     try:
         if isinstance(value, str | bytes):
             raise ValueError
-        result = float(value)
+        result = float(cast(SupportsFloat, value))
     except (TypeError, ValueError, OverflowError):
         raise InvalidParameter(f"{name}: got {value!r}; needs one number", name) from None
     above = result > low if strict else result >= low
@@ -35,16 +35,21 @@ def number(name: str, value: Any, low: float = -np.inf, *, strict: bool = False,
     return result
 
 
-def integer(name: str, value: Any, low: int = 0, high: int | None = None) -> int:
+def integer(name: str, value: object, low: int = 0, high: int | None = None) -> int:
     """Return an integer in [low, high]."""
     limits = f"from {low} to {high}" if high is not None else f"of at least {low}"
-    fits = isinstance(value, int | float | np.integer) and not isinstance(value, bool)
-    if not fits or value % 1 != 0 or not low <= value <= (np.inf if high is None else high):
+    largest = np.inf if high is None else high
+    if (
+        not isinstance(value, int | float | np.integer)
+        or isinstance(value, bool)
+        or value % 1 != 0
+        or not low <= value <= largest
+    ):
         raise InvalidParameter(f"{name}: got {value!r}; needs a whole number {limits}", name)
     return int(value)
 
 
-def float_array(name: str, value: Any) -> Array:
+def float_array(name: str, value: object) -> Array:
     """Return numbers as a float array; infinities are allowed."""
     try:
         result = np.array(value, dtype=float)
@@ -55,7 +60,7 @@ def float_array(name: str, value: Any) -> Array:
     raise InvalidParameter(f"{name}: got {value!r}; needs numbers", name)
 
 
-def array(name: str, value: Any) -> Array:
+def array(name: str, value: object) -> Array:
     """Return finite numbers as a float array."""
     result = float_array(name, value)
     finite = np.isfinite(result)
@@ -68,7 +73,7 @@ def array(name: str, value: Any) -> Array:
     return result
 
 
-def vector(name: str, value: Any, size: int, low: float = -np.inf, *, strict: bool = False) -> Array:
+def vector(name: str, value: object, size: int, low: float = -np.inf, *, strict: bool = False) -> Array:
     """Return a vector of the given size; one number stands for all its elements."""
     result = array(name, value)
     if result.ndim == 0:
@@ -84,7 +89,7 @@ def vector(name: str, value: Any, size: int, low: float = -np.inf, *, strict: bo
     return result
 
 
-def square(name: str, value: Any, size: int) -> Array:
+def square(name: str, value: object, size: int) -> Array:
     """Return a matrix, given as one number (times identity), its diagonal, or all its rows."""
     result = array(name, value)
     if result.ndim < 2:
@@ -96,7 +101,7 @@ def square(name: str, value: Any, size: int) -> Array:
     return result
 
 
-def positive_definite(name: str, value: Any, size: int) -> Array:
+def positive_definite(name: str, value: object, size: int) -> Array:
     """Return a symmetric positive definite matrix, given as in `square`."""
     result = square(name, value, size)
     scale = np.max(np.abs(result))
@@ -115,7 +120,7 @@ def positive_definite(name: str, value: Any, size: int) -> Array:
     return result
 
 
-def whole_periods(name: str, value: Any, period: float) -> int:
+def whole_periods(name: str, value: object, period: float) -> int:
     """Return a duration in periods, an integer of at least one."""
     duration = number(name, value, 0, strict=True)
     count = round(duration / period)

@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 from functools import cached_property
 from math import factorial
-from typing import Any
 
 import numpy as np
 
 from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter
+from tarc.core.validation import Numbers
 from tarc.estimators.base import WindowedEstimator
 
 
@@ -67,7 +67,7 @@ class Algebraic(WindowedEstimator):
         """Up to the degree."""
         return self.degree
 
-    def kernel(self, psi: Any, derivative: int = 1) -> np.ndarray:
+    def kernel(self, psi: Numbers, derivative: int = 1) -> np.ndarray:
         """Continuous kernel Ω_j(ψ) [s^−(j+1)] for ψ in [−ς, 0].
 
         Ω_j(ψ) = (Λ+1+j)! / (ς^{j+1} j! (Λ−j)!) Σ_k (Λ+1+k)! / ((j+k+1)(Λ−k)!(k!)²) (ψ/ς)^k. The factor (−1)^k that

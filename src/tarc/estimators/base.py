@@ -12,7 +12,8 @@ from tarc.core import validation as check
 from tarc.core.component import Component
 from tarc.core.errors import InvalidParameter
 from tarc.core.system import System
-from tarc.core.types import Vector
+from tarc.core.types import Tree, Vector
+from tarc.core.validation import Numbers
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -80,11 +81,11 @@ class Estimator(Component, System):
         """Return the filter that gives past torques the delay of the acceleration estimate (synchronised TDE)."""
 
     @abstractmethod
-    def init(self, position: Any) -> Any:
+    def init(self, position: Numbers) -> Tree:
         """Return the state with the window full of the first position [rad or m], shape (n,)."""
 
     @abstractmethod
-    def step(self, state: Any, value: Vector) -> tuple[Any, Estimate]:
+    def step(self, state: Tree, value: Vector) -> tuple[Any, Estimate]:
         """Take the newest position, shape (n,); NaN or infinite elements are replaced by a prediction."""
 
     def _order(self, derivative: int) -> int:
@@ -96,7 +97,7 @@ class Estimator(Component, System):
             )
         return derivative
 
-    def frequency_response(self, frequency: Any, derivative: int = 1) -> np.ndarray:
+    def frequency_response(self, frequency: Numbers, derivative: int = 1) -> np.ndarray:
         """Return the complex response H(e^{jωT}) from position to the derivative.
 
         Parameters
@@ -171,7 +172,7 @@ class WindowedEstimator(Estimator):
         """Return the filter with the weights c_j = T² Σ_{i≤j} w_i (j − i + ½) of past torques."""
         return TorqueAverage(synchronous_weights(self.weights(2), self.sampling_period))
 
-    def init(self, position: Any) -> WindowState:
+    def init(self, position: Numbers) -> WindowState:
         """Return the state with the window full of the first position, shape (n,)."""
         first = check.array("position", position)
         return WindowState(np.repeat(first[:, None], len(self.prediction), axis=1), first)
@@ -212,7 +213,7 @@ class AverageState(NamedTuple):
 class TorqueAverage(System):
     """Weighted average of past torques: the counterpart of an acceleration estimate in synchronised TDE."""
 
-    def __init__(self, weights: Any, pole: float = 0.0):
+    def __init__(self, weights: Numbers, pole: float = 0.0):
         self.weights = check.array("weights", weights)
         self.pole = pole
 

@@ -1,12 +1,13 @@
 """Backward differences, plain and with a first-order low-pass filter."""
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from tarc.core import validation as check
 from tarc.core.types import Vector
+from tarc.core.validation import Numbers
 from tarc.estimators.base import Estimate, Estimator, TorqueAverage, WindowedEstimator, WindowState, synchronous_weights
 
 
@@ -97,7 +98,7 @@ class FilteredDifference(Estimator):
         """Return the weights (½, ½) of the second difference, behind the same low-pass."""
         return TorqueAverage(synchronous_weights(self.difference.weights(2), self.sampling_period), self.pole)
 
-    def init(self, position: Any) -> FilteredState:
+    def init(self, position: Numbers) -> FilteredState:
         """Return the state at rest at the first position, shape (n,)."""
         raw = self.difference.init(position)
         zero = np.zeros(raw.window.shape[0])

@@ -9,7 +9,7 @@ from tarc.core import array_ops as ops
 from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter, NotLinearisable
 from tarc.core.types import Vector
-from tarc.core.validation import array
+from tarc.core.validation import Numbers, array
 from tarc.estimators.base import Estimate, Estimator, TorqueAverage
 
 LAMBDA = (1.1, 1.5 * 2.0**0.5, 2.0)
@@ -77,7 +77,7 @@ class RobustDifferentiator(Estimator):
             "synchronised=False"
         )
 
-    def init(self, position: Any) -> DifferentiatorState:
+    def init(self, position: Numbers) -> DifferentiatorState:
         """Return the state at rest at the first position, shape (n,)."""
         first = array("position", position)
         return DifferentiatorState(np.column_stack([first, 0 * first, 0 * first]))

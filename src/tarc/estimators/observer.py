@@ -3,14 +3,14 @@
 from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from tarc.core import array_ops as ops
 from tarc.core.system import System
 from tarc.core.types import Vector
-from tarc.core.validation import array
+from tarc.core.validation import Numbers, array
 from tarc.estimators.base import Estimate, Estimator
 
 
@@ -71,7 +71,7 @@ class Observer(Estimator):
         response = self.sampling_period**2 / 2 * np.polymul(quotient, [1.0, 1.0])
         return TorqueFilter(np.append(response, np.zeros(len(denominator) - len(response))), denominator)
 
-    def init(self, position: Any) -> ObserverState:
+    def init(self, position: Numbers) -> ObserverState:
         """Return the state at rest at the first position, shape (n,)."""
         first = array("position", position)
         return ObserverState(np.column_stack([first, 0 * first, 0 * first]))
@@ -104,7 +104,7 @@ class TorqueFilter(System):
 
         return FilterState(np.outer(array("torque", torque), lfilter_zi(self.b, self.a)))
 
-    def step(self, state: FilterState, value: Vector) -> tuple[FilterState, Any]:
+    def step(self, state: FilterState, value: Vector) -> tuple[FilterState, Vector]:
         """Take the newest past torque; the output is the filter's."""
         delays = state.delays
         output = self.b[0] * value + delays[:, 0]

@@ -1,7 +1,7 @@
 """True derivatives in place of estimates, to measure in simulation what estimation costs."""
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from tarc.core import array_ops as ops
 from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter, NotLinearisable
 from tarc.core.types import Vector
+from tarc.core.validation import Numbers
 from tarc.estimators.base import Estimate, Estimator, TorqueAverage
 
 
@@ -55,7 +56,7 @@ class TrueDerivatives(Estimator):
             "synchronised: TrueDerivatives has no delay that past torques could be given; use synchronised=False"
         )
 
-    def init(self, position: Any) -> OracleState:
+    def init(self, position: Numbers) -> OracleState:
         """Return the state at a first position, shape (n,); derivatives are NaN until the simulation sets them."""
         first = check.array("position", position)
         return OracleState(first, np.full(first.shape, np.nan), np.full(first.shape, np.nan))

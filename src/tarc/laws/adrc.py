@@ -1,13 +1,14 @@
 """Active disturbance rejection control."""
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
 from tarc.core.types import Vector
+from tarc.core.validation import Numbers
 from tarc.laws.base import ControlInput, LawState
 from tarc.laws.pole_placement import PolePlacement
 
@@ -68,7 +69,7 @@ class ADRC(PolePlacement):
         """Zero: the law is linear."""
         return 0.0
 
-    def init(self, position: Any, torque: Any = 0.0) -> LawState:
+    def init(self, position: Numbers, torque: Numbers = 0.0) -> LawState:
         """As of every law, with the observer at the position."""
         state = super().init(position, torque)
         return state._replace(control=state.control._replace(position=state.position))

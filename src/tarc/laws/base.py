@@ -14,7 +14,7 @@ from tarc.core import validation as check
 from tarc.core.component import Component
 from tarc.core.errors import InvalidParameter
 from tarc.core.system import System
-from tarc.core.types import Vector
+from tarc.core.types import Tree, Vector
 from tarc.core.validation import Numbers
 from tarc.estimators.base import Estimate, Estimator
 
@@ -53,8 +53,8 @@ class LawState(NamedTuple):
     reference, missing samples in a row, fault latch.
     """
 
-    estimator: Any
-    control: Any
+    estimator: Tree
+    control: Tree
     torque: Vector
     position: Vector
     reference: Vector
@@ -142,11 +142,11 @@ class Law(Component, System):
         """Return the number of joints n."""
 
     @abstractmethod
-    def initial_state(self, torque: np.ndarray) -> Any:
+    def initial_state(self, torque: np.ndarray) -> Tree:
         """Return the law's own state before the first step, after the torque (n,) was applied at rest."""
 
     @abstractmethod
-    def control(self, state: Any, tracking: ControlInput) -> tuple[Any, Vector, dict[str, Vector]]:
+    def control(self, state: Tree, tracking: ControlInput) -> tuple[Tree, Vector, dict[str, Vector]]:
         """Evaluate the law's equation: next state, torque before limits, signals to record."""
 
     @cached_property
@@ -156,7 +156,7 @@ class Law(Component, System):
         finite = np.where(np.isposinf(limits), ops.HUGE, limits)
         return check.vector("torque_limit", finite, self.n_joints, 0, strict=True)
 
-    def init(self, position: Any, torque: Any = 0.0) -> LawState:
+    def init(self, position: Numbers, torque: Numbers = 0.0) -> LawState:
         """Return the state at rest at a position [rad or m] with a torque applied [N m or N], each (n,)."""
         position = check.vector("position", position, self.n_joints)
         torque = check.vector("torque", torque, self.n_joints)
@@ -202,7 +202,7 @@ class Law(Component, System):
         next_state = LawState(estimator, control_state, past, position, reference, missing, fault)
         return next_state, LawOutput(torque, signals)
 
-    def _safe(self, position: Any, torque: Vector) -> Vector:
+    def _safe(self, position: Vector, torque: Vector) -> Vector:
         if callable(self.safe_torque):
             return self.safe_torque(position)
         return torque if self.safe_torque == "hold" else 0 * torque

@@ -101,7 +101,7 @@ class AdaptiveFuzzy(PolePlacement):
         n, old = self.n_joints, state.consequents
         s = self.P[n:, :n] @ tracking.error + self.P[n:, n:] @ tracking.error_rate
         grades = self.rules(tracking.estimate.position, tracking.estimate.velocity)
-        approximation: Any = sum(old[:, k] * grade for k, grade in enumerate(grades))
+        approximation: Vector = sum(old[:, k] * grade for k, grade in enumerate(grades))
         step = self.period * self.adaptation_rate * ops.where_or_zero(ops.logical_not(tracking.fault), s)
         consequents = old
         for k in reversed(range(len(grades))):  # pushed one by one, the first is in front at the end

@@ -1,6 +1,6 @@
 """An integral that does not wind up at a torque limit; what laws with one share."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -43,6 +43,6 @@ def integrate(
     return ops.where(ops.finite(new), new, state.integral)
 
 
-def remember(state: IntegralState, integral: Any, torque: Vector) -> IntegralState:
+def remember(state: IntegralState, integral: Vector, torque: Vector) -> IntegralState:
     """Return the next state, with the torque commanded now."""
     return IntegralState(integral, ops.shift_in(state.torque_command, ops.where_or_zero(ops.finite(torque), torque)))

@@ -2,12 +2,13 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from tarc.core import validation as check
 from tarc.core.types import Vector
+from tarc.core.validation import Numbers
 from tarc.estimators.algebraic import Algebraic
 from tarc.estimators.base import AverageState, WindowState
 from tarc.laws.base import ControlInput, LawState
@@ -78,7 +79,7 @@ class IntelligentPID(PolePlacement):
         """Zero: the law is linear."""
         return 0.0
 
-    def init(self, position: Any, torque: Any = 0.0) -> LawState:
+    def init(self, position: Numbers, torque: Numbers = 0.0) -> LawState:
         """As of every law, with the window full of the position."""
         state = super().init(position, torque)
         positions = self.differentiator.init(state.position)

@@ -4,7 +4,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
@@ -12,11 +12,14 @@ import numpy as np
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter
-from tarc.core.types import Vector
+from tarc.core.types import Tree, Vector
 from tarc.core.validation import Numbers
 from tarc.laws.base import ControlInput, Law
 from tarc.plants.base import Plant
 from tarc.plants.euler_lagrange import EulerLagrange
+
+if TYPE_CHECKING:
+    from tarc.plants.mujoco import MujocoPlant
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,11 +54,11 @@ class ModelBased(Law):
         return check.vector("natural_frequency", self.natural_frequency, self.n_joints, 0, strict=True)
 
     @abstractmethod
-    def control(self, state: Any, tracking: ControlInput) -> tuple[Any, Vector, dict[str, Vector]]:
+    def control(self, state: Tree, tracking: ControlInput) -> tuple[Tree, Vector, dict[str, Vector]]:
         """Evaluate the law's equation."""
 
 
-def inertia_and_bias(model: Plant, position: Any, velocity: Any) -> tuple[Any, Any]:
+def inertia_and_bias(model: Plant, position: Vector, velocity: Vector) -> tuple[Vector, Vector]:
     """Return M(q), shape (n, n), and N(q, q̇), shape (n,), of a robot at numbers or at CasADi symbols.
 
     A robot from a file is called through CasADi: 30 microseconds or so, by finite differences where it is
@@ -70,7 +73,7 @@ def inertia_and_bias(model: Plant, position: Any, velocity: Any) -> tuple[Any, A
 class _RigidBodyCallback(ca.Callback):
     """M(q) and N(q, q̇) of a MuJoCo robot as a CasADi function."""
 
-    def __init__(self, model: Any):
+    def __init__(self, model: "MujocoPlant"):
         import mujoco
 
         ca.Callback.__init__(self)

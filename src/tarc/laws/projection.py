@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -148,7 +148,7 @@ class ProjectionARC(ModelBased):
             values[name] = p[start : start + size]
             start += size
 
-        def at_parameters(quantity: str, *arguments: Any) -> Any:
+        def at_parameters(quantity: str, *arguments: Vector) -> Vector:
             return model.evaluate(quantity, *arguments, parameters=values)
 
         torque = (
@@ -182,7 +182,7 @@ class ProjectionARC(ModelBased):
         s = tracking.error_rate + self.omega * tracking.error
         rate = estimate.velocity - s
         acceleration = tracking.acceleration_reference - self.omega * tracking.error_rate
-        arguments: list[Any] = [estimate.position, estimate.velocity, rate, acceleration]
+        arguments: list[Vector] = [estimate.position, estimate.velocity, rate, acceleration]
         parts = self.model_torque(*arguments)
         if not ops.symbolic(s):
             parts = np.array(parts[0])[:, 0], np.array(parts[1]), np.array(parts[2])

@@ -2,14 +2,14 @@
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter
-from tarc.core.types import Vector
+from tarc.core.types import Tree, Vector
 from tarc.estimators.oracle import TrueDerivatives
 from tarc.laws.base import ControlInput
 from tarc.laws.pole_placement import PolePlacement
@@ -18,9 +18,9 @@ from tarc.laws.pole_placement import PolePlacement
 class TDEState(NamedTuple):
     """Past torques (delayed or averaged), past acceleration estimates (n, m), the robust term's state."""
 
-    torque: Any
-    acceleration: Any
-    robust: Any
+    torque: Tree
+    acceleration: Vector
+    robust: Tree
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,11 +78,11 @@ class TDE(PolePlacement):
         return True
 
     @abstractmethod
-    def robust_init(self) -> Any:
+    def robust_init(self) -> Tree:
         """State of the robust term before the first step."""
 
     @abstractmethod
-    def robust(self, state: Any, tracking: ControlInput) -> tuple[Any, Vector, dict[str, Vector]]:
+    def robust(self, state: Tree, tracking: ControlInput) -> tuple[Tree, Vector, dict[str, Vector]]:
         """Next state, Δu [rad/s² or m/s²] of shape (n,), signals to record."""
 
     def initial_state(self, torque: np.ndarray) -> TDEState:

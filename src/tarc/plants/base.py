@@ -7,6 +7,8 @@ import numpy as np
 
 from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter
+from tarc.core.types import Vector
+from tarc.core.validation import Numbers, Table
 
 
 class Plant(ABC):
@@ -63,11 +65,11 @@ class Plant(ABC):
         """Physical parameters that a schedule may change while the robot runs, with their present values."""
 
     @abstractmethod
-    def inertia(self, position: Any) -> np.ndarray:
+    def inertia(self, position: Numbers) -> np.ndarray:
         """M(q) [kg m² or kg] at a position (n,), shape (n, n)."""
 
     @abstractmethod
-    def gravity_torque(self, position: Any) -> Any:
+    def gravity_torque(self, position: Vector) -> Vector:
         """Torque [N m or N] that holds the robot at rest at a position (n,), shape (n,)."""
 
     @abstractmethod
@@ -75,11 +77,11 @@ class Plant(ABC):
         """Return the same robot with other `parameters`, by name."""
 
     @abstractmethod
-    def bias(self, position: Any, velocity: Any) -> np.ndarray:
+    def bias(self, position: Numbers, velocity: Numbers) -> np.ndarray:
         """N(q, q̇) without dry friction [N m or N], shape (n,)."""
 
     def linearised(
-        self, position: Any, velocity: Any = None, acceleration: Any = None
+        self, position: Numbers, velocity: Numbers | None = None, acceleration: Numbers | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """M, D and G of M δq̈ + D δq̇ + G δq = δτ, the robot without dry friction linearised about a motion.
 
@@ -96,13 +98,15 @@ class Plant(ABC):
         stiffness = [(torque(q + step * d) - torque(q - step * d)) / (2 * step) for d in units]
         return self.inertia(q), self.damping(q, v), np.column_stack(stiffness)
 
-    def damping(self, position: Any, velocity: Any = None) -> np.ndarray:
+    def damping(self, position: Numbers, velocity: Numbers | None = None) -> np.ndarray:
         """D = ∂N/∂q̇ without dry friction [N m s/rad or N s/m], shape (n, n); at rest where no velocity is given."""
         q, v, _ = self._motion(position, velocity, None)
         columns = [(self.bias(q, v + d) - self.bias(q, v - d)) / 2 for d in np.eye(self.n_joints)]  # quadratic in q̇
         return np.column_stack(columns)
 
-    def _motion(self, position: Any, velocity: Any, acceleration: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _motion(
+        self, position: Numbers, velocity: Numbers | None, acceleration: Numbers | None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Each (n,), zero for what is not given."""
         still = np.zeros(self.n_joints)
         return (
@@ -116,7 +120,7 @@ class Plant(ABC):
         """A posture to start from, shape (n,)."""
         return np.zeros(self.n_joints)
 
-    def mean_inertia(self, positions: Any) -> np.ndarray:
+    def mean_inertia(self, positions: Numbers | Table) -> np.ndarray:
         """Mean of M(q) over the columns of positions (n, k): the nominal inertia along a path, shape (n, n)."""
         columns = check.array("positions", positions)
         if columns.ndim != 2 or columns.shape[0] != self.n_joints:

@@ -13,10 +13,12 @@ from tarc.core import array_ops as ops
 from tarc.core import validation as check
 from tarc.core.component import Component
 from tarc.core.errors import InvalidParameter
+from tarc.core.types import Vector
+from tarc.core.validation import Numbers
 from tarc.plants.base import Plant
 
 
-def joint_friction(dq: Any, p: Any) -> Any:
+def joint_friction(dq: Vector, p: SimpleNamespace) -> Vector:
     """Viscous and smoothed Coulomb friction [N m]: viscous q̇ + coulomb tanh(q̇ / coulomb_width)."""
     return p.viscous * dq + p.coulomb * ca.tanh(dq / p.coulomb_width)
 
@@ -33,18 +35,18 @@ class EulerLagrange(Component, Plant):
     """
 
     @abstractmethod
-    def kinetic_energy(self, q: Any, dq: Any, p: Any) -> Any:
+    def kinetic_energy(self, q: Vector, dq: Vector, p: SimpleNamespace) -> Vector:
         """T(q, q̇) [J]."""
 
     @abstractmethod
-    def potential_energy(self, q: Any, p: Any) -> Any:
+    def potential_energy(self, q: Vector, p: SimpleNamespace) -> Vector:
         """V(q) [J]."""
 
-    def dissipation(self, q: Any, dq: Any, p: Any) -> Any:
+    def dissipation(self, q: Vector, dq: Vector, p: SimpleNamespace) -> Vector:
         """Friction torque F(q, q̇) [N m or N], shape (n, 1); none unless overridden."""
         return 0 * dq
 
-    def gyroscopic(self, q: Any, dq: Any, p: Any) -> Any:
+    def gyroscopic(self, q: Vector, dq: Vector, p: SimpleNamespace) -> Vector:
         """Skew-symmetric G(q, q̇), shape (n, n): forces that do no work; none unless overridden."""
         return ca.SX(self.n_joints, self.n_joints)
 
@@ -92,7 +94,7 @@ class EulerLagrange(Component, Plant):
         acceleration = ca.ldl_solve(tau - N, D, L, order)
         tangent = ca.horzcat(M, ca.jacobian(N, dq), ca.jacobian(M @ ddq + N, q))
 
-        def function(name: str, inputs: list[Any], output: Any) -> ca.Function:
+        def function(name: str, inputs: list[Any], output: Vector) -> ca.Function:
             return ca.Function(name, [*inputs, *symbols], [ca.densify(output)], {"cse": True})
 
         return {
@@ -112,7 +114,7 @@ class EulerLagrange(Component, Plant):
             check.one_of("parameters", name, self.parameters)
         return replace(self, **values)
 
-    def evaluate(self, quantity: str, *arguments: Any, parameters: dict[str, Any] | None = None) -> Any:
+    def evaluate(self, quantity: str, *arguments: Vector, parameters: dict[str, Any] | None = None) -> Vector:
         """One of the model's functions, on arrays or on CasADi symbols.
 
         Parameters
@@ -142,16 +144,16 @@ class EulerLagrange(Component, Plant):
             else numbers.item()
         )
 
-    def inertia(self, position: Any) -> np.ndarray:
+    def inertia(self, position: Numbers) -> np.ndarray:
         """M(q) [kg m² or kg], shape (n, n)."""
         return self.evaluate("inertia", self._position(position))
 
-    def bias(self, position: Any, velocity: Any) -> np.ndarray:
+    def bias(self, position: Numbers, velocity: Numbers) -> np.ndarray:
         """N(q, q̇) without dry friction [N m or N], shape (n,)."""
         return self.evaluate("bias", self._position(position), self._position(velocity), parameters=self._smooth)
 
     def linearised(
-        self, position: Any, velocity: Any = None, acceleration: Any = None
+        self, position: Numbers, velocity: Numbers | None = None, acceleration: Numbers | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """M, D and G of M δq̈ + D δq̇ + G δq = δτ, the robot without dry friction linearised about a motion."""
         motion = self._motion(position, velocity, acceleration)
@@ -163,7 +165,7 @@ class EulerLagrange(Component, Plant):
         """Parameters without dry friction."""
         return {"coulomb": 0 * self.parameters["coulomb"]} if "coulomb" in self.parameters else None
 
-    def gravity_torque(self, position: Any) -> Any:
+    def gravity_torque(self, position: Vector) -> Vector:
         """∂V/∂q [N m or N], shape (n,); accepts CasADi symbols."""
         return self.evaluate("gravity", position if ops.symbolic(position) else self._position(position))
 
@@ -172,5 +174,5 @@ class EulerLagrange(Component, Plant):
         numbers = check.vector(name, getattr(self, name), self.n_joints, low, strict=strict)
         object.__setattr__(self, name, tuple(numbers.tolist()))
 
-    def _position(self, position: Any) -> np.ndarray:
+    def _position(self, position: Numbers) -> np.ndarray:
         return check.vector("position", position, self.n_joints)

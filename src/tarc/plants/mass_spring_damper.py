@@ -1,12 +1,13 @@
 """A chain of masses."""
 
 from dataclasses import dataclass
-from typing import Any
+from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
 
 from tarc.core import validation as check
+from tarc.core.types import Vector
 from tarc.core.validation import Numbers
 from tarc.plants.euler_lagrange import EulerLagrange
 
@@ -47,16 +48,16 @@ class MassSpringDamper(EulerLagrange):
         """All slide."""
         return ["m"] * self.n_joints
 
-    def kinetic_energy(self, q: Any, dq: Any, p: Any) -> Any:
+    def kinetic_energy(self, q: Vector, dq: Vector, p: SimpleNamespace) -> Vector:
         """T = ½ Σ m_i q̇_i² [J]."""
         return ca.dot(p.masses, dq**2) / 2 + p.payload * dq[-1] ** 2 / 2
 
-    def potential_energy(self, q: Any, p: Any) -> Any:
+    def potential_energy(self, q: Vector, p: SimpleNamespace) -> Vector:
         """V = ½ Σ k_i (q_i − q_{i−1})² [J]."""
         stretch = q - ca.vertcat(0, q)[: self.n_joints]
         return ca.sum1(p.springs * stretch**2) / 2
 
-    def dissipation(self, q: Any, dq: Any, p: Any) -> Any:
+    def dissipation(self, q: Vector, dq: Vector, p: SimpleNamespace) -> Vector:
         """Damper forces [N]."""
         force = p.dampers * (dq - ca.vertcat(0, dq)[: self.n_joints])
         return force - ca.vertcat(force, 0)[1:]

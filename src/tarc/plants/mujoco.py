@@ -1,6 +1,7 @@
 """Robots from MJCF or URDF files, on MuJoCo."""
 
 from tarc.core.optional import require
+from tarc.core.types import Vector
 
 require("robots", "tarc.plants.MujocoPlant")
 
@@ -257,20 +258,20 @@ class MujocoPlant(Plant):
 
         return copy.copy(self.model)
 
-    def _placed(self, position: Any) -> mujoco.MjData:
+    def _placed(self, position: Numbers) -> mujoco.MjData:
         self._scratch.qpos[:] = check.vector("position", position, self.n_joints)
         self._scratch.qvel[:] = 0
         mujoco.mj_fwdPosition(self.model, self._scratch)
         return self._scratch
 
-    def inertia(self, position: Any) -> np.ndarray:
+    def inertia(self, position: Numbers) -> np.ndarray:
         """M(q) with rotor inertia [kg m² or kg], shape (n, n)."""
         data = self._placed(position)
         matrix = np.zeros((self.n_joints, self.n_joints))
         mujoco.mj_fullM(self.model, data, matrix)
         return matrix
 
-    def bias(self, position: Any, velocity: Any) -> np.ndarray:
+    def bias(self, position: Numbers, velocity: Numbers) -> np.ndarray:
         """N(q, q̇) without dry friction [N m or N], shape (n,)."""
         data = self._placed(position)
         data.qvel[:] = check.vector("velocity", velocity, self.n_joints)
@@ -278,7 +279,7 @@ class MujocoPlant(Plant):
         return data.qfrc_bias - data.qfrc_passive
 
     def linearised(
-        self, position: Any, velocity: Any = None, acceleration: Any = None
+        self, position: Numbers, velocity: Numbers | None = None, acceleration: Numbers | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """M, D and G of M δq̈ + D δq̇ + G δq = δτ, the robot without dry friction linearised about a motion."""
         q, v, a = self._motion(position, velocity, acceleration)
@@ -292,7 +293,7 @@ class MujocoPlant(Plant):
             stiffness.append((ahead - self._inverse(v)) / (2 * step))
         return M, D, np.column_stack(stiffness)
 
-    def damping(self, position: Any, velocity: Any = None) -> np.ndarray:
+    def damping(self, position: Numbers, velocity: Numbers | None = None) -> np.ndarray:
         """D = ∂N/∂q̇ without dry friction [N m s/rad or N s/m], shape (n, n); at rest where no velocity is given."""
         q, v, still = self._motion(position, velocity, None)
         self._scratch.qacc[:] = still
@@ -313,7 +314,7 @@ class MujocoPlant(Plant):
         mujoco.mj_rne(model, data, 1, torque)
         return torque - data.qfrc_passive
 
-    def gravity_torque(self, position: Any) -> np.ndarray:
+    def gravity_torque(self, position: Vector) -> np.ndarray:
         """Torque that holds the robot at rest [N m or N], shape (n,)."""
         data = self._placed(position)
         mujoco.mj_fwdVelocity(self.model, data)

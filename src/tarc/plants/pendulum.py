@@ -1,11 +1,12 @@
 """One joint under gravity."""
 
 from dataclasses import dataclass
-from typing import Any
+from types import SimpleNamespace
 
 import casadi as ca
 
 from tarc.core import validation as check
+from tarc.core.types import Vector
 from tarc.plants.euler_lagrange import EulerLagrange, joint_friction
 
 
@@ -47,14 +48,14 @@ class Pendulum(EulerLagrange):
         """One."""
         return 1
 
-    def kinetic_energy(self, q: Any, dq: Any, p: Any) -> Any:
+    def kinetic_energy(self, q: Vector, dq: Vector, p: SimpleNamespace) -> Vector:
         """T = ½ (m l² + J) q̇² [J]."""
         return ((p.mass + p.payload) * p.length**2 + p.rotor) * dq**2 / 2
 
-    def potential_energy(self, q: Any, p: Any) -> Any:
+    def potential_energy(self, q: Vector, p: SimpleNamespace) -> Vector:
         """V = −m g l cos q [J]."""
         return -(p.mass + p.payload) * p.gravity * p.length * ca.cos(q)
 
-    def dissipation(self, q: Any, dq: Any, p: Any) -> Any:
+    def dissipation(self, q: Vector, dq: Vector, p: SimpleNamespace) -> Vector:
         """Viscous and smoothed Coulomb friction [N m]."""
         return joint_friction(dq, p)

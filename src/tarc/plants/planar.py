@@ -1,6 +1,7 @@
 """Planar serial arms: two links, or any number."""
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import casadi as ca
@@ -8,6 +9,7 @@ import numpy as np
 
 from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter
+from tarc.core.types import Vector
 from tarc.core.validation import Numbers
 from tarc.plants.euler_lagrange import EulerLagrange, joint_friction
 
@@ -50,7 +52,7 @@ class PlanarArm(EulerLagrange):
         """One a link."""
         return np.size(self.masses)
 
-    def kinetic_energy(self, q: Any, dq: Any, p: Any) -> Any:
+    def kinetic_energy(self, q: Vector, dq: Vector, p: SimpleNamespace) -> Vector:
         """T [J].
 
         A point that moves with Σ_j w_j φ̇_j (−sin φ_j, cos φ_j) has the squared speed
@@ -58,7 +60,7 @@ class PlanarArm(EulerLagrange):
         """
         rate = ca.cumsum(dq)
 
-        def squared_speed(w: list[Any]) -> Any:
+        def squared_speed(w: list[Any]) -> Vector:
             squares = sum((w[j] * rate[j]) ** 2 for j in range(len(w)))
             pairs = [(j, k) for j in range(len(w)) for k in range(j)]
             return squares + 2 * sum(
@@ -71,7 +73,7 @@ class PlanarArm(EulerLagrange):
             energy += (p.masses[i] * squared_speed(centre) + p.inertias[i] * rate[i] ** 2) / 2
         return energy
 
-    def potential_energy(self, q: Any, p: Any) -> Any:
+    def potential_energy(self, q: Vector, p: SimpleNamespace) -> Vector:
         """V [J]."""
         angle = ca.cumsum(q)
         height = moment = ca.SX(0)
@@ -80,7 +82,7 @@ class PlanarArm(EulerLagrange):
             height += p.lengths[i] * ca.sin(angle[i])
         return p.gravity * (moment + p.payload * height)
 
-    def dissipation(self, q: Any, dq: Any, p: Any) -> Any:
+    def dissipation(self, q: Vector, dq: Vector, p: SimpleNamespace) -> Vector:
         """Viscous and smoothed Coulomb friction [N m]."""
         return joint_friction(dq, p)
 

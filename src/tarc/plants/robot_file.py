@@ -83,7 +83,7 @@ _INERTIA = (
 )
 
 
-def _moments(body: Any) -> np.ndarray:
+def _moments(body: mujoco.MjsBody) -> np.ndarray:
     """Principal moments of inertia that a body states [kg m²], ascending; zero where it states none."""
     if not body.explicitinertial:
         return np.zeros(3)
@@ -297,7 +297,7 @@ def choose_joints(
     return posture, locked
 
 
-def _why_locked(joint: Any, leaders: dict[str, str], plain: tuple[Any, ...]) -> str:
+def _why_locked(joint: mujoco.MjsJoint, leaders: dict[str, str], plain: tuple[Any, ...]) -> str:
     if joint.type not in plain:
         return "free or a ball"
     if joint.name in leaders:
@@ -314,7 +314,7 @@ def _home(spec: mujoco.MjSpec) -> dict[str, float]:
     return {joint.name: float(q) for joint, q in zip(joints, key.qpos, strict=True)}
 
 
-def _largest_torque(actuator: Any) -> float | None:
+def _largest_torque(actuator: mujoco.MjsActuator) -> float | None:
     """Return the largest torque of an actuator, by its force range or a motor's control range; None if unlimited."""
     if actuator.trntype != mujoco.mjtTrn.mjTRN_JOINT:
         return None
@@ -324,7 +324,7 @@ def _largest_torque(actuator: Any) -> float | None:
     return float(min(low, high) or max(low, high)) or None
 
 
-def set_joint(joint: Any, name: str, value: float) -> None:
+def set_joint(joint: mujoco.MjsJoint, name: str, value: float) -> None:
     """Set ``armature``, ``viscous`` or ``coulomb`` of a joint."""
     if name == "armature":
         joint.armature = value

@@ -1,6 +1,6 @@
 """Figures of runs and estimators, for the screen and for the column of a paper."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,6 +10,8 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from tarc.core import validation as check
 
 if TYPE_CHECKING:
+    from xarray import Dataset
+
     from tarc.estimators.base import Estimator
     from tarc.simulation.run import Run
 
@@ -116,7 +118,7 @@ def _legend(axes: Axes, ncols: int = 4) -> None:
     axes.legend(fontsize="small", loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=ncols, frameon=False, borderpad=0)
 
 
-def _unit(data: Any, name: str) -> str:
+def _unit(data: "Dataset", name: str) -> str:
     return str(data[name].attrs["units"])
 
 

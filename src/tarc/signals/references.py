@@ -1,11 +1,10 @@
 """Reference trajectories with exact derivatives."""
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -25,7 +24,7 @@ class Reference(Component):
         """Return the number of joints n."""
 
     @abstractmethod
-    def sample(self, times: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def sample(self, times: Numbers) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return position, velocity and acceleration [rad or m, /s, /s²] at the times (k,), each of shape (n, k)."""
 
 
@@ -62,7 +61,7 @@ class Sinusoid(Reference):
         """Return the number of joints n."""
         return self._table.shape[1]
 
-    def sample(self, times: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def sample(self, times: Numbers) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return position, velocity and acceleration, each of shape (n, k)."""
         amplitude, frequency, phase, offset = (row[:, None] for row in self._table)
         angle = frequency * np.asarray(times, dtype=float) + phase
@@ -120,7 +119,7 @@ class Multisine(Reference):
         """Return the number of joints n."""
         return len(self._tables[0])
 
-    def sample(self, times: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def sample(self, times: Numbers) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return position, velocity and acceleration, each of shape (n, k)."""
         amplitude, frequency, phase, offset = self._tables
         angle = np.multiply.outer(frequency, np.asarray(times, dtype=float))[None] + phase[..., None]
@@ -161,7 +160,7 @@ class Chirp(Reference):
         """Return the number of joints n."""
         return np.atleast_1d(check.array("amplitude", self.amplitude)).size
 
-    def sample(self, times: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def sample(self, times: Numbers) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return position, velocity and acceleration, each of shape (n, k)."""
         t = np.asarray(times, dtype=float)
         inside = np.minimum(t, self.sweep_time)
@@ -200,7 +199,7 @@ class Quintic(Reference):
         _ = self._curve
 
     @cached_property
-    def _curve(self) -> Any:
+    def _curve(self) -> Callable[..., np.ndarray]:
         from scipy.interpolate import BPoly, make_interp_spline
 
         times = np.atleast_1d(check.array("times", self.times))
@@ -222,12 +221,14 @@ class Quintic(Reference):
         """Return the number of joints n."""
         return np.shape(self.points)[1]
 
-    def sample(self, times: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def sample(self, times: Numbers) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return position, velocity and acceleration, each of shape (n, k)."""
         return _sample_spline(self._curve, np.asarray(times, dtype=float), self.times[0], self.times[-1])
 
 
-def _sample_spline(curve: Any, t: np.ndarray, first: float, last: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _sample_spline(
+    curve: Callable[..., np.ndarray], t: np.ndarray, first: float, last: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     inside = np.clip(t, first, last)
     moving = ((t >= first) & (t <= last)).astype(float)
     return curve(inside).T, curve(inside, 1).T * moving, curve(inside, 2).T * moving
@@ -276,7 +277,7 @@ class RecordedReference(Reference):
         return table
 
     @cached_property
-    def _curve(self) -> Any:
+    def _curve(self) -> Callable[..., np.ndarray]:
         from scipy.interpolate import make_interp_spline
 
         return make_interp_spline(self._table[:, 0], self._table[:, 1:], k=5)
@@ -286,6 +287,6 @@ class RecordedReference(Reference):
         """Return the number of joints n."""
         return self._table.shape[1] - 1
 
-    def sample(self, times: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def sample(self, times: Numbers) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return position, velocity and acceleration, each of shape (n, k); held before and after the record."""
         return _sample_spline(self._curve, np.asarray(times, dtype=float), self._table[0, 0], self._table[-1, 0])

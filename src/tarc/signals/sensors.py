@@ -1,7 +1,7 @@
 """What stands between the robot's position and the law."""
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -80,17 +80,17 @@ class Encoder(Component, System):
             noise[lost] = np.nan
         return noise
 
-    def quantise(self, position: Any) -> Vector:
+    def quantise(self, position: Vector) -> Vector:
         """Round to the nearest step."""
         if not np.all(self.step_size > 0):
             return position
         return self.step_size * ops.floor(position / self.step_size + 0.5)
 
-    def init(self, position: Any) -> Any:
+    def init(self, position: Numbers) -> Vector:
         """Return the delay line, shape (n, delay + 1), full of the first reading."""
         return np.repeat(self.quantise(check.array("position", position))[:, None], self.delay + 1, axis=1)
 
-    def step(self, state: Any, value: EncoderInput) -> tuple[Any, Any]:
+    def step(self, state: Vector, value: EncoderInput) -> tuple[Vector, Vector]:
         """Return the next delay line and the measured position, shape (n,)."""
         queue = ops.shift_in(state, self.quantise(value.position + value.noise))
         return queue, queue[:, -1]

@@ -8,7 +8,7 @@ import numpy as np
 
 from tarc.control.digital_controller import ControllerInput, ControllerOutput, ControllerState, DigitalController
 from tarc.core.system import System
-from tarc.core.types import Vector
+from tarc.core.types import Array, Vector
 from tarc.core.validation import Numbers
 from tarc.plants.euler_lagrange import EulerLagrange
 
@@ -52,7 +52,9 @@ class ClosedLoop(System):
     controller: DigitalController
     substeps: int = 2
 
-    def init(self, position: Vector, velocity: Numbers = 0.0, torque: Numbers = 0.0, noise: Numbers = 0.0) -> LoopState:
+    def init(
+        self, position: Vector, velocity: Numbers = 0.0, torque: Numbers = 0.0, noise: Array | float = 0.0
+    ) -> LoopState:
         """Return the state with the robot at a position (n,) with a velocity, and the controller at rest."""
         velocity = np.asarray(velocity) + np.zeros(np.shape(position))
         controller = self.controller.init(position, torque, noise)
@@ -61,12 +63,12 @@ class ClosedLoop(System):
 
     def step(self, state: LoopState, value: LoopInput) -> tuple[LoopState, LoopOutput]:
         """Measure and compute at t_k; hold the torque and integrate to t_k + T."""
-        q: Any = state.position
-        dq: Any = state.velocity
+        q: Vector = state.position
+        dq: Vector = state.velocity
         controller, output = self.controller.step(state.controller, ControllerInput(q, *value[:4]))
         dt = self.controller.law.period / self.substeps
         torque = output.torque
-        first_acceleration: Any = None
+        first_acceleration: Vector = None
         for i in range(self.substeps):
             torque = output.torque + value.disturbance[:, i]
             q, dq, acceleration = runge_kutta(self.plant, q, dq, torque, dt, value.parameters)

@@ -109,7 +109,7 @@ def _to_json(content: object) -> str:
     return json.dumps(plain(content))
 
 
-def _describe(part: Any) -> dict[str, Any]:
+def _describe(part: object) -> dict[str, Any]:
     """Return kind and parameters of a component, ready for JSON."""
     result: dict[str, Any] = {"kind": type(part).__name__}
     if is_dataclass(part):
@@ -119,6 +119,6 @@ def _describe(part: Any) -> dict[str, Any]:
                 value = _describe(value)
             if value is not None:
                 result[field.name] = value
-    else:
+    elif isinstance(part, Plant):
         result |= {"file": part.label, **{name: value.tolist() for name, value in part.parameters.items()}}
     return result
