@@ -12,14 +12,16 @@ PLOT_METHODS = {
 }
 """Imports that run upward; the contract in pyproject.toml lists the same."""
 
-INSIDE_FUNCTIONS = PLOT_METHODS
+NEEDS_EXTRA = {
+    ("tarc.laws.model_based", "tarc.plants.mujoco"),  # MuJoCo comes with an extra; laws without a model need none
+}
+INSIDE_FUNCTIONS = PLOT_METHODS | NEEDS_EXTRA
 """Imports of the package inside functions outside `tarc.cli`, which has them so that ``--help`` is fast."""
 
 # Ceilings, to be lowered to 0.02 and three times 0.
 MAX_SHARE_OF_ANY = 0.14
 MAX_LONG_FUNCTIONS = 8
 MAX_UNFORMATTED = 30
-MAX_UNLISTED_IMPORTS = 22
 
 MAX_LINES = 60
 
@@ -32,8 +34,7 @@ def test_layers_import_downward(monkeypatch):
 def test_imports_inside_functions_are_listed():
     """Else they belong at the top of their modules."""
     inside = {pair for pair in imports_inside_functions() if not pair[0].startswith("tarc.cli")}
-    unlisted = sorted(inside - INSIDE_FUNCTIONS)
-    assert len(unlisted) <= MAX_UNLISTED_IMPORTS, unlisted
+    assert inside == INSIDE_FUNCTIONS
 
 
 def test_few_annotations_are_any():

@@ -3,6 +3,7 @@
 from abc import abstractmethod
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import factorial
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
@@ -115,8 +116,6 @@ class Estimator(Component, System):
         With H(jω) = (jω)^j (1 − jωτ + …), τ = (−1)^j T^{j+1} Σ i^{j+1} w_i / (j+1)! for a window of weights w_i,
         plus what a recursive part adds.
         """
-        from math import factorial
-
         b, a = self.transfer_function(derivative)
         i = np.arange(len(b))
         gain = b / a.sum()

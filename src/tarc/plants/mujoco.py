@@ -5,6 +5,7 @@ from tarc.core.types import Vector
 
 require("robots", "tarc.plants.MujocoPlant")
 
+import copy
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -225,8 +226,6 @@ class MujocoPlant(Plant):
 
     def with_parameters(self, values: dict[str, Any]) -> "MujocoPlant":
         """Return the same robot with another payload, armature or friction."""
-        import copy
-
         nominal = self.parameters
         for name, value in values.items():
             check.one_of("parameters", name, nominal)
@@ -254,8 +253,6 @@ class MujocoPlant(Plant):
 
     def copy_model(self) -> mujoco.MjModel:
         """Return a copy of the model, whose parameters may change without changing this plant."""
-        import copy
-
         return copy.copy(self.model)
 
     def _placed(self, position: Numbers) -> mujoco.MjData:
