@@ -12,6 +12,6 @@ def test_public_names_are_those_of_the_list():
     listed = LIST.read_text(encoding="utf-8").split()
     added = sorted(set(names) - set(listed))
     removed = sorted(set(listed) - set(names))
-    assert not added, f"new public names: document them, add them to {LIST.name} and tell of them in the changelog"
-    assert not removed, f"public names that are gone: take them out of {LIST.name} and tell of them in the changelog"
+    assert not added, f"new public names: document them, add them to {LIST.name} and mention them in the changelog"
+    assert not removed, f"public names that are gone: take them out of {LIST.name} and mention them in the changelog"
     assert listed == sorted(set(listed))
