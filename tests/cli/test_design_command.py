@@ -15,7 +15,7 @@ import tarc.design
 from tarc import TarcError, plants
 from tarc.certification import certificate_from_dict
 from tarc.cli.main import app
-from tarc.design import Choice, Design, Limit, design_controller
+from tarc.design import Design, DesignChoice, StressLimit, design_controller
 from tarc.scenario.model import Scenario
 from tarc.scenario.yaml_text import read_yaml
 from urdf_text import arm, joint, link
@@ -245,7 +245,7 @@ def test_what_cannot_be_written_says_so(designed_in_python, tmp_path):
 
 
 def test_choices_without_a_key_stand_on_top(designed_in_python):
-    choice = Choice((), "colour", "blue", "it goes with the arm")
+    choice = DesignChoice((), "colour", "blue", "it goes with the arm")
     head = replace(designed_in_python, choices=(choice,)).to_yaml().split("\n\n")[0]
     assert "# colour: blue; it goes with the arm" in head
 
@@ -297,7 +297,7 @@ def test_figures_of_a_single_joint(tmp_path):
 
 def test_limits_are_asked_for(designed_folder, monkeypatch):
     folder, _ = designed_folder
-    answer = {"payload": Limit(name="payload", value=2.5, verdict="certified, 1 % to spare")}
+    answer = {"payload": StressLimit(name="payload", value=2.5, verdict="certified, 1 % to spare")}
     monkeypatch.setattr(tarc.design, "stress_test", lambda _: answer)
     arguments = ["design", "arm.urdf", *ASKED, "--limits", *QUICK, "-o", "other.yaml"]
     assert "payload: 2.5 kg, certified" in invoke_tarc(*arguments, folder=folder).stdout

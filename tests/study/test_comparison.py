@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import tarc
-from tarc.study import compare, search_spaces, tuned_laws
+from tarc.study import compare, default_search_spaces, tuned_laws
 
 TARC = str(Path(sys.executable).parent / "tarc")
 SHORT = ["duration=1.2", "metrics_start=0.4"]
@@ -92,8 +92,8 @@ def test_units_are_those_of_the_joints():
 
 def test_every_space_has_tuned_gains_and_every_gain_lies_in_its_space():
     known = tuned_laws()
-    assert set(known) == set(search_spaces())
-    for name, space in search_spaces().items():
+    assert set(known) == set(default_search_spaces())
+    for name, space in default_search_spaces().items():
         for key, (low, high) in space.free.items():
             node: Any = known[name]
             for step in key.split("."):

@@ -10,7 +10,7 @@ import pytest
 import tarc
 from tarc import TarcError
 from tarc.scenario.yaml_text import read_yaml
-from tarc.study import SearchSpace, tune, variation_limit
+from tarc.study import SearchSpace, torque_variation_limit, tune
 from tarc.study.tuning import FAILURE_SCORE, objective
 
 TARC = str(Path(sys.executable).parent / "tarc")
@@ -27,7 +27,7 @@ def training_scenario(name="train_two_link"):
 
 def test_finds_what_a_sweep_finds():
     one = training_scenario()
-    limit = variation_limit(one, 15.0)
+    limit = torque_variation_limit(one, 15.0)
     sweep = [objective(one, TDC.law({"natural_frequency": b}, 1e-3), limit) for b in np.geomspace(3.0, 40.0, 40)]
     law, score = tune(TDC, [one], [limit], trials=25, progress=False)
     assert score <= min(sweep) + 0.1

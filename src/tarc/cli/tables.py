@@ -28,7 +28,7 @@ from tarc.study.comparison import Comparison
 
 if TYPE_CHECKING:
     from tarc.design.result import Design
-    from tarc.design.stress import Limit
+    from tarc.design.stress import StressLimit
 
 
 def measures(scenario: Scenario, run: Run) -> dict[str, float]:
@@ -220,7 +220,7 @@ def print_comparison(comparison: Comparison, files: list[Path]) -> None:
     console.print("written: " + ", ".join(escape(str(file)) for file in files), soft_wrap=True)
 
 
-def design_summary(design: "Design", files: list[Path], limits: dict[str, "Limit"]) -> dict[str, Any]:
+def design_summary(design: "Design", files: list[Path], limits: dict[str, "StressLimit"]) -> dict[str, Any]:
     """A design as plain data, ready for JSON; its certificates are in the files."""
     verdict, content = design.certificates["robot"], design.scenario().model_dump(mode="json")
     return {
@@ -288,7 +288,7 @@ def print_design(design: "Design", files: list[Path]) -> None:
     console.print("written: " + ", ".join(escape(str(file)) for file in files), soft_wrap=True)
 
 
-def print_limits(limits: dict[str, "Limit"]) -> None:
+def print_limits(limits: dict[str, "StressLimit"]) -> None:
     """How far a design can be pushed, a line a question."""
     console = Console()
     console.print("\nhow far each may change by itself, the gains unchanged:")

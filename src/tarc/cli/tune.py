@@ -25,13 +25,15 @@ def tune(
     from tarc.core.files import writing
     from tarc.scenario.model import Scenario
     from tarc.scenario.yaml_text import write_yaml
-    from tarc.study import search_spaces, tune_all, variation_limit
+    from tarc.study import default_search_spaces, torque_variation_limit, tune_all
 
     names = (
-        list(search_spaces()) if laws.strip() == "all" else [name.strip() for name in laws.split(",") if name.strip()]
+        list(default_search_spaces())
+        if laws.strip() == "all"
+        else [name.strip() for name in laws.split(",") if name.strip()]
     )
     training = [Scenario.load(name) for name in scenarios]
-    limits = [variation_limit(one, budget) for one in training]
+    limits = [torque_variation_limit(one, budget) for one in training]
     found = tune_all(names, training, limits, trials=trials, seed=seed, jobs=jobs)
     command = f"tarc tune {' '.join(scenarios)} --laws {laws} --trials {trials} --budget {budget:g} --seed {seed}"
     content = {

@@ -6,26 +6,26 @@ require("cli", "tarc.design")
 
 from tarc.design.adaptation import Adaptation, choose_adaptation, expected_step
 from tarc.design.candidates import Candidate, assess_candidates, enumerate_candidates, pareto_front
-from tarc.design.choice import Choice
+from tarc.design.choice import DesignChoice
 from tarc.design.identification import Identified, excitation_reference, identify, inertia_from_data, inertia_from_file
 from tarc.design.model_free import ModelFreeDesign, design_without_model
 from tarc.design.requirements import DesignRequirements
 from tarc.design.result import Design
 from tarc.design.robustness import RobustnessSpec
-from tarc.design.stress import Limit, Outcome, stress_test
+from tarc.design.stress import StressLimit, StressRun, stress_test
 from tarc.design.synthesis import design_controller
 
 __all__ = [
     "Adaptation",
     "Candidate",
-    "Choice",
     "Design",
+    "DesignChoice",
     "DesignRequirements",
     "Identified",
-    "Limit",
     "ModelFreeDesign",
-    "Outcome",
     "RobustnessSpec",
+    "StressLimit",
+    "StressRun",
     "assess_candidates",
     "choose_adaptation",
     "design_controller",

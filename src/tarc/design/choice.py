@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Choice:
+class DesignChoice:
     """A value that a design settles, with the reason.
 
     Attributes

@@ -5,19 +5,19 @@ import numpy as np
 from tarc.analysis.inertia_ratio import InertiaSpread
 from tarc.design.adaptation import Adaptation
 from tarc.design.candidates import Candidate
-from tarc.design.choice import Choice
+from tarc.design.choice import DesignChoice
 from tarc.design.noise import torque_noise
 from tarc.design.robot_facts import torque_unit
 from tarc.design.selection import MAX_BUDGET_FACTOR, LoopSelection
 
 
-def explain_loop(selection: LoopSelection, best: Candidate, spread: InertiaSpread) -> list[Choice]:
+def explain_loop(selection: LoopSelection, best: Candidate, spread: InertiaSpread) -> list[DesignChoice]:
     """Return the choices of M̂, window, natural frequency, synchronisation and delay, and the torque noise."""
     return [
         _inertia(selection, best, spread),
         _window(selection, best),
         _natural_frequency(selection, best),
-        Choice(
+        DesignChoice(
             ("law", "synchronised"),
             "synchronised",
             "yes" if best.synchronised else "no",
@@ -30,7 +30,7 @@ def explain_loop(selection: LoopSelection, best: Candidate, spread: InertiaSprea
     ]
 
 
-def explain_adaptation(best: Candidate, adaptation: Adaptation, step: float) -> list[Choice]:
+def explain_adaptation(best: Candidate, adaptation: Adaptation, step: float) -> list[DesignChoice]:
     """Return the choices of TARC's switching gain.
 
     Parameters
@@ -43,21 +43,21 @@ def explain_adaptation(best: Candidate, adaptation: Adaptation, step: float) -> 
         Expected step of acceleration [rad/s²].
     """
     return [
-        Choice(
+        DesignChoice(
             ("law", "boundary_layer"),
             "boundary layer, largest gain",
             f"{adaptation.boundary_layer:.3g} rad, {adaptation.max_gain:.3g} rad/s²",
             f"a step of {step:.3g} rad/s², the largest of payload or friction, leaves this error without the "
             f"switching term; the largest gain limits the slope to {best.robust_slope:.4g} 1/s², which is certified",
         ),
-        Choice(
+        DesignChoice(
             ("law", "rise_rate"),
             "rise and fall rates",
             f"{adaptation.rise_rate:.3g}, {adaptation.fall_rate:.3g} 1/s³",
             "an error as wide as the layer moves the gain over its range within 1/ωn; with equal rates the gain "
             "stays low, and with a far larger rise rate it stays at its largest value",
         ),
-        Choice(
+        DesignChoice(
             ("law", "min_gain"),
             "smallest gain",
             f"{adaptation.min_gain:.3g} rad/s²",
@@ -66,11 +66,11 @@ def explain_adaptation(best: Candidate, adaptation: Adaptation, step: float) -> 
     ]
 
 
-def _inertia(selection: LoopSelection, best: Candidate, spread: InertiaSpread) -> Choice:
+def _inertia(selection: LoopSelection, best: Candidate, spread: InertiaSpread) -> DesignChoice:
     shape = selection.shape
     is_diagonal = np.count_nonzero(shape - np.diag(np.diag(shape))) == 0
     over = "payloads and workspace" if len(selection.problem.plants) > 1 else "the workspace"
-    return Choice(
+    return DesignChoice(
         ("law", "inertia"),
         "inertia",
         f"{best.inertia_scale:.4g} times the shape, a {'diagonal' if is_diagonal else 'full'} matrix",
@@ -81,7 +81,7 @@ def _inertia(selection: LoopSelection, best: Candidate, spread: InertiaSpread) -
     )
 
 
-def _window(selection: LoopSelection, best: Candidate) -> Choice:
+def _window(selection: LoopSelection, best: Candidate) -> DesignChoice:
     target = selection.problem.requirements.noise_target
     is_free = selection.problem.requirements.natural_frequency is None
     if not is_free:
@@ -92,7 +92,7 @@ def _window(selection: LoopSelection, best: Candidate) -> Choice:
     else:
         criterion = "the least error within the budget"
     count, feasible = len(selection.candidates), sum(candidate.feasible for candidate in selection.candidates)
-    return Choice(
+    return DesignChoice(
         ("estimator", "window"),
         "window",
         f"{1e3 * best.window * best.period:g} ms, {best.window} periods, degree {best.degree}",
@@ -101,7 +101,7 @@ def _window(selection: LoopSelection, best: Candidate) -> Choice:
     )
 
 
-def _natural_frequency(selection: LoopSelection, best: Candidate) -> Choice:
+def _natural_frequency(selection: LoopSelection, best: Candidate) -> DesignChoice:
     target = selection.problem.requirements.noise_target
     if selection.problem.requirements.natural_frequency is not None:
         reason = "as given"
@@ -117,7 +117,7 @@ def _natural_frequency(selection: LoopSelection, best: Candidate) -> Choice:
         )
     else:
         reason = f"the least error within torque noise of {100 * target:.3g} % of the limit"
-    return Choice(
+    return DesignChoice(
         ("law", "natural_frequency"),
         "natural frequency",
         f"{best.natural_frequency:.4g} rad/s, damping ratio {best.damping_ratio:g}",
@@ -125,7 +125,7 @@ def _natural_frequency(selection: LoopSelection, best: Candidate) -> Choice:
     )
 
 
-def _delay(best: Candidate) -> Choice:
+def _delay(best: Candidate) -> DesignChoice:
     if best.synchronised:
         value, reason = "that of the window", "the torque is averaged over the window"
     elif best.delay == 1:
@@ -133,10 +133,10 @@ def _delay(best: Candidate) -> Choice:
     else:
         value = f"{1e3 * best.delay * best.period:g} ms"
         reason = "with the delay of the actuation, one period leaves an alternating torque undamped"
-    return Choice(("law", "delay"), "delay", value, reason)
+    return DesignChoice(("law", "delay"), "delay", value, reason)
 
 
-def _torque_noise(selection: LoopSelection, best: Candidate) -> Choice:
+def _torque_noise(selection: LoopSelection, best: Candidate) -> DesignChoice:
     problem = selection.problem
     noise = torque_noise(best.noise, selection.shape, problem.requirements.sensor)
     limits, plant = problem.torque_limits, problem.plants[0]
@@ -144,7 +144,7 @@ def _torque_noise(selection: LoopSelection, best: Candidate) -> Choice:
     share = "no limit is known"
     if np.isfinite(limits).any():
         share = f"{100 * selection.noise_ratio(best):.2g} % of its limit"
-    return Choice(
+    return DesignChoice(
         ("sensor",),
         "torque noise",
         f"{noise[joint]:.3g} {torque_unit(plant, joint)} RMS at {plant.joint_names[joint]}, {share}",

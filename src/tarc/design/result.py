@@ -14,7 +14,7 @@ from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter
 from tarc.design import writer
 from tarc.design.candidates import Candidate, pareto_front
-from tarc.design.choice import Choice
+from tarc.design.choice import DesignChoice
 from tarc.design.requirements import DesignRequirements
 from tarc.estimators.algebraic import Algebraic
 from tarc.laws.tarc import TARC
@@ -60,7 +60,7 @@ class Design:
     plants: tuple[Plant, ...]
     workspace: Workspace
     certificates: dict[str, Certificate]
-    choices: tuple[Choice, ...]
+    choices: tuple[DesignChoice, ...]
     shape: np.ndarray
     spread: float
     candidates: tuple[Candidate, ...]

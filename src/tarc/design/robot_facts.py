@@ -9,7 +9,7 @@ from tarc.analysis.workspace import Workspace
 from tarc.core import validation as check
 from tarc.core.errors import InfeasibleDesign, InvalidParameter, Relaxation
 from tarc.core.formatting import format_vector
-from tarc.design.choice import Choice
+from tarc.design.choice import DesignChoice
 from tarc.plants.base import Plant
 from tarc.plants.mujoco import MujocoPlant
 
@@ -171,7 +171,7 @@ def _largest_payload(plant: Plant, home: np.ndarray, limits: np.ndarray) -> floa
 
 def assumptions(
     plants: Sequence[Plant], workspace: Workspace, limits: np.ndarray, load: GravityLoad | None, *, own: bool
-) -> list[Choice]:
+) -> list[DesignChoice]:
     """Return what is taken from the robot or its requirements rather than chosen.
 
     Parameters
@@ -187,13 +187,13 @@ def assumptions(
     if max(masses) > 0:
         masses_text = f"{masses[0]:g} to {masses[-1]:g} kg" if len(masses) > 1 else f"{masses[0]:g} kg"
         reason = f"{plant.payload_place}; M(q) grows linearly with it, so that the two ends stand for all between"
-        choices.append(Choice(("disturbance",), "payload", masses_text, reason))
+        choices.append(DesignChoice(("disturbance",), "payload", masses_text, reason))
     if load is not None:
         choices += [_torque_limit(plant, limits, own), _weight(plant, load)]
     return choices
 
 
-def _robot(plant: Plant) -> Choice:
+def _robot(plant: Plant) -> DesignChoice:
     text = f"driven: {', '.join(plant.joint_names)}"
     if plant.locked:
         text += "; locked at zero: " + ", ".join(f"{joint} ({reason})" for joint, reason in plant.locked.items())
@@ -203,15 +203,15 @@ def _robot(plant: Plant) -> Choice:
             "; no rotor inertia is known, and behind a gear it is most of a light link's: give armature if the motors "
             "have gears"
         )
-    return Choice(
+    return DesignChoice(
         ("robot", "file"), "robot", f"{plant.label}, {plant.n_joints} joint{'s' if plant.n_joints > 1 else ''}", text
     )
 
 
-def _workspace(plant: Plant, workspace: Workspace) -> Choice:
+def _workspace(plant: Plant, workspace: Workspace) -> DesignChoice:
     if workspace.reference is not None:
         reason = "certified for these postures and no others"
-        return Choice(("reference",), "workspace", "a tube about the reference", reason)
+        return DesignChoice(("reference",), "workspace", "a tube about the reference", reason)
     low, high = plant.position_limits.T
     endless = [name for name, end in zip(plant.joint_names, high, strict=True) if not np.isfinite(end)]
     low, high = np.where(np.isfinite(low), low, -np.pi), np.where(np.isfinite(high), high, np.pi)
@@ -227,14 +227,14 @@ def _workspace(plant: Plant, workspace: Workspace) -> Choice:
         text += f"; no range in the file for {', '.join(endless)}"
         text += ", which is taken to ±π, a whole turn" if full else ""
     value = "all that the joints reach" if full else "a part of what the joints reach"
-    return Choice(("reference",), "workspace", value, text)
+    return DesignChoice(("reference",), "workspace", value, text)
 
 
-def _speed(plant: Plant, workspace: Workspace) -> Choice:
+def _speed(plant: Plant, workspace: Workspace) -> DesignChoice:
     speed, own = workspace.speed, velocity_limits(plant)
     if speed is None:
         text = "no joint's speed is bounded, so that M(q) may change at any rate; a bound makes better gains possible"
-        return Choice(("reference",), "speed", "any", text)
+        return DesignChoice(("reference",), "speed", "any", text)
     unit = "rad/s" if "m" not in plant.units else "rad/s or m/s"
     value = f"{_join_equal(speed)} {unit}"
     source = "the limits in the robot's file" if own is not None and np.allclose(own, speed) else "as given"
@@ -245,10 +245,10 @@ def _speed(plant: Plant, workspace: Workspace) -> Choice:
         swift = f", or accelerate by more than {_join_equal(workspace.acceleration)} {unit.replace('/s', '/s²')}"
         swift += ", which reaches this speed in a quarter of a second" if taken else ""
     reason = f"{source}: no joint may move faster{swift}; at a lower speed the loop tolerates more spread"
-    return Choice(("reference",), "speed", value, reason)
+    return DesignChoice(("reference",), "speed", value, reason)
 
 
-def _torque_limit(plant: Plant, limits: np.ndarray, own: bool) -> Choice:
+def _torque_limit(plant: Plant, limits: np.ndarray, own: bool) -> DesignChoice:
     equal = np.ptp(limits[np.isfinite(limits)]) == 0 and np.isfinite(limits).all()
     unit = "N m" if "m" not in plant.units else "N m or N"
     value = f"{limits[0]:.4g} {unit}" if equal else f"{format_vector(limits)} {unit}"
@@ -257,10 +257,10 @@ def _torque_limit(plant: Plant, limits: np.ndarray, own: bool) -> Choice:
     if unknown:
         text += f"; none is known for {', '.join(unknown)}"
     reason = f"{text}; torque noise is compared with it, and the certificate holds below it"
-    return Choice(("law", "torque_limit"), "torque limit", value, reason)
+    return DesignChoice(("law", "torque_limit"), "torque limit", value, reason)
 
 
-def _weight(plant: Plant, load: GravityLoad) -> Choice:
+def _weight(plant: Plant, load: GravityLoad) -> DesignChoice:
     carried = f" with {load.payload:g} kg" if load.payload else ""
     text = (
         f"joint {load.joint} takes {load.torque:.3g} of {load.limit:.3g} {torque_unit(plant, load.joint)} to stay at "
@@ -271,7 +271,7 @@ def _weight(plant: Plant, load: GravityLoad) -> Choice:
             f"WARNING: {text}. In {max(100 * load.share_beyond_limit, 0.1):.2g} % of the postures a torque "
             "would be at its limit, which the certificate excludes: keep away from them"
         )
-    return Choice(("law", "torque_limit"), "weight", f"at most {100 * load.load:.3g} % of the torque limit", text)
+    return DesignChoice(("law", "torque_limit"), "weight", f"at most {100 * load.load:.3g} % of the torque limit", text)
 
 
 def torque_unit(plant: Plant, joint: int | str) -> str:

@@ -37,7 +37,7 @@ SMOOTHING_PERIODS = 51
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class StressRun:
     """What a simulation made of a value.
 
     Torque limits are lifted, as the certificate assumes: with them an unstable loop need not diverge, but swings.
@@ -76,7 +76,7 @@ class Outcome:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Limit:
+class StressLimit:
     """The answer to one question.
 
     Attributes
@@ -102,8 +102,8 @@ class Limit:
     verdict: str = ""
     beyond: float | None = None
     beyond_verdict: str = ""
-    run: Outcome | None = None
-    beyond_runs: tuple[Outcome, ...] = ()
+    run: StressRun | None = None
+    beyond_runs: tuple[StressRun, ...] = ()
     note: str = ""
 
     @property
@@ -138,7 +138,7 @@ def stress_test(
     simulate: bool = True,
     duration: float = 4.0,
     progress: bool | None = None,
-) -> dict[str, Limit]:
+) -> dict[str, StressLimit]:
     """How far one thing may change before a design, its gains unchanged, is no longer certified.
 
     ``payload``: the heaviest load, with the least one as designed. ``rate``: the slowest, with gains, M̂ and adaptation
@@ -227,7 +227,7 @@ class _Case:
         samples = self.design.certificates["robot"].evidence.samples
         return certify_robot(self.law, plants, self.workspace, computation_delay=self.delay, samples=samples)
 
-    def simulate(self, value: float, duration: float, usual: float = np.inf) -> Outcome:
+    def simulate(self, value: float, duration: float, usual: float = np.inf) -> StressRun:
         """The motion of `Design.scenario`, or the workspace's own reference; the payload comes at half-time.
 
         The usual error is that of the design itself.
@@ -261,7 +261,7 @@ class _Case:
         if made.status.completed:
             error, noise = made.metrics(min(1.0, duration / 4))["rms_error"], _rough(torque)
         excess = float(np.mean(np.abs(torque) > self.law.torque_limits))
-        return Outcome(value, bool(error <= MAX_ERROR_RATIO * usual), str(made.status), error, noise, excess)
+        return StressRun(value, bool(error <= MAX_ERROR_RATIO * usual), str(made.status), error, noise, excess)
 
 
 def speed_factor(sines: Sinusoid, workspace: Workspace) -> float:
@@ -311,7 +311,7 @@ def _changed(base: _Case, name: str, value: float) -> _Case:
     return replace(base, law=slower, delay=computation_delay)
 
 
-def _farther(limit: Limit) -> tuple[float, ...]:
+def _farther(limit: StressLimit) -> tuple[float, ...]:
     """Just beyond the limit, and about twice as far."""
     if limit.beyond is None:
         return ()
@@ -319,7 +319,7 @@ def _farther(limit: Limit) -> tuple[float, ...]:
     return limit.beyond, far.get(limit.name, 2 * limit.beyond)
 
 
-def _search(base: _Case, bar: Progress, name: str, start: float, step: float) -> Limit:
+def _search(base: _Case, bar: Progress, name: str, start: float, step: float) -> StressLimit:
     """The last value certified, from one that is: in steps that double, then by bisection; delays period by period.
 
     Of a rate it is the period that is stepped.
@@ -340,18 +340,18 @@ def _search(base: _Case, bar: Progress, name: str, start: float, step: float) ->
         bar.advance()
     value, beyond = (1 / one if one and name == "rate" else one for one in (good, bad))
     last = "" if bad is None else said[bad]
-    return Limit(name=name, value=value, verdict=said[good], beyond=beyond, beyond_verdict=last)
+    return StressLimit(name=name, value=value, verdict=said[good], beyond=beyond, beyond_verdict=last)
 
 
 def _said(found: Certificate) -> str:
     return f"{found.verdict}, {100 * found.margin:.2g} % to spare" if found.certified else found.verdict
 
 
-def _payload(base: _Case, bar: Progress) -> Limit:
+def _payload(base: _Case, bar: Progress) -> StressLimit:
     """The first step is a tenth of the load that doubles the inertia at home."""
     first = base.design.plants[0]
     if "payload" not in first.parameters:
-        return Limit(name="payload", note=f"{type(first).__name__} has no such parameter")
+        return StressLimit(name="payload", note=f"{type(first).__name__} has no such parameter")
     own = float(np.squeeze(first.parameters["payload"]))
     M = first.inertia(first.home)
     more = np.trace(first.with_parameters({"payload": own + 1.0}).inertia(first.home) - M)
@@ -363,19 +363,21 @@ def _payload(base: _Case, bar: Progress) -> Limit:
     return replace(found, note=f"to hold it takes up to {share:.0%} of a torque limit" if share > 1 else "")
 
 
-def _speed(base: _Case, bar: Progress) -> Limit:
+def _speed(base: _Case, bar: Progress) -> StressLimit:
     """From the speed designed for upwards."""
     speed = base.workspace.speed
     if speed is None or not speed.any():
-        return Limit(name="speed", note="it is certified for any speed, or for a robot at rest")
+        return StressLimit(name="speed", note="it is certified for any speed, or for a robot at rest")
     start = float(speed.max())
     return _search(base, bar, "speed", start, start / 4)
 
 
-def _bits(base: _Case, noise: float) -> Limit:
+def _bits(base: _Case, noise: float) -> StressLimit:
     """Fewest bits with the predicted torque noise, as `tarc.design.design_controller` predicts it, within the share."""
     if not np.any(base.law.torque_limits < HUGE):
-        return Limit(name="bits", note="torque noise has no torque limit to be held against; design with torque_limit")
+        return StressLimit(
+            name="bits", note="torque noise has no torque limit to be held against; design with torque_limit"
+        )
 
     def share(sensor: Encoder) -> float:
         predicted = torque_noise(base.design.candidate.noise, base.design.shape, sensor)
@@ -386,5 +388,5 @@ def _bits(base: _Case, noise: float) -> Limit:
     value = min((bits for bits, one in shares.items() if one <= allowed * (1 + 1e-9)), default=52)
     said = {bits: f"predicted torque noise {one:.2%} of a limit" for bits, one in shares.items()}
     if value == 1:
-        return Limit(name="bits", value=1, verdict=said[1])
-    return Limit(name="bits", value=value, verdict=said[value], beyond=value - 1, beyond_verdict=said[value - 1])
+        return StressLimit(name="bits", value=1, verdict=said[1])
+    return StressLimit(name="bits", value=value, verdict=said[value], beyond=value - 1, beyond_verdict=said[value - 1])

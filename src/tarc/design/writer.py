@@ -14,7 +14,7 @@ from tarc.analysis.workspace import Workspace
 from tarc.certificates.base import Certificate
 from tarc.core.errors import InvalidParameter
 from tarc.core.files import writing
-from tarc.design.choice import Choice
+from tarc.design.choice import DesignChoice
 from tarc.design.robot_facts import joint_workspace
 from tarc.estimators.base import Estimator
 from tarc.laws.tarc import TARC
@@ -214,7 +214,7 @@ def _plain(value: object) -> Value:
     raise InvalidParameter(f"scenario: {type(value).__name__} is no value of a YAML file")
 
 
-def to_commented_yaml(content: Content, choices: Sequence[Choice], header: Sequence[str] = ()) -> str:
+def to_commented_yaml(content: Content, choices: Sequence[DesignChoice], header: Sequence[str] = ()) -> str:
     """Return YAML with the reason of each choice above its key. The comments survive a reload by ruamel.yaml.
 
     Parameters

@@ -6,7 +6,16 @@ require("cli", "tarc.study")
 
 
 from tarc.study.comparison import Comparison, compare, tuned_laws
-from tarc.study.search_spaces import SearchSpace
-from tarc.study.tuning import search_spaces, tune, tune_all, variation_limit
+from tarc.study.search_space import SearchSpace
+from tarc.study.tuning import default_search_spaces, torque_variation_limit, tune, tune_all
 
-__all__ = ["Comparison", "SearchSpace", "compare", "search_spaces", "tune", "tune_all", "tuned_laws", "variation_limit"]
+__all__ = [
+    "Comparison",
+    "SearchSpace",
+    "compare",
+    "default_search_spaces",
+    "torque_variation_limit",
+    "tune",
+    "tune_all",
+    "tuned_laws",
+]

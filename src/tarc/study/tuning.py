@@ -15,7 +15,7 @@ from tarc.core.errors import DesignWarning, InvalidParameter, TarcError
 from tarc.core.optional import require
 from tarc.core.progress import Progress
 from tarc.scenario.model import Scenario
-from tarc.study.search_spaces import SPACES, SearchSpace
+from tarc.study.search_space import SPACES, SearchSpace
 
 FAILURE_SCORE = 20.0
 """Objective of a run that did not complete, above that of any that did."""
@@ -23,12 +23,12 @@ PENALTY = 5.0
 """Factor of log(torque variation / limit) in the objective, where the limit is exceeded."""
 
 
-def search_spaces() -> dict[str, SearchSpace]:
+def default_search_spaces() -> dict[str, SearchSpace]:
     """Return the laws that are compared, by name, with the gains that are searched for."""
     return SPACES
 
 
-def variation_limit(scenario: Scenario, factor: float = 10.0) -> float:
+def torque_variation_limit(scenario: Scenario, factor: float = 10.0) -> float:
     """Return a multiple of the torque variation [N m/s] of the scenario's own law with a perfect sensor.
 
     The task alone, without noise, causes that variation. The factor is a budget for noise and chatter, the same for
@@ -156,7 +156,7 @@ def tune_all(
     jobs
         Processes; None for as many as there are cores.
     """
-    known = search_spaces()
+    known = default_search_spaces()
     for name in names:
         check.one_of("laws", name, known)
     contents = [scenario.model_dump() for scenario in scenarios]
@@ -194,5 +194,11 @@ def _tune_one(
 ) -> tuple[dict[str, Any], float]:
     scenarios = [Scenario.parse(content) for content in contents]
     return tune(
-        search_spaces()[name], scenarios, limits, trials=trials, seed=seed, warm_start=warm_start, progress=False
+        default_search_spaces()[name],
+        scenarios,
+        limits,
+        trials=trials,
+        seed=seed,
+        warm_start=warm_start,
+        progress=False,
     )
