@@ -299,9 +299,9 @@ def test_limits_are_asked_for(designed_folder, monkeypatch):
     folder, _ = designed_folder
     answer = {"payload": StressLimit(name="payload", value=2.5, verdict="certified, 1 % to spare")}
     monkeypatch.setattr(tarc.design, "stress_test", lambda _: answer)
-    arguments = ["design", "arm.urdf", *ASKED, "--limits", *QUICK, "-o", "other.yaml"]
+    arguments = ["design", "arm.urdf", *ASKED, "--stress-test", *QUICK, "-o", "other.yaml"]
     assert "payload: 2.5 kg, certified" in invoke_tarc(*arguments, folder=folder).stdout
-    found = json.loads(invoke_tarc(*arguments, "--json", folder=folder).stdout)["limits"]["payload"]
+    found = json.loads(invoke_tarc(*arguments, "--json", folder=folder).stdout)["stress_limits"]["payload"]
     assert found["value"] == 2.5
     for name in ("other.yaml", "other-certificates.json"):
         (folder / name).unlink()
@@ -333,7 +333,16 @@ def test_too_fast_for_the_rate_says_both_ways_out(designed_folder, tmp_path):
 
 def test_a_bandwidth_and_a_budget_that_exclude_each_other(designed_folder, tmp_path):
     folder, _ = designed_folder
-    arguments = ["design", str(folder / "arm.urdf"), *ASKED, *QUICK, "--natural-frequency", "8", "--noise", "0.00001"]
+    arguments = [
+        "design",
+        str(folder / "arm.urdf"),
+        *ASKED,
+        *QUICK,
+        "--natural-frequency",
+        "8",
+        "--noise-budget",
+        "0.00001",
+    ]
     message = str(invoke_tarc(*arguments, folder=tmp_path, status=1).exception)
     assert re.match(
         r"noise_budget: needed [\d.]+ % of the torque limit, the least of all certified loops at 8 rad/s; available "
@@ -350,9 +359,9 @@ def test_help_teaches(tmp_path):
         "--encoder-bits",
         "--control-rate",
         "--joint-range",
-        "--noise",
-        "--torque-limit",
-        "--limits",
+        "--noise-budget",
+        "--torque-limits",
+        "--stress-test",
     ):
         assert option in text
     assert "LOW HIGH" in text

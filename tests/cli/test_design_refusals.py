@@ -157,7 +157,7 @@ def test_noise_without_any_torque_limit():
         elbow=joint("elbow", "upper", "fore", inside=EFFORTLESS),
         shoulder=joint("shoulder", "base", "upper", inside=EFFORTLESS),
     )
-    message = refusal_message(text, "--noise", 0.02, "--natural-frequency", 10)
+    message = refusal_message(text, "--noise-budget", 0.02, "--natural-frequency", 10)
     assert "noise_budget: it is a share of the torque limit, and none is known; give torque_limits too" in message
 
 
@@ -179,12 +179,12 @@ def test_noise_without_any_torque_limit():
         (["--control-rate", 0], r"--control-rate: got 0; needs a finite number above 0"),
         (["--natural-frequency", -3], r"natural_frequency: got -3; needs a finite number above 0"),
         (["--damping-ratio", 0], r"damping_ratio: got 0; needs a finite number above 0"),
-        (["--noise", 5], r"--noise: got 5; needs a share of the torque limit, such as 0.02 for 2 %"),
-        (["--law", "pid"], r"--law: got 'pid'; known are tarc, tdc"),
+        (["--noise-budget", 5], r"noise_budget: got 5; needs a share of the torque limit, such as 0.02 for 2 %"),
+        (["--law", "pid"], r"law: got 'PID'; known are TARC, TDC"),
         (["--computation-delay", -1], r"computation_delay: got -1; needs a whole number of at least 0"),
-        (["--torque-limit", "80,x"], r"--torque-limit: got '80,x'; needs one number, or one per joint with commas"),
-        (["--torque-limit", "80,80,80"], r"torque_limits: got shape \(3,\); needs one number or 2 of them"),
-        (["--torque-limit", "0"], r"torque_limits: got \[0.0, 0.0\]; each must be above 0"),
+        (["--torque-limits", "80,x"], r"--torque-limits: got '80,x'; needs one number, or one per joint with commas"),
+        (["--torque-limits", "80,80,80"], r"torque_limits: got shape \(3,\); needs one number or 2 of them"),
+        (["--torque-limits", "0"], r"torque_limits: got \[0.0, 0.0\]; each must be above 0"),
         (["--armature", "-0.1"], r"armature: got \[-0.1, -0.1\]; each must be at least 0"),
         (["--samples", 0], r"samples: got 0; needs a whole number of at least 1"),
         (["-o", "design.json"], r"--out: got 'design.json'; needs the name of a YAML file, such as design\.yaml"),
@@ -243,7 +243,7 @@ SIDEWAYS = arm().replace('<origin xyz="0 0 0.4"/>', '<origin xyz="0 0 0.4" rpy="
 
 
 def test_too_weak_for_its_own_weight_at_home():
-    message = refusal_message(SIDEWAYS, "--torque-limit", "7,5")
+    message = refusal_message(SIDEWAYS, "--torque-limits", "7,5")
     assert (
         "torque_limits: the robot cannot hold itself in its home posture q = (0, 0): joint shoulder needs 7.85"
         in message
@@ -255,7 +255,7 @@ def test_too_weak_for_its_own_weight_at_home():
 
 def test_too_weak_for_the_payload_at_home():
     """Each kilogram at the tool, the origin of the last link 0.4 m out, adds 3.92 N m: 15.7 at 2 kg, 10 at 0.548 kg."""
-    message = refusal_message(SIDEWAYS, "--torque-limit", 10, "--payload", 0, 2)
+    message = refusal_message(SIDEWAYS, "--torque-limits", 10, "--payload", 0, 2)
     assert "with 2 kg at the tool: joint shoulder needs 15.7 and its limit is 10 N m" in message
     assert "a payload of at most 0.54 kg; a torque limit above 15.7" in message
 

@@ -6,84 +6,98 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tarc.cli.options import Figures, Json, Out, Set, file_stem, numbers_of
+from tarc.cli.options import Figures, Json, Out, ScenarioName, Set, drawing_figures, file_stem, numbers_of
 from tarc.core.files import make_folder, writing
 
 if TYPE_CHECKING:
     from tarc.certification import LawCertification
 
+Tube = Annotated[float, typer.Option(help="Largest distance of each joint from its reference \\[rad or m].")]
+FullRange = Annotated[
+    bool,
+    typer.Option("--full-range", help="Certify for all that the joints reach, instead of the tube."),
+]
+Speed = Annotated[
+    str,
+    typer.Option(
+        metavar="NUMBERS",
+        help="Largest joint speed \\[rad/s or m/s], one number or one per joint. Default: any speed.",
+    ),
+]
+Acceleration = Annotated[
+    str,
+    typer.Option(
+        metavar="NUMBERS",
+        help="Largest joint acceleration \\[rad/s² or m/s²]. Default: reaches the largest speed in 0.25 s.",
+    ),
+]
+Samples = Annotated[int, typer.Option(help="Number of sampled postures, before the local search for worse ones.")]
+
 
 def certify(
-    scenario: Annotated[str, typer.Argument(help="A YAML file, or the name of a shipped scenario.")],
+    scenario: ScenarioName,
     set_: Set = None,
     out: Out = None,
-    tube: Annotated[float, typer.Option(help="How far a joint may be from its reference \\[rad or m].")] = 0.01,
-    full_range: Annotated[
-        bool, typer.Option("--full-range", help="All that the joints reach, instead of the reference.")
-    ] = False,
-    speed: Annotated[
-        str,
-        typer.Option(metavar="NUMBERS", help="Greatest speed of the joints, rad/s or m/s; default: any speed."),
-    ] = "",
-    acceleration: Annotated[
-        str,
-        typer.Option(
-            metavar="NUMBERS",
-            help="And their greatest acceleration, rad/s² or m/s²; default: four times the speed, a second.",
-        ),
-    ] = "",
-    samples: Annotated[int, typer.Option(help="Postures to sample, before a local search.")] = 2000,
+    tube: Tube = 0.01,
+    full_range: FullRange = False,
+    speed: Speed = "",
+    acceleration: Acceleration = "",
+    samples: Samples = 2000,
     as_json: Json = False,
     figures: Figures = True,
 ) -> None:
-    """Certify a scenario's laws on its robot: is the design stable, how far from the edge, and in which posture.
+    """Certify a scenario's laws on its robot: is each stable in every posture, and with which margin?
 
-    Certified, refuted or inconclusive, each with its margin. The first row is the verdict for the robot, the next are
-    what it rests on, the last what the paper's own conditions say.
+    Each claim is certified, refuted or inconclusive. The first row of the
+    table is the verdict for the robot, the next rows are what it rests on,
+    and the last rows are the conditions of the paper. The postures are those
+    of the reference and a tube about it, or all with --full-range.
 
     Example: tarc certify ur5e --set law.synchronised=true --set law.inertia.fraction=0.5
     """
-
+    from tarc.cli.tables import certify as tables
     from tarc.scenario.model import Scenario
 
-    described = Scenario.load(scenario, set_ or [])
-    folder = make_folder("--out", out or Path("runs") / file_stem(described.name))
-    swift, steep = numbers_of("--speed", speed), numbers_of("--acceleration", acceleration)
-    setup = described.build()
-    found = described.certify_setup(
-        setup, tube=tube, full_range=full_range, speed=swift, acceleration=steep, samples=samples
+    loaded = Scenario.load(scenario, set_ or [])
+    folder = make_folder("--out", out or Path("runs") / file_stem(loaded.name))
+    certifications = loaded.certify(
+        tube=tube,
+        full_range=full_range,
+        speed=numbers_of("--speed", speed),
+        acceleration=numbers_of("--acceleration", acceleration),
+        samples=samples,
     )
-    files = save_certificates(found, folder, figures)
-    from tarc.cli import tables
-
+    files = save_certificates(certifications, folder)
+    if figures:
+        files += save_figures(certifications, folder)
     if as_json:
-        print(json.dumps(tables.certificate_summary(described, found, files), indent=2, allow_nan=False))
+        print(json.dumps(tables.certificate_summary(loaded, certifications, files), indent=2, allow_nan=False))
     else:
-        tables.print_certificates(described, found, files)
+        tables.print_certificates(loaded, certifications, files)
 
 
-def save_certificates(found: dict[str, "LawCertification"], folder: Path, figures: bool) -> list[Path]:
-    """Write certificates as JSON, one file a law, and their figures into a folder; the files written."""
+def save_certificates(certifications: dict[str, "LawCertification"], folder: Path) -> list[Path]:
+    """Write certificates as JSON into a folder, one file per law; return the files."""
     files = []
-    for name, certification in found.items():
+    for name, certification in certifications.items():
         path = folder / f"{file_stem(name)}-certificates.json"
         content = {kind: certificate.to_dict() for kind, certificate in certification.certificates.items()}
         with writing("--out", path):
             path.write_text(json.dumps(content), encoding="utf-8")
         files.append(path)
-    if figures:
-        from rich.console import Console
+    return files
 
-        from tarc.plotting.certificates import design_figure
 
-        with Console(stderr=True).status("drawing figures"):
-            for name, certification in found.items():
-                stem = file_stem(name)
-                picture = folder / f"{stem}-design.png"
-                design_figure(certification).savefig(picture, dpi=110)
-                files.append(picture)
-                for kind, certificate in certification.certificates.items():
-                    picture = folder / f"{stem}-{kind}.png"
-                    certificate.plot().savefig(picture, dpi=110)
-                    files.append(picture)
+def save_figures(certifications: dict[str, "LawCertification"], folder: Path) -> list[Path]:
+    """Write the figure of each law and of each certificate into a folder; return the files."""
+    from tarc.plotting.certificates import design_figure
+
+    files = []
+    with drawing_figures(), writing("--out", folder):
+        for name, certification in certifications.items():
+            figures = {"design": design_figure(certification)}
+            figures |= {kind: certificate.plot() for kind, certificate in certification.certificates.items()}
+            for kind, figure in figures.items():
+                files.append(folder / f"{file_stem(name)}-{kind}.png")
+                figure.savefig(files[-1], dpi=110)
     return files

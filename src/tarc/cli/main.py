@@ -41,12 +41,12 @@ def version(show_version: Annotated[bool, typer.Option("--version", help="Print 
 
 
 def _warn(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
-    """A warning as one line."""
+    """Print a warning on one line."""
     print(f"warning: {message}", file=sys.stderr)
 
 
 def main() -> None:
-    """Run the command line; errors of the user's making are one line and exit status 2."""
+    """Run the command line; an error of the input is printed on one line, with exit status 2."""
     # matrices here are small, and threads on small matrices wait for each other
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     warnings.showwarning = _warn

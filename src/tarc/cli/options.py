@@ -1,6 +1,7 @@
 """Options that several commands share, and what they are converted to."""
 
 import re
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Annotated
 
@@ -8,28 +9,54 @@ import typer
 
 from tarc.core.errors import InvalidParameter
 
+ScenarioName = Annotated[str, typer.Argument(help="A YAML file, or the name of a shipped scenario.")]
 Set = Annotated[
     list[str] | None,
     typer.Option(
-        "--set", metavar="KEY=VALUE", help="Change a key of the scenario, e.g. law.natural_frequency=15. Repeatable."
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change a key of the scenario, such as law.natural_frequency=15. May be repeated.",
     ),
 ]
-Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the results; default runs/NAME.")]
+Out = Annotated[
+    Path | None, typer.Option("--out", "-o", help="Folder for the results. Default: runs/ and the scenario's name.")
+]
 Json = Annotated[bool, typer.Option("--json", help="Print the results as JSON instead of a table.")]
 Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw figures.")]
+Jobs = Annotated[int | None, typer.Option(help="Number of processes. Default: one per core.")]
+
+
+def names_of(text: str) -> list[str]:
+    """Return the names in a text with commas between them."""
+    return [name.strip() for name in text.split(",") if name.strip()]
 
 
 def numbers_of(name: str, text: str) -> float | list[float] | None:
-    """One number, or several with commas between; None for nothing."""
+    """Return one number, or several with commas between; None for an empty text.
+
+    Raises
+    ------
+    InvalidParameter
+        For text that is no number.
+    """
     try:
-        found = [float(one) for one in text.split(",")] if text.strip() else []
+        numbers = [float(part) for part in text.split(",")] if text.strip() else []
     except ValueError:
         raise InvalidParameter(
             f"{name}: got {text!r}; needs one number, or one per joint with commas between"
         ) from None
-    return found if len(found) > 1 else found[0] if found else None
+    if len(numbers) > 1:
+        return numbers
+    return numbers[0] if numbers else None
 
 
 def file_stem(name: str) -> str:
-    """A name as that of one file or folder."""
+    """Return a name as that of one file or folder."""
     return re.sub(r"[^\w.+-]+", "-", str(name)).strip(".-") or "run"
+
+
+def drawing_figures() -> AbstractContextManager[object]:
+    """Show on standard error that figures are drawn."""
+    from rich.console import Console
+
+    return Console(stderr=True).status("drawing figures")

@@ -7,34 +7,37 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tarc.cli.options import Figures, Json, Out, Set, file_stem
-from tarc.core.files import make_folder
+from tarc.cli.options import Figures, Json, Out, ScenarioName, Set, drawing_figures, file_stem
+from tarc.core.files import make_folder, writing
 
 if TYPE_CHECKING:
     from tarc.scenario.model import Scenario
     from tarc.simulation.run import Run
 
+Native = Annotated[bool, typer.Option("--native", help="Compile the loop to machine code first; needs a C compiler.")]
+
 
 def run(
-    scenario: Annotated[str, typer.Argument(help="A YAML file, or the name of a shipped scenario.")],
+    scenario: ScenarioName,
     set_: Set = None,
     out: Out = None,
-    native: Annotated[bool, typer.Option("--native", help="Compile the loop first; needs a C compiler.")] = False,
+    native: Native = False,
     as_json: Json = False,
     figures: Figures = True,
 ) -> None:
-    """Simulate a scenario: metrics, trajectories as netCDF, figures.
+    """Simulate a scenario; write its trajectories as netCDF, and figures, and print its measures.
 
     Example: tarc run ur5e --set law.natural_frequency=15 --set duration=5
     """
     from tarc.scenario.model import Scenario
 
-    run_scenario(Scenario.load(scenario, [*(set_ or []), *(["native=true"] if native else [])]), out, as_json, figures)
+    settings = [*(set_ or []), *(["native=true"] if native else [])]
+    run_scenario(Scenario.load(scenario, settings), out, as_json, figures)
 
 
 def run_scenario(scenario: "Scenario", out: Path | None, as_json: bool, figures: bool) -> None:
     """Run a scenario, write its results and print them."""
-    from tarc.cli import tables
+    from tarc.cli.tables import run as tables
 
     folder = make_folder("--out", out or Path("runs") / file_stem(scenario.name))
     try:
@@ -42,27 +45,32 @@ def run_scenario(scenario: "Scenario", out: Path | None, as_json: bool, figures:
     except KeyboardInterrupt:
         print("interrupted; nothing was written", file=sys.stderr)
         raise typer.Exit(130) from None
-    files = save_all(scenario, runs, folder, figures)
+    files = save_runs(scenario, runs, folder)
+    if figures:
+        files += save_figures(runs, folder)
     if as_json:
-        print(json.dumps(tables.summary(scenario, runs, files), indent=2, allow_nan=False))
+        print(json.dumps(tables.run_summary(scenario, runs, files), indent=2, allow_nan=False))
     else:
         tables.print_runs(scenario, runs, files)
 
 
-def save_all(scenario: "Scenario", runs: dict[str, "Run"], folder: Path, figures: bool) -> list[Path]:
-    """Write scenario, trajectories and figures into a folder; the files written."""
+def save_runs(scenario: "Scenario", runs: dict[str, "Run"], folder: Path) -> list[Path]:
+    """Write the scenario and the trajectories into a folder; return the files."""
     files = [scenario.save(folder / "scenario.yaml")]
-    for number, (name, run) in enumerate(runs.items()):
+    for number, (name, result) in enumerate(runs.items()):
         stem = file_stem(name)
         path = folder / f"{stem}.nc"
-        files.append(run.save(folder / f"{stem}-{number + 1}.nc" if path in files else path))
-    if figures:
-        from rich.console import Console
+        files.append(result.save(folder / f"{stem}-{number + 1}.nc" if path in files else path))
+    return files
 
-        from tarc.plotting.runs import run_figure
 
-        with Console(stderr=True).status("drawing figures"):
-            for kind, name in (("screen", "tracking.png"), ("column", "column.pdf")):
-                run_figure(runs, kind).savefig(folder / name, dpi=110)
-                files.append(folder / name)
+def save_figures(runs: dict[str, "Run"], folder: Path) -> list[Path]:
+    """Write the figures of runs into a folder; return the files."""
+    from tarc.plotting.runs import run_figure
+
+    files = []
+    with drawing_figures(), writing("--out", folder):
+        for kind, name in (("screen", "tracking.png"), ("column", "column.pdf")):
+            files.append(folder / name)
+            run_figure(runs, kind).savefig(files[-1], dpi=110)
     return files

@@ -6,16 +6,21 @@ import typer
 
 from tarc.cli.options import Json
 
+Name = Annotated[
+    str | None,
+    typer.Argument(help="A law, robot, estimator, signal or scenario, such as TARC. Default: list them all."),
+]
+
 
 def show(
-    name: Annotated[str | None, typer.Argument(help="A law, plant, estimator or signal, e.g. TARC.")] = None,
+    name: Name = None,
     as_json: Json = False,
 ) -> None:
-    """List the laws, robots, estimators and signals there are, or the parameters of one.
+    """List the laws, robots, estimators and signals, or print the parameters of one with units and defaults.
 
     Example: tarc show TARC
     """
-    from tarc.cli import tables
+    from tarc.cli.tables import show as tables
 
     if name is None:
         tables.print_catalogue(as_json)

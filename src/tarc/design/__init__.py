@@ -1,19 +1,29 @@
 """From a robot and an encoder to certified gains."""
 
+from typing import TYPE_CHECKING
+
+from tarc.core.lazy import lazy_attributes
 from tarc.core.optional import require
 
 require("cli", "tarc.design")
 
-from tarc.design.adaptation import Adaptation, choose_adaptation, expected_step
-from tarc.design.candidates import Candidate, assess_candidates, enumerate_candidates, pareto_front
-from tarc.design.choice import DesignChoice
-from tarc.design.identification import Identified, excitation_reference, identify, inertia_from_data, inertia_from_file
-from tarc.design.model_free import ModelFreeDesign, design_without_model
-from tarc.design.requirements import DesignRequirements
-from tarc.design.result import Design
-from tarc.design.robustness import RobustnessSpec
-from tarc.design.stress import StressLimit, StressRun, stress_test
-from tarc.design.synthesis import design_controller
+if TYPE_CHECKING:
+    from tarc.design.adaptation import Adaptation, choose_adaptation, expected_step
+    from tarc.design.candidates import Candidate, assess_candidates, enumerate_candidates, pareto_front
+    from tarc.design.choice import DesignChoice
+    from tarc.design.identification import (
+        Identified,
+        excitation_reference,
+        identify,
+        inertia_from_data,
+        inertia_from_file,
+    )
+    from tarc.design.model_free import ModelFreeDesign, design_without_model
+    from tarc.design.requirements import DesignRequirements
+    from tarc.design.result import Design
+    from tarc.design.robustness import RobustnessSpec
+    from tarc.design.stress import StressLimit, StressRun, stress_test
+    from tarc.design.synthesis import design_controller
 
 __all__ = [
     "Adaptation",
@@ -39,3 +49,31 @@ __all__ = [
     "pareto_front",
     "stress_test",
 ]
+
+__getattr__, __dir__, _ = lazy_attributes(
+    __name__,
+    {
+        "Adaptation": "tarc.design.adaptation",
+        "Candidate": "tarc.design.candidates",
+        "Design": "tarc.design.result",
+        "DesignChoice": "tarc.design.choice",
+        "DesignRequirements": "tarc.design.requirements",
+        "Identified": "tarc.design.identification",
+        "ModelFreeDesign": "tarc.design.model_free",
+        "RobustnessSpec": "tarc.design.robustness",
+        "StressLimit": "tarc.design.stress",
+        "StressRun": "tarc.design.stress",
+        "assess_candidates": "tarc.design.candidates",
+        "choose_adaptation": "tarc.design.adaptation",
+        "design_controller": "tarc.design.synthesis",
+        "design_without_model": "tarc.design.model_free",
+        "enumerate_candidates": "tarc.design.candidates",
+        "excitation_reference": "tarc.design.identification",
+        "expected_step": "tarc.design.adaptation",
+        "identify": "tarc.design.identification",
+        "inertia_from_data": "tarc.design.identification",
+        "inertia_from_file": "tarc.design.identification",
+        "pareto_front": "tarc.design.candidates",
+        "stress_test": "tarc.design.stress",
+    },
+)

@@ -7,8 +7,8 @@ import numpy as np
 
 from tarc.core.errors import InfeasibleDesign, Relaxation
 from tarc.design.candidates import Candidate, pareto_front
+from tarc.design.problem import DesignProblem
 from tarc.design.relaxations import describe_relaxations, suggest_changes
-from tarc.design.requirements import DesignProblem
 from tarc.design.robustness import RobustnessSpec
 
 MAX_BUDGET_FACTOR = 2.0

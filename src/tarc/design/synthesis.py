@@ -16,8 +16,9 @@ from tarc.core.progress import Progress
 from tarc.design.adaptation import Adaptation, choose_adaptation, expected_step
 from tarc.design.candidates import Candidate, assess_candidates, enumerate_candidates
 from tarc.design.noise import torque_noise
+from tarc.design.problem import DesignProblem
 from tarc.design.reasons import explain_adaptation, explain_loop
-from tarc.design.requirements import DesignProblem, DesignRequirements
+from tarc.design.requirements import DesignRequirements
 from tarc.design.result import Design
 from tarc.design.robot_facts import assumptions, gravity_load
 from tarc.design.robustness import RobustnessSpec

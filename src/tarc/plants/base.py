@@ -8,6 +8,7 @@ import numpy as np
 from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter
 from tarc.core.types import Vector
+from tarc.core.units import unit_for_joints
 from tarc.core.validation import Numbers, Table
 
 
@@ -33,6 +34,11 @@ class Plant(ABC):
     def units(self) -> list[str]:
         """Return the unit of each joint's position, ``rad`` or ``m``; by default all ``rad``."""
         return ["rad"] * self.n_joints
+
+    @property
+    def torque_units(self) -> list[str]:
+        """Return the unit of each joint's torque or force, ``N m`` or ``N``."""
+        return [unit_for_joints("N m", [unit]) for unit in self.units]
 
     @property
     def torque_limits(self) -> np.ndarray:

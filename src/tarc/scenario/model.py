@@ -286,28 +286,6 @@ class Scenario(BaseModel):
             Show a progress bar when it takes more than two seconds; None for when standard error is a terminal.
         """
         setup = self.build()
-        return self.certify_setup(
-            setup,
-            tube=tube,
-            full_range=full_range,
-            speed=speed,
-            acceleration=acceleration,
-            samples=samples,
-            progress=progress,
-        )
-
-    def certify_setup(
-        self,
-        setup: Setup,
-        *,
-        tube: float = 0.01,
-        full_range: bool = False,
-        speed: Numbers | None = None,
-        acceleration: Numbers | None = None,
-        samples: int = 2000,
-        progress: bool | None = None,
-    ) -> dict[str, LawCertification]:
-        """Certify constructed laws; the parameters are those of `certify`."""
         changes = scheduled_plants(setup.plant, setup.events)
         plants = [plant for start, plant in changes if start < self.duration]
         workspace = (

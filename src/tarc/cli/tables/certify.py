@@ -1,0 +1,107 @@
+"""What `tarc certify` prints."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from tarc.certificates.base import Certificate
+from tarc.certification import LawCertification
+from tarc.cli.tables.console import VERDICT_COLOURS, WIDE, print_written
+from tarc.core.formatting import format_vector
+from tarc.scenario.model import Scenario
+
+CERTIFICATES = {
+    "robot": "this robot, however it moves in the workspace",
+    "constant_ratio": "each constant inertia ratio that occurs",
+    "sector": "constant ratio, any switching of the robust term",
+    "varying_ratio": "any varying ratio, in the widest range",
+    "lemma1": "paper, Lemma 1: ‖M(q)⁻¹M̂ − I‖ < 1",
+    "c2": "paper, condition (c2): P3 P2ᵀ > 0",
+    "theorem1": "paper, Theorem 1: Ψ > 0, nominal",
+    "theorem2": "paper, Theorem 2 as printed: Θ > 0",
+    "nominal": "Theorem 2 repaired, nominal",
+}
+"""What each kind of certificate is about, in the order of the table."""
+
+
+def _findings(certificate: Certificate) -> dict[str, Any]:
+    """Return the plain numbers of the evidence, None for a number that is not finite."""
+    evidence = certificate.to_dict()["evidence"]
+    flat = {
+        key: value
+        for content in (evidence, evidence.get("findings") or {}, evidence.get("ball") or {})
+        for key, value in content.items()
+        if not isinstance(value, dict | list)
+    }
+    for name in ("rate", "ratio_spread"):
+        if hasattr(certificate.evidence, name):
+            flat[name] = getattr(certificate.evidence, name)
+    return {key: None if value in ("inf", "-inf", "nan") else value for key, value in flat.items()}
+
+
+def certificate_summary(scenario: Scenario, found: dict[str, LawCertification], files: list[Path]) -> dict[str, Any]:
+    """Certificates as plain data, ready for JSON; their matrices are in the files."""
+    laws = {
+        name: {
+            kind: {
+                "claim": one.claim,
+                "verdict": one.verdict,
+                "margin": one.margin if math.isfinite(one.margin) else None,
+                "margin_meaning": one.margin_meaning,
+                "proof_grade": one.proof_grade,
+                "findings": _findings(one),
+                "witness": one.to_dict()["witness"],
+                "assumptions": list(one.assumptions),
+            }
+            for kind, one in certification.certificates.items()
+        }
+        for name, certification in found.items()
+    }
+    return {"name": scenario.name, "certificates": laws, "files": [str(file) for file in files]}
+
+
+def print_certificates(scenario: Scenario, found: dict[str, LawCertification], files: list[Path]) -> None:
+    """A table a law, with the worst configuration and, where a design is refuted, what to do."""
+    console = Console()
+    for name, certification in found.items():
+        table = Table(title=f"{scenario.name}: {name}", title_justify="left")
+        wide = console.width >= WIDE
+        for column in ("certificate", "verdict", "margin", *(["which is"] if wide else []), "decided in"):
+            table.add_column(column, justify="right" if column == "margin" else "left")
+        for kind, one in certification.certificates.items():
+            if kind == "lemma1":
+                table.add_section()
+            table.add_row(
+                CERTIFICATES[kind],
+                f"[{VERDICT_COLOURS[one.verdict]}]{one.verdict_in_words}[/]",
+                f"{one.margin:.3g}",
+                *([one.margin_meaning] if wide else []),
+                "ball arithmetic" if one.proof_grade else "floating point",
+            )
+        console.print(table)
+        verdict = certification.verdict
+        evidence = verdict.evidence
+        for word, ratio, point in (
+            ("least", evidence.min_ratio, evidence.points.min_ratio),
+            ("greatest", evidence.max_ratio, evidence.points.max_ratio),
+        ):
+            posture = format_vector(point.position)
+            console.print(f"{word} ratio {ratio:.4g} at q = ({posture})", highlight=False)
+        ball = evidence.ball
+        contained = ""
+        if ball is not None and ball.radius:
+            contained = f"; the ball that fits best contains {ball.min_ratio:.4g} to {ball.max_ratio:.4g}"
+        spread = f"spread {evidence.ratio_spread:.3g}, from {evidence.samples} postures and local search{contained}"
+        console.print(spread, highlight=False)
+        if evidence.rate is not None and evidence.max_rate_point is not None:
+            speeds = format_vector(evidence.max_rate_point.velocity_limits)
+            console.print(f"no joint faster than ({speeds}), M changes by at most {evidence.rate:.3g} M̂ per second")
+        text = certification.suggestion
+        if text:
+            console.print(f"[{VERDICT_COLOURS[verdict.verdict]}]{escape(text)}[/]", highlight=False)
+        console.print()
+    print_written(console, files)

@@ -1,0 +1,88 @@
+"""What `tarc design` prints."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from tarc.cli.tables.console import VERDICT_COLOURS, print_written
+from tarc.design.result import Design
+from tarc.design.stress import StressLimit
+from tarc.design.writer import plant_name
+
+
+def design_summary(design: Design, files: list[Path], limits: dict[str, StressLimit]) -> dict[str, Any]:
+    """A design as plain data, ready for JSON; its certificates are in the files."""
+    verdict, content = design.certificates["robot"], design.scenario().model_dump(mode="json")
+    return {
+        "name": content["name"],
+        "verdict": verdict.verdict,
+        "margin": verdict.margin,
+        "margin_meaning": verdict.margin_meaning,
+        "spread": design.spread,
+        "choices": {one.label: {"value": one.value, "reason": one.reason} for one in design.choices},
+        "law": content["law"],
+        "estimator": content["estimator"],
+        "torque_noise": {name: {"rms": rms, "share": share} for name, rms, share in _noise(design)},
+        "stress_limits": {
+            name: {"value": one.value, "unit": one.unit, "explanation": one.explain()} for name, one in limits.items()
+        },
+        "files": [str(file) for file in files],
+    }
+
+
+def _noise(design: Design) -> list[tuple[str, float, float | None]]:
+    """Joint, predicted RMS of its torque noise and that as a share of its limit, None where it has none."""
+    known = np.inf if design.law.torque_limit is None else np.asarray(design.law.torque_limit, dtype=float)
+    shares = [float(one) or None for one in design.torque_noise / known]
+    return list(zip(design.plants[0].joint_names, design.torque_noise.tolist(), shares, strict=True))
+
+
+def print_design(design: Design, files: list[Path]) -> None:
+    """What was chosen and why, the verdict, the torque noise to be expected, and where the files are."""
+    console = Console()
+    title = f"{type(design.law).__name__} for {plant_name(design.plants[0])}, {1 / design.law.period:g} Hz"
+    table = Table(title=title, title_justify="left", show_lines=True)
+    table.add_column("choice", width=17)
+    table.add_column("value", max_width=22)
+    table.add_column("reason")
+    for one in design.choices:
+        style = "yellow" if one.reason.startswith("WARNING") else None
+        table.add_row(*(escape(text) for text in (one.label, one.value, one.reason)), style=style)
+    console.print(table)
+    verdict = design.certificates["robot"]
+    console.print(f"[{VERDICT_COLOURS[verdict.verdict]}]{verdict.verdict}[/]: {escape(verdict.claim)}", highlight=False)
+    console.print(f"margin {verdict.margin:.3g}, {escape(verdict.margin_meaning)}", highlight=False)
+    noise = [
+        f"{escape(name)} {rms:.3g} {unit}" + ("" if share is None else f" ({100 * share:.2g} %)")
+        for (name, rms, share), unit in zip(_noise(design), design.plants[0].torque_units, strict=True)
+    ]
+    console.print(f"predicted torque noise, RMS (of the limit): {', '.join(noise)}", highlight=False)
+    loudest = max((share for _, _, share in _noise(design) if share is not None), default=0.0)
+    least = loudest * design.front[0].noise / design.candidate.noise
+    if design.noise_budget is not None and loudest > 1.0001 * design.noise_budget >= 1.0001 * least:
+        console.print(
+            f"[yellow]torque noise is above {100 * design.noise_budget:.3g} %: the error falls faster than its square; "
+            f"--noise-budget {design.noise_budget:g} keeps to it[/]",
+            highlight=False,
+        )
+    elif design.noise_budget is not None and loudest > 1.0001 * design.noise_budget:
+        console.print(
+            f"[yellow]torque noise is above {100 * design.noise_budget:.3g} %: no certified loop has less. "
+            f"An encoder with {math.ceil(math.log2(loudest / design.noise_budget))} more bits keeps to it; more rotor "
+            "inertia, less payload or a smaller joint range lower the noise[/]",
+            highlight=False,
+        )
+    print_written(console, files)
+
+
+def print_limits(limits: dict[str, StressLimit]) -> None:
+    """How far a design can be pushed, a line a question."""
+    console = Console()
+    console.print("\nhow far each may change by itself, the gains unchanged:")
+    for one in limits.values():
+        console.print(escape(one.explain()), highlight=False)

@@ -1,0 +1,53 @@
+"""What `tarc run` and `tarc demo` print."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from tarc.cli.tables.console import print_written
+from tarc.core.units import unit_for_joints
+from tarc.scenario.model import Scenario
+from tarc.simulation.quantities import MEASURES
+from tarc.simulation.run import Run
+
+
+def run_summary(scenario: Scenario, runs: dict[str, Run], files: list[Path]) -> dict[str, Any]:
+    """Return results as plain data, ready for JSON."""
+    results = {}
+    for name, run in runs.items():
+        status, metrics = run.status, run.metrics_or_none(scenario.metrics_start)
+        results[name] = {
+            "status": "completed" if status.completed else "diverged",
+            "divergence_time": status.divergence_time,
+            "fault_time": status.fault_time,
+            "saturated": status.saturated,
+            "metrics": {key: value if math.isfinite(value) else None for key, value in metrics.items()},
+        }
+    return {"name": scenario.name, "runs": results, "files": [str(file) for file in files]}
+
+
+def print_runs(scenario: Scenario, runs: dict[str, Run], files: list[Path]) -> None:
+    """Print a table of measures, one column per run, and the files."""
+    console = Console()
+    since = f", measured after {scenario.metrics_start:g} s" if scenario.metrics_start else ""
+    table = Table(title=f"{scenario.name}, {scenario.duration:g} s{since}", title_justify="left")
+    table.add_column("measure")
+    for name in runs:
+        table.add_column(name, justify="right")
+    table.add_column("unit")
+    results = {name: run.metrics_or_none(scenario.metrics_start) for name, run in runs.items()}
+    joint_units = next(iter(runs.values())).joint_units
+    for key, (label, _, scale, unit) in MEASURES.items():
+        if any(key in result for result in results.values()):
+            cells = [f"{scale * result[key]:.4g}" if key in result else "–" for result in results.values()]
+            table.add_row(label, *cells, unit_for_joints(unit, joint_units))
+    table.add_section()
+    statuses = [str(run.status) for run in runs.values()]
+    table.add_row("status", *[s if s.startswith("completed") else f"[bold red]{s}[/bold red]" for s in statuses], "")
+    console.print(table)
+    if not any(results.values()):
+        console.print(f"no measures: no run lasts beyond metrics_start, {scenario.metrics_start:g} s")
+    print_written(console, files)

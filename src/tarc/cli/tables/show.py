@@ -1,0 +1,115 @@
+"""What `tarc show` prints."""
+
+import inspect
+import json
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+import tarc.laws
+from tarc.core import validation as check
+from tarc.core.errors import InvalidParameter
+from tarc.plants.mujoco import MujocoPlant
+from tarc.plants.robot_file import shipped_robots
+from tarc.scenario.loader import find_scenario, shipped_scenarios
+from tarc.scenario.schema import SECTIONS, catalogue, parameters
+
+
+def _entries() -> dict[str, dict[str, Any]]:
+    entries: dict[str, dict[str, Any]] = {section: dict(catalogue(section)) for section in SECTIONS}
+    entries["robot"] = {"file": MujocoPlant.from_file, **entries["robot"]}
+    return entries
+
+
+def _first_line(kind: Any) -> str:
+    return (inspect.getdoc(kind) or "").split("\n\n")[0].replace("\n", " ")
+
+
+def print_catalogue(as_json: bool) -> None:
+    """All kinds of all sections, each with its parameters."""
+    entries = _entries()
+    if as_json:
+        content = {
+            section: {name: {"about": _first_line(kind), "parameters": _defaults(kind)} for name, kind in kinds.items()}
+            for section, kinds in entries.items()
+        }
+        shipped = {"robots": [r.removesuffix(".xml") for r in shipped_robots()], "scenarios": shipped_scenarios()}
+        print(json.dumps({**content, "shipped": shipped}, indent=2, default=str))
+        return
+    console = Console()
+    for section, kinds in entries.items():
+        table = Table(title=section, title_justify="left", show_header=False, title_style="bold", expand=True)
+        table.add_column("kind", no_wrap=True, style="cyan")
+        table.add_column("what")
+        for name, kind in kinds.items():
+            text = "parameters: " + ", ".join(parameters(kind)) if parameters(kind) else ""
+            table.add_row(name, f"{escape(_first_line(kind))}\n[dim]{escape(text)}[/dim]")
+        console.print(table)
+    robots = ", ".join(name.removesuffix(".xml") for name in shipped_robots())
+    console.print(f"shipped robots: {robots}; shipped scenarios: {', '.join(shipped_scenarios())}")
+    console.print("Details of one: tarc show TARC")
+
+
+def _defaults(kind: Any) -> dict[str, Any]:
+    return {
+        name: {"allowed": parameter.words, "default": "required" if parameter.needed else parameter.default}
+        for name, parameter in parameters(kind).items()
+    }
+
+
+def print_kind(name: str, as_json: bool) -> None:
+    """One kind: its documentation, and its parameters with defaults."""
+    found = {key: kind for kinds in _entries().values() for key, kind in kinds.items()}
+    # their parameters are those of every law on them
+    found |= {name: getattr(tarc.laws, name) for name in ("TDE", "PolePlacement", "Law")}
+    names = {key.lower(): key for key in found}
+    if name.lower().removesuffix(".xml") in (file.removesuffix(".xml") for file in shipped_robots()):
+        print_robot(name.lower(), as_json)
+        return
+    if name.lower() in shipped_scenarios():
+        print(find_scenario(name).read_text(encoding="utf-8"), end="")
+        return
+    name = names.get(name.lower(), name)
+    if name not in found:
+        raise InvalidParameter(
+            f"show: nothing is called {name!r}; there are {', '.join(found)}.{check.did_you_mean(name, found)}"
+        )
+    kind = found[name]
+    if as_json:
+        print(
+            json.dumps({"name": name, "about": _first_line(kind), "parameters": _defaults(kind)}, indent=2, default=str)
+        )
+        return
+    console = Console()
+    console.print(f"[bold]{name}[/bold]\n")
+    console.print(escape(inspect.getdoc(kind) or ""), highlight=False)
+    table = Table(title="parameters in a scenario", title_justify="left")
+    for column in ("name", "default", "allowed"):
+        table.add_column(column)
+    for parameter in parameters(kind).values():
+        table.add_row(parameter.name, "required" if parameter.needed else str(parameter.default), parameter.words)
+    console.print(table)
+
+
+def print_robot(name: str, as_json: bool) -> None:
+    """Print the joints of a shipped robot: names, units and limits."""
+    plant = MujocoPlant.from_file(name)
+    rows = [
+        {"joint": joint, "unit": unit, "torque_limit": float(torque), "velocity_limit": float(velocity)}
+        for joint, unit, torque, velocity in zip(
+            plant.joint_names, plant.units, plant.torque_limits, plant.velocity_limits, strict=True
+        )
+    ]
+    if as_json:
+        print(json.dumps({"name": name, "joints": rows}, indent=2))
+        return
+    table = Table(title=f"robot {name}", title_justify="left")
+    for column in ("joint", "unit", "torque limit [N m or N]", "velocity limit [1/s]"):
+        table.add_column(column)
+    for row in rows:
+        table.add_row(row["joint"], row["unit"], f"{row['torque_limit']:g}", f"{row['velocity_limit']:g}")
+    console = Console()
+    console.print(table)
+    console.print(f"In a scenario: robot: {{file: {name}}}; tarc show file lists its options", highlight=False)
