@@ -5,6 +5,8 @@ as they stand, CasADi traces them. Vectors have shape (n,) in NumPy and n-by-1 i
 column per sample, newest first, so that every product is matrix times vector in both.
 """
 
+import hashlib
+
 import casadi as ca
 import numpy as np
 
@@ -116,7 +118,8 @@ def weighted_sum(window: Vector, weights: Vector) -> Vector:
     """
     if isinstance(window, ca.SX) and window.numel() > WIDE:
         samples = ca.MX.sym("samples", *window.shape)
-        return ca.Function("weighted_sum", [samples], [samples @ weights], {"never_inline": True})(window)
+        digest = hashlib.sha256(repr((window.shape, np.asarray(weights).tolist())).encode()).hexdigest()[:12]
+        return ca.Function(f"weighted_sum_{digest}", [samples], [samples @ weights], {"never_inline": True})(window)
     return window @ weights
 
 

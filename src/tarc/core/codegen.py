@@ -1,5 +1,6 @@
 """Traced functions as machine code, where a C compiler is found."""
 
+import ctypes
 import hashlib
 import importlib.util
 import os
@@ -11,11 +12,14 @@ import tempfile
 from pathlib import Path
 
 import casadi as ca
+import numpy as np
 
-from tarc.core.errors import CompilationError, MissingTool
+from tarc.core.c_emitter import emit
+from tarc.core.errors import CompilationError, InvalidParameter, MissingTool
+from tarc.core.types import Array
 
-FLAGS = ["-O2", "-fPIC", "-shared"]
-"""No fast mathematics: the laws rely on what comparisons with NaN give."""
+FLAGS = ["-std=c99", "-O3", "-ffp-contract=off", "-fPIC", "-shared"]
+"""No fast mathematics, since the laws rely on comparisons with NaN; no contraction, so that numbers are the same."""
 
 
 def compiler() -> list[str]:
@@ -41,10 +45,7 @@ def cache() -> Path:
 
 
 def compiled(function: ca.Function) -> ca.Function:
-    """Compile a function to machine code.
-
-    The C that CasADi generates is compiled once and kept under the hash of its text and of the compiler's command, so
-    that the next call with the same equations and numbers only loads it.
+    """Compile a traced function to machine code.
 
     Raises
     ------
@@ -53,30 +54,136 @@ def compiled(function: ca.Function) -> ca.Function:
     CompilationError
         When the compiler fails, or the cache cannot be written.
     """
-    generator = ca.CodeGenerator(f"{function.name()}.c")
-    generator.add(function)
-    code, command = generator.dump(), [*compiler(), *FLAGS]
-    name = hashlib.sha256("\n".join([code, *command, ca.CasadiMeta.version()]).encode()).hexdigest()[:32]
+    return ca.external(function.name(), str(_library(_callable_from_casadi(function))))
+
+
+class CompiledLoop:
+    """A traced step and its loop over periods in machine code.
+
+    Parameters
+    ----------
+    function
+        ``[state, input] -> [next state, output]``, as `tarc.core.tracing.trace` returns it.
+
+    Raises
+    ------
+    MissingTool
+        When there is no compiler.
+    CompilationError
+        When the compiler fails, or the cache cannot be written.
+    """
+
+    def __init__(self, function: ca.Function):
+        self._sizes = function.nnz_in(0), function.nnz_in(1), function.nnz_out(1)
+        self._run = ctypes.CDLL(str(_library(_with_loop(function)))).run
+        self._run.argtypes = [ctypes.c_long, *[ctypes.c_void_p] * 3]
+        self._run.restype = None
+
+    def run(self, state: Array, inputs: Array) -> Array:
+        """Step once per row of the inputs, shape (periods, inputs); return the outputs, shape (periods, outputs).
+
+        The state vector is replaced by that after the last period.
+        """
+        n_state, n_inputs, n_outputs = self._sizes
+        if state.shape != (n_state,) or inputs.shape != (len(inputs), n_inputs):
+            raise InvalidParameter(
+                f"state, inputs: got shapes {state.shape} and {inputs.shape}; needs ({n_state},) and (k, {n_inputs})"
+            )
+        inputs = np.ascontiguousarray(inputs, dtype=float)
+        outputs = np.empty((len(inputs), n_outputs))
+        self._run(len(inputs), state.ctypes.data, inputs.ctypes.data, outputs.ctypes.data)
+        return outputs
+
+
+def _with_loop(function: ca.Function) -> str:
+    """Return C with ``run``, which steps a function period by period."""
+    n_state, n_inputs, n_outputs = function.nnz_in(0), function.nnz_in(1), function.nnz_out(1)
+    return f"""{emit(function, "step")}
+void run(long periods, double *state, const double *inputs, double *outputs);
+void run(long periods, double *state, const double *inputs, double *outputs)
+{{
+  double next[{max(n_state, 1)}];
+  for (long k = 0; k < periods; ++k) {{
+    const double *const arg[] = {{state, inputs + {n_inputs} * k}};
+    double *const res[] = {{next, outputs + {n_outputs} * k}};
+    step(arg, res);
+    memcpy(state, next, {n_state} * sizeof(double));
+  }}
+}}
+"""
+
+
+def _callable_from_casadi(function: ca.Function) -> str:
+    """Return C with the entry points that ``casadi.external`` looks for."""
+    name, n_in, n_out = function.name(), function.n_in(), function.n_out()
+    sizes_in = [function.nnz_in(i) for i in range(n_in)]
+    sizes_out = [function.nnz_out(i) for i in range(n_out)]
+    parts = [
+        emit(function, "evaluate"),
+        f"long long {name}_n_in(void) {{ return {n_in}; }}",
+        f"long long {name}_n_out(void) {{ return {n_out}; }}",
+    ]
+    for side, count, label, sparsity in (
+        ("in", n_in, function.name_in, function.sparsity_in),
+        ("out", n_out, function.name_out, function.sparsity_out),
+    ):
+        for i in range(count):
+            pattern = ", ".join(map(str, sparsity(i).compress()))
+            parts.append(f"static const long long sparsity_{side}{i}[] = {{{pattern}}};")
+        patterns = ", ".join(f"sparsity_{side}{i}" for i in range(count))
+        names = ", ".join(f'"{label(i)}"' for i in range(count))
+        parts.append(f"static const long long *const sparsities_{side}[] = {{{patterns}}};")
+        parts.append(f"static const char *const names_{side}[] = {{{names}}};")
+        parts.append(f"const long long *{name}_sparsity_{side}(long long i) {{ return sparsities_{side}[i]; }}")
+        parts.append(f"const char *{name}_name_{side}(long long i) {{ return names_{side}[i]; }}")
+    parts.append(
+        f"""int {name}(const double **arg, double **res, long long *iw, double *w, int mem)
+{{
+  static const double zero[{max(sizes_in, default=1) or 1}];
+  double unused[{max(sizes_out, default=1) or 1}];
+  const double *in[{n_in or 1}];
+  double *out[{n_out or 1}];
+  (void)iw, (void)w, (void)mem;
+  for (int i = 0; i < {n_in}; ++i)
+    in[i] = arg[i] ? arg[i] : zero;
+  for (int i = 0; i < {n_out}; ++i)
+    out[i] = res[i] ? res[i] : unused;
+  evaluate(in, out);
+  return 0;
+}}
+"""
+    )
+    return "\n".join(parts)
+
+
+def _library(code: str) -> Path:
+    """Return the shared library of C source, compiled once and kept under the hash of its text and of the command."""
+    command = [*compiler(), *FLAGS]
+    name = hashlib.sha256("\n".join([code, *command]).encode()).hexdigest()[:32]
     library = cache() / f"{name}.so"
-    if not library.is_file():
-        try:
-            library.parent.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryDirectory(dir=library.parent) as folder:
-                source = Path(folder, f"{function.name()}.c")
-                output = Path(folder, "output.so")
-                source.write_text(code)
-                command += [str(source), "-lm", "-o", str(output)]
-                try:
-                    process = subprocess.run(command, capture_output=True, text=True, check=False)
-                except FileNotFoundError:
-                    raise MissingTool(f"native: there is no compiler {command[0]!r}; correct or unset $CC") from None
-                if process.returncode:
-                    message = process.stderr.strip()[-500:] or "it printed nothing"
-                    raise CompilationError(f"native: {shlex.join(command[:-4])} failed: {message}")
-                output.replace(library)
-        except OSError as error:
-            raise CompilationError(
-                f"native: cannot compile into {library.parent}: {error.strerror or error}; set XDG_CACHE_HOME to a "
-                "folder that can be written, or leave native out"
-            ) from None
-    return ca.external(function.name(), str(library))
+    if library.is_file():
+        return library
+    try:
+        library.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=library.parent) as folder:
+            source = Path(folder, "source.c")
+            output = Path(folder, "output.so")
+            source.write_text(code)
+            _compile([*command, str(source), "-lm", "-o", str(output)])
+            output.replace(library)
+    except OSError as error:
+        raise CompilationError(
+            f"native: cannot compile into {library.parent}: {error.strerror or error}; set XDG_CACHE_HOME to a "
+            "folder that can be written, or leave native out"
+        ) from None
+    return library
+
+
+def _compile(command: list[str]) -> None:
+    try:
+        process = subprocess.run(command, capture_output=True, text=True, check=False)
+    except FileNotFoundError:
+        raise MissingTool(f"native: there is no compiler {command[0]!r}; correct or unset $CC") from None
+    if process.returncode:
+        message = process.stderr.strip()[-500:] or "it printed nothing"
+        raise CompilationError(f"native: {shlex.join(command[:-4])} failed: {message}")

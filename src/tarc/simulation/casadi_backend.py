@@ -1,10 +1,14 @@
 """The closed loop as one CasADi function, for plants in symbols."""
 
+from collections.abc import Callable
+
+import casadi as ca
 import numpy as np
 
-from tarc.core.codegen import compiled
+from tarc.core.codegen import CompiledLoop
 from tarc.core.tracing import BUFFER_PERIODS, PeriodBuffer, trace
 from tarc.core.trees import pack
+from tarc.core.types import Array
 from tarc.simulation.closed_loop import ClosedLoop, LoopInput
 from tarc.simulation.monitor import DIVERGENCE_CHECK_INTERVAL, DivergenceMonitor
 from tarc.simulation.record import Record
@@ -18,32 +22,48 @@ def run_casadi(
     monitor: DivergenceMonitor,
     native: bool = False,
 ) -> Record:
-    """Trace the whole loop into one CasADi function and call it once per period over fixed memory."""
+    """Trace the whole loop into one CasADi function; step it by CasADi's virtual machine, or in machine code."""
     n = loop.plant.n_joints
     state = loop.init(initial.position, initial.velocity, initial.torque, inputs.noise[:, 0])
     parameters = {name: np.array(loop.plant.parameters[name]) for name in inputs.schedules}
     zero = np.zeros(n)
     value = LoopInput(zero, zero, zero, zero, np.zeros((n, loop.substeps)), parameters)
     function, example = trace(loop.step, state, value, name="period")
-    buffer = PeriodBuffer(compiled(function) if native else function, pack(state), BUFFER_PERIODS)
-
+    advance = _compiled(function, pack(state)) if native else _interpreted(function, pack(state))
     n_periods = len(inputs.times)
     columns = _input_rows(inputs)
     rows = np.empty((n_periods, function.nnz_out(1)))
-    n_checked = 0
     stop = 0
     with monitor.progress:
-        for start in range(0, n_periods, BUFFER_PERIODS):
-            stop = min(start + BUFFER_PERIODS, n_periods)
-            buffer.rows["u"][: stop - start] = columns[start:stop]
-            for call in buffer.calls[: stop - start]:
-                call()
-            rows[start:stop] = buffer.rows["y"][: stop - start]
-            if stop - n_checked >= DIVERGENCE_CHECK_INTERVAL or stop == n_periods:
-                if not monitor.update(n_checked, rows[n_checked:stop, :n]):
-                    break
-                n_checked = stop
+        for start in range(0, n_periods, DIVERGENCE_CHECK_INTERVAL):
+            stop = min(start + DIVERGENCE_CHECK_INTERVAL, n_periods)
+            rows[start:stop] = advance(columns[start:stop])
+            if not monitor.update(start, rows[start:stop, :n]):
+                break
     return Record.from_rows(example, rows[: monitor.valid_rows(stop)])
+
+
+def _compiled(function: ca.Function, state: Array) -> Callable[[Array], Array]:
+    """Return what steps the loop in machine code, from rows of inputs (k, inputs) to rows of outputs (k, outputs)."""
+    loop = CompiledLoop(function)
+    return lambda inputs: loop.run(state, inputs)
+
+
+def _interpreted(function: ca.Function, state: Array) -> Callable[[Array], Array]:
+    """Return what steps the loop in the virtual machine, from rows of inputs to rows of outputs."""
+    buffer = PeriodBuffer(function, state, BUFFER_PERIODS)
+
+    def advance(inputs: Array) -> Array:
+        outputs = np.empty((len(inputs), function.nnz_out(1)))
+        for start in range(0, len(inputs), BUFFER_PERIODS):
+            count = min(BUFFER_PERIODS, len(inputs) - start)
+            buffer.rows["u"][:count] = inputs[start : start + count]
+            for call in buffer.calls[:count]:
+                call()
+            outputs[start : start + count] = buffer.rows["y"][:count]
+        return outputs
+
+    return advance
 
 
 def _input_rows(inputs: SampledInputs) -> np.ndarray:

@@ -6,7 +6,7 @@ from tarc.core import validation as check
 from tarc.core.progress import Progress
 from tarc.simulation.sampled_inputs import SampledInputs
 
-DIVERGENCE_CHECK_INTERVAL = 500
+DIVERGENCE_CHECK_INTERVAL = 512
 """Control periods between two checks for divergence."""
 
 

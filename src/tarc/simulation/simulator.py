@@ -87,7 +87,7 @@ def simulate(
         Seed of all noise.
     native
         Compile the traced functions to machine code. The first time takes a second or so, later the result is
-        reused; needs a C compiler. The result is the same to rounding.
+        reused; needs a C compiler. The numbers are the same.
     progress
         Show a progress bar when the run takes more than two seconds; None for when standard error is a terminal.
 

@@ -1,0 +1,213 @@
+"""C99 from the instructions of a traced function."""
+
+import re
+from collections.abc import Iterator
+
+import casadi as ca
+import numpy as np
+
+from tarc.core.errors import InvalidParameter
+
+ARITHMETIC = {
+    ca.OP_ASSIGN: "{0}",
+    ca.OP_NEG: "-{0}",
+    ca.OP_SQ: "{0} * {0}",
+    ca.OP_TWICE: "2.0 * {0}",
+    ca.OP_INV: "1.0 / {0}",
+    ca.OP_SQRT: "sqrt({0})",
+    ca.OP_EXP: "exp({0})",
+    ca.OP_LOG: "log({0})",
+    ca.OP_SIN: "sin({0})",
+    ca.OP_COS: "cos({0})",
+    ca.OP_TAN: "tan({0})",
+    ca.OP_ASIN: "asin({0})",
+    ca.OP_ACOS: "acos({0})",
+    ca.OP_ATAN: "atan({0})",
+    ca.OP_SINH: "sinh({0})",
+    ca.OP_COSH: "cosh({0})",
+    ca.OP_TANH: "tanh({0})",
+    ca.OP_FABS: "fabs({0})",
+    ca.OP_FLOOR: "floor({0})",
+    ca.OP_CEIL: "ceil({0})",
+    ca.OP_SIGN: "{0} < 0.0 ? -1.0 : {0} > 0.0 ? 1.0 : {0}",
+    ca.OP_ADD: "{0} + {1}",
+    ca.OP_SUB: "{0} - {1}",
+    ca.OP_MUL: "{0} * {1}",
+    ca.OP_DIV: "{0} / {1}",
+    ca.OP_POW: "pow({0}, {1})",
+    ca.OP_CONSTPOW: "pow({0}, {1})",
+    ca.OP_ATAN2: "atan2({0}, {1})",
+    ca.OP_FMOD: "fmod({0}, {1})",
+    ca.OP_COPYSIGN: "copysign({0}, {1})",
+    # of two zeros of opposite sign the first, which fmin and fmax of C leave open
+    ca.OP_FMIN: "{0} <= {1} || {1} != {1} ? {0} : {1}",
+    ca.OP_FMAX: "{0} >= {1} || {1} != {1} ? {0} : {1}",
+    ca.OP_HYPOT: "hypot({0}, {1})",
+}
+COMPARISONS = {
+    ca.OP_LT: "{0} < {1}",
+    ca.OP_LE: "{0} <= {1}",
+    ca.OP_EQ: "{0} == {1}",
+    ca.OP_NE: "{0} != {1}",
+}
+LOGICAL = {ca.OP_NOT: "!{0}", ca.OP_AND: "{0} && {1}", ca.OP_OR: "{0} || {1}"}
+
+
+def emit(function: ca.Function, name: str) -> str:
+    """Return C99 source of a traced function and of the functions that it calls.
+
+    It defines ``static void NAME(const double *const *arg, double *const *res)``. Each input or output is the column
+    of its stored elements, as CasADi orders them. The statements follow the instructions one by one. A compiler that
+    does not contract products (``-ffp-contract=off``) gives the numbers of CasADi's virtual machine to the last bit.
+    Comparisons are of the type ``bool``.
+
+    Parameters
+    ----------
+    function
+        Traced with ``casadi.SX``. What it calls is traced so too, or multiplies its input by a constant matrix.
+    name
+        Name of the function in C.
+
+    Raises
+    ------
+    InvalidParameter
+        For an instruction that has no counterpart in C.
+    """
+    parts = ["#include <math.h>", "#include <stdbool.h>", "#include <string.h>", ""]
+    for callee in _callees(function):
+        body = _scalar_body(callee) if callee.is_a("SXFunction") else _product_body(callee)
+        parts += [f"static void {_signature(callee.name())}", *body, ""]
+    parts += [f"static void {_signature(name)}", *_scalar_body(function), ""]
+    return "\n".join(parts)
+
+
+def _signature(name: str) -> str:
+    return f"{name}(const double *const *arg, double *const *res)"
+
+
+def _callees(function: ca.Function) -> list[ca.Function]:
+    """Return the functions that are called, directly or not, each once and after those that it calls itself."""
+    ordered: dict[str, ca.Function] = {}
+    for callee in function.find_functions(0):
+        ordered |= {inner.name(): inner for inner in _callees(callee)}
+        ordered[callee.name()] = callee
+    return list(ordered.values())
+
+
+def _called_names(function: ca.Function) -> Iterator[str]:
+    """Return the names of the called functions in the order of the calls, which only the printed algorithm has."""
+    return iter(re.findall(r"^\[.*\] = (\w+)\(", function.str(True), re.MULTILINE))
+
+
+def _number(value: float) -> str:
+    """Return a C literal that reads back as the same number."""
+    if value != value:
+        return "NAN"
+    if abs(value) == float("inf"):
+        return "INFINITY" if value > 0 else "-INFINITY"
+    text = repr(float(value))
+    return text if "." in text or "e" in text else f"{text}.0"
+
+
+class _Registers:
+    """The C variable that each register of the virtual machine is in, and whether it is a ``bool``."""
+
+    def __init__(self) -> None:
+        self._variables: dict[int, tuple[str, bool]] = {}
+
+    def put(self, index: int, name: str, is_bool: bool = False) -> None:
+        self._variables[index] = (name, is_bool)
+
+    def real(self, index: int) -> str:
+        name, is_bool = self._variables[index]
+        return f"({name} ? 1.0 : 0.0)" if is_bool else name
+
+    def truth(self, index: int) -> str:
+        name, is_bool = self._variables[index]
+        return name if is_bool else f"({name} != 0.0)"
+
+
+def _scalar_body(function: ca.Function) -> list[str]:
+    """Return the body of a function of scalar instructions."""
+    lines = ["{"]
+    callees = {callee.name(): callee for callee in _callees(function)}
+    called = _called_names(function)
+    registers = _Registers()
+    for k in range(function.n_instructions()):
+        operation = function.instruction_id(k)
+        inputs = function.instruction_input(k)
+        outputs = function.instruction_output(k)
+        if operation == ca.OP_OUTPUT:
+            place, element = outputs
+            lines.append(f"  res[{place}][{element}] = {registers.real(inputs[0])};")
+        elif operation == ca.OP_CALL:
+            lines += _call(k, callees[next(called)], [registers.real(index) for index in inputs], len(outputs))
+            for element, output in enumerate(outputs):
+                registers.put(output, f"y{k}[{element}]")
+        else:
+            text, is_bool = _expression(function, k, operation, inputs, registers)
+            lines.append(f"  const {'bool' if is_bool else 'double'} a{k} = {text};")
+            registers.put(outputs[0], f"a{k}", is_bool)
+    return [*lines, "}"]
+
+
+def _expression(
+    function: ca.Function, k: int, operation: int, inputs: list[int], registers: _Registers
+) -> tuple[str, bool]:
+    """Return the right-hand side of an instruction, and whether it is a ``bool``."""
+    real, truth = registers.real, registers.truth
+    if operation == ca.OP_INPUT:
+        place, element = inputs
+        return f"arg[{place}][{element}]", False
+    if operation == ca.OP_CONST:
+        return _number(function.instruction_constant(k)), False
+    if operation in COMPARISONS:
+        return COMPARISONS[operation].format(*map(real, inputs)), True
+    if operation in LOGICAL:
+        return LOGICAL[operation].format(*map(truth, inputs)), True
+    if operation == ca.OP_IF_ELSE_ZERO:
+        condition, value = inputs
+        return f"{truth(condition)} ? {real(value)} : 0.0", False
+    if operation in ARITHMETIC:
+        return ARITHMETIC[operation].format(*map(real, inputs)), False
+    raise InvalidParameter(
+        f"{function.name()}: instruction {k} is CasADi's operation {operation}, which has no counterpart in C"
+    )
+
+
+def _call(k: int, callee: ca.Function, values: list[str], n_outputs: int) -> list[str]:
+    """Return the statements of a call, whose results are in the array ``y<k>``."""
+    ends_in = np.cumsum([0, *(callee.nnz_in(i) for i in range(callee.n_in()))])
+    ends_out = np.cumsum([0, *(callee.nnz_out(i) for i in range(callee.n_out()))])
+    arguments = ", ".join(f"x{k} + {start}" for start in ends_in[:-1])
+    results = ", ".join(f"y{k} + {start}" for start in ends_out[:-1])
+    return [
+        f"  const double x{k}[{len(values)}] = {{{', '.join(values)}}};",
+        f"  double y{k}[{n_outputs}];",
+        f"  {callee.name()}((const double *const[]){{{arguments}}}, (double *const[]){{{results}}});",
+    ]
+
+
+def _product_body(function: ca.Function) -> list[str]:
+    """Return the body of a function that multiplies its one input (n, m) by a constant matrix (m, p) on the right."""
+    operations = [function.instruction_id(k) for k in range(function.n_instructions())]
+    (constant,) = [
+        matrix
+        for k, operation in enumerate(operations)
+        if operation == ca.OP_CONST and (matrix := function.instruction_MX(k).to_DM()).shape[0] == function.size2_in(0)
+    ]
+    rows, columns = constant.shape
+    height = function.size1_in(0)
+    numbers = ", ".join(_number(float(number)) for number in np.array(constant).T.ravel())
+    return [
+        "{",
+        f"  static const double weights[{rows * columns}] = {{{numbers}}};",
+        f"  for (int column = 0; column < {columns}; ++column)",
+        f"    for (int row = 0; row < {height}; ++row) {{",
+        "      double sum = 0.0;",
+        f"      for (int k = 0; k < {rows}; ++k)",
+        f"        sum += arg[0][row + {height} * k] * weights[k + {rows} * column];",
+        f"      res[0][row + {height} * column] = sum;",
+        "    }",
+        "}",
+    ]
