@@ -10,7 +10,8 @@ from tarc import TarcError, laws, plants, signals
 from tarc.analysis import Workspace
 from tarc.certificates import certify_varying_ratio
 from tarc.design.adaptation import MIN_LAYER_TO_NOISE, RISE_TO_FALL, Adaptation, choose_adaptation, expected_step
-from tarc.design.candidates import assess_candidates, enumerate_candidates, peak_error
+from tarc.design.assessment import assess_candidates
+from tarc.design.candidates import enumerate_candidates, peak_error
 from tarc.design.robustness import RobustnessSpec
 
 PERIOD = 1e-3

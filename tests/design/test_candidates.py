@@ -17,7 +17,8 @@ from tarc.analysis.inertia_ratio import inertia_spread
 from tarc.analysis.inertia_shape import best_inertia_shape
 from tarc.analysis.operating_points import UncertaintySamples
 from tarc.certificates import certify_robot, certify_varying_ratio
-from tarc.design.candidates import assess_candidates, enumerate_candidates, pareto_front, peak_error, step_error
+from tarc.design.assessment import assess_candidates
+from tarc.design.candidates import enumerate_candidates, pareto_front, peak_error, step_error
 from tarc.design.robustness import RobustnessSpec
 
 PERIOD = 1e-3

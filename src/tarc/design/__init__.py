@@ -9,7 +9,8 @@ require("cli", "tarc.design")
 
 if TYPE_CHECKING:
     from tarc.design.adaptation import Adaptation, choose_adaptation, expected_step
-    from tarc.design.candidates import Candidate, assess_candidates, enumerate_candidates, pareto_front
+    from tarc.design.assessment import assess_candidates
+    from tarc.design.candidates import Candidate, enumerate_candidates, pareto_front
     from tarc.design.choice import DesignChoice
     from tarc.design.identification import (
         Identified,
@@ -63,7 +64,7 @@ __getattr__, __dir__, _ = lazy_attributes(
         "RobustnessSpec": "tarc.design.robustness",
         "StressLimit": "tarc.design.stress",
         "StressRun": "tarc.design.stress",
-        "assess_candidates": "tarc.design.candidates",
+        "assess_candidates": "tarc.design.assessment",
         "choose_adaptation": "tarc.design.adaptation",
         "design_controller": "tarc.design.synthesis",
         "design_without_model": "tarc.design.model_free",

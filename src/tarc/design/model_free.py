@@ -10,7 +10,8 @@ from tarc.core import validation as check
 from tarc.core.errors import InfeasibleDesign, Relaxation
 from tarc.core.validation import Matrix
 from tarc.design.adaptation import choose_adaptation
-from tarc.design.candidates import Candidate, assess_candidates, enumerate_candidates, pareto_front
+from tarc.design.assessment import assess_candidates
+from tarc.design.candidates import Candidate, enumerate_candidates, pareto_front
 from tarc.design.noise import measurement_deviation, torque_noise
 from tarc.design.requirements import default_encoder
 from tarc.design.robustness import RobustnessSpec

@@ -9,7 +9,8 @@ from tarc.analysis.inertia_ratio import inertia_spread
 from tarc.analysis.inertia_shape import best_inertia_shape
 from tarc.analysis.workspace import Workspace
 from tarc.core.errors import NotConverged, Relaxation
-from tarc.design.candidates import Candidate, assess_candidates, enumerate_candidates
+from tarc.design.assessment import assess_candidates
+from tarc.design.candidates import Candidate, enumerate_candidates
 from tarc.design.problem import DesignProblem
 from tarc.design.robustness import RobustnessSpec
 from tarc.plants.base import Plant

@@ -14,7 +14,8 @@ from tarc.certification import certify_law
 from tarc.core.errors import InfeasibleDesign, InvalidParameter
 from tarc.core.progress import Progress
 from tarc.design.adaptation import Adaptation, choose_adaptation, expected_step
-from tarc.design.candidates import Candidate, assess_candidates, enumerate_candidates
+from tarc.design.assessment import assess_candidates
+from tarc.design.candidates import Candidate, enumerate_candidates
 from tarc.design.noise import torque_noise
 from tarc.design.problem import DesignProblem
 from tarc.design.reasons import explain_adaptation, explain_loop
