@@ -1,1 +1,1 @@
-"""The controller's side of the joint: in a simulation, and in real time."""
+"""Controllers: sensor, law and delay in a simulation, and the law in real time."""

@@ -1,4 +1,4 @@
-"""The real-time face of a law: for the user's own robot loop."""
+"""Real-time execution of a law, for the user's own robot loop."""
 
 import logging
 from collections.abc import Sequence
@@ -23,10 +23,10 @@ Samples = Sequence[float] | np.ndarray
 
 
 class Controller:
-    """Runs a law once a period on a real robot, or on any simulator.
+    """Runs a law once per period on a real robot, or on any simulator.
 
-    No memory is allocated after construction: `step` copies its arguments into fixed arrays, calls the traced law,
-    and returns the same torque array every time (copy it if it must outlive the next step).
+    No memory is allocated after construction. `step` copies its arguments into fixed arrays, calls the traced law, and
+    returns the same torque array every time. Copy that array to keep it beyond the next step.
 
     Parameters
     ----------
@@ -40,7 +40,8 @@ class Controller:
     missing
         Samples missing in a row.
     fault
-        Whether more than ``law.max_missing`` were; the safe torque is applied until the next `reset`.
+        Whether more than ``law.max_missing`` were missing in a row; then the safe torque is applied until the next
+        `reset`.
 
     Examples
     --------
@@ -108,7 +109,7 @@ class Controller:
     def step(
         self, position: Samples, reference: Samples, velocity_reference: Samples, acceleration_reference: Samples
     ) -> np.ndarray:
-        """Torque [N m or N] for this period from the measured position and the reference, all of shape (n,).
+        """Return the torque [N m or N] for this period from the measured position and the reference, all of shape (n,).
 
         A position with NaN or infinity is a missing sample.
         """
@@ -141,17 +142,17 @@ class Controller:
 
     @property
     def missing(self) -> int:
-        """Samples missing in a row."""
+        """Return the number of samples missing in a row."""
         return int(self._missing[0])
 
     @property
     def fault(self) -> bool:
-        """Whether the law gave up and applies its safe torque."""
+        """Return whether the law gave up and applies its safe torque."""
         return bool(self._fault[0])
 
 
 def _places(signals: dict[str, Vector], start: int) -> list[tuple[slice, str]]:
-    """Where each signal lies in the output vector."""
+    """Return the place of each signal in the output vector."""
     result = []
     for name, leaf in signals.items():
         result.append((slice(start, start + np.size(leaf)), name))

@@ -1,8 +1,8 @@
 """Operations that mean the same on NumPy arrays and on CasADi symbols.
 
-Laws, estimators and sensors are written once with Python operators and these functions; NumPy runs them
-as they stand, CasADi traces them. Vectors have shape (n,) in NumPy and n-by-1 in CasADi; a history keeps one
-column per sample, newest first, so that every product is matrix times vector in both.
+Laws, estimators and sensors are written once with Python operators and these functions; NumPy runs them as they stand,
+CasADi traces them. Vectors have shape (n,) in NumPy and n-by-1 in CasADi. A history keeps one column per sample, newest
+first. Every product is then matrix times vector in both.
 """
 
 import hashlib
@@ -100,8 +100,8 @@ def norm(x: Vector, least: float = 0.0) -> Vector:
 def power(x: Vector, exponent: float, layer: float) -> Vector:
     """Return |x|^a sgn x for an exponent a > 0, smoothed: x (x² + ε²)^((a−1)/2), element by element.
 
-    Within the layer ε > 0 it is close to the line x ε^(a−1), so that its slope is finite for a < 1 and not zero for
-    a > 1; far outside it is the power itself.
+    Within the layer ε > 0 it is close to the line x ε^(a−1), whose slope is finite for a < 1 and not zero for a > 1.
+    Far outside it is the power itself.
     """
     return x * (x**2 + layer**2) ** ((exponent - 1) / 2)
 
@@ -114,7 +114,7 @@ def power_slope(x: Vector, exponent: float, layer: float) -> Vector:
 def weighted_sum(window: Vector, weights: Vector) -> Vector:
     """Multiply a window (n, N) by weights (N, j).
 
-    Where a wide one is traced it is one call in the scalar graph instead of 2nNj operations of a nanosecond each.
+    A wide window is one call in the traced scalar graph instead of 2nNj operations of a nanosecond each.
     """
     if isinstance(window, ca.SX) and window.numel() > WIDE:
         samples = ca.MX.sym("samples", *window.shape)

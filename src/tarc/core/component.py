@@ -21,7 +21,7 @@ class _Checked(ABCMeta):
 
         @property
         def __signature__(cls) -> inspect.Signature:
-            """Signature of the dataclass, which ``help`` and notebooks show."""
+            """Return the signature of the dataclass, which ``help`` and notebooks show."""
             signature = inspect.signature(cls.__init__)
             return signature.replace(parameters=list(signature.parameters.values())[1:], return_annotation=cls)
 

@@ -5,9 +5,9 @@ parameters, an explicit state, a pure step
 
     x(k+1), y(k) = step(x(k), u(k)).
 
-State, input and output are arrays or nested NamedTuples of arrays. The step is plain Python on operators that
-NumPy arrays and CasADi symbols share (see `tarc.core.array_ops`), so that one text is stepped, fused into a simulation,
-differentiated and exported.
+State, input and output are arrays or nested NamedTuples of arrays. The step is plain Python on operators that NumPy
+arrays and CasADi symbols share (see `tarc.core.array_ops`). The same function is stepped, fused into a simulation,
+differentiated and compiled.
 """
 
 from abc import ABC, abstractmethod
@@ -20,8 +20,8 @@ class System(ABC):
 
     @abstractmethod
     def init(self, first: Vector, /) -> Tree:
-        """State before the first step, made from a first input: a NamedTuple of float arrays."""
+        """Return the state before the first step, from a first input: a NamedTuple of float arrays."""
 
     @abstractmethod
     def step(self, state: Tree, value: Tree) -> tuple[Tree, Tree]:
-        """Next state and output; pure, on NumPy arrays and CasADi symbols alike."""
+        """Return the next state and the output; pure, on NumPy arrays and CasADi symbols alike."""

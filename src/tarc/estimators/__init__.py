@@ -1,4 +1,4 @@
-"""Velocity and acceleration from positions alone, all causal."""
+"""Causal estimators of velocity and acceleration from positions alone."""
 
 from tarc.estimators.algebraic import Algebraic
 from tarc.estimators.base import Estimate, Estimator

@@ -16,9 +16,9 @@ from tarc.estimators.base import WindowedEstimator
 class Algebraic(WindowedEstimator):
     """Derivatives at the newest sample of the polynomial that fits the window best.
 
-    In continuous time q̂^(j)(t) = ∫_{−ς}^0 Ω_j(ψ) q(t+ψ) dψ with the kernel of `kernel`; in discrete time the exact
-    least-squares weights over the N + 1 newest samples, ς = N T, which tend to the kernel as N grows. Both are exact
-    on polynomials up to the degree Λ. No low-pass filter is needed: the window is one.
+    In continuous time q̂^(j)(t) = ∫_{−ς}^0 Ω_j(ψ) q(t+ψ) dψ with the kernel of `kernel`. In discrete time it has the
+    exact least-squares weights over the N + 1 newest samples, ς = N T. They tend to the kernel as N grows. Both are
+    exact on polynomials up to the degree Λ. The window is itself a low-pass filter.
 
     Parameters
     ----------
@@ -59,16 +59,16 @@ class Algebraic(WindowedEstimator):
 
     @property
     def samples(self) -> int:
-        """N + 1, how many samples the window holds, both ends counted."""
+        """Return N + 1, the number of samples in the window, both ends counted."""
         return check.whole_periods("window", self.window, self.sampling_period) + 1
 
     @property
     def max_derivative(self) -> int:
-        """Up to the degree."""
+        """Return the degree."""
         return self.degree
 
     def kernel(self, psi: Numbers, derivative: int = 1) -> np.ndarray:
-        """Continuous kernel Ω_j(ψ) [s^−(j+1)] for ψ in [−ς, 0].
+        """Return the continuous kernel Ω_j(ψ) [s^−(j+1)] for ψ in [−ς, 0].
 
         Ω_j(ψ) = (Λ+1+j)! / (ς^{j+1} j! (Λ−j)!) Σ_k (Λ+1+k)! / ((j+k+1)(Λ−k)!(k!)²) (ψ/ς)^k. The factor (−1)^k that
         the paper prints in the sum belongs to the convention with q(t−ψ) and is left out.
@@ -87,16 +87,16 @@ class Algebraic(WindowedEstimator):
         return np.where((psi >= -self.window) & (psi <= 0), scale * total, 0.0)
 
     def weights(self, derivative: int) -> np.ndarray:
-        """Least-squares weights [s^−j] of the N + 1 samples, newest first, for the derivative at the newest."""
+        """Return the weights [s^−j] of the N + 1 samples, newest first, for the derivative at the newest."""
         return self._fit[self._order(derivative)] * factorial(derivative) / self.window**derivative
 
     @property
     def prediction(self) -> np.ndarray:
-        """Weights over the past window that give its polynomial's value one period on."""
+        """Return the weights over the past window that give its polynomial's value one period later."""
         return (1 / (self.samples - 1)) ** np.arange(self.degree + 1) @ self._fit
 
     @cached_property
     def _fit(self) -> np.ndarray:
-        """Rows: coefficients of the best polynomial in time over ς, from samples newest first."""
+        """Return in rows the coefficients of the best polynomial in time over ς, from samples newest first."""
         age = -np.linspace(0, 1, self.samples)
         return np.linalg.pinv(np.vander(age, self.degree + 1, increasing=True))

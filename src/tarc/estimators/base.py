@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 class Estimate(NamedTuple):
     """Output of an estimator for one sample.
 
-    ``position`` is the measured one, or a prediction where the sample was missing; ``valid`` is 1 for each joint
-    whose sample came as a finite number, else 0.
+    ``position`` is the measured one, or a prediction where the sample was missing. ``valid`` is 1 for each joint whose
+    sample was a finite number, else 0.
     """
 
     position: Vector
@@ -35,7 +35,7 @@ class Estimate(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Estimator(Component, System):
-    """A causal estimator of velocity and acceleration from positions, linear and time invariant unless it says so.
+    """A causal estimator of velocity and acceleration from positions, by default linear and time invariant.
 
     It learns its period from the law it is given to, or by `with_period`. The analysis methods hold for any derivative
     order that the estimator has: 0 position, 1 velocity, 2 acceleration.
@@ -144,7 +144,7 @@ class Estimator(Component, System):
 
 
 class WindowState(NamedTuple):
-    """Past positions, newest first, shape (n, samples), and what they predict of the next one, shape (n,)."""
+    """Past positions, newest first, shape (n, samples), and their prediction of the next one, shape (n,)."""
 
     window: Vector
     prediction: Vector
@@ -177,7 +177,7 @@ class WindowedEstimator(Estimator):
         return WindowState(np.repeat(first[:, None], len(self.prediction), axis=1), first)
 
     def step(self, state: WindowState, value: Vector) -> tuple[WindowState, Estimate]:
-        """Compute q̂^(j) = Σ_i w_i^(j) q(k − i); a missing sample is the window polynomial's own prediction."""
+        """Compute q̂^(j) = Σ_i w_i^(j) q(k − i); the window polynomial predicts a missing sample."""
         valid = ops.finite(value)
         position = ops.where(valid, value, state.prediction)
         window = ops.shift_in(state.window, position)

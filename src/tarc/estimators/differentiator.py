@@ -33,16 +33,16 @@ class RobustDifferentiator(Estimator):
 
     Sampled explicitly, with the Taylor terms that keep the order of accuracy, or implicitly. Explicit: σ is taken
     before the step, and z2 chatters by λ0 L T even at rest. Implicit: σ is taken after the step, which makes a cubic in
-    |σ|^{1/3} with one root; where the set-valued sign can hold σ at zero it does, without chattering. Nonlinear, so
-    that it has no transfer function and no averaged torque to go with it.
+    |σ|^{1/3} with one root. Where the set-valued sign can keep σ at zero it does, without chattering. The
+    differentiator is nonlinear: it has no transfer function and no matching filter of the torque.
 
     Parameters
     ----------
     lipschitz
-        L [rad/s³ or m/s³], a bound on the third derivative of the motion: too small and it loses track, too large and
-        it passes noise on.
+        L [rad/s³ or m/s³], a bound on the third derivative of the motion. With a smaller L the estimate falls behind,
+        with a larger one it passes more noise.
     implicit
-        Which of the two schemes.
+        Whether to use the implicit scheme.
 
     References
     ----------
@@ -101,7 +101,7 @@ class RobustDifferentiator(Estimator):
 
     @property
     def _injections(self) -> tuple[float, float, float]:
-        """λ2 L^{1/3}, λ1 L^{2/3}, λ0 L."""
+        """Return λ2 L^{1/3}, λ1 L^{2/3}, λ0 L."""
         slow, middle, fast = LAMBDA
         return fast * self.lipschitz ** (1 / 3), middle * self.lipschitz ** (2 / 3), slow * self.lipschitz
 
@@ -111,7 +111,7 @@ class RobustDifferentiator(Estimator):
         return k0 * size ** (2 / 3) * sign, k1 * size ** (1 / 3) * sign, k2 * sign
 
     def _implicit(self, sigma: Vector) -> tuple[Any, Any, Any]:
-        """Injections at the σ after the step, from the σ without them: x³ + a2 x² + a1 x = |σ| − a0, x = |σ⁺|^{1/3}."""
+        """Return the injections at σ⁺ after the step, from σ before: x³ + a2 x² + a1 x = |σ| − a0, x = |σ⁺|^{1/3}."""
         T = self.sampling_period
         k0, k1, k2 = self._injections
         a2, a1, a0 = T * k0, T**2 * k1, T**3 / 2 * k2

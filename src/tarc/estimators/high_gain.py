@@ -10,7 +10,7 @@ from tarc.estimators.observer import Observer
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HighGain(Observer):
-    """All three poles of the estimation error at −1/ε, mapped to the period exactly: z = exp(−T/ε).
+    """High-gain observer: all three poles of the estimation error at −1/ε, sampled exactly as z = exp(−T/ε).
 
     In continuous time x̂1' = x̂2 + 3 (q − x̂1)/ε, x̂2' = x̂3 + 3 (q − x̂1)/ε², x̂3' = (q − x̂1)/ε³. The gain is chosen
     such that the sampled observer has those poles. A smaller ε is faster and noisier, and peaks more at the start.
@@ -33,6 +33,6 @@ class HighGain(Observer):
 
     @property
     def gain(self) -> np.ndarray:
-        """L, shape (3,), in closed form: the fading-memory polynomial filter of degree 2 with p = exp(−T/ε)."""
+        """Return L, shape (3,): the fading-memory polynomial filter of degree 2 with p = exp(−T/ε)."""
         p = np.exp(-self.sampling_period / self.time_constant)
         return np.array([1 - p**3, 1.5 * (1 - p) ** 2 * (1 + p), (1 - p) ** 3]) / self.sampling_period ** np.arange(3)

@@ -10,7 +10,7 @@ from tarc.estimators.observer import Observer
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Kalman(Observer):
-    """The gain that is best for white measurement noise and an acceleration that walks at random.
+    """Steady-state Kalman filter for white measurement noise and an acceleration that walks at random.
 
         x⁺ = Φ x + w,     q = x_1 + v,     cov w = jerk² T [T²/6; T/2; 1][·]ᵀ per period,     cov v = noise²
         L = P⁻ cᵀ / (c P⁻ cᵀ + noise²)
@@ -41,7 +41,8 @@ class Kalman(Observer):
 
     @property
     def gain(self) -> np.ndarray:
-        """L, shape (3,); solved in periods, so that the Riccati equation is well scaled."""
+        """Return L, shape (3,); the Riccati equation is solved with the period as the unit of time, which scales it
+        well."""
         from scipy.linalg import solve_discrete_are
 
         step = np.array([1 / 6, 1 / 2, 1.0])

@@ -1,4 +1,4 @@
-"""What linear observers share: a model of constant acceleration, corrected by the newest position."""
+"""Base of the linear observers: a model of constant acceleration, corrected by the newest position."""
 
 from abc import abstractmethod
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ class Observer(Estimator):
     @property
     @abstractmethod
     def gain(self) -> np.ndarray:
-        """L [1, 1/s, 1/s²], shape (3,)."""
+        """Return L [1, 1/s, 1/s²], shape (3,)."""
 
     @property
     def max_derivative(self) -> int:
@@ -41,7 +41,7 @@ class Observer(Estimator):
 
     @property
     def transition(self) -> np.ndarray:
-        """Φ, shape (3, 3)."""
+        """Return Φ, shape (3, 3)."""
         T = self.sampling_period
         return np.array([[1.0, T, T**2 / 2], [0.0, 1.0, T], [0.0, 0.0, 1.0]])
 
@@ -50,7 +50,7 @@ class Observer(Estimator):
         return self.gain
 
     def transfer_function(self, derivative: int) -> tuple[np.ndarray, np.ndarray]:
-        """Row of (I − (I − L c) Φ z⁻¹)⁻¹ L; the position is passed on as it was measured."""
+        """Return a row of (I − (I − L c) Φ z⁻¹)⁻¹ L; the position is passed on as measured."""
         from scipy.signal import ss2tf
 
         if self._order(derivative) == 0:
@@ -63,8 +63,8 @@ class Observer(Estimator):
     def matched_torque_filter(self) -> "TorqueFilter":
         """Return the response of the acceleration estimate to past torques, as a filter.
 
-        z H(z) T² (z + 1)/(2 (z − 1)²) for the H of the acceleration, whose two zeros at z = 1 cancel; the z since the
-        newest torque acted in the period before this instant.
+        It is z H(z) T² (z + 1)/(2 (z − 1)²) for the H of the acceleration, whose two zeros at z = 1 cancel. The factor
+        z is there since the newest torque acted in the period before this instant.
         """
         numerator, denominator = self.transfer_function(2)
         quotient, _ = np.polydiv(numerator, [1.0, -2.0, 1.0])
@@ -77,7 +77,7 @@ class Observer(Estimator):
         return ObserverState(np.column_stack([first, 0 * first, 0 * first]))
 
     def step(self, state: ObserverState, value: Vector) -> tuple[ObserverState, Estimate]:
-        """Predict, and correct where the sample came."""
+        """Predict, and correct where the sample is valid."""
         valid = ops.finite(value)
         predicted = state.motion @ self.transition.T
         innovation = ops.where_or_zero(valid, value - predicted[:, 0])
@@ -105,7 +105,7 @@ class TorqueFilter(System):
         return FilterState(np.outer(array("torque", torque), lfilter_zi(self.b, self.a)))
 
     def step(self, state: FilterState, value: Vector) -> tuple[FilterState, Vector]:
-        """Take the newest past torque; the output is the filter's."""
+        """Take the newest past torque; return the filtered one."""
         delays = state.delays
         output = self.b[0] * value + delays[:, 0]
         order = len(self.a) - 1

@@ -1,4 +1,4 @@
-"""True derivatives in place of estimates, to measure in simulation what estimation costs."""
+"""True derivatives in place of estimates, to measure the cost of estimation in simulation."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -23,11 +23,11 @@ class OracleState(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrueDerivatives(Estimator):
-    """Oracle: the simulation hands it the true velocity and acceleration; no controller on a robot can have it.
+    """Oracle with the true velocity and acceleration of the simulation; it cannot run on a robot.
 
-    It is there to measure what estimating derivatives costs, and works in `tarc.simulate` and scenarios alone. The
-    position is the measured one, as for every estimator. The acceleration is the one just before the torque changes,
-    which the torque of the period before has made: literal time-delay estimation pairs the two.
+    It measures the cost of estimating derivatives, and works in `tarc.simulate` and scenarios alone. The position is
+    the measured one, as for every estimator. The acceleration is that just before the torque changes, caused by the
+    torque of the period before. Literal time-delay estimation pairs the two.
 
     Raises
     ------
@@ -43,7 +43,7 @@ class TrueDerivatives(Estimator):
         return 2
 
     def transfer_function(self, derivative: int) -> tuple[np.ndarray, np.ndarray]:
-        """None: the truth is not made from positions."""
+        """Return 1 for derivative 0; raise `NotLinearisable` for the others, which do not come from positions."""
         if self._order(derivative) == 0:
             return np.ones(1), np.ones(1)
         raise NotLinearisable(
@@ -51,7 +51,7 @@ class TrueDerivatives(Estimator):
         )
 
     def matched_torque_filter(self) -> TorqueAverage:
-        """None: the truth is of one period, with nothing to average."""
+        """Raise `InvalidParameter`: the true acceleration has no delay that past torques could be given."""
         raise InvalidParameter(
             "synchronised: TrueDerivatives has no delay that past torques could be given; use synchronised=False"
         )

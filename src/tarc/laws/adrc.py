@@ -23,7 +23,7 @@ class ObserverState(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ADRC(PolePlacement):
-    """Active disturbance rejection: all that M̂ does not explain is one more state, and an observer finds it.
+    """Active disturbance rejection: an observer estimates the acceleration that M̂ does not explain, as one more state.
 
         q̈ = z3 + M̂⁻¹ τ,     ż3 unknown;     ẑ' = A ẑ + B M̂⁻¹ τ + L (q − ẑ1),     L = (3 ωo, 3 ωo², ωo³)
         τ = M̂ (q̈ᵈ − K2 (ẑ2 − q̇ᵈ) − K1 (ẑ1 − qᵈ) − ẑ3)
@@ -33,16 +33,15 @@ class ADRC(PolePlacement):
     Parameters
     ----------
     observer_bandwidth
-        ωo [rad/s], where all poles of the observer lie. Three to ten times the natural frequency ωn is usual; more
-        passes more noise to the torque, and bears less delay and less M̂.
+        ωo [rad/s]: all poles of the observer lie at −ωo. Three to ten times the natural frequency ωn is usual. A larger
+        ωo passes more noise to the torque, and allows less delay and a smaller M̂.
 
     Notes
     -----
-    The observer sees the position and the torque that acted, and so the law's `estimator` plays no part except for
-    what it records. The observer is discretised exactly for a torque held over each period, in its predictor–corrector
-    form, with all poles at z = exp(−ωo T); a missing sample is not corrected for. This is the linear form: Han's own
-    has nonlinear gains and a tracking differentiator. Use it where a
-    window's acceleration is too noisy for time-delay estimation.
+    The observer takes the position and the torque that acted. The law's `estimator` only fills the recorded signals.
+    The observer is discretised exactly for a torque held over each period, in predictor–corrector form. All its poles
+    lie at z = exp(−ωo T). A missing sample gives no correction. This is the linear form; Han's original has nonlinear
+    gains and a tracking differentiator. Use it where a window's acceleration is too noisy for time-delay estimation.
 
     References
     ----------
@@ -60,22 +59,22 @@ class ADRC(PolePlacement):
 
     @property
     def correction(self) -> np.ndarray:
-        """ℓ, shape (3,): (I − ℓ C) Φ has its three eigenvalues at β = exp(−ωo T)."""
+        """Return the gain ℓ, shape (3,): (I − ℓ C) Φ has its three eigenvalues at β = exp(−ωo T)."""
         beta, T = np.exp(-self.observer_bandwidth * self.period), self.period
         return np.array([1 - beta**3, 1.5 * (1 - beta) ** 2 * (1 + beta) / T, (1 - beta) ** 3 / T**2])
 
     @property
     def robust_slope_bound(self) -> float:
-        """Zero: the law is linear."""
+        """Return zero: the law is linear."""
         return 0.0
 
     def init(self, position: Numbers, torque: Numbers = 0.0) -> LawState:
-        """As of every law, with the observer at the position."""
+        """Return the state of every law, with the observer at the position."""
         state = super().init(position, torque)
         return state._replace(control=state.control._replace(position=state.position))
 
     def initial_state(self, torque: np.ndarray) -> ObserverState:
-        """At rest, where the disturbance balances the torque applied."""
+        """Return the observer at rest, where the disturbance balances the applied torque."""
         zero = np.zeros(self.n_joints)
         return ObserverState(zero, zero, -np.linalg.solve(self.M, torque))
 

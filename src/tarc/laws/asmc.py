@@ -16,39 +16,39 @@ class ASMC(Switching):
         Δu = −ϱ s / max(‖s‖, ε),     s = (v̂ − q̇ᵈ) + λ e1
         ϱ' = ϱ̄ sgn(‖s‖ − δ)  if ϱ > γ̄,     γ̄  otherwise
 
-    Alone with ``time_delay=False``, and on time-delay estimation, where TARC is its successor. Takes the parameters of
-    `Switching`, `TDE`, `PolePlacement` and `Law`, and:
+    It works alone with ``time_delay=False``, or on time-delay estimation, where TARC is its successor. Takes the
+    parameters of `Switching`, `TDE`, `PolePlacement` and `Law`, and:
 
     Parameters
     ----------
     adaptation_rate
-        ϱ̄ [rad/s³], how fast the gain moves, up and down alike; [rad/s³ for each rad/s of ‖s‖] if ``scale_by_error``.
+        ϱ̄ [rad/s³], rate of the gain, upwards and downwards; [rad/s³ per rad/s of ‖s‖] if ``scale_by_error``.
     threshold
-        δ [rad/s or m/s], above the noise of s and above what ‖s‖ can be held to. Too small a threshold is never
-        reached and the gain only rises, too large a one leaves the error at its size; that it must be found for each
-        robot and task is the reason for TARC.
+        δ [rad/s or m/s], above the noise of s and above the smallest ‖s‖ that the loop can reach. A smaller threshold
+        is never reached, and the gain only rises. A larger one leaves an error of its size. It must be found for each
+        robot and task, which TARC avoids.
     min_gain
-        γ̄ [rad/s²] as the value of the gain below which it rises regardless, and [rad/s³] as the rate at which it
-        then does: one number with two units, as printed.
+        γ̄: the gain [rad/s²] below which it rises in any case, and the rate [rad/s³] of that rise. The source prints
+        one number with two units.
     initial_gain
-        ϱ(0) [rad/s²]; None for twice the floor. From below the floor the gain comes up at the rate γ̄ alone, slowly.
+        ϱ(0) [rad/s²]; None for twice ``min_gain``. Below ``min_gain`` the gain rises at the rate γ̄ alone, slowly.
     max_gain
         Largest gain [rad/s²]; None for none.
     scale_by_error
-        Multiply ϱ̄ by ‖s‖, as in the law's origin, instead of leaving it constant, as in the TARC paper.
+        Multiply ϱ̄ by ‖s‖, as in the original law. Otherwise it is constant, as in the TARC paper.
 
     Raises
     ------
     InvalidParameter
-        For a speed, threshold or floor that is not above zero, and a cap below the initial gain.
+        For a rate, threshold or minimal gain that is not above zero, and a maximal gain below the initial one.
 
     Notes
     -----
-    Use it as the yardstick that TARC is measured against. It raises the gain although the error already shrinks, as
-    long as ‖s‖ > δ, and lowers it although the error grows, as long as ‖s‖ < δ.
+    Use it as the reference for TARC. While ‖s‖ > δ it raises the gain, even where the error already shrinks. While ‖s‖
+    < δ it lowers the gain, even where the error grows.
 
-    The gain runs as forward Euler. A step downwards stops at the floor, which the continuous law does not cross; there
-    the printed rate lifts the gain by T γ̄ and the next step takes it back.
+    The gain is integrated by forward Euler. A step downwards stops at ``min_gain``, which the continuous law does not
+    cross. There the printed rate lifts the gain by T γ̄, and the next step takes it back.
 
     References
     ----------
@@ -75,11 +75,11 @@ class ASMC(Switching):
 
     @property
     def start_gain(self) -> float:
-        """The initial gain ϱ(0) [rad/s²]."""
+        """Return the initial gain ϱ(0) [rad/s²]."""
         return check.number("initial_gain", 2 * self.min_gain if self.initial_gain is None else self.initial_gain, 0)
 
     def adapt(self, gain: Vector, size: Vector) -> Vector:
-        """ϱ + T ϱ', between the floor and the cap."""
+        """Return ϱ + T ϱ', limited to ``min_gain`` and ``max_gain``."""
         rate = (
             self.adaptation_rate * ops.where(size >= self.threshold, 1.0, -1.0) * (size if self.scale_by_error else 1.0)
         )

@@ -36,8 +36,8 @@ class LawOutput(NamedTuple):
 
 
 class ControlInput(NamedTuple):
-    """Input of a law's equation: estimates, errors e1 and v̂ − q̇ᵈ, acceleration reference, the torque that acted in
-    the period before, and whether the law has given up.
+    """Input of a law's equation: estimates, errors e1 and v̂ − q̇ᵈ, acceleration reference, torque that acted in the
+    period before, and whether the law has given up.
     """
 
     estimate: Estimate
@@ -49,8 +49,8 @@ class ControlInput(NamedTuple):
 
 
 class LawState(NamedTuple):
-    """Estimator and law memory, past torques (newest first, shape (n, d + 1)), the last position seen and the last
-    reference, missing samples in a row, fault latch.
+    """States of the estimator and of the law's equation, past torques, last valid position, last reference, number of
+    missing samples, fault latch. Past torques come newest first, shape (n, d + 1).
     """
 
     estimator: Tree
@@ -64,29 +64,29 @@ class LawState(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Law(Component, System):
-    """A control law that sees positions and the reference, nothing else.
+    """A control law whose only inputs are positions and the reference.
 
-    This base estimates the derivatives, limits the torque, feeds the applied torque back to the law (which is its
-    anti-windup) and rides through missing samples; a law adds its equation in `control`.
+    This base estimates the derivatives, limits the torque and bridges missing samples. It feeds the applied torque back
+    to the law, which is its anti-windup. A law adds its equation in `control`.
 
     Parameters
     ----------
     period
         Control period T [s].
     estimator
-        Where velocity and acceleration come from.
+        Estimator of velocity and acceleration.
     torque_limit
         Largest magnitude [N m or N], one number or one per joint, infinite for a joint without; None for no limit.
     max_missing
-        How many samples in a row may be missing (NaN, infinite) before the law gives up tracking. Until then the
-        estimator's own prediction stands in. After it, the safe torque is applied until the next reset.
+        Number of samples in a row that may be missing (NaN, infinite) before the law gives up tracking. Until then the
+        estimator's prediction replaces them. Afterwards the safe torque is applied until the next reset.
     safe_torque
-        What to apply then: ``"zero"``, ``"hold"`` (the last torque), or a function of the last position seen, such as
-        a gravity compensation, that accepts CasADi symbols.
+        Torque after giving up: ``"zero"``, ``"hold"`` (the last torque), or a function of the last valid position. The
+        function, such as a gravity compensation, must accept CasADi symbols.
     actuation_delay
-        Periods that a torque takes to act on the joints, where they are known: the law then pairs its estimates with
-        the torques that acted. With literal time-delay estimation take an even number: with an odd one a torque that
-        alternates from period to period is never damped, since no sampled position shows it.
+        Known number of periods until a torque acts on the joints. The law then pairs its estimates with the torques
+        that acted. With literal time-delay estimation take an even number. With an odd number, a torque that alternates
+        from period to period is never damped, since no sampled position shows it.
     """
 
     period: float

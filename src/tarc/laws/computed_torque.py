@@ -13,7 +13,7 @@ from tarc.laws.model_based import ModelBased, inertia_and_bias
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ComputedTorque(ModelBased):
-    """Computed torque: a model of the robot cancels its dynamics, and the error is left with the poles asked for.
+    """Computed torque: a model of the robot cancels its dynamics, and the error has the chosen poles.
 
         τ = M(q) (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1) + N(q, v̂),     K1 = ωn²,  K2 = 2 ζ ωn
 
@@ -22,17 +22,17 @@ class ComputedTorque(ModelBased):
     Parameters
     ----------
     model
-        The robot that M and N are taken from: any of `tarc.plants`, such as the true one with another payload. In a
-        scenario, ``robot`` is the scenario's own.
+        Robot of `tarc.plants` that gives M and N, such as the true one with another payload. In a scenario, ``robot``
+        is the scenario's own.
     natural_frequency, damping_ratio
         ωn [rad/s] and ζ, one number or one per joint.
 
     Notes
     -----
-    What knowing the robot is worth: with the true one as its model it bounds from below what laws without one can
-    reach, and with a wrong one it shows what they save. It has no integral, so that a load that the model lacks
-    leaves an offset. A robot from a file is evaluated by MuJoCo, some 30 µs a period, without its dry friction, and
-    such a law cannot be compiled. The certificates have nothing for it, since it has no constant M̂.
+    It shows the value of a model. With the true robot as the model, its error is a lower bound for laws without one. It
+    has no integral: a load that the model lacks leaves an offset. A robot from a file is evaluated by MuJoCo, in some
+    30 µs per period and without dry friction; such a law cannot be compiled. No certificate covers the law, since it
+    has no constant M̂.
 
     Raises
     ------
@@ -52,11 +52,11 @@ class ComputedTorque(ModelBased):
         check.vector("damping_ratio", self.damping_ratio, self.n_joints, 0, strict=True)
 
     def initial_state(self, torque: np.ndarray) -> tuple[()]:
-        """None."""
+        """Return no state."""
         return ()
 
     def control(self, state: tuple[()], tracking: ControlInput) -> tuple[tuple[()], Vector, dict[str, Vector]]:
-        """τ = M(q) u + N(q, v̂)."""
+        """Evaluate τ = M(q) u + N(q, v̂)."""
         estimate, zeta = tracking.estimate, np.asarray(self.damping_ratio)
         M, N = inertia_and_bias(self.model, estimate.position, estimate.velocity)
         proportional, derivative = self.omega**2, 2 * zeta * self.omega

@@ -19,7 +19,7 @@ from tarc.plants.base import Plant
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CorlessLeitmann(PolePlacement):
-    """Robust control by a bound: whatever the uncertainty does within ρ, the error ends in a ball and stays there.
+    """Robust control by a bound: for any uncertainty within ρ, the error enters a ball and stays there.
 
         τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + Δu) + N̂(q, v̂)
         Δu = −ρ s / max(‖s‖, ε),     s = BᵀP e,     AᵀP + PA = −Q = −diag(K1 + K1ᵀ, 2 I)
@@ -38,11 +38,10 @@ class CorlessLeitmann(PolePlacement):
 
     Notes
     -----
-    This is TARC's robust term with a gain that is known beforehand instead of adapted, and a velocity in s. The
-    paper's layer is ρ ‖s‖ ≤ ε', so ε = ε'/ρ; its ρ may depend on state and time, ours is constant. Use it where a
-    bound is at hand and time-delay estimation is not wanted. Sampled, and with a velocity that is late, too large a
-    ρ/ε chatters; `tarc.certificates.certify_constant_ratio` tells whether the loop inside the layer is stable
-    (without N̂).
+    This is the robust term of TARC with a known gain instead of an adapted one, and with a velocity in s. The paper's
+    layer is ρ ‖s‖ ≤ ε', so ε = ε'/ρ; its ρ may depend on state and time, and is constant here. Use it where a bound is
+    known, without time-delay estimation. Sampled, and with a delayed velocity, a large ρ/ε chatters.
+    `tarc.certificates.certify_constant_ratio` decides whether the loop inside the layer is stable (without N̂).
 
     Raises
     ------
@@ -72,7 +71,7 @@ class CorlessLeitmann(PolePlacement):
 
     @cached_property
     def P(self) -> np.ndarray:
-        """Solution of AᵀP + PA = −Q, shape (2n, 2n)."""
+        """Return the solution of AᵀP + PA = −Q, shape (2n, 2n)."""
         return solution(self)
 
     def _single_joint_parameters(self, position_gain: float, velocity_gain: float, P2: float | None) -> dict[str, Any]:
@@ -81,7 +80,7 @@ class CorlessLeitmann(PolePlacement):
 
     @property
     def error_bound(self) -> float:
-        """Radius [rad or m] of the ball in which ‖e1‖ ends, for the law in continuous time with true derivatives.
+        """Return the final bound on ‖e1‖ [rad or m], for the law in continuous time with true derivatives.
 
         With V = eᵀPe, M̂ = M and an uncertainty within ρ, V̇ ≤ −eᵀQe + ρε/2, so that V ends below
         ρ ε λmax(Q⁻¹P)/2 and ‖e1‖² below that over the least eigenvalue of (the e1 block of P⁻¹)⁻¹.
@@ -92,11 +91,11 @@ class CorlessLeitmann(PolePlacement):
         return float(np.sqrt(level * np.linalg.eigvalsh(np.linalg.inv(P)[:n, :n])[-1]))
 
     def initial_state(self, torque: np.ndarray) -> tuple[()]:
-        """None."""
+        """Return no state."""
         return ()
 
     def control(self, state: tuple[()], tracking: ControlInput) -> tuple[tuple[()], Vector, dict[str, Vector]]:
-        """τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + Δu) + N̂(q, v̂)."""
+        """Evaluate τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + Δu) + N̂(q, v̂)."""
         n = self.n_joints
         s = self.P[n:, :n] @ tracking.error + self.P[n:, n:] @ tracking.error_rate
         correction = -self.uncertainty_bound * s / ops.norm(s, self.boundary_layer)

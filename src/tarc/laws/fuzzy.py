@@ -16,7 +16,7 @@ from tarc.laws.pole_placement import PolePlacement
 
 
 class FuzzyState(NamedTuple):
-    """Consequents [rad/s² or m/s²], one column a rule, shape (n, rules)."""
+    """Consequents [rad/s² or m/s²], one column per rule, shape (n, rules)."""
 
     consequents: Vector
 
@@ -35,22 +35,22 @@ class AdaptiveFuzzy(PolePlacement):
     Parameters
     ----------
     adaptation_rate
-        Adaptation gain [1/s³]. While the joint stays within one rule it acts as an integral: with M̂ = M and ζ = 1 the
-        poles are −ωn and those of σ² + ωn σ + rate/ωn, which ring above adaptation_rate = ωn³/4.
+        Adaptation gain [1/s³]. While the joint stays within one rule it acts as an integral. With M̂ = M and ζ = 1 the
+        poles are −ωn and the roots of σ² + ωn σ + adaptation_rate/ωn, which are complex above adaptation_rate = ωn³/4.
     max_consequent
         Greatest consequent [rad/s² or m/s²], and so the greatest |f̂|: above the acceleration to be learnt.
     memberships
-        How many for each of position and velocity; the rules are all their pairs.
+        Number of membership functions for each of position and velocity; the rules are all their pairs.
     position_span, velocity_span
-        The memberships' centres lie evenly over ±span [rad or m] and ±speed [rad/s or m/s]; beyond, the outermost
-        holds. Choose what the reference covers.
+        The centres lie evenly over ±position_span [rad or m] and ±velocity_span [rad/s or m/s]; beyond them the
+        outermost function counts. Choose what the reference covers.
 
     Notes
     -----
-    Each joint has rules of its own motion alone. Membership functions are Gaussian with the distance of the centres as
-    their standard deviation, their products normalised (a Takagi–Sugeno system of order zero). Forward Euler, with the
-    consequents projected on ±cap, which keeps them bounded whatever comes; they stand still once the law has given up.
-    It learns what it visits: repeated motions gain, a new one starts over.
+    Each joint has rules for its own motion alone. Membership functions are Gaussian, with the distance of the centres
+    as standard deviation. Their products are normalised (a Takagi–Sugeno system of order zero). The adaptation is
+    integrated by forward Euler. Projection on ±max_consequent keeps the consequents bounded. They are constant once the
+    law has given up. Repeated motions improve; a new one starts over.
 
     References
     ----------
@@ -77,11 +77,11 @@ class AdaptiveFuzzy(PolePlacement):
 
     @cached_property
     def P(self) -> np.ndarray:
-        """Solution of AᵀP + PA = −Q, shape (2n, 2n)."""
+        """Return the solution of AᵀP + PA = −Q, shape (2n, 2n)."""
         return solution(self)
 
     def rules(self, position: Vector, velocity: Vector) -> list[Any]:
-        """φ_k of each joint, one vector (n,) a rule; velocity runs faster than position."""
+        """Return φ_k of each joint, one vector (n,) per rule; the index of velocity varies fastest."""
         grades = []
         for value, span in ((position, self.position_span), (velocity, self.velocity_span)):
             centres, width = np.linspace(-span, span, self.memberships, retstep=True)
@@ -92,12 +92,12 @@ class AdaptiveFuzzy(PolePlacement):
         return [position_grade * velocity_grade for position_grade, velocity_grade in product(*grades)]
 
     def initial_state(self, torque: np.ndarray) -> FuzzyState:
-        """All consequents balance the torque already applied."""
+        """Return consequents that balance the torque already applied."""
         first = np.clip(-np.linalg.solve(self.M, torque), -self.max_consequent, self.max_consequent)
         return FuzzyState(np.repeat(first[:, None], self.memberships**2, axis=1))
 
     def control(self, state: FuzzyState, tracking: ControlInput) -> tuple[FuzzyState, Vector, dict[str, Vector]]:
-        """τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 − f̂), and the adaptation of the consequents."""
+        """Evaluate τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 − f̂) and adapt the consequents."""
         n, old = self.n_joints, state.consequents
         s = self.P[n:, :n] @ tracking.error + self.P[n:, n:] @ tracking.error_rate
         grades = self.rules(tracking.estimate.position, tracking.estimate.velocity)

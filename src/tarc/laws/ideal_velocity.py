@@ -13,43 +13,43 @@ from tarc.laws.tde import TDE
 
 
 class IdealVelocityState(NamedTuple):
-    """The velocity that the robot would have had without error of time-delay estimation, shape (n,)."""
+    """Velocity of the robot without the error of time-delay estimation, shape (n,)."""
 
     ideal_velocity: Vector
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class IVF(TDE):
-    """TDC with ideal velocity feedback: it pulls the velocity to the one that the error dynamics would have made.
+    """TDC with ideal velocity feedback: a correction towards the velocity of the nominal error dynamics.
 
         Δu = Γ (v* − v̂),     v* = ∫ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1) dt
 
-    What time-delay estimation leaves of hard friction shows as a gap between both velocities. Takes the parameters of
-    `TDE`, `PolePlacement` and `Law`, and:
+    The error of time-delay estimation under hard friction appears as a difference of both velocities. Takes the
+    parameters of `TDE`, `PolePlacement` and `Law`, and:
 
     Parameters
     ----------
     ideal_velocity_gain
-        Γ [1/s], a third pole of the nominal loop at −Γ; zero is TDC. From half the natural frequency to twice that;
-        it adds
-        Γ to K2 and works as an integral of the error, so that the loop bears less of it the longer the estimator's
-        window: ask `tarc.certificates.certify_constant_ratio`.
+        Γ [1/s], a third pole of the nominal loop at −Γ; zero is TDC. Half to twice the natural frequency is usual. It
+        adds Γ to K2 and acts as an integral of the error. The longer the estimator's window, the smaller is the largest
+        stable Γ; `tarc.certificates.certify_constant_ratio` tests it.
     max_correction
-        Largest magnitude [rad/s² or m/s²] of each element of Δu, where the integral stops as well; None for none.
-        Under a torque limit give one, or use `TDCIM`: otherwise the integral winds up while the torque is limited.
+        Largest magnitude [rad/s² or m/s²] of each element of Δu, at which the integral stops too; None for none. Give
+        one under a torque limit, or use `TDCIM`. Otherwise the integral winds up while the torque is limited.
 
     Raises
     ------
     InvalidParameter
-        For a Γ below zero, and a cap that is not above zero.
+        For a Γ below zero, and a ``max_correction`` that is not above zero.
 
     Notes
     -----
-    Use it against Coulomb friction and stiction, where TDC stops and slips. It knows no surface, gain or threshold; it
-    is linear, and the loop certificate covers it whole.
+    Use it against Coulomb friction and stiction, where TDC stops and slips. It has no sliding surface, switching gain
+    or threshold. It is linear, so that the loop certificate covers all of it.
 
-    With perfect time-delay estimation v* = q̇ and Δu = 0. The integral starts from rest, runs as forward Euler and
-    halts for good once the law has given up. v̂ is estimated where the sources have it measured or differenced.
+    With perfect time-delay estimation v* = q̇ and Δu = 0. The integral starts from rest and is integrated by forward
+    Euler. It stops once the law has given up. The estimate v̂ replaces the measured or differenced velocity of the
+    sources.
 
     References
     ----------
@@ -68,17 +68,17 @@ class IVF(TDE):
 
     @property
     def robust_slope_bound(self) -> float:
-        """Zero: the robust term is linear, with a state of its own."""
+        """Return zero: the robust term is linear, with a state of its own."""
         return 0.0
 
     def robust_init(self) -> IdealVelocityState:
-        """Rest."""
+        """Return the ideal velocity at rest."""
         return IdealVelocityState(np.zeros(self.n_joints))
 
     def robust(
         self, state: IdealVelocityState, tracking: ControlInput
     ) -> tuple[IdealVelocityState, Vector, dict[str, Vector]]:
-        """Δu = Γ (v* − v̂), and the integral."""
+        """Return the next integral and Δu = Γ (v* − v̂)."""
         velocity, ideal = tracking.estimate.velocity, state.ideal_velocity
         gap = ideal - velocity
         if self.max_correction is not None and self.ideal_velocity_gain > 0:

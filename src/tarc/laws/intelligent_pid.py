@@ -26,7 +26,7 @@ class UltraLocalState(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class IntelligentPID(PolePlacement):
-    """Intelligent PID: the robot is q̈ = F + M̂⁻¹ τ for an instant, and F is found from a window of q and τ.
+    """Intelligent PID: the robot is locally q̈ = F + M̂⁻¹ τ, and F is estimated from a window of q and τ.
 
         F̂ = 60/L⁵ ∫₀ᴸ (L² − 6 L σ + 6 σ²) q(t−σ) dσ − 30/L⁵ ∫₀ᴸ σ² (L − σ)² M̂⁻¹ τ(t−σ) dσ
         τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + z − F̂),     ż = −integral_gain K1 e1
@@ -36,19 +36,19 @@ class IntelligentPID(PolePlacement):
     Parameters
     ----------
     window
-        L [s], a whole multiple of the period, two or more; None for ten periods. Longer is less noise and a later F̂.
+        L [s], a whole multiple of the period, two or more; None for ten periods. A longer window gives less noise and a
+        later F̂.
     integral_gain
-        [1/s] as of `PID`; 0, the default, for what the paper calls iPD, since F̂ already takes up a constant load.
+        Gain [1/s] as of `PID`. The default 0 is the iPD of the paper; F̂ already compensates a constant load.
 
     Notes
     -----
-    The formula is the paper's method for the order ν = 2, worked out here: multiply q̈ = F + M̂⁻¹τ by
-    σ² (L − σ)²/2 and integrate by parts, so that neither initial values nor derivatives of q are left. Its first part
-    is the second derivative of the least-squares parabola, and its second the average that belongs to it. The sums that
-    replace the integrals are exact for a torque held over each period, so that a constant F comes out exactly; the
-    trapezoidal rule would not do that. With the sums, and with ``integral_gain=0`` and an
-    estimator `Algebraic` of degree 2 over the same window, the law is synchronised `TDC`, term by term. What is left
-    to it is a window of its own for F̂, and the integral.
+    The formula is the paper's method for the order ν = 2: multiply q̈ = F + M̂⁻¹τ by σ² (L − σ)²/2 and integrate by
+    parts. Neither initial values nor derivatives of q remain. The first part is the second derivative of the
+    least-squares parabola, and the second the matching average of the torque. The sums that replace the integrals are
+    exact for a torque held over each period. A constant F is therefore estimated exactly, which the trapezoidal rule
+    does not achieve. With ``integral_gain=0`` and an estimator `Algebraic` of degree 2 over the same window, the law
+    equals synchronised `TDC`, term by term. It differs by a window of its own for F̂, and by the integral.
 
     Raises
     ------
@@ -70,23 +70,23 @@ class IntelligentPID(PolePlacement):
 
     @cached_property
     def differentiator(self) -> Algebraic:
-        """The window's parabola, whose second derivative is the first part of F̂."""
+        """Return the parabola over the window, whose second derivative is the first part of F̂."""
         window = 10 * self.period if self.window is None else self.window
         return Algebraic(window=window, degree=2, period=self.period)
 
     @property
     def robust_slope_bound(self) -> float:
-        """Zero: the law is linear."""
+        """Return zero: the law is linear."""
         return 0.0
 
     def init(self, position: Numbers, torque: Numbers = 0.0) -> LawState:
-        """As of every law, with the window full of the position."""
+        """Return the state of every law, with the window full of the position."""
         state = super().init(position, torque)
         positions = self.differentiator.init(state.position)
         return state._replace(control=state.control._replace(positions=positions))
 
     def initial_state(self, torque: np.ndarray) -> UltraLocalState:
-        """At rest, where F balances the torque applied."""
+        """Return the state at rest, where F balances the applied torque."""
         return UltraLocalState(
             self.differentiator.init(np.zeros(self.n_joints)),
             self.differentiator.matched_torque_filter().init(torque),
@@ -96,7 +96,7 @@ class IntelligentPID(PolePlacement):
     def control(
         self, state: UltraLocalState, tracking: ControlInput
     ) -> tuple[UltraLocalState, Vector, dict[str, Vector]]:
-        """τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + z − F̂)."""
+        """Evaluate τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + z − F̂)."""
         positions, estimate = self.differentiator.step(state.positions, tracking.estimate.position)
         torques, average = self.differentiator.matched_torque_filter().step(state.torques, tracking.past_torque)
         F = estimate.acceleration - np.linalg.inv(self.M) @ average

@@ -23,19 +23,19 @@ class ModelState(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TDCIM(TDE):
-    """TDC with internal model: what the robot does beyond q̈ = u is filtered and taken off the input.
+    """TDC with internal model: the deviation of the robot from q̈ = u is filtered and subtracted from the input.
 
         Δu = −Q(s) (q̈ − u_a),     Q(s) = 1/(λ s + 1),     u_a = M̂⁻¹ (τ_a − N̂)
 
-    With time-delay estimation the robot should be the double integrator q̈ = u_a; that is the internal model, and τ_a
-    the torque that was applied. Only positions are needed, since Q(s) q̈ = (q̇ − Q(s) q̇)/λ. Takes the parameters of
-    `TDE`, `PolePlacement` and `Law`, and:
+    With perfect time-delay estimation the robot is the double integrator q̈ = u_a, which is the internal model; τ_a is
+    the applied torque. Only positions are needed, since Q(s) q̈ = (q̇ − Q(s) q̇)/λ. Takes the parameters of `TDE`,
+    `PolePlacement` and `Law`, and:
 
     Parameters
     ----------
     time_constant
-        λ [s] of the filter, at least one period: how fast the model's error is taken off. The smaller, the stiffer
-        against friction, and the less delay the loop bears. From half of 1/ωn to twice that.
+        λ [s], time constant of the filter, at least one period. A smaller λ is stiffer against friction and allows less
+        delay. Half to twice 1/ωn is usual.
 
     Raises
     ------
@@ -44,9 +44,9 @@ class TDCIM(TDE):
 
     Notes
     -----
-    Use it as `IVF`, against Coulomb friction and stiction, above all under a torque limit. With this filter it is IVF
-    with Γ = 1/λ, for λ Δu + v̂ is the integral of q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1, as long as no limit is reached and no
-    ``actuation_delay`` is known; but its model sees the torque that acted, so that nothing winds up.
+    Use it as `IVF`, against Coulomb friction and stiction, above all under a torque limit. With this filter it equals
+    IVF with Γ = 1/λ while no limit is reached and no ``actuation_delay`` is given. Then λ Δu + v̂ is the integral of
+    q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1. Its model takes the torque that acted, so that nothing winds up.
 
     References
     ----------
@@ -67,25 +67,25 @@ class TDCIM(TDE):
 
     @cached_property
     def inverse(self) -> np.ndarray:
-        """M̂⁻¹, shape (n, n)."""
+        """Return M̂⁻¹, shape (n, n)."""
         return np.linalg.inv(self.M)
 
     @property
     def robust_slope_bound(self) -> float:
-        """Zero: the robust term is linear, with a state of its own."""
+        """Return zero: the robust term is linear, with a state of its own."""
         return 0.0
 
     def robust_init(self) -> ModelState:
-        """Rest without a torque."""
+        """Return the state at rest without a torque."""
         return ModelState(np.zeros(self.n_joints), np.zeros((self.n_joints, self.actuation_delay + 1)))
 
     def initial_state(self, torque: np.ndarray) -> TDEState:
-        """Rest: the torque applied all along is N̂."""
+        """Return the state at rest, where N̂ is the applied torque."""
         state = super().initial_state(torque)
         return state._replace(robust=state.robust._replace(tde_estimate=state.robust.tde_estimate + torque[:, None]))
 
     def robust(self, state: ModelState, tracking: ControlInput) -> tuple[ModelState, Vector, dict[str, Vector]]:
-        """Δu = (x − v̂)/λ with the filtered model x' = (v̂ − x)/λ + u_a."""
+        """Evaluate Δu = (x − v̂)/λ with the filtered model x' = (v̂ − x)/λ + u_a."""
         applied = self.inverse @ (tracking.past_torque - state.tde_estimate[:, -1])
         model = state.velocity + self.period * applied
         correction = (model - tracking.estimate.velocity) / self.time_constant
@@ -94,7 +94,7 @@ class TDCIM(TDE):
         return state._replace(velocity=velocity), correction, {"model_velocity": model}
 
     def control(self, state: TDEState, tracking: ControlInput) -> tuple[TDEState, Vector, dict[str, Vector]]:
-        """As `TDE`, keeping N̂ = τ − M̂ u to tell u_a from the torque that will have been applied."""
+        """Evaluate the equation of `TDE`; keep N̂ = τ − M̂ u, which gives u_a from the torque that acts."""
         state, torque, signals = super().control(state, tracking)
         tde_estimate = ops.shift_in(state.robust.tde_estimate, torque - self.M @ signals["auxiliary"])
         return state._replace(robust=state.robust._replace(tde_estimate=tde_estimate)), torque, signals

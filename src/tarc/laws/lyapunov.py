@@ -6,7 +6,7 @@ from tarc.laws.pole_placement import PolePlacement
 
 
 def solution(law: PolePlacement) -> np.ndarray:
-    """P, shape (2n, 2n), of AᵀP + PA = −diag(K1 + K1ᵀ, 2 I).
+    """Return P, shape (2n, 2n), of AᵀP + PA = −diag(K1 + K1ᵀ, 2 I).
 
     With scalar gains BᵀP = [I, I/(ζ ωn)], so that s = e1 + (v̂ − q̇ᵈ)/(ζ ωn) has the unit of e1.
     """

@@ -16,30 +16,31 @@ class MonotoneASMC(Switching):
         Δu = −ϱ s / max(‖s‖, ε),     s = (v̂ − q̇ᵈ) + λ e1
         ϱ' = ϱ̄ ‖s‖  if ‖s‖ > δ,     0  otherwise
 
-    Alone with ``time_delay=False``, or on time-delay estimation. Takes the parameters of `Switching`, `TDE`,
+    It works alone with ``time_delay=False``, or on time-delay estimation. Takes the parameters of `Switching`, `TDE`,
     `PolePlacement` and `Law`, and:
 
     Parameters
     ----------
     adaptation_rate
-        ϱ̄ [1/s²]: the gain's rate [rad/s³] for each rad/s of ‖s‖.
+        ϱ̄ [1/s²]: rate of the gain [rad/s³] per rad/s of ‖s‖.
     dead_zone
-        δ [rad/s or m/s], below which the gain rests. Zero, the default, is the plain law; then noise alone drives the
-        gain up for ever, and a dead zone just above the boundary is the usual remedy.
+        δ [rad/s or m/s], below which the gain is constant. The default 0 is the plain law, whose gain noise alone
+        raises for ever. A dead zone just above the boundary layer is the usual remedy.
     initial_gain
         ϱ(0) [rad/s²].
     max_gain
-        Largest gain [rad/s²]; None for none. Give one: nothing else stops the gain.
+        Largest gain [rad/s²]; None for none. Give one, since nothing else stops the gain.
 
     Raises
     ------
     InvalidParameter
-        For a growth that is not above zero, a dead zone or initial gain below zero, and a cap below the initial gain.
+        For a rate that is not above zero, a dead zone or initial gain below zero, and a maximal gain below the initial
+        one.
 
     Notes
     -----
-    Use it to see what a gain that cannot fall costs: the largest disturbance of the past, the first jump of the
-    reference included, sets the chatter of all the time to come.
+    Use it to measure the cost of a gain that cannot fall. The largest past disturbance, the first jump of the reference
+    included, sets the later chatter.
 
     References
     ----------
@@ -64,10 +65,10 @@ class MonotoneASMC(Switching):
 
     @property
     def start_gain(self) -> float:
-        """The initial gain ϱ(0) [rad/s²]."""
+        """Return the initial gain ϱ(0) [rad/s²]."""
         return check.number("initial_gain", self.initial_gain, 0)
 
     def adapt(self, gain: Vector, size: Vector) -> Vector:
-        """ϱ + T ϱ̄ ‖s‖ outside the dead zone, not above the cap."""
+        """Return ϱ + T ϱ̄ ‖s‖ outside the dead zone, at most ``max_gain``."""
         grown = gain + self.period * self.adaptation_rate * ops.where_or_zero(size > self.dead_zone, size)
         return ops.clip(grown, 0.0, ops.HUGE if self.max_gain is None else self.max_gain)

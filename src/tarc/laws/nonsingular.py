@@ -30,7 +30,7 @@ class NonsingularTerminal(TDE):
     reaching_exponent
         ρ of the reaching law, above 0 and up to 1; towards 0 it becomes a switching term.
     velocity_scale
-        v0 [rad/s or m/s]: the error's velocity at which ψ(v) = v; below it the law brakes harder than TDC.
+        v0 [rad/s or m/s]: the error's rate at which ψ(v) = v; below it the law brakes harder than TDC.
     boundary_layer
         ε [rad/s or m/s], below which all powers are linear. Above the noise of v̂, else the torque chatters: at zero
         the reaching law adds k ε^(ρ−1) (ε/v0)^(a−1) to K2 and k ε^(ρ−1) Λ to K1.
@@ -42,10 +42,10 @@ class NonsingularTerminal(TDE):
 
     Notes
     -----
-    Use it for a fast and smooth end of a motion. As with every power below 1, what a small error gains in stiffness it
-    loses in noise; the boundary sets the bargain, and inside it the law is linear, as the loop certificate sees it.
+    Use it for a fast and smooth end of a motion. A power below 1 is stiffer for small errors, and amplifies noise more.
+    The boundary layer sets the compromise. Inside it the law is linear, as the loop certificate assumes.
 
-    For gains that couple the joints the equation of s does not hold as it stands.
+    For gains that couple the joints the equation of ṡ above does not hold.
 
     References
     ----------
@@ -70,30 +70,30 @@ class NonsingularTerminal(TDE):
             check.number(name, getattr(self, name), 0, strict=True)
 
     def terminal_map(self, rate: Vector) -> Vector:
-        """ψ(v) [rad/s or m/s], shape (n,)."""
+        """Return ψ(v) [rad/s or m/s], shape (n,)."""
         return self.velocity_scale * ops.power(
             rate / self.velocity_scale, self.exponent, self.boundary_layer / self.velocity_scale
         )
 
     def slope(self, rate: Vector) -> Vector:
-        """ψ'(v), shape (n,), above zero."""
+        """Return ψ'(v), shape (n,), above zero."""
         return ops.power_slope(rate / self.velocity_scale, self.exponent, self.boundary_layer / self.velocity_scale)
 
     def sliding(self, error: Vector, error_rate: Vector) -> Vector:
-        """Position on the surface s [rad/s or m/s], shape (n,)."""
+        """Return the sliding variable s [rad/s or m/s], shape (n,)."""
         return self.K2 @ error / 2 + self.terminal_map(error_rate)
 
     def feedback(self, tracking: ControlInput) -> Vector:
-        """q̈ᵈ − Λ ė/ψ'(ė) − K1 e1 − Λ ψ(ė) [rad/s² or m/s²], shape (n,)."""
+        """Return q̈ᵈ − Λ ė/ψ'(ė) − K1 e1 − Λ ψ(ė) [rad/s² or m/s²], shape (n,)."""
         rate = tracking.error_rate
         damped = self.K2 @ (rate / self.slope(rate) + self.terminal_map(rate)) / 2
         return tracking.acceleration_reference - damped - self.K1 @ tracking.error
 
     def robust_init(self) -> tuple[()]:
-        """No state."""
+        """Return no state."""
         return ()
 
     def robust(self, state: tuple[()], tracking: ControlInput) -> tuple[tuple[()], Vector, dict[str, Vector]]:
-        """Δu = −k sig(s)^ρ."""
+        """Evaluate Δu = −k sig(s)^ρ."""
         s = self.sliding(tracking.error, tracking.error_rate)
         return state, -self.reaching_gain * ops.power(s, self.reaching_exponent, self.boundary_layer), {}

@@ -13,7 +13,7 @@ from tarc.laws.pole_placement import PolePlacement
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PID(PolePlacement):
-    """PID with the acceleration of the reference fed forward: what most robots run.
+    """PID with acceleration feedforward: the law of most robots.
 
         τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + z),     ż = −K_i e1,     K_i = integral_gain K1
 
@@ -27,12 +27,11 @@ class PID(PolePlacement):
 
     Notes
     -----
-    The derivative is filtered by the law's estimator. The integral is a sum (Euler's rule, the newest error included)
-    with back-calculation from the torque that was applied, whose tracking time is T_i; it starts from the torque
-    applied before, so that the law takes over without a bump. Without a model the torque that the
-    robot needs comes from the error alone: raise M̂ and the natural frequency as far as noise and delay allow. q̈ᵈ
-    comes in
-    full, since the certificates take its way into the loop for that of Δu.
+    The law's estimator filters the derivative. The integral is a sum by Euler's rule, the newest error included, with
+    back-calculation from the applied torque; its tracking time is T_i. It starts from the torque applied before, so
+    that the law takes over without a bump. Without a model the torque comes from the error alone: raise M̂ and the
+    natural frequency as far as noise and delay allow. The acceleration q̈ᵈ enters without a weight, since the
+    certificates take its path into the loop for that of Δu.
 
     References
     ----------
@@ -47,7 +46,7 @@ class PID(PolePlacement):
 
     @property
     def robust_slope_bound(self) -> float:
-        """Zero: the law is linear."""
+        """Return zero: the law is linear."""
         return 0.0
 
     def initial_state(self, torque: np.ndarray) -> IntegralState:
@@ -55,7 +54,7 @@ class PID(PolePlacement):
         return start(self, torque, bumpless=self.integral_gain > 0)
 
     def control(self, state: IntegralState, tracking: ControlInput) -> tuple[IntegralState, Vector, dict[str, Vector]]:
-        """τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + z)."""
+        """Evaluate τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + z)."""
         z = integrate(self, state, tracking, -self.integral_gain * (self.K1 @ tracking.error), self.integral_gain)
         torque = self.M @ (self.feedback(tracking) + z)
         return remember(state, z, torque), torque, {"integral": z}

@@ -1,4 +1,4 @@
-"""Pole placement scaled by an inertia: what most laws here begin with."""
+"""Pole placement scaled by an inertia: the base of most laws."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -15,7 +15,7 @@ from tarc.laws.base import ControlInput, Law
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PolePlacement(Law):
-    """A law that asks for an acceleration which places the poles of the error, and scales it by an inertia.
+    """A law that commands the acceleration which places the poles of the error, times an inertia.
 
         u = q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + …,     τ = M̂ u + …,     e1 = q − qᵈ
 
@@ -54,17 +54,17 @@ class PolePlacement(Law):
 
     @property
     def n_joints(self) -> int:
-        """How many joints n it drives, told by the inertia."""
+        """Return the number of joints n, the size of the inertia."""
         return max((1, *np.shape(check.float_array("inertia", self.inertia))))
 
     @cached_property
     def M(self) -> np.ndarray:
-        """M̂, shape (n, n)."""
+        """Return M̂, shape (n, n)."""
         return check.positive_definite("inertia", self.inertia, self.n_joints)
 
     @cached_property
     def K1(self) -> np.ndarray:
-        """Stiffness [1/s²], shape (n, n)."""
+        """Return the position gain K1 [1/s²], shape (n, n)."""
         if self.position_gain is not None:
             if self.natural_frequency is not None:
                 raise InvalidParameter(
@@ -75,7 +75,7 @@ class PolePlacement(Law):
 
     @cached_property
     def K2(self) -> np.ndarray:
-        """Viscosity [1/s], shape (n, n)."""
+        """Return the velocity gain K2 [1/s], shape (n, n)."""
         if self.velocity_gain is not None:
             if np.any(np.asarray(self.damping_ratio) != 1.0):
                 raise InvalidParameter(
@@ -96,7 +96,7 @@ class PolePlacement(Law):
 
     @property
     def A(self) -> np.ndarray:
-        """Nominal error dynamics ė = A e, A = [0 I; −K1 −K2], shape (2n, 2n)."""
+        """Return the nominal error dynamics ė = A e, A = [0 I; −K1 −K2], shape (2n, 2n)."""
         n = self.n_joints
         return np.block([[np.zeros((n, n)), np.eye(n)], [-self.K1, -self.K2]])
 
@@ -130,5 +130,5 @@ class PolePlacement(Law):
         }
 
     def feedback(self, tracking: ControlInput) -> Vector:
-        """q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 [rad/s² or m/s²], shape (n,)."""
+        """Return q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 [rad/s² or m/s²], shape (n,)."""
         return tracking.acceleration_reference - self.K2 @ tracking.error_rate - self.K1 @ tracking.error

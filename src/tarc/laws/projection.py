@@ -18,7 +18,7 @@ from tarc.plants.euler_lagrange import EulerLagrange
 
 
 class ParameterState(NamedTuple):
-    """p̂, the uncertain parameters as they are believed to be, shape (k,)."""
+    """Estimates p̂ of the uncertain parameters, shape (k,)."""
 
     adapted: Vector
 
@@ -41,33 +41,33 @@ class ProjectionARC(ModelBased):
         A robot with energies (`tarc.plants.EulerLagrange`), whose own parameters p0 are where p̂ starts. In a
         scenario, ``robot`` is the scenario's own.
     parameter_bounds
-        The parameters that are uncertain, each with its least and greatest value: ``{"masses": [0.5, 2.0]}``. One that
-        has a value a joint adapts each of them. Dynamics must be affine in them together: masses, or payload, or
+        Uncertain parameters, each with its least and greatest value: ``{"masses": [0.5, 2.0]}``. A parameter with one
+        value per joint adapts each of them. The dynamics must be affine in all of them together: masses, or payload, or
         friction, but not masses and lengths.
     natural_frequency
-        ωn [rad/s], one number or one per joint. With p̂ right and one ωn, both poles of the error lie there.
+        ωn [rad/s], one number or one per joint. For the right p̂ and equal ωn, both poles of the error lie at −ωn.
     adaptation_gain
         Γ over the squared ranges [1/J]: 0 for none.
     robust_fraction
-        Share of the worst error of p̂ that the robust term covers; 1 is the theory's, 0 leaves it out.
+        Share of the largest error of p̂ that the robust term covers; 1 by the theory, 0 without a robust term.
     disturbance_bound
-        Torque beside the parameters that the robust term covers [N m or N].
+        Disturbance torque that the robust term covers too [N m or N].
     boundary_layer
         ε [rad/s or m/s], the layer in which the robust term is linear, with the slope h/ε.
 
     Notes
     -----
-    The regressor Y is Slotine and Li's, found by differentiating the model; bounds, projection and the robust term
-    are what makes it the adaptive robust control of Yao and his colleagues. Ours: friction is taken at q̇ᵣ, where it is
-    free of noise; the robust term is a saturation joint by joint, one of those that meet their two conditions, with
-    h ε/4 a joint as the price in V̇; forward Euler; Ω^½ M Ω^½ as feedback gain. Parameters converge only under a
-    reference that excites them; s goes to zero without.
+    The regressor Y is that of Slotine and Li, by differentiation of the model. Bounds, projection and the robust term
+    make it the adaptive robust control of Yao and Tomizuka. Additions: friction is taken at q̇ᵣ, where it is free of
+    noise. The robust term is a saturation per joint, which meets their two conditions and adds at most h ε/4 per joint
+    to V̇. The adaptation is integrated by forward Euler, and the feedback gain is Ω^½ M Ω^½. Parameters converge only
+    under a reference that excites them; s goes to zero under any.
 
     Raises
     ------
     InvalidParameter
-        For a model that is no `EulerLagrange`, unknown parameters, dynamics that are not affine in them, bounds that
-        are not in order or leave the model's own value out.
+        For a model that is no `EulerLagrange`, unknown parameters, and dynamics that are not affine in them. Also for
+        bounds that are not in order or exclude the model's own value.
 
     References
     ----------
@@ -109,7 +109,7 @@ class ProjectionARC(ModelBased):
 
     @property
     def robot(self) -> EulerLagrange:
-        """The model, which must have energies."""
+        """Return the model, which must have energies."""
         if not isinstance(self.model, EulerLagrange):
             raise InvalidParameter(
                 f"model: got {self.model!r}; this law differentiates the model with respect to its parameters, which "
@@ -119,13 +119,13 @@ class ProjectionARC(ModelBased):
 
     @cached_property
     def labels(self) -> list[str]:
-        """A name for each of the k numbers that adapt."""
+        """Return a name for each of the k numbers that adapt."""
         sizes = {name: self.robot.parameters[name].size for name in self.parameter_bounds}
         return [f"{name}{i + 1}" if size > 1 else name for name, size in sizes.items() for i in range(size)]
 
     @cached_property
     def limits(self) -> np.ndarray:
-        """Least and greatest p̂, shape (2, k)."""
+        """Return least and greatest p̂, shape (2, k)."""
         sizes = [self.robot.parameters[name].size for name in self.parameter_bounds]
         return np.repeat(
             np.array([list(pair) for pair in self.parameter_bounds.values()], dtype=float), sizes, axis=0
@@ -133,12 +133,13 @@ class ProjectionARC(ModelBased):
 
     @cached_property
     def nominal(self) -> np.ndarray:
-        """p0, shape (k,)."""
+        """Return p0, shape (k,)."""
         return np.concatenate([self.robot.parameters[name].ravel() for name in self.parameter_bounds])
 
     @cached_property
     def model_torque(self) -> ca.Function:
-        """(q, v̂, q̇ᵣ, q̈ᵣ) to the torque at p = 0, shape (n,), the regressor Y (n, k), and M(q; p0)."""
+        """Return the function of (q, v̂, q̇ᵣ, q̈ᵣ) for the torque at p = 0, (n,), the regressor Y, (n, k), and M(q;
+        p0)."""
         model, n = self.robot, self.n_joints
         q, v, rate, acceleration = (ca.SX.sym(name, n) for name in ("q", "v", "rate", "acceleration"))
         p = ca.SX.sym("p", len(self.nominal))

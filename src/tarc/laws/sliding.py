@@ -9,37 +9,35 @@ from tarc.laws.switching import Switching
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SlidingMode(Switching):
-    """Sliding mode with a fixed gain: a constant push towards a surface on which the error decays.
+    """Sliding mode with a fixed gain towards a surface on which the error decays.
 
         Δu = −ϱ s / max(‖s‖, ε),     s = (v̂ − q̇ᵈ) + λ e1
 
-    With ``time_delay=True`` time-delay estimation carries what is slow and the switching term only its error; with
-    False it is the classical sliding mode control. Takes the parameters of `Switching`, `TDE`, `PolePlacement` and
+    With ``time_delay=True`` time-delay estimation compensates slow disturbances, and the switching term only its error.
+    With False it is classical sliding mode control. Takes the parameters of `Switching`, `TDE`, `PolePlacement` and
     `Law`, and:
 
     Parameters
     ----------
     gain
-        ϱ [rad/s²], a bound on what disturbs the acceleration: on the error of time-delay estimation, or, without it,
-        on all that M̂ u does not explain, gravity included. The signal ``tde_error`` of a run of `TDC` shows how large
-        the first is.
+        ϱ [rad/s²], a bound on the disturbing acceleration: on the error of time-delay estimation or, without it, on all
+        that M̂ u does not explain, gravity included. The signal ``tde_error`` of a run of `TDC` shows the former.
 
     Raises
     ------
     InvalidParameter
-        For a gain below zero, and a boundary or surface that is not above zero.
+        For a gain below zero, and a boundary layer or surface slope that is not above zero.
 
     Notes
     -----
-    Use it where a bound is known: then nothing needs to adapt. Too small a gain does not hold the surface, too large
-    a one shakes the robot, and one number has to serve every motion and load.
+    Use it where a bound is known: then nothing needs to adapt. A smaller gain does not keep s = 0, and a larger one
+    shakes the robot. One number serves every motion and load.
 
     On an ideal double integrator with damping 1, ṡ = −λ s − ϱ s/‖s‖, so that the layer is reached within
     ‖s(0)‖/ϱ, at t = ln((λ‖s(0)‖ + ϱ)/(λε + ϱ))/λ.
 
-    The surface is one reading of several: s = ė + λe is the classical one, and the sources differ in it and in the
-    feedback beside the switching term, which here is always pole placement. The boundary layer is that of the unit
-    vector, for all joints together.
+    The surface s = ė + λe is the classical one. The sources differ in it, and in the feedback beside the switching
+    term, which here is always pole placement. The boundary layer is that of the unit vector, for all joints together.
 
     References
     ----------
@@ -52,9 +50,9 @@ class SlidingMode(Switching):
 
     @property
     def start_gain(self) -> float:
-        """The gain ϱ [rad/s²]."""
+        """Return the gain ϱ [rad/s²]."""
         return check.number("gain", self.gain, 0)
 
     def adapt(self, gain: Vector, size: Vector) -> Vector:
-        """Unchanged."""
+        """Return the gain unchanged."""
         return gain

@@ -25,8 +25,8 @@ class SuperTwisting(PolePlacement):
     Parameters
     ----------
     disturbance_rate
-        L [rad/s³ or m/s³], the greatest rate of the disturbing acceleration: of all that M̂ leaves unexplained. A law
-        that chatters has too large an L for its delays, one that leaves the surface too small a one.
+        L [rad/s³ or m/s³], largest rate of the disturbing acceleration that M̂ does not explain. The law chatters where
+        L is too large for its delays, and leaves the surface where L is too small.
     root_gain, switch_gain
         a and b. Levant's 1.5 and 1.1 by default, found by simulation; his sufficient condition, for the continuous
         law, is b > 1 and a² ≥ 4 (b + 1)/(b − 1).
@@ -36,13 +36,12 @@ class SuperTwisting(PolePlacement):
 
     Notes
     -----
-    On the surface the error decays with the rate Λ = ζ ωn; K1 plays no part. Disturbance and M̂ ≠ M must be
-    smooth for L to exist: a step, dry friction or quantisation push s off for a moment. Sampled, and with a velocity
-    from a window, s stays in a band about zero, of the order of L T² for a velocity that is exact and wider for one
-    that is late. That late velocity is what a small boundary rings on: `tarc.certificates.certify_constant_ratio`
-    tells whether the loop
-    inside it is stable. The boundary, the forward Euler rule and the integral's back-calculation at a torque limit are
-    ours, not of the papers.
+    On the surface the error decays with the rate Λ = ζ ωn; K1 has no effect. L exists only for a smooth disturbance and
+    a smooth effect of M̂ ≠ M: a step, dry friction or quantisation moves s away for a moment. Sampled, s stays in a
+    band about zero of the order of L T² for an exact velocity. The band is wider for a delayed velocity, with which a
+    small boundary layer also rings. `tarc.certificates.certify_constant_ratio` decides whether the loop inside the
+    layer is stable. The boundary layer, the forward Euler rule and the back-calculation at a torque limit are additions
+    to the papers.
 
     References
     ----------
@@ -62,17 +61,17 @@ class SuperTwisting(PolePlacement):
 
     @cached_property
     def slope(self) -> np.ndarray:
-        """Λ = ½ K2 [1/s], shape (n, n)."""
+        """Return Λ = ½ K2 [1/s], shape (n, n)."""
         return self.K2 / 2
 
     @property
     def k1(self) -> float:
-        """Gain of |s|^½ sgn s."""
+        """Return the gain of |s|^½ sgn s."""
         return self.root_gain * self.disturbance_rate**0.5
 
     @property
     def k2(self) -> float:
-        """Gain of ∫ sgn s [rad/s³ or m/s³]."""
+        """Return the gain of ∫ sgn s [rad/s³ or m/s³]."""
         return self.switch_gain * self.disturbance_rate
 
     def initial_state(self, torque: np.ndarray) -> IntegralState:
@@ -80,7 +79,7 @@ class SuperTwisting(PolePlacement):
         return start(self, torque)
 
     def control(self, state: IntegralState, tracking: ControlInput) -> tuple[IntegralState, Vector, dict[str, Vector]]:
-        """τ = M̂ (q̈ᵈ − Λ (v̂ − q̇ᵈ) − k1 |s|^½ sgn s + z)."""
+        """Evaluate τ = M̂ (q̈ᵈ − Λ (v̂ − q̇ᵈ) − k1 |s|^½ sgn s + z)."""
         s = tracking.error_rate + self.slope @ tracking.error
         size = ops.maximum(abs(s), self.boundary_layer)
         anti_windup_gain = float(np.max(np.diag(self.slope)))

@@ -1,4 +1,4 @@
-"""What laws with a switching term along a sliding surface share; their gains plug into it."""
+"""Base of the laws with a switching term along a sliding surface."""
 
 from abc import abstractmethod
 from dataclasses import dataclass
@@ -27,23 +27,22 @@ class Switching(TDE):
         Δu = −ϱ s / max(‖s‖, ε),     s = (v̂ − q̇ᵈ) + λ e1
         τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + Δu − â_h) + τ_h,     without the last two if time_delay=False
 
-    A law adds where its gain ϱ begins, `start`, and how it goes on, `adapt`. The gain is a state even where it is
-    constant, so that a linearisation can freeze it at any value. Takes the parameters of `TDE`, `PolePlacement` and
+    A law adds its initial gain, `start_gain`, and its adaptation, `adapt`. The gain is a state even where it is
+    constant, so that a linearisation can hold it at any value. Takes the parameters of `TDE`, `PolePlacement` and
     `Law`, and those below.
 
     Parameters
     ----------
     boundary_layer
-        ε [rad/s or m/s], the layer in which the switching term is linear: there the loop is that of `TDC` with ϱ/ε
-        added to K2 and λ ϱ/ε to K1, which `tarc.certificates.certify_constant_ratio` can judge. Larger than the
-        noise of v̂, else the
-        torque chatters.
+        ε [rad/s or m/s], the layer in which the switching term is linear. There the loop is that of `TDC` with ϱ/ε
+        added to K2 and λ ϱ/ε to K1; `tarc.certificates.certify_constant_ratio` certifies it. It must exceed the noise
+        of v̂, else the torque chatters.
     surface_slope
-        λ [1/s], the rate at which the error decays on the surface; None for ½ K2, which is the double pole itself
-        with damping 1, so that pole placement alone gives ṡ = −λ s.
+        λ [1/s], decay rate of the error on the surface; None for ½ K2. With damping 1 that is the double pole, and pole
+        placement alone gives ṡ = −λ s.
     time_delay
-        Whether N̂ is estimated. Without it the switching term has to overcome gravity and all else, so that ϱ must
-        be a bound on M̂⁻¹N, and M̂ should be near the inertia; the estimator needs no acceleration then.
+        Whether N̂ is estimated. Without it the switching term compensates gravity and all other forces. Then ϱ must be
+        a bound on M̂⁻¹N, M̂ should be near the inertia, and the estimator needs no acceleration.
     """
 
     boundary_layer: float = 0.2
@@ -69,7 +68,7 @@ class Switching(TDE):
     @property
     @abstractmethod
     def start_gain(self) -> float:
-        """The gain before the first step [rad/s²]."""
+        """Return the gain before the first step [rad/s²]."""
 
     @abstractmethod
     def adapt(self, gain: Vector, size: Vector) -> Vector:
@@ -77,11 +76,11 @@ class Switching(TDE):
 
     @cached_property
     def Lambda(self) -> np.ndarray:
-        """λ I, or ½ K2, shape (n, n)."""
+        """Return λ I, or ½ K2, shape (n, n)."""
         return self.K2 / 2 if self.surface_slope is None else self.surface_slope * np.eye(self.n_joints)
 
     def sliding(self, error: Vector, error_rate: Vector) -> Vector:
-        """Position on the surface s [rad/s or m/s], shape (n,)."""
+        """Return the sliding variable s [rad/s or m/s], shape (n,)."""
         return error_rate + self.Lambda @ error
 
     def robust_init(self) -> SwitchingState:
@@ -89,7 +88,7 @@ class Switching(TDE):
         return SwitchingState(np.array(float(self.start_gain)))
 
     def robust(self, state: SwitchingState, tracking: ControlInput) -> tuple[SwitchingState, Vector, dict[str, Vector]]:
-        """Δu = −ϱ s / max(‖s‖, ε), and the gain's next value."""
+        """Return the next gain and Δu = −ϱ s / max(‖s‖, ε)."""
         s = self.sliding(tracking.error, tracking.error_rate)
         correction = -state.gain * s / ops.norm(s, self.boundary_layer)
         gain = ops.where(tracking.fault, state.gain, self.adapt(state.gain, ops.norm(s)))

@@ -101,13 +101,13 @@ class TARC(TDE):
 
     @property
     def start_gain(self) -> float:
-        """The initial gain ĉ(0) [rad/s²]."""
+        """Return the initial gain ĉ(0) [rad/s²]."""
         value = 2 * self.min_gain if self.initial_gain is None else self.initial_gain
         return check.number("initial_gain", value, 0)
 
     @cached_property
     def Q(self) -> np.ndarray:
-        """Weight of the Lyapunov equation, shape (2n, 2n)."""
+        """Return the weight of the Lyapunov equation, shape (2n, 2n)."""
         n = self.n_joints
         if self.lyapunov_weight is None:
             zero = np.zeros((n, n))
@@ -118,7 +118,7 @@ class TARC(TDE):
 
     @cached_property
     def P(self) -> np.ndarray:
-        """Solution of AᵀP + PA = −Q, shape (2n, 2n)."""
+        """Return the solution of AᵀP + PA = −Q, shape (2n, 2n)."""
         from scipy.linalg import solve_continuous_lyapunov
 
         P = solve_continuous_lyapunov(self.A.T, -self.Q)
@@ -126,7 +126,7 @@ class TARC(TDE):
 
     @property
     def P2(self) -> np.ndarray:
-        """Lower left block of P, shape (n, n): s = P2 e1."""
+        """Return the lower left block of P, shape (n, n): s = P2 e1."""
         return self.P[self.n_joints :, : self.n_joints]
 
     def _single_joint_parameters(self, position_gain: float, velocity_gain: float, P2: float | None) -> dict[str, Any]:
@@ -136,7 +136,7 @@ class TARC(TDE):
 
     @property
     def P3(self) -> np.ndarray:
-        """Lower right block of P, shape (n, n)."""
+        """Return the lower right block of P, shape (n, n)."""
         return self.P[self.n_joints :, self.n_joints :]
 
     @property
@@ -146,7 +146,7 @@ class TARC(TDE):
         return self.gain_factor * highest / self.boundary_layer * float(np.linalg.norm(self.P2, 2))
 
     def sliding(self, error: Vector, error_rate: Vector) -> Vector:
-        """s = P2 e1, shape (n,)."""
+        """Return s = P2 e1, shape (n,)."""
         return self.P2 @ error
 
     def robust_init(self) -> GainState:
@@ -154,7 +154,7 @@ class TARC(TDE):
         return GainState(np.array(self.start_gain), np.zeros((1, self.delay_periods)))
 
     def robust(self, state: GainState, tracking: ControlInput) -> tuple[GainState, Vector, dict[str, Vector]]:
-        """Δu = −α ĉ s / max(‖s‖, ε) and the adaptation of ĉ."""
+        """Evaluate Δu = −α ĉ s / max(‖s‖, ε) and adapt ĉ."""
         s = self.sliding(tracking.error, tracking.error_rate)
         size = ops.norm(s)
         correction = -self.gain_factor * state.gain * s / ops.norm(s, self.boundary_layer)

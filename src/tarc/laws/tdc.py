@@ -32,13 +32,13 @@ class TDC(TDE):
 
     @property
     def robust_slope_bound(self) -> float:
-        """Zero: the law is linear."""
+        """Return zero: the law is linear."""
         return 0.0
 
     def robust_init(self) -> tuple[()]:
-        """No state."""
+        """Return no state."""
         return ()
 
     def robust(self, state: tuple[()], tracking: ControlInput) -> tuple[tuple[()], Vector, dict[str, Vector]]:
-        """Δu = 0."""
+        """Evaluate Δu = 0."""
         return state, 0 * tracking.error, {}

@@ -1,4 +1,4 @@
-"""The core that laws with time-delay estimation share; robust terms plug into it."""
+"""Base of the laws with time-delay estimation, to which each adds its robust term."""
 
 from abc import abstractmethod
 from dataclasses import dataclass
@@ -29,21 +29,21 @@ class TDE(PolePlacement):
 
         τ = M̂ (u − â_h) + τ_h,     u = q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 + Δu,     e1 = q − qᵈ
 
-    The torque and the acceleration of an instant ago stand for all that is not modelled: N̂ = τ_h − M̂ â_h.
+    The delayed torque and acceleration give an estimate of all that is not modelled: N̂ = τ_h − M̂ â_h.
 
-    Takes the parameters of `PolePlacement` and `Law`, and those below. M̂ is not a model but a gain: with estimated
-    acceleration the loop is stable only while the eigenvalues of M(q)⁻¹M̂ stay in an interval that the window sets,
-    often well below one.
+    Takes the parameters of `PolePlacement` and `Law`, and those below. M̂ is a gain rather than a model. With estimated
+    acceleration the loop is stable only for eigenvalues of M(q)⁻¹M̂ in an interval that the window sets, often well
+    below one.
 
     Parameters
     ----------
     delay
-        h [s], a whole multiple of the period; None for one period. Where it and the actuation delay together are an
-        even number of periods, a literal law never damps a torque that alternates from period to period, since no
-        sampled position shows it.
+        h [s], a whole multiple of the period; None for one period. Its sum with the actuation delay should be an odd
+        number of periods. For an even number, a literal law never damps a torque that alternates from period to period,
+        since no sampled position shows it.
     synchronised
-        Average the past torques with the weights that pair with the estimator's window instead of taking τ_h alone.
-        It keeps the torque and the acceleration in step, so that a far larger M̂ is stable.
+        Average the past torques with the weights that match the estimator's window, instead of taking τ_h alone. Torque
+        and acceleration then have the same delay, so that a far larger M̂ is stable.
 
     Raises
     ------
@@ -69,24 +69,25 @@ class TDE(PolePlacement):
 
     @property
     def delay_periods(self) -> int:
-        """The delay h in periods."""
+        """Return the delay h in periods."""
         return 1 if self.delay is None else check.whole_periods("delay", self.delay, self.period)
 
     @property
     def uses_tde(self) -> bool:
-        """Whether N̂ is estimated; a law that can do without answers False to have N̂ = 0."""
+        """Return whether N̂ is estimated; without it N̂ = 0."""
         return True
 
     @abstractmethod
     def robust_init(self) -> Tree:
-        """State of the robust term before the first step."""
+        """Return the state of the robust term before the first step."""
 
     @abstractmethod
     def robust(self, state: Tree, tracking: ControlInput) -> tuple[Tree, Vector, dict[str, Vector]]:
-        """Next state, Δu [rad/s² or m/s²] of shape (n,), signals to record."""
+        """Return the next state, Δu [rad/s² or m/s²], shape (n,), and the signals to record."""
 
     def initial_state(self, torque: np.ndarray) -> TDEState:
-        """Rest: no acceleration, the torque applied all along; neither where N̂ is not estimated."""
+        """Return the state at rest: no acceleration, and the applied torque as the past ones; empty where N̂ is not
+        estimated."""
         if not self.uses_tde:
             return TDEState((), (), self.robust_init())
         past = np.zeros((self.n_joints, self.delay_periods))
@@ -95,7 +96,7 @@ class TDE(PolePlacement):
         return TDEState(past + torque[:, None], past, self.robust_init())
 
     def control(self, state: TDEState, tracking: ControlInput) -> tuple[TDEState, Vector, dict[str, Vector]]:
-        """τ = M̂ (u − â_h) + τ_h, or M̂ u where N̂ is not estimated."""
+        """Evaluate τ = M̂ (u − â_h) + τ_h, or M̂ u where N̂ is not estimated."""
         if not self.uses_tde:
             robust, correction, signals = self.robust(state.robust, tracking)
             u = self.feedback(tracking) + correction

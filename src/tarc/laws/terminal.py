@@ -32,21 +32,21 @@ class TerminalSliding(TDE):
         ε [rad or m], below which φ is linear with slope (ε/ℓ)^(p−1), by which K1 is multiplied there. Above the
         encoder's resolution, else the torque chatters.
     max_gain
-        Largest κ ‖s‖ [1/s], which adds to K2 and must stay below what the loop bears; None for none.
+        Largest κ ‖s‖ [1/s], which adds to K2 and must keep the loop stable; None for none.
 
     Raises
     ------
     InvalidParameter
-        For an exponent outside ½ to 1, a scale, boundary or cap that is not above zero, and κ below zero.
+        For an exponent outside ½ to 1, a scale, boundary layer or maximal gain that is not above zero, and κ below
+        zero.
 
     Notes
     -----
-    Use it for a smaller error near rest than a linear law of the same natural frequency leaves. The finite time is
-    that of the
-    ideal equation: inside ε the error decays as under a linear law, and there the loop certificate, which linearises
-    at zero error, tells what is stable. The robust ball covers that slope alone and not those between.
+    Use it for a smaller error near rest than that of a linear law of the same natural frequency. The finite time holds
+    for the ideal equation. Inside ε the error decays as under a linear law; there the loop certificate, which
+    linearises at zero error, decides stability. The robust ball covers that slope alone and not those between.
 
-    For gains that couple the joints the equation of s does not hold as it stands.
+    For gains that couple the joints the equation of ṡ above does not hold.
 
     References
     ----------
@@ -71,31 +71,31 @@ class TerminalSliding(TDE):
             check.number("max_gain", self.max_gain, 0, strict=True)
 
     def terminal_map(self, error: Vector) -> Vector:
-        """φ(e) [rad or m], shape (n,)."""
+        """Return φ(e) [rad or m], shape (n,)."""
         return self.error_scale * ops.power(
             error / self.error_scale, self.exponent, self.boundary_layer / self.error_scale
         )
 
     def slope(self, error: Vector) -> Vector:
-        """φ'(e), shape (n,)."""
+        """Return φ'(e), shape (n,)."""
         return ops.power_slope(error / self.error_scale, self.exponent, self.boundary_layer / self.error_scale)
 
     def sliding(self, error: Vector, error_rate: Vector) -> Vector:
-        """Position on the surface s [rad/s or m/s], shape (n,)."""
+        """Return the sliding variable s [rad/s or m/s], shape (n,)."""
         return error_rate + self.K2 @ self.terminal_map(error) / 2
 
     def feedback(self, tracking: ControlInput) -> Vector:
-        """q̈ᵈ − Λ (1 + φ') (v̂ − q̇ᵈ) − K1 φ [rad/s² or m/s²], shape (n,)."""
+        """Return q̈ᵈ − Λ (1 + φ') (v̂ − q̇ᵈ) − K1 φ [rad/s² or m/s²], shape (n,)."""
         error, rate = tracking.error, tracking.error_rate
         damped = self.K2 @ (rate + self.slope(error) * rate) / 2
         return tracking.acceleration_reference - damped - self.K1 @ self.terminal_map(error)
 
     def robust_init(self) -> tuple[()]:
-        """No state."""
+        """Return no state."""
         return ()
 
     def robust(self, state: tuple[()], tracking: ControlInput) -> tuple[tuple[()], Vector, dict[str, Vector]]:
-        """Δu = −κ ‖s‖ s."""
+        """Evaluate Δu = −κ ‖s‖ s."""
         s = self.sliding(tracking.error, tracking.error_rate)
         highest = ops.HUGE if self.max_gain is None else self.max_gain
         return state, -ops.clip(self.nonlinear_damping * ops.norm(s), 0.0, highest) * s, {}

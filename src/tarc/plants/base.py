@@ -68,15 +68,15 @@ class Plant(ABC):
     @property
     @abstractmethod
     def parameters(self) -> dict[str, np.ndarray]:
-        """Physical parameters that a schedule may change while the robot runs, with their present values."""
+        """Return the physical parameters that a schedule may change during a run, with their present values."""
 
     @abstractmethod
     def inertia(self, position: Numbers) -> np.ndarray:
-        """M(q) [kg m² or kg] at a position (n,), shape (n, n)."""
+        """Return M(q) [kg m² or kg] at a position (n,), shape (n, n)."""
 
     @abstractmethod
     def gravity_torque(self, position: Vector) -> Vector:
-        """Torque [N m or N] that holds the robot at rest at a position (n,), shape (n,)."""
+        """Return the torque [N m or N] that keeps the robot at rest at a position (n,), shape (n,)."""
 
     @abstractmethod
     def with_parameters(self, values: dict[str, Any]) -> Self:
@@ -84,16 +84,16 @@ class Plant(ABC):
 
     @abstractmethod
     def bias(self, position: Numbers, velocity: Numbers) -> np.ndarray:
-        """N(q, q̇) without dry friction [N m or N], shape (n,)."""
+        """Return N(q, q̇) without dry friction [N m or N], shape (n,)."""
 
     def linearised(
         self, position: Numbers, velocity: Numbers | None = None, acceleration: Numbers | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """M, D and G of M δq̈ + D δq̇ + G δq = δτ, the robot without dry friction linearised about a motion.
+        """Return M, D and G of M δq̈ + D δq̇ + G δq = δτ, the linearisation about a motion without dry friction.
 
             M = M(q),    D = ∂N/∂q̇,    G = ∂(M(q) q̈ + N)/∂q,    each (n, n)
 
-        At rest where no velocity (n,) and no acceleration (n,) is given.
+        Velocity (n,) and acceleration (n,) are zero by default.
         """
         q, v, a = self._motion(position, velocity, acceleration)
         step, units = 1e-5, np.eye(self.n_joints)
@@ -105,7 +105,7 @@ class Plant(ABC):
         return self.inertia(q), self.damping(q, v), np.column_stack(stiffness)
 
     def damping(self, position: Numbers, velocity: Numbers | None = None) -> np.ndarray:
-        """D = ∂N/∂q̇ without dry friction [N m s/rad or N s/m], shape (n, n); at rest where no velocity is given."""
+        """Return D = ∂N/∂q̇ without dry friction [N m s/rad or N s/m], shape (n, n); by default at rest."""
         q, v, _ = self._motion(position, velocity, None)
         columns = [(self.bias(q, v + d) - self.bias(q, v - d)) / 2 for d in np.eye(self.n_joints)]  # quadratic in q̇
         return np.column_stack(columns)
@@ -113,7 +113,7 @@ class Plant(ABC):
     def _motion(
         self, position: Numbers, velocity: Numbers | None, acceleration: Numbers | None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Each (n,), zero for what is not given."""
+        """Return all three, each (n,), zero where None is given."""
         still = np.zeros(self.n_joints)
         return (
             check.vector("position", position, self.n_joints),
@@ -123,11 +123,12 @@ class Plant(ABC):
 
     @property
     def home(self) -> np.ndarray:
-        """A posture to start from, shape (n,)."""
+        """Return a posture to start from, shape (n,)."""
         return np.zeros(self.n_joints)
 
     def mean_inertia(self, positions: Numbers | Table) -> np.ndarray:
-        """Mean of M(q) over the columns of positions (n, k): the nominal inertia along a path, shape (n, n)."""
+        """Return the mean of M(q) over the columns of positions (n, k): the nominal inertia along a path, shape (n,
+        n)."""
         columns = check.array("positions", positions)
         if columns.ndim != 2 or columns.shape[0] != self.n_joints:
             raise InvalidParameter(

@@ -19,35 +19,35 @@ from tarc.plants.base import Plant
 
 
 def joint_friction(dq: Vector, p: SimpleNamespace) -> Vector:
-    """Viscous and smoothed Coulomb friction [N m]: viscous q̇ + coulomb tanh(q̇ / coulomb_width)."""
+    """Return viscous and smoothed Coulomb friction [N m]: viscous q̇ + coulomb tanh(q̇ / coulomb_width)."""
     return p.viscous * dq + p.coulomb * ca.tanh(dq / p.coulomb_width)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EulerLagrange(Component, Plant):
-    """A plant given by kinetic energy T, potential energy V and forces that are not from either.
+    """A plant given by kinetic energy T, potential energy V and further forces F and G.
 
         d/dt ∂T/∂q̇ − ∂T/∂q + ∂V/∂q + G(q, q̇) q̇ + F(q, q̇) = τ
 
-    so that M = ∂²T/∂q̇² and N = C q̇ + ∂V/∂q + G q̇ + F, with Christoffel's C, all by differentiation. A subclass is
-    a frozen dataclass whose numeric fields are the physical parameters p; it writes T and V, and F and the
-    skew-symmetric G where it has any. `q`, `q̇` and the fields of `p` arrive as CasADi symbols.
+    so that M = ∂²T/∂q̇² and N = C q̇ + ∂V/∂q + G q̇ + F, with Christoffel's C, all by differentiation. A subclass is a
+    frozen dataclass whose numeric fields are the physical parameters p. It defines T and V, and where needed F and the
+    skew-symmetric G. `q`, `q̇` and the fields of `p` arrive as CasADi symbols.
     """
 
     @abstractmethod
     def kinetic_energy(self, q: Vector, dq: Vector, p: SimpleNamespace) -> Vector:
-        """T(q, q̇) [J]."""
+        """Return T(q, q̇) [J]."""
 
     @abstractmethod
     def potential_energy(self, q: Vector, p: SimpleNamespace) -> Vector:
-        """V(q) [J]."""
+        """Return V(q) [J]."""
 
     def dissipation(self, q: Vector, dq: Vector, p: SimpleNamespace) -> Vector:
-        """Friction torque F(q, q̇) [N m or N], shape (n, 1); none unless overridden."""
+        """Return the friction torque F(q, q̇) [N m or N], shape (n, 1); by default none."""
         return 0 * dq
 
     def gyroscopic(self, q: Vector, dq: Vector, p: SimpleNamespace) -> Vector:
-        """Skew-symmetric G(q, q̇), shape (n, n): forces that do no work; none unless overridden."""
+        """Return the skew-symmetric G(q, q̇) of forces that do no work, shape (n, n); by default none."""
         return ca.SX(self.n_joints, self.n_joints)
 
     def __post_init__(self) -> None:
@@ -66,11 +66,11 @@ class EulerLagrange(Component, Plant):
             )
 
     def validate(self) -> None:
-        """Check the fields, with a `InvalidParameter` that names the one at fault; nothing unless overridden."""
+        """Check the fields; raise an `InvalidParameter` that names the one at fault. By default nothing is checked."""
 
     @property
     def parameters(self) -> dict[str, np.ndarray]:
-        """The numeric fields."""
+        """Return the numeric fields."""
         return {field.name: np.array(getattr(self, field.name), dtype=float) for field in fields(self)}
 
     @cached_property
@@ -115,7 +115,7 @@ class EulerLagrange(Component, Plant):
         return replace(self, **values)
 
     def evaluate(self, quantity: str, *arguments: Vector, parameters: dict[str, Any] | None = None) -> Vector:
-        """One of the model's functions, on arrays or on CasADi symbols.
+        """Evaluate one of the model's functions, on arrays or on CasADi symbols.
 
         Parameters
         ----------
@@ -145,28 +145,28 @@ class EulerLagrange(Component, Plant):
         )
 
     def inertia(self, position: Numbers) -> np.ndarray:
-        """M(q) [kg m² or kg], shape (n, n)."""
+        """Return M(q) [kg m² or kg], shape (n, n)."""
         return self.evaluate("inertia", self._position(position))
 
     def bias(self, position: Numbers, velocity: Numbers) -> np.ndarray:
-        """N(q, q̇) without dry friction [N m or N], shape (n,)."""
+        """Return N(q, q̇) without dry friction [N m or N], shape (n,)."""
         return self.evaluate("bias", self._position(position), self._position(velocity), parameters=self._smooth)
 
     def linearised(
         self, position: Numbers, velocity: Numbers | None = None, acceleration: Numbers | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """M, D and G of M δq̈ + D δq̇ + G δq = δτ, the robot without dry friction linearised about a motion."""
+        """Return M, D and G of M δq̈ + D δq̇ + G δq = δτ, the linearisation about a motion without dry friction."""
         motion = self._motion(position, velocity, acceleration)
         M, D, G = np.hsplit(self.evaluate("tangent", *motion, parameters=self._smooth), 3)
         return M, D, G
 
     @property
     def _smooth(self) -> dict[str, np.ndarray] | None:
-        """Parameters without dry friction."""
+        """Return the parameters without dry friction."""
         return {"coulomb": 0 * self.parameters["coulomb"]} if "coulomb" in self.parameters else None
 
     def gravity_torque(self, position: Vector) -> Vector:
-        """∂V/∂q [N m or N], shape (n,); accepts CasADi symbols."""
+        """Return ∂V/∂q [N m or N], shape (n,); accepts CasADi symbols."""
         return self.evaluate("gravity", position if ops.symbolic(position) else self._position(position))
 
     def spread(self, name: str, low: float = -np.inf, *, strict: bool = False) -> None:

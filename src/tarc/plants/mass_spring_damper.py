@@ -21,7 +21,7 @@ class MassSpringDamper(EulerLagrange):
     Parameters
     ----------
     masses, springs, dampers
-        [kg], [N/m], [N s/m], one each a mass.
+        [kg], [N/m], [N s/m], one of each per mass.
     payload
         Mass added to the last [kg].
     """
@@ -40,24 +40,24 @@ class MassSpringDamper(EulerLagrange):
 
     @property
     def n_joints(self) -> int:
-        """One a mass."""
+        """Return the number of masses."""
         return np.size(self.masses)
 
     @property
     def units(self) -> list[str]:
-        """All slide."""
+        """Return ``m`` for each mass."""
         return ["m"] * self.n_joints
 
     def kinetic_energy(self, q: Vector, dq: Vector, p: SimpleNamespace) -> Vector:
-        """T = ½ Σ m_i q̇_i² [J]."""
+        """Return T = ½ Σ m_i q̇_i² [J]."""
         return ca.dot(p.masses, dq**2) / 2 + p.payload * dq[-1] ** 2 / 2
 
     def potential_energy(self, q: Vector, p: SimpleNamespace) -> Vector:
-        """V = ½ Σ k_i (q_i − q_{i−1})² [J]."""
+        """Return V = ½ Σ k_i (q_i − q_{i−1})² [J]."""
         stretch = q - ca.vertcat(0, q)[: self.n_joints]
         return ca.sum1(p.springs * stretch**2) / 2
 
     def dissipation(self, q: Vector, dq: Vector, p: SimpleNamespace) -> Vector:
-        """Damper forces [N]."""
+        """Return the damper forces [N]."""
         force = p.dampers * (dq - ca.vertcat(0, dq)[: self.n_joints])
         return force - ca.vertcat(force, 0)[1:]

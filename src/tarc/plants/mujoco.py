@@ -34,7 +34,7 @@ PAYLOAD_RADIUS = 0.05
 
 
 class MujocoPlant(Plant):
-    """A robot whose joints are all hinges and slides, simulated by MuJoCo. Made by `from_file`.
+    """A robot whose joints are all hinges and slides, simulated by MuJoCo; `from_file` constructs it.
 
     Torque acts on the joints directly; actuators in the file are removed and their limits kept as
     `torque_limits`. Contacts are off by default.
@@ -44,9 +44,9 @@ class MujocoPlant(Plant):
     model
         The ``mujoco.MjModel``.
     options
-        How to make this robot again: ``file`` and the other arguments of `from_file`.
+        Arguments of `from_file` that give this robot: ``file`` and the others.
     carrier
-        What carries the payload, in words.
+        Body or site that carries the payload, in words.
     """
 
     def __init__(self, spec: mujoco.MjSpec, home: dict[str, float], tool: str, payload: float, label: str):
@@ -78,7 +78,7 @@ class MujocoPlant(Plant):
             )
 
     def _middles(self) -> np.ndarray:
-        """Zero, where the joint's range allows it, else the middle of the range."""
+        """Return zero where the joint's range contains it, else the middle of the range."""
         low, high = self.model.jnt_range.T
         outside = self.model.jnt_limited.astype(bool) & ~((low < 0) & (high > 0))
         return np.where(outside, (low + high) / 2, 0.0)
@@ -101,18 +101,19 @@ class MujocoPlant(Plant):
     ) -> "MujocoPlant":
         """Read an MJCF or URDF file, or one of the shipped robots by name (``"ur5e"``, ``"panda"``).
 
-        Of a URDF the kinematics and inertias are read and the meshes are not needed; joints that mimic another are
-        locked at zero, as are all joints that are not listed.
+        Of a URDF the kinematics and inertias are read; the meshes are not needed. Joints that mimic another are locked
+        at zero, as are all joints that are not listed.
 
         Parameters
         ----------
         path
             The file.
         joints
-            Names of the joints to control; None for all hinges and slides. The plant's own order is the file's.
+            Names of the joints to control; None for all hinges and slides. The plant's joints keep the order of the
+            file.
         armature, viscous, coulomb
-            Rotor inertia [kg m²], viscous [N m s/rad] and Coulomb friction [N m], one number or one per joint in the
-            order of ``joints`` (of the file, if that is None); None keeps what the file has.
+            Rotor inertia [kg m²], viscous [N m s/rad] and Coulomb friction [N m]: one number, or one per joint in the
+            order of ``joints`` or of the file. None keeps the values of the file.
         payload
             Mass at the tool [kg].
         tool
@@ -161,7 +162,7 @@ class MujocoPlant(Plant):
 
     @property
     def n_joints(self) -> int:
-        """How many joints n."""
+        """Return the number of joints n."""
         return self.model.nv
 
     @property
@@ -210,12 +211,12 @@ class MujocoPlant(Plant):
 
     @property
     def home(self) -> np.ndarray:
-        """The keyframe ``home`` of the file, else zero, shape (n,)."""
+        """Return the keyframe ``home`` of the file, else zero, shape (n,)."""
         return self._home.copy()
 
     @property
     def parameters(self) -> dict[str, np.ndarray]:
-        """Payload [kg], and armature, viscous and coulomb friction of each joint."""
+        """Return the payload [kg], and armature, viscous and Coulomb friction of each joint."""
         model = self.model
         return {
             "payload": np.array(model.body_mass[self._payload_body]),
@@ -262,14 +263,14 @@ class MujocoPlant(Plant):
         return self._scratch
 
     def inertia(self, position: Numbers) -> np.ndarray:
-        """M(q) with rotor inertia [kg m² or kg], shape (n, n)."""
+        """Return M(q) with rotor inertia [kg m² or kg], shape (n, n)."""
         data = self._placed(position)
         matrix = np.zeros((self.n_joints, self.n_joints))
         mujoco.mj_fullM(self.model, data, matrix)
         return matrix
 
     def bias(self, position: Numbers, velocity: Numbers) -> np.ndarray:
-        """N(q, q̇) without dry friction [N m or N], shape (n,)."""
+        """Return N(q, q̇) without dry friction [N m or N], shape (n,)."""
         data = self._placed(position)
         data.qvel[:] = check.vector("velocity", velocity, self.n_joints)
         mujoco.mj_fwdVelocity(self.model, data)
@@ -278,7 +279,7 @@ class MujocoPlant(Plant):
     def linearised(
         self, position: Numbers, velocity: Numbers | None = None, acceleration: Numbers | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """M, D and G of M δq̈ + D δq̇ + G δq = δτ, the robot without dry friction linearised about a motion."""
+        """Return M, D and G of M δq̈ + D δq̇ + G δq = δτ, the linearisation about a motion without dry friction."""
         q, v, a = self._motion(position, velocity, acceleration)
         M, D, step = self.inertia(q), self.damping(q, v), 1e-5
         self._scratch.qacc[:] = a
@@ -291,7 +292,7 @@ class MujocoPlant(Plant):
         return M, D, np.column_stack(stiffness)
 
     def damping(self, position: Numbers, velocity: Numbers | None = None) -> np.ndarray:
-        """D = ∂N/∂q̇ without dry friction [N m s/rad or N s/m], shape (n, n); at rest where no velocity is given."""
+        """Return D = ∂N/∂q̇ without dry friction [N m s/rad or N s/m], shape (n, n); by default at rest."""
         q, v, still = self._motion(position, velocity, None)
         self._scratch.qacc[:] = still
         self._place(q)
@@ -303,7 +304,7 @@ class MujocoPlant(Plant):
         mujoco.mj_comPos(self.model, self._scratch)
 
     def _inverse(self, velocity: np.ndarray) -> np.ndarray:
-        """M(q) q̈ + N(q, q̇) at the place and acceleration set, without rotor inertia and dry friction."""
+        """Return M(q) q̈ + N(q, q̇) at the position and acceleration set, without rotor inertia and dry friction."""
         model, data, torque = self.model, self._scratch, np.zeros(self.n_joints)
         data.qvel[:] = velocity
         mujoco.mj_comVel(model, data)
@@ -312,7 +313,7 @@ class MujocoPlant(Plant):
         return torque - data.qfrc_passive
 
     def gravity_torque(self, position: Vector) -> np.ndarray:
-        """Torque that holds the robot at rest [N m or N], shape (n,)."""
+        """Return the torque that keeps the robot at rest [N m or N], shape (n,)."""
         data = self._placed(position)
         mujoco.mj_fwdVelocity(self.model, data)
         return data.qfrc_bias - data.qfrc_passive

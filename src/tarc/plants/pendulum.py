@@ -45,17 +45,17 @@ class Pendulum(EulerLagrange):
 
     @property
     def n_joints(self) -> int:
-        """One."""
+        """Return 1."""
         return 1
 
     def kinetic_energy(self, q: Vector, dq: Vector, p: SimpleNamespace) -> Vector:
-        """T = ½ (m l² + J) q̇² [J]."""
+        """Return T = ½ (m l² + J) q̇² [J]."""
         return ((p.mass + p.payload) * p.length**2 + p.rotor) * dq**2 / 2
 
     def potential_energy(self, q: Vector, p: SimpleNamespace) -> Vector:
-        """V = −m g l cos q [J]."""
+        """Return V = −m g l cos q [J]."""
         return -(p.mass + p.payload) * p.gravity * p.length * ca.cos(q)
 
     def dissipation(self, q: Vector, dq: Vector, p: SimpleNamespace) -> Vector:
-        """Viscous and smoothed Coulomb friction [N m]."""
+        """Return viscous and smoothed Coulomb friction [N m]."""
         return joint_friction(dq, p)

@@ -49,14 +49,14 @@ class PlanarArm(EulerLagrange):
 
     @property
     def n_joints(self) -> int:
-        """One a link."""
+        """Return the number of links."""
         return np.size(self.masses)
 
     def kinetic_energy(self, q: Vector, dq: Vector, p: SimpleNamespace) -> Vector:
-        """T [J].
+        """Return T [J].
 
-        A point that moves with Σ_j w_j φ̇_j (−sin φ_j, cos φ_j) has the squared speed
-        Σ_jk w_j w_k φ̇_j φ̇_k cos(φ_j − φ_k); written so, what does not depend on q_1 is seen not to.
+        A point that moves with Σ_j w_j φ̇_j (−sin φ_j, cos φ_j) has the squared speed Σ_jk w_j w_k φ̇_j φ̇_k cos(φ_j −
+        φ_k). In this form CasADi finds the independence of q_1.
         """
         rate = ca.cumsum(dq)
 
@@ -74,7 +74,7 @@ class PlanarArm(EulerLagrange):
         return energy
 
     def potential_energy(self, q: Vector, p: SimpleNamespace) -> Vector:
-        """V [J]."""
+        """Return V [J]."""
         angle = ca.cumsum(q)
         height = moment = ca.SX(0)
         for i in range(self.n_joints):
@@ -83,7 +83,7 @@ class PlanarArm(EulerLagrange):
         return p.gravity * (moment + p.payload * height)
 
     def dissipation(self, q: Vector, dq: Vector, p: SimpleNamespace) -> Vector:
-        """Viscous and smoothed Coulomb friction [N m]."""
+        """Return viscous and smoothed Coulomb friction [N m]."""
         return joint_friction(dq, p)
 
 
@@ -127,7 +127,7 @@ class NLinkArm(PlanarArm):
     Parameters
     ----------
     masses, lengths, centres, inertias, viscous, coulomb, coulomb_width, gravity, payload
-        As in `TwoLinkArm`, one a link.
+        As in `TwoLinkArm`, one per link.
     """
 
     masses: Numbers = (1.0, 1.0, 1.0)

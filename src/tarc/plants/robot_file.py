@@ -20,7 +20,7 @@ from tarc.core.errors import InvalidParameter, RobotFileError
 
 
 def shipped_robots() -> list[str]:
-    """Names of the robot files that come with the package."""
+    """Return the names of the robot files that come with the package."""
     return sorted(
         entry.name for entry in files("tarc.plants").joinpath("robots").iterdir() if entry.name.endswith("xml")
     )
@@ -84,7 +84,7 @@ _INERTIA = (
 
 
 def _moments(body: mujoco.MjsBody) -> np.ndarray:
-    """Principal moments of inertia that a body states [kg m²], ascending; zero where it states none."""
+    """Return the principal moments of inertia that a body states [kg m²], ascending; zero where it states none."""
     if not body.explicitinertial:
         return np.zeros(3)
     if np.isnan(body.fullinertia[0]):
@@ -94,7 +94,7 @@ def _moments(body: mujoco.MjsBody) -> np.ndarray:
 
 
 def check_links(spec: mujoco.MjSpec, label: str) -> None:
-    """Refuse masses and inertias below zero and ranges the wrong way round, which MuJoCo lets pass."""
+    """Refuse masses and inertias below zero and reversed ranges, which MuJoCo accepts."""
     for body in spec.bodies:
         if body.explicitinertial and not (np.isfinite(body.mass) and body.mass >= 0):
             raise RobotFileError(
@@ -116,7 +116,7 @@ def check_links(spec: mujoco.MjSpec, label: str) -> None:
 
 
 def _line(error: Exception) -> str:
-    """MuJoCo's message, in one line."""
+    """Return MuJoCo's message, in one line."""
     return " ".join(str(error).split())
 
 
@@ -148,7 +148,8 @@ KINDS = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar", "
 
 
 def _check_tree(root: ET.Element, file: Path) -> None:
-    """Refuse joints of a URDF whose kind or whose links are unknown, which MuJoCo does not name, and equal names."""
+    """Refuse duplicate names, and joints of a URDF whose kind or whose links are unknown, which MuJoCo does not
+    name."""
     for tag in ("link", "joint"):
         names = [element.get("name", "") for element in root.findall(tag)]
         duplicate = next((name for name in names if names.count(name) > 1), None)
@@ -240,7 +241,7 @@ def _without_missing_meshes(spec: mujoco.MjSpec, file: Path) -> mujoco.MjSpec:
 def choose_joints(
     spec: mujoco.MjSpec, selected: Sequence[str] | None, label: str
 ) -> tuple[dict[str, float], dict[str, str]]:
-    """Lock all joints but the selected; the home posture of the file, and why the others are locked, both by joint."""
+    """Lock all joints but the selected; return the home posture and the reasons of locking, both by joint."""
     for number, joint in enumerate(spec.joints):
         joint.name = joint.name or f"joint{number + 1}"
     plain = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
@@ -306,7 +307,8 @@ def _why_locked(joint: mujoco.MjsJoint, leaders: dict[str, str], plain: tuple[An
 
 
 def _home(spec: mujoco.MjSpec) -> dict[str, float]:
-    """Joint positions of the keyframe ``home``, by name; empty if there is none or joints are not all simple."""
+    """Return the joint positions of the keyframe ``home``, by name; empty without one, and for joints that are not all
+    simple."""
     key = next((key for key in spec.keys if key.name == "home"), None)
     joints = list(spec.joints)
     if key is None or len(key.qpos) != len(joints):
@@ -335,7 +337,7 @@ def set_joint(joint: mujoco.MjsJoint, name: str, value: float) -> None:
 
 
 def tool_body(spec: mujoco.MjSpec, tool: str, label: str) -> tuple[Any, Any, str]:
-    """Body that carries the payload, where on it, and that in words."""
+    """Return the body that carries the payload, the position on it, and a description."""
     sites = {site.name: site for site in spec.sites}
     if (tool or "tool") in sites:
         site = sites[tool or "tool"]

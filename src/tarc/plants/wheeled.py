@@ -64,36 +64,36 @@ class WheeledMobileRobot(EulerLagrange):
 
     @property
     def n_joints(self) -> int:
-        """The two wheels."""
+        """Return 2, the wheels."""
         return 2
 
     @property
     def joint_names(self) -> list[str]:
-        """Right, then left."""
+        """Return the names, right before left."""
         return ["right_wheel", "left_wheel"]
 
     def _twist(self, p: SimpleNamespace) -> Vector:
-        """S with (v, ω) = S θ̇, shape (2, 2)."""
+        """Return S with (v, ω) = S θ̇, shape (2, 2)."""
         r, b = p.wheel_radius, p.half_track
         return ca.vertcat(ca.horzcat(r / 2, r / 2), ca.horzcat(r / (2 * b), -r / (2 * b)))
 
     def kinetic_energy(self, q: Vector, dq: Vector, p: SimpleNamespace) -> Vector:
-        """T = ½ m v² + ½ (I + m d²) ω² + ½ J (θ̇_r² + θ̇_l²) [J]."""
+        """Return T = ½ m v² + ½ (I + m d²) ω² + ½ J (θ̇_r² + θ̇_l²) [J]."""
         v, w = ca.vertsplit(self._twist(p) @ dq)
         body = (p.mass + p.payload) * v**2 + (p.inertia_body + p.mass * p.offset**2) * w**2
         return (body + p.wheel_inertia * ca.sumsqr(dq)) / 2
 
     def potential_energy(self, q: Vector, p: SimpleNamespace) -> Vector:
-        """None, the floor is level."""
+        """Return zero, since the floor is level."""
         return 0 * q[0]
 
     def gyroscopic(self, q: Vector, dq: Vector, p: SimpleNamespace) -> Vector:
-        """Sᵀ [0 −m d ω; m d ω 0] S."""
+        """Return Sᵀ [0 −m d ω; m d ω 0] S."""
         S = self._twist(p)
         w = (S @ dq)[1]
         turn = p.mass * p.offset * w
         return S.T @ ca.vertcat(ca.horzcat(0, -turn), ca.horzcat(turn, 0)) @ S
 
     def dissipation(self, q: Vector, dq: Vector, p: SimpleNamespace) -> Vector:
-        """Viscous and smoothed Coulomb friction [N m]."""
+        """Return viscous and smoothed Coulomb friction [N m]."""
         return joint_friction(dq, p)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000"]
-"""Okabe and Ito's palette, told apart by colour-blind readers."""
+"""Okabe and Ito's palette, which colour-blind readers can distinguish."""
 
 STYLES = ("screen", "column")
 COLUMN_WIDTH = 3.5
@@ -109,12 +109,12 @@ def _column(runs: dict[str, "Run"]) -> Figure:
 
 
 def _drawn(runs: dict[str, "Run"]) -> list[tuple[str, str, "Run"]]:
-    """Colour, name and run, the first one last, so that it lies on top."""
+    """Return colour, name and run, the first run last, so that it lies on top."""
     return [(colour, name, run) for colour, (name, run) in zip(COLOURS, runs.items(), strict=False)][::-1]
 
 
 def _legend(axes: Axes, ncols: int = 4) -> None:
-    """A legend above the axes, where it hides nothing."""
+    """Draw a legend above the axes, where it hides nothing."""
     axes.legend(fontsize="small", loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=ncols, frameon=False, borderpad=0)
 
 
@@ -123,7 +123,7 @@ def _unit(data: "Dataset", name: str) -> str:
 
 
 def _errors(axes: Axes, runs: dict[str, "Run"], line: float) -> None:
-    """Euclidean norm of the tracking error over the joints, logarithmic."""
+    """Draw the Euclidean norm of the tracking error over the joints, logarithmic."""
     for colour, name, run in _drawn(runs):
         error = np.linalg.norm((run.data["position"] - run.data["reference"]).values, axis=1)
         axes.semilogy(run.data["time"], np.maximum(error, 1e-9) * 1e3, color=colour, lw=line, label=name)
@@ -143,7 +143,7 @@ def _errors(axes: Axes, runs: dict[str, "Run"], line: float) -> None:
 
 
 def _gain(axes: Axes, runs: dict[str, "Run"], line: float) -> None:
-    """The gain, and below it a band with the share of time in which it rises."""
+    """Draw the gain, and below it a band that shows where it rises and falls."""
     for colour, (name, run) in zip(COLOURS[-3:-7:-1] if len(runs) > 1 else ["0.25"], runs.items(), strict=False):
         time, gain = run.data["time"].values, run.data["gain"].values
         label = f"ĉ, {name}"
@@ -162,7 +162,7 @@ def _gain(axes: Axes, runs: dict[str, "Run"], line: float) -> None:
 
 
 def estimator_figure(estimator: "Estimator") -> Figure:
-    """Gain relative to the ideal derivative, and phase error, over frequency."""
+    """Draw the gain relative to the ideal derivative, and the phase error, over frequency."""
     period = estimator.sampling_period
     frequency = np.geomspace(1.0, np.pi / period, 600)
     figure = Figure(figsize=(7, 5), layout="constrained")

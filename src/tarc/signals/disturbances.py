@@ -1,4 +1,4 @@
-"""What the robot meets: torques from outside, and parameters that change under way."""
+"""Disturbances: external torques, and parameters that change during a run."""
 
 from abc import abstractmethod
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from tarc.core.validation import Numbers
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Disturbance(Component):
-    """A torque on the joints beside the controller's [N m or N]."""
+    """External torque on the joints [N m or N]."""
 
     amplitude: Numbers
 
@@ -26,7 +26,7 @@ class Disturbance(Component):
                 check.number(field.name, getattr(self, field.name))
 
     def sample(self, times: np.ndarray, n_joints: int, rng: np.random.Generator) -> np.ndarray:
-        """Torque at evenly spaced times (k,), held until the next, shape (n, k)."""
+        """Return the torque at evenly spaced times (k,), each held until the next, shape (n, k)."""
         amplitude = check.vector("disturbance amplitude", self.amplitude, n_joints)[:, None]
         return amplitude * self.profile(times, n_joints, rng)
 
@@ -69,12 +69,12 @@ class SineDisturbance(Disturbance):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ImpulseDisturbance(Disturbance):
-    """A blow at one instant; amplitude is the impulse [N m s or N s], spread over one plant step."""
+    """Impulse at one instant; amplitude is its integral [N m s or N s], spread over one plant step."""
 
     start_time: float
 
     def profile(self, times: np.ndarray, n_joints: int, rng: np.random.Generator) -> np.ndarray:
-        """Return 1/step in the plant step that holds the instant, so that the integral is one."""
+        """Return 1/step in the plant step that contains the instant, so that the integral is one."""
         step = times[1] - times[0] if len(times) > 1 else 1.0
         inside = (times <= self.start_time + 1e-9) & (self.start_time + 1e-9 < times + step)
         return inside / step
@@ -131,18 +131,18 @@ class BandLimitedNoise(Disturbance):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ParameterSchedule(Component):
-    """A plant parameter that changes while the robot runs: stepwise, or linearly between the times.
+    """A plant parameter that changes during a run: stepwise, or linearly between the times.
 
     Parameters
     ----------
     parameter
         Name, one of the plant's ``parameters``, such as ``payload`` or ``viscous``.
     times
-        [s], increasing; before the first the plant's own value holds.
+        [s], increasing; before the first, the plant has its own value.
     values
-        One number, or one list in the parameter's shape, a time.
+        One number or one list in the parameter's shape per time.
     interpolate
-        Interpolate between the times (from the first on) instead of stepping.
+        Whether to interpolate between the times (from the first on) instead of stepping.
     """
 
     parameter: str
@@ -160,7 +160,7 @@ class ParameterSchedule(Component):
             )
 
     def sample(self, times: np.ndarray, initial: np.ndarray) -> np.ndarray:
-        """Values at the times (k,), shape (size, k), starting from the plant's own."""
+        """Return the values at the times (k,), shape (size, k), starting from the plant's own."""
         size = max(np.size(initial), 1)
         label = f"schedule of {self.parameter!r}, values"
         values = np.array([check.vector(label, value, size) for value in self.values])

@@ -179,16 +179,16 @@ class Chirp(Reference):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Quintic(Reference):
-    """Quintic spline through way-points, at rest at both ends; before and after, it holds the end points.
+    """Quintic spline through way-points, at rest at both ends; before and after, it stays at the end points.
 
     Parameters
     ----------
     points
         Way-points [rad or m], shape (k, n), one row per point.
     times
-        When each is passed [s], increasing, shape (k,).
+        Time at each way-point [s], increasing, shape (k,).
     stop_at_points
-        Come to rest at each way-point, instead of passing through with continuous derivatives up to the fourth.
+        Whether to stop at each way-point, instead of passing with continuous derivatives up to the fourth.
     """
 
     points: Table

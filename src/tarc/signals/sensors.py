@@ -1,4 +1,4 @@
-"""What stands between the robot's position and the law."""
+"""Sensors between the robot's position and the law."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -15,7 +15,7 @@ from tarc.core.validation import Numbers
 
 
 class EncoderInput(NamedTuple):
-    """True position and this instant's noise, each of shape (n,); a NaN in the noise is a lost sample."""
+    """True position and noise of this instant, each of shape (n,); a NaN in the noise is a lost sample."""
 
     position: Vector
     noise: Vector
@@ -25,7 +25,7 @@ class EncoderInput(NamedTuple):
 class Encoder(Component, System):
     """Position encoder: noise, quantisation to the nearest step, transport delay, lost samples, in that order.
 
-    With no arguments it is perfect. All randomness comes from the simulation's seed.
+    Without arguments it is perfect. All randomness comes from the simulation's seed.
 
     Parameters
     ----------

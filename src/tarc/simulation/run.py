@@ -62,7 +62,7 @@ class Run:
 
     @property
     def status(self) -> Status:
-        """How the run ended."""
+        """Return how the run ended."""
         divergence_time = float(self.data.attrs["divergence_time"])
         faults = np.flatnonzero(self.data["fault"].values > 0) if "fault" in self.data else []
         return Status(
@@ -74,12 +74,12 @@ class Run:
 
     @property
     def title(self) -> str:
-        """Law and robot, such as ``TARC on ur5e.xml``."""
+        """Return law and robot, such as ``TARC on ur5e.xml``."""
         return str(self.data.attrs.get("title", "run"))
 
     @property
     def joint_units(self) -> tuple[str, ...]:
-        """Kinds of the joints of the robot: ``("rad",)``, ``("m",)`` or both."""
+        """Return the units of the joints: ``("rad",)``, ``("m",)`` or both."""
         unit = str(self.data["position"].attrs.get("units", "rad"))
         return ("rad", "m") if " or " in unit else (unit,)
 
@@ -102,11 +102,12 @@ class Run:
         Returns
         -------
         dict
-            ``rms_error`` and ``peak_error`` over all joints [rad or m]; ``torque_variation`` Σ|Δτ| of all joints per
-            second [N m/s]; ``high_frequency_share`` of the energy of torque about its mean; ``peak_torque`` [N m];
-            ``saturated`` share of samples; ``rms_tde_error`` [rad/s²]. Laws with a gain have ``mean_gain`` and
-            ``peak_gain`` [rad/s²] too. ``overestimation`` is the share of time in which the gain rises while ‖s‖
-            falls, and ``underestimation`` that in which it falls while ‖s‖ rises, both by the noise-free ‖s‖.
+            ``rms_error`` and ``peak_error`` are over all joints [rad or m]. ``torque_variation`` is Σ|Δτ| of all joints
+            per second [N m/s], and ``high_frequency_share`` a share of the torque's energy about its mean. The others
+            are ``peak_torque`` [N m], the ``saturated`` share of samples, and ``rms_tde_error`` [rad/s²]. Laws with a
+            gain have ``mean_gain`` and ``peak_gain`` [rad/s²] too. ``overestimation`` is the share of time in which the
+            gain rises while ‖s‖ falls. ``underestimation`` is that in which the gain falls while ‖s‖ rises. Both use
+            the noise-free ‖s‖.
 
         Raises
         ------

@@ -73,8 +73,8 @@ def simulate(
     initial_velocity
         Velocity [rad/s or m/s] at the start, shape (n,).
     initial_torque
-        Torque [N m or N] applied before the start, shape (n,), which initialises the law's past torques. ``"rest"``
-        is the torque that holds the robot, as a real arm's brakes or servo would have.
+        Torque [N m or N] applied before the start, shape (n,), which initialises the law's past torques. ``"rest"`` is
+        the torque that keeps the robot at rest, as the brakes or the servo of a real arm do.
     computation_delay
         Periods between a measurement and its torque on the joints. A law that models the delay, by
         ``actuation_delay``, pairs its estimates with the torques that acted. A law that does not model it is stable
@@ -86,8 +86,8 @@ def simulate(
     seed
         Seed of all noise.
     native
-        Compile the traced functions to machine code. The first time takes a second or so, later the result is
-        reused; needs a C compiler. The numbers are the same.
+        Compile the traced functions to machine code with a C compiler. The first run compiles for about one second;
+        later ones reuse the result. The numbers are the same.
     progress
         Show a progress bar when the run takes more than two seconds; None for when standard error is a terminal.
 
