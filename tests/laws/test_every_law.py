@@ -16,7 +16,7 @@ from tarc.core.errors import InvalidParameter
 from tarc.core.tracing import trace
 from tarc.core.trees import leaves, pack, unpack
 from tarc.estimators import Algebraic, RobustDifferentiator, TrueDerivatives
-from tarc.laws import TDE, LawInput, PolePlacement
+from tarc.laws import TDC, TDE, LawInput, PolePlacement
 from tarc.scenario.schema import parameters
 
 LAWS = concrete_laws()
@@ -280,6 +280,15 @@ def test_a_safe_torque_that_is_no_number_is_zero(kind):
     controller.reset([1.2, 0.5])
     torque = controller.step([np.nan, np.nan], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0])
     np.testing.assert_array_equal(torque, 0.0)
+
+
+def test_a_safe_torque_that_fails_is_refused_with_its_own_error():
+    def fail(position):
+        raise KeyError
+
+    with pytest.raises(InvalidParameter, match="safe_torque: it fails with KeyError") as caught:
+        make_law(TDC, safe_torque=fail)
+    assert isinstance(caught.value.__cause__, KeyError)
 
 
 @every_law

@@ -216,8 +216,8 @@ class Law(Component, System):
             numbers, symbols = function(np.zeros(self.n_joints)), function(ca.SX.sym("q", self.n_joints))
             fits = np.shape(numbers) == (self.n_joints,) and ca.SX(symbols).shape == (self.n_joints, 1)
         except Exception as error:  # whatever a user's function may raise
-            raise InvalidParameter(
-                f"safe_torque: it fails with {type(error).__name__}, {str(error).partition(chr(10))[0]}; {needs}"
-            ) from error
+            message, _, _ = str(error).partition("\n")
+            reason = f"{type(error).__name__}: {message}"
+            raise InvalidParameter(f"safe_torque: it fails with {reason}; {needs}") from error
         if not fits:
             raise InvalidParameter(f"safe_torque: it gives {numbers!r} at zero; {needs}")

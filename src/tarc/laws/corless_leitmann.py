@@ -1,8 +1,8 @@
 """Robust control with a known bound, continuous inside a layer."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Self
 
 import numpy as np
 
@@ -74,9 +74,14 @@ class CorlessLeitmann(PolePlacement):
         """Return the solution of AᵀP + PA = −Q, shape (2n, 2n)."""
         return solution(self)
 
-    def _single_joint_parameters(self, position_gain: float, velocity_gain: float, P2: float | None) -> dict[str, Any]:
-        """Return those of every law, without N̂."""
-        return {**super()._single_joint_parameters(position_gain, velocity_gain, P2), "model": None}
+    @property
+    def has_model(self) -> bool:
+        """Return whether N̂ is given."""
+        return self.model is not None
+
+    def without_model(self) -> Self:
+        """Return this law with N̂ = 0."""
+        return replace(self, model=None)
 
     @property
     def error_bound(self) -> float:

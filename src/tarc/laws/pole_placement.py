@@ -105,8 +105,17 @@ class PolePlacement(Law):
         """Return the weight of the error in the robust term, s = P2 e1, shape (n, n); None for a law without one."""
         return None
 
+    @property
+    def has_model(self) -> bool:
+        """Return whether the torque has a term N̂(q, v̂) of a model beside M̂ u."""
+        return False
+
+    def without_model(self) -> Self:
+        """Return this law with N̂ = 0."""
+        return self
+
     def single_joint(self, position_gain: float, velocity_gain: float, P2: float | None = None) -> Self:
-        """Return this law for one joint with M̂ = 1 kg m² and no torque limit.
+        """Return this law for one joint with M̂ = 1 kg m², N̂ = 0 and no torque limit.
 
         Parameters
         ----------
@@ -115,7 +124,7 @@ class PolePlacement(Law):
         P2
             Weight of the error in the robust term, s = P2 e1, for a law that has one; None for its default.
         """
-        return replace(self, **self._single_joint_parameters(position_gain, velocity_gain, P2))
+        return replace(self.without_model(), **self._single_joint_parameters(position_gain, velocity_gain, P2))
 
     def _single_joint_parameters(self, position_gain: float, velocity_gain: float, P2: float | None) -> dict[str, Any]:
         """Return the parameters in which `single_joint` differs from this law."""
