@@ -65,7 +65,7 @@ def test_signals_are_readable(controller):
     assert controller.signals["gain"][0] == controller.law.start_gain
 
 
-def test_misuse_is_told():
+def test_misuse_is_refused():
     controller = Controller(make_law(laws.TDC))
     zero = np.zeros(2)
     with pytest.raises(ControllerNotReset, match="called before reset"):

@@ -66,7 +66,7 @@ def test_second_time_loads_what_was_compiled(monkeypatch):
     assert [path.name for path in native.cache().iterdir()] == [library.name], "no litter"
 
 
-def test_no_compiler_is_told(monkeypatch):
+def test_a_missing_compiler_is_reported(monkeypatch):
     monkeypatch.delenv("CC", raising=False)
     monkeypatch.setattr("shutil.which", lambda name: None)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
@@ -74,19 +74,19 @@ def test_no_compiler_is_told(monkeypatch):
         Controller(make_law(laws.TDC), native=True)
 
 
-def test_failing_compiler_is_told(monkeypatch):
+def test_a_failing_compiler_is_reported(monkeypatch):
     monkeypatch.setenv("CC", "false")
     with pytest.raises(CompilationError, match="native: false .* failed"):
         Controller(make_law(laws.TDC), native=True)
 
 
-def test_a_compiler_that_is_not_there_is_told(monkeypatch):
+def test_a_wrong_compiler_is_reported(monkeypatch):
     monkeypatch.setenv("CC", "no-such-compiler")
     with pytest.raises(MissingTool, match="there is no compiler 'no-such-compiler'; correct or unset"):
         Controller(make_law(laws.TDC), native=True)
 
 
-def test_cache_that_cannot_be_written_is_told(monkeypatch, tmp_path):
+def test_a_cache_that_cannot_be_written_is_reported(monkeypatch, tmp_path):
     (tmp_path / "taken").write_text("a file")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "taken"))
     with pytest.raises(CompilationError, match="native: cannot compile into .*; set XDG_CACHE_HOME"):

@@ -141,7 +141,7 @@ def test_a_scenario_can_name_it():
         scenario.certify(samples=20)
 
 
-def test_untold_it_has_no_numbers_and_the_torque_is_the_safe_one():
+def test_without_a_simulation_estimates_are_nan_and_the_torque_is_the_safe_one():
     law = tdc([0.1, 0.1])
     state, value = law.example()
     _, output = law.step(state, value._replace(reference=np.ones(2)))
@@ -161,7 +161,7 @@ def test_untold_it_has_no_numbers_and_the_torque_is_the_safe_one():
         lambda: ORACLE.with_period(T).plot(),
     ],
 )
-def test_it_is_refused_where_nothing_tells_the_truth(use):
+def test_it_is_refused_where_there_is_no_simulation(use):
     with pytest.raises(NotLinearisable, match="TrueDerivatives.* exists in simulation alone"):
         use()
 

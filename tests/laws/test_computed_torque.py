@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from law_catalogue import PERIOD, make_law
-from tarc import Scenario, estimators, laws, plants, signals, simulate
-from tarc.core.errors import InvalidParameter
+from tarc import Controller, Scenario, estimators, laws, plants, signals, simulate
+from tarc.core.errors import InvalidParameter, UnsupportedLaw
 from tarc.core.tracing import trace
 from tarc.core.trees import pack
 from tarc.laws import LawInput
@@ -80,7 +80,7 @@ def test_model_from_a_file_is_traced(robot, symbol):
         np.testing.assert_allclose(np.array(found)[:, 0], known, rtol=1e-9, atol=1e-8)
 
 
-def test_model_from_a_file_bears_what_is_no_number(robot):
+def test_model_from_a_file_accepts_missing_samples(robot):
     law = make_law(laws.ComputedTorque, model=robot)
     state, value = law.example()
     with np.errstate(invalid="ignore"):
@@ -127,3 +127,9 @@ def test_scenario_names_its_own_robot():
 def test_bad_parameters(options, message):
     with pytest.raises(InvalidParameter, match=message):
         make_law(laws.ComputedTorque, period=PERIOD, **options)
+
+
+def test_a_model_from_a_file_has_no_machine_code():
+    law = make_law(laws.ComputedTorque, joints=6, model=plants.MujocoPlant.from_file("ur5e"))
+    with pytest.raises(UnsupportedLaw, match="native: the law calls rigid_body, .* leave native out"):
+        Controller(law, native=True)

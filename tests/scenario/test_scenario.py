@@ -100,7 +100,7 @@ def test_bad_keys_and_values(settings, message):
         Scenario.parse(content_with_settings(*settings)).run()
 
 
-def test_all_faults_of_a_part_are_told_at_once():
+def test_all_faults_of_a_part_are_reported_at_once():
     content = scenario_content(law={"kind": "TARC", "inertia": [0.1, 0.1], "bandwidht": 1.0, "fall_rate": "x"})
     with pytest.raises(TarcError) as caught:
         Scenario.parse(content)

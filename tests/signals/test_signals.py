@@ -226,7 +226,7 @@ def test_encoder_delays_by_whole_periods(delay: int, positions: np.ndarray) -> N
     assert np.array_equal(readings[:, :delay], np.repeat(positions[:, :1], delay, axis=1))
 
 
-def test_encoder_loses_the_share_of_samples_that_it_is_told_and_never_the_first() -> None:
+def test_encoder_loses_the_given_share_of_samples_and_never_the_first() -> None:
     noise = Encoder(dropout=0.2).sample_noise(500, 200, np.random.default_rng(0))
     lost = np.isnan(noise)
     assert not lost[:, 0].any()

@@ -43,6 +43,13 @@ class Controller:
         Whether more than ``law.max_missing`` were missing in a row; then the safe torque is applied until the next
         `reset`.
 
+    Raises
+    ------
+    InvalidParameter
+        For something else than a law, and for a law with the oracle as its estimator.
+    MissingTool, CompilationError, UnsupportedLaw
+        With ``native``: without a C compiler, where it fails, and for a law that has no C.
+
     Examples
     --------
     >>> import numpy as np, tarc
@@ -100,7 +107,10 @@ class Controller:
     def reset(self, initial_position: Numbers, initial_torque: Numbers = 0.0) -> None:
         """Start at rest at a measured position (n,) with a torque (n,) already applied.
 
-        Raises `InvalidParameter` for a position that is not finite: wait for a valid sample first.
+        Raises
+        ------
+        InvalidParameter
+            For a position that is not finite: wait for a valid sample first.
         """
         self._call.reset(pack(self.law.init(initial_position, initial_torque)))
         self._call.output[:] = 0
@@ -112,6 +122,13 @@ class Controller:
         """Return the torque [N m or N] for this period from the measured position and the reference, all of shape (n,).
 
         A position with NaN or infinity is a missing sample.
+
+        Raises
+        ------
+        ControllerNotReset
+            Before the first `reset`.
+        InvalidParameter
+            For other shapes than (n,).
         """
         if not self._ready:
             raise ControllerNotReset(

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import casadi as ca
 import numpy as np
 
-from tarc.core.errors import InvalidParameter
+from tarc.core.errors import InvalidParameter, UnsupportedLaw
 
 ARITHMETIC = {
     ca.OP_ASSIGN: "{0}",
@@ -72,9 +72,16 @@ def emit(function: ca.Function, name: str) -> str:
     ------
     InvalidParameter
         For an instruction that has no counterpart in C.
+    UnsupportedLaw
+        For a call of a library, such as that of MuJoCo by a law with the model of a robot from a file.
     """
     parts = ["#include <math.h>", "#include <stdbool.h>", "#include <string.h>", ""]
     for callee in _callees(function):
+        if not callee.is_a("SXFunction") and not callee.is_a("MXFunction"):
+            raise UnsupportedLaw(
+                f"native: the law calls {callee.name()}, which a library evaluates and which has no C; leave native out, "
+                "or give the law a model from energies"
+            )
         body = _scalar_body(callee) if callee.is_a("SXFunction") else _product_body(callee)
         parts += [f"static void {_signature(callee.name())}", *body, ""]
     parts += [f"static void {_signature(name)}", *_scalar_body(function), ""]

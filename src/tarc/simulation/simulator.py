@@ -100,6 +100,8 @@ def simulate(
     ------
     InvalidParameter
         When the parts do not fit together.
+    MissingTool, CompilationError, UnsupportedLaw
+        With ``native``: without a C compiler, where it fails, and for a law that has no C.
 
     Warns
     -----
