@@ -79,8 +79,8 @@ def emit(function: ca.Function, name: str) -> str:
     for callee in _callees(function):
         if not callee.is_a("SXFunction") and not callee.is_a("MXFunction"):
             raise UnsupportedLaw(
-                f"native: the law calls {callee.name()}, which a library evaluates and which has no C; leave native out, "
-                "or give the law a model from energies"
+                f"native: the law calls {callee.name()}, which a library evaluates and which has no C; leave native "
+                "out, or give the law a model from energies"
             )
         body = _scalar_body(callee) if callee.is_a("SXFunction") else _product_body(callee)
         parts += [f"static void {_signature(callee.name())}", *body, ""]
