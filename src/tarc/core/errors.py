@@ -23,7 +23,7 @@ class InvalidParameter(TarcError, ValueError):
 
 
 class UnsupportedLaw(TarcError, TypeError):
-    """A law has not the structure that a method needs."""
+    """A law lacks the structure that a method needs."""
 
 
 class NotLinearisable(TarcError):

@@ -13,7 +13,7 @@ Step = Callable[[Tree, Tree], tuple[Tree, Tree]]
 """Pure function (state, value) -> (next state, output)."""
 
 BUFFER_PERIODS = 32
-"""Periods between two copies of what was recorded; few, so that all memory of a ring stays in the fast cache."""
+"""Periods between two copies of the recorded outputs; few, so that the arrays of a buffer stay in the fast cache."""
 
 
 def _symbols(tree: Tree, kind: type) -> tuple[Vector, Tree]:
@@ -39,7 +39,7 @@ def expressions(
 ) -> tuple[list[Vector], list[Vector]]:
     """Return the packed symbols ``[state, value]`` of a step and its expressions ``[next state, output]``.
 
-    Takes what `trace` takes.
+    The parameters are those of `trace`.
     """
     state_symbol, state_tree = _symbols(state, symbol)
     value_symbol, value_tree = _symbols(value, symbol)
@@ -71,9 +71,9 @@ def trace(
     step
         Pure function (state, value) -> (state, output).
     state, value
-        Trees of arrays with the shapes to trace for; one NumPy step from them tells the output's shapes.
+        Trees of arrays with the shapes to trace for; one NumPy step from them gives the shapes of the output.
     symbol
-        ``casadi.SX`` (scalar graph: about 1 ns an operation) or ``casadi.MX`` (matrix graph: about 12 ns).
+        ``casadi.SX`` (scalar graph: about 1 ns per operation) or ``casadi.MX`` (matrix graph: about 12 ns).
 
     Returns
     -------
@@ -91,15 +91,15 @@ def trace(
 class PeriodBuffer:
     """A traced function over fixed memory, several periods in a row: one call each, no copies between them.
 
-    The function's first input and output are its state. Every other input and output has one row a period, or lies
-    where ``fixed`` has it, by name, in every period.
+    The function's first input and output are its state. Every other input and output has one row per period, or the
+    array of its name in ``fixed`` in every period.
 
     Attributes
     ----------
     calls
-        One a period, to be called in order, over and over.
+        One call per period, to be made in order, over and over.
     rows
-        By the name of the input or output, shape (periods, size).
+        Array of each input and output by its name, shape (periods, size).
     states
         The two state vectors that take turns; the first call reads the first.
     """
@@ -131,12 +131,12 @@ class PeriodBuffer:
 
 
 class CompiledStep:
-    """A traced step over fixed memory: no allocation a call, a microsecond or so each.
+    """A traced step over fixed memory: calls of about a microsecond, without allocation.
 
     Attributes
     ----------
     value, output
-        Input and output vectors, ordered as `pack` orders them. Write the one, `step()`, read the other.
+        Input and output vectors, ordered as `pack` orders them. Write the input, call `step()`, read the output.
     """
 
     def __init__(self, function: ca.Function):

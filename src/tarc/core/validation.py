@@ -1,4 +1,4 @@
-"""Checks of user input: each returns the value as an array or number, or raises `InvalidParameter` with the remedy."""
+"""Checks of user input: each returns the value as an array or number, or raises `InvalidParameter`."""
 
 import difflib
 from collections.abc import Iterable, Sequence

@@ -113,8 +113,8 @@ class Estimator(Component, System):
     def group_delay(self, derivative: int = 1) -> float:
         """Return the group delay of the derivative at low frequency [s].
 
-        With H(jω) = (jω)^j (1 − jωτ + …), τ = (−1)^j T^{j+1} Σ i^{j+1} w_i / (j+1)! for a window of weights w_i,
-        plus what a recursive part adds.
+        With H(jω) = (jω)^j (1 − jωτ + …), τ = (−1)^j T^{j+1} Σ i^{j+1} w_i / (j+1)! for a window of weights w_i, plus
+        the delay of a recursive part.
         """
         b, a = self.transfer_function(derivative)
         i = np.arange(len(b))

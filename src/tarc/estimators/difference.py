@@ -15,8 +15,8 @@ from tarc.estimators.base import Estimate, Estimator, TorqueAverage, WindowedEst
 class BackwardDifference(WindowedEstimator):
     """Euler's backward differences: q̇ ≈ (q_k − q_{k−1})/T, q̈ ≈ (q_k − 2q_{k−1} + q_{k−2})/T².
 
-    The classical way to run time-delay control on an encoder; exact for constant velocity, and for constant
-    acceleration in q̈ alone. Noise grows with 1/T and 1/T². A missing sample is extrapolated linearly.
+    The classical estimates of time-delay control. Velocity is exact at constant velocity, and acceleration at constant
+    acceleration. Noise grows with 1/T and 1/T². A missing sample is extrapolated linearly.
 
     References
     ----------
@@ -53,7 +53,7 @@ class FilteredState(NamedTuple):
 class FilteredDifference(Estimator):
     """Backward differences behind a first-order low-pass: y_k = p y_{k−1} + (1−p) x_k, p = exp(−ω_c T).
 
-    The usual remedy for encoder noise in time-delay control; it costs a delay of about 1/ω_c.
+    The usual remedy for encoder noise in time-delay control; it adds a delay of about 1/ω_c.
 
     Parameters
     ----------

@@ -13,9 +13,9 @@ from tarc.core.validation import Numbers, array
 from tarc.estimators.base import Estimate, Estimator, TorqueAverage
 
 LAMBDA = (1.1, 1.5 * 2.0**0.5, 2.0)
-"""Levant's coefficients 1.1, 1.5, 2 of the recursive form, as λ0, λ1, λ2 of the other one."""
+"""λ0, λ1 and λ2 that correspond to Levant's coefficients 1.1, 1.5 and 2 of the recursive form."""
 NEWTON_STEPS = 8
-"""For the cubic of the implicit scheme."""
+"""Steps of Newton's method for the cubic of the implicit scheme."""
 
 
 class DifferentiatorState(NamedTuple):

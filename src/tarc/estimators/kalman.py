@@ -23,7 +23,7 @@ class Kalman(Observer):
     noise
         Standard deviation of the measurement [rad or m]; for an encoder its step over √12.
     jerk
-        Standard deviation of the change of acceleration over one second [rad/s³ or m/s³]: how fast the motion changes.
+        Standard deviation of the change of acceleration over one second [rad/s³ or m/s³].
 
     References
     ----------

@@ -26,7 +26,7 @@ class Observer(Estimator):
 
         x⁻ = Φ x,     x = x⁻ + L (q − x⁻_1),     Φ = [1 T T²/2; 0 1 T; 0 0 1]
 
-    with x = (q, q̇, q̈). A missing sample leaves the prediction as it is. A kind of observer gives the gain L.
+    with x = (q, q̇, q̈). A missing sample leaves the prediction as it is. A subclass gives the gain L.
     """
 
     @property

@@ -31,7 +31,7 @@ class CorlessLeitmann(PolePlacement):
     uncertainty_bound
         ρ [rad/s² or m/s²], above the norm of the acceleration that M̂ and N̂ leave unexplained.
     boundary_layer
-        ε [unit of s, for scalar gains that of e1], the layer in which Δu is linear with the slope ρ/ε.
+        ε [unit of s, for scalar gains that of e1]: the layer in which Δu is linear with the slope ρ/ε.
     model
         N̂: a nominal robot, whose Coriolis, gravity and friction torque are added; None for N̂ = 0. In a scenario,
         ``robot`` is the scenario's own.

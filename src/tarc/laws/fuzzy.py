@@ -23,7 +23,7 @@ class FuzzyState(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AdaptiveFuzzy(PolePlacement):
-    """Adaptive fuzzy control: rules "if q is about c and q̇ about d, then the robot accelerates by w" that learn w.
+    """Adaptive fuzzy control: rules "if q is about c and q̇ about d, the robot accelerates by w", with adaptive w.
 
         f̂_j(q_j, q̇_j) = Σ_k w_jk φ_k(q_j, v̂_j),     Σ_k φ_k = 1
         τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 − f̂),     s = BᵀP e
@@ -72,7 +72,7 @@ class AdaptiveFuzzy(PolePlacement):
         check.integer("memberships", self.memberships, 2, 20)
 
     def linearisation_constants(self, gain: float) -> dict[str, float | None]:
-        """Return those of every law, and the states that adapt."""
+        """Return the constants of every law, and the states that adapt."""
         return {**super().linearisation_constants(gain), "consequents": None}
 
     @cached_property

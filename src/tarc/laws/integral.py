@@ -1,4 +1,4 @@
-"""An integral that does not wind up at a torque limit; what laws with one share."""
+"""Integral with anti-windup at a torque limit, for the laws that have one."""
 
 from typing import NamedTuple
 
@@ -30,9 +30,8 @@ def integrate(
 
         z⁺ = z + T (rate + g M̂⁻¹ (τ applied − τ commanded)),     g = anti_windup_gain [1/s]
 
-    Where a limit cuts the torque, z moves towards what can be applied, with the time constant 1/g. The rate is zero
-    once the law has given up. With g = 0 there is no integral: an unused sum would add a pole at one to the linearised
-    loop.
+    Where a limit cuts the torque, z approaches the applied torque with the time constant 1/g. The rate is zero once the
+    law has given up. With g = 0 there is no integral: an unused sum would add a pole at one to the linearised loop.
     """
     if not anti_windup_gain:
         return 0 * tracking.error

@@ -1,4 +1,4 @@
-"""The quadratic function that laws with s = BᵀP e share."""
+"""Lyapunov equation of the laws with s = BᵀP e."""
 
 import numpy as np
 

@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModelBased(Law):
-    """A law with a model of the robot in it, and the poles of the error set by a natural frequency.
+    """A law with a model of the robot, and the poles of the error set by a natural frequency.
 
     Parameters
     ----------
     model
-        A robot of `tarc.plants`, as the law believes it to be; in a scenario, ``robot`` is the scenario's own.
+        Model of the robot, one of `tarc.plants`; in a scenario, ``robot`` is the scenario's own.
     natural_frequency
         ωn [rad/s], one number or one per joint.
     """
@@ -61,8 +61,8 @@ class ModelBased(Law):
 def inertia_and_bias(model: Plant, position: Vector, velocity: Vector) -> tuple[Vector, Vector]:
     """Return M(q), shape (n, n), and N(q, q̇), shape (n,), of a robot at numbers or at CasADi symbols.
 
-    A robot from a file is called through CasADi: 30 microseconds or so, by finite differences where it is
-    differentiated, and it cannot be compiled. Its bias has no dry friction, which MuJoCo makes a constraint.
+    CasADi calls MuJoCo for a robot from a file. A call takes some 30 µs and cannot be compiled; derivatives are finite
+    differences. Its bias has no dry friction, which is a constraint in MuJoCo.
     """
     if isinstance(model, EulerLagrange):
         return model.evaluate("inertia", position), model.evaluate("bias", position, velocity)

@@ -25,7 +25,7 @@ class ParameterState(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ProjectionARC(ModelBased):
-    """Adaptive robust control: physical parameters adapt within known bounds, and a robust term covers the rest.
+    """Adaptive robust control: physical parameters adapt within known bounds, and a robust term covers their error.
 
         s = v̂ − q̇ᵣ,     q̇ᵣ = q̇ᵈ − Ω e1,     Ω = diag ωn
         τ = M(q; p̂) q̈ᵣ + C(q, v̂; p̂) q̇ᵣ + ∂V/∂q(q; p̂) + F(q, q̇ᵣ; p̂) − Ω^½ M(q; p0) Ω^½ s − h s/max(|s|, ε)
@@ -38,8 +38,8 @@ class ProjectionARC(ModelBased):
     Parameters
     ----------
     model
-        A robot with energies (`tarc.plants.EulerLagrange`), whose own parameters p0 are where p̂ starts. In a
-        scenario, ``robot`` is the scenario's own.
+        A robot with energies (`tarc.plants.EulerLagrange`), whose own parameters p0 are the initial p̂. In a scenario,
+        ``robot`` is the scenario's own.
     parameter_bounds
         Uncertain parameters, each with its least and greatest value: ``{"masses": [0.5, 2.0]}``. A parameter with one
         value per joint adapts each of them. The dynamics must be affine in all of them together: masses, or payload, or
@@ -104,7 +104,7 @@ class ProjectionARC(ModelBased):
         _ = self.model_torque
 
     def linearisation_constants(self, gain: float) -> dict[str, float | None]:
-        """Return those of every law, and the states that adapt."""
+        """Return the constants of every law, and the states that adapt."""
         return {**super().linearisation_constants(gain), "adapted": None}
 
     @property

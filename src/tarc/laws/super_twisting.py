@@ -15,7 +15,7 @@ from tarc.laws.pole_placement import PolePlacement
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SuperTwisting(PolePlacement):
-    """Super-twisting: a continuous torque that holds s = 0 against any disturbance whose rate is bounded.
+    """Super-twisting: a continuous torque that keeps s = 0 under any disturbance of bounded rate.
 
         s = v̂ − q̇ᵈ + Λ e1,     Λ = ½ K2
         τ = M̂ (q̈ᵈ − Λ (v̂ − q̇ᵈ) − k1 |s|^½ sgn s + z),     ż = −k2 sgn s,     k1 = a √L,  k2 = b L

@@ -57,7 +57,7 @@ class Switching(TDE):
         _ = self.start_gain
 
     def linearisation_constants(self, gain: float) -> dict[str, float | None]:
-        """Return those of every law, and the states that adapt."""
+        """Return the constants of every law, and the states that adapt."""
         return {**super().linearisation_constants(gain), "gain": gain}
 
     @property

@@ -31,8 +31,8 @@ class TARC(TDE):
         AᵀP + PA = −Q,     P = [P1 P2ᵀ; P2 P3]
 
     The gain rises while the error grows and falls otherwise. The law needs neither a bound on the uncertainty nor a
-    threshold on the error. The adaptation runs as forward Euler, limited from below to γ like the continuous law.
-    Takes the parameters of `TDE`, `PolePlacement` and `Law`, and:
+    threshold on the error. The adaptation is integrated by forward Euler, limited from below to γ like the continuous
+    law. Takes the parameters of `TDE`, `PolePlacement` and `Law`, and:
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ class TARC(TDE):
             )
 
     def linearisation_constants(self, gain: float) -> dict[str, float | None]:
-        """Return those of every law, and the states that adapt."""
+        """Return the constants of every law, and the states that adapt."""
         return {**super().linearisation_constants(gain), "gain": gain, "sliding": None}
 
     @property
@@ -130,7 +130,7 @@ class TARC(TDE):
         return self.P[self.n_joints :, : self.n_joints]
 
     def _single_joint_parameters(self, position_gain: float, velocity_gain: float, P2: float | None) -> dict[str, Any]:
-        """Return those of every law, and the weight Q = diag(2 K1 P2, 2), whose solution has this P2."""
+        """Return the parameters of every law, and the weight Q = diag(2 K1 P2, 2), whose solution has this P2."""
         weight = None if P2 is None else [2 * position_gain * P2, 2.0]
         return {**super()._single_joint_parameters(position_gain, velocity_gain, P2), "lyapunov_weight": weight}
 

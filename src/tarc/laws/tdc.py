@@ -13,8 +13,8 @@ class TDC(TDE):
 
         τ = M̂ (q̈ᵈ − K2 (v̂ − q̇ᵈ) − K1 e1 − â_h) + τ_h
 
-    Takes the parameters of `TDE`, `PolePlacement` and `Law`. With velocity and acceleration from an estimator, as
-    everywhere in this package, rather than measured.
+    Takes the parameters of `TDE`, `PolePlacement` and `Law`. Velocity and acceleration come from an estimator, as
+    everywhere in this package, instead of a measurement.
 
     References
     ----------

@@ -11,7 +11,7 @@ from tarc.laws.tde import TDE
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TerminalSliding(TDE):
-    """TDC with a terminal sliding mode, for a steep approach to zero error, and damping that grows with the distance.
+    """TDC with a terminal sliding mode and a damping that grows with the distance from the surface.
 
         u = q̈ᵈ − Λ (1 + φ'(e1)) (v̂ − q̇ᵈ) − K1 φ(e1) − κ ‖s‖ s
         s = (v̂ − q̇ᵈ) + Λ φ(e1),     φ(e) = ℓ sig(e/ℓ)^p,     Λ = ½ K2

@@ -1,4 +1,4 @@
-"""Names, labels and units of what a run records and of what is measured on it."""
+"""Names, labels and units of the recorded variables and of the measures of a run."""
 
 from typing import NamedTuple
 

@@ -55,7 +55,7 @@ class Run:
     ----------
     data
         ``xarray.Dataset`` over time [s] and joint; `tarc.simulation.quantities.VARIABLES` lists what it may contain.
-        Its attributes say how it was made.
+        Its attributes describe how the run was made.
     """
 
     data: xr.Dataset
@@ -95,9 +95,9 @@ class Run:
         frequency
             Frequency above which torque counts as high-frequency [Hz].
         averaging_time
-            Length of the moving average of gain and ‖s‖ [s], a whole multiple of the period, whose changes are
-            counted; 0 counts from sample to sample. It removes what encoder noise moves back and forth. Take an even
-            number of periods: then a gain that chatters at its minimum from period to period counts as constant.
+            Length of the moving average of gain and ‖s‖ [s], a whole multiple of the period, whose changes are counted;
+            0 counts from sample to sample. It removes changes that encoder noise reverses. Take an even number of
+            periods: then a gain that chatters at its minimum from period to period counts as constant.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""What acts on a run from outside: reference, noise, disturbances and schedules, sampled beforehand."""
+"""Inputs of a run, sampled beforehand: reference, noise, disturbances and schedules."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
