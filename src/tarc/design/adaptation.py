@@ -1,4 +1,4 @@
-"""The switching gain's parameters, from the slope that is certified and the step to be expected."""
+"""Parameters of TARC's switching gain, from the certified slope and the expected step of acceleration."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -11,19 +11,25 @@ from tarc.design.candidates import Candidate, peak_error
 from tarc.plants.base import Plant
 
 RISE_TO_FALL = 3.0
-"""Rise over fall."""
+"""Rise rate over fall rate."""
 MIN_LAYER_TO_NOISE = 5.0
-"""The boundary layer is never thinner than so many standard deviations of the measurement noise."""
+"""Least boundary layer over the standard deviation of the measurement noise."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Adaptation:
-    """What `tarc.laws.TARC` takes for its switching gain: units as there, for the default weight, where s = e1.
+    """Parameters of the switching gain of `tarc.laws.TARC`, for the default weight, with which s = e1.
 
     Attributes
     ----------
-    rise_rate, fall_rate, min_gain, boundary_layer, max_gain, gain_factor
-        c̄, c̲, γ, ε, the greatest gain and α.
+    rise_rate, fall_rate
+        c̄ and c̲ [1/s³].
+    min_gain, max_gain
+        γ and the largest gain [rad/s²].
+    boundary_layer
+        ε [rad].
+    gain_factor
+        α.
     """
 
     rise_rate: float
@@ -34,7 +40,10 @@ class Adaptation:
     gain_factor: float = 1.0
 
     def law_options(self) -> dict[str, float]:
-        """As keyword arguments of the law, rounded to four digits, the cap so that its slope does not grow."""
+        """Return the parameters of the law, rounded to four digits.
+
+        The largest gain is rounded so that the slope does not grow.
+        """
         rounded = {name: float(f"{value:.4g}") for name, value in asdict(self).items()}
         slope = self.gain_factor * self.max_gain / self.boundary_layer
         rounded["max_gain"] = float(f"{0.9999 * slope * rounded['boundary_layer'] / rounded['gain_factor']:.5g}")
@@ -42,30 +51,36 @@ class Adaptation:
 
 
 def choose_adaptation(candidate: Candidate, expected: float, *, noise: float = 0.0) -> Adaptation:
-    """Rise, fall, floor, boundary and cap of TARC's gain, for a loop whose ball bears a slope.
+    """Choose TARC's switching gain for a loop that tolerates a slope.
 
-        ε = greatest error after the expected step,    max_gain = slope ε / α,    c̲ = slope ωn,    c̄ = 3 c̲,    γ =
-        cap/100
+        ε = largest error after the expected step,    max_gain = slope ε / α,
+        c̲ = slope ωn,    c̄ = 3 c̲,    γ = max_gain/100
 
-    The slope α ĉ/ε is what the certificate bears, so that the cap follows from the layer ε and not the reverse. The
-    layer is as wide as the error that the step to be expected leaves in the loop without the switching term: within it
-    the term is linear. An error of ε that shrinks takes the gain from its cap to nothing within 1/ωn. As ‖s‖ rises and
-    falls about as often, by noise or by the motion, it is the ratio of rise to fall that settles where the gain stays:
-    with the same for both it stays low and hardly acts, and with a rise far above the fall it stays at its cap. There
-    it does no harm, for the cap is certified; without a cap it chatters. Three to one leaves it room both ways.
+    The certificate limits the slope α ĉ/ε. So the largest gain follows from the layer ε. The layer is as wide as the
+    error after the expected step without the switching term; within the layer that term is linear. An error of ε
+    moves the gain over its range within 1/ωn.
+
+    ‖s‖ rises and falls about equally often, so the ratio of rise to fall rate decides where the gain stays. With equal
+    rates it stays low and has little effect. With a far larger rise rate it stays at its largest value, which is
+    certified; without that limit it chatters. A ratio of three avoids both.
 
     Parameters
     ----------
     candidate
         The loop, with its slope.
     expected
-        The step of acceleration to be expected [rad/s²], as `expected_step` finds it.
+        Expected step of acceleration [rad/s²], as `expected_step` finds it.
     noise
         Standard deviation of the measured position over all joints [rad].
 
+    Raises
+    ------
+    InvalidParameter
+        For an expected step or a slope that is not above zero.
+
     References
     ----------
-    Paper, Section III-B, on what is too high and too low; theory of the slope: `tarc.certificates.certify_sector`.
+    Paper, Section III-B, on gains that are too high and too low; the slope: `tarc.certificates.certify_sector`.
     """
     check.number("expected", expected, 0, strict=True)
     slope = check.number("robust_slope", candidate.robust_slope, 0, strict=True)
@@ -84,27 +99,38 @@ def choose_adaptation(candidate: Candidate, expected: float, *, noise: float = 0
 
 
 def expected_step(plants: Sequence[Plant], workspace: Workspace, *, samples: int = 200, seed: int = 0) -> float:
-    """The largest step of acceleration ‖M⁻¹ Δτ‖ [rad/s²] that picking up the payload, or Coulomb friction, makes.
+    """Return the largest step of acceleration ‖M⁻¹ Δτ‖ [rad/s²] over sampled postures.
 
-    Over sampled postures, of the robots given, the lightest first: the difference of the torques that hold them, and a
-    reversal of dry friction. Where there is neither, a tenth of the torque that holds the robot.
+    Δτ is the change of the gravity torque when the payload is picked up, or a reversal of Coulomb friction. Without
+    either, it is a tenth of the gravity torque.
 
     Parameters
     ----------
     plants
-        The robot with its least and its greatest payload.
-    workspace, samples, seed
-        Postures to look at.
+        The robot with its smallest and its largest payload.
+    workspace
+        The postures.
+    samples
+        Number of sampled postures.
+    seed
+        Seed of the sampled postures.
     """
-    greatest = fallback = 0.0
     first = plants[0]
-    dry = 2 * np.abs(np.broadcast_to(first.parameters.get("coulomb", 0.0), (first.n_joints,)))
+    friction_reversal = np.diag(2 * np.abs(np.broadcast_to(first.parameters.get("coulomb", 0.0), (first.n_joints,))))
+    largest = fallback = 0.0
     for posture in workspace.sample(samples, seed):
-        M, held = first.inertia(posture), np.asarray(first.gravity_torque(posture), dtype=float)
-        fallback = max(fallback, 0.1 * float(np.linalg.norm(np.linalg.solve(M, held))))
-        for other in plants[1:]:
-            change = np.asarray(other.gravity_torque(posture), dtype=float) - held
-            greatest = max(greatest, float(np.linalg.norm(np.linalg.solve(other.inertia(posture), change))))
-        for torque in np.diag(dry):
-            greatest = max(greatest, float(np.linalg.norm(np.linalg.solve(M, torque))))
-    return greatest or fallback or 1.0
+        M, gravity = first.inertia(posture), _gravity_torque(first, posture)
+        fallback = max(fallback, 0.1 * _acceleration(M, gravity))
+        for loaded in plants[1:]:
+            change = _gravity_torque(loaded, posture) - gravity
+            largest = max(largest, _acceleration(loaded.inertia(posture), change))
+        largest = max(largest, *(_acceleration(M, torque) for torque in friction_reversal))
+    return largest or fallback or 1.0
+
+
+def _gravity_torque(plant: Plant, posture: np.ndarray) -> np.ndarray:
+    return np.asarray(plant.gravity_torque(posture), dtype=float)
+
+
+def _acceleration(M: np.ndarray, torque: np.ndarray) -> float:
+    return float(np.linalg.norm(np.linalg.solve(M, torque)))

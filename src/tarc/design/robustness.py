@@ -1,4 +1,4 @@
-"""What a robot asks of the loop that is to move it."""
+"""The robustness that a robot requires of its loop."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,30 +21,32 @@ from tarc.core import validation as check
 from tarc.plants.base import Plant
 
 DAMPING_WEIGHT = 1.0
-"""Of the damping beside the stiffness, over that for which both count as much."""
+"""Weight of the robot's damping, over the one that makes stiffness and damping equal."""
 
 
 @dataclass(frozen=True)
 class RobustnessSpec:
-    """What a robot asks of a loop.
+    """The robustness that a robot requires of its loop, for M̂ = X.
+
+    E = M(q)⁻¹X is the inertia ratio, and H and C are the robot's own stiffness and damping, as in
+    `tarc.certificates.certify_robot`. With ρ0 = (1 + spread)/2, the loop must be stable for ‖[E − ρ0 I, H/η]‖ up to
+    the radius ratio times ρ0, for one of the weights η. The damping C counts beside H.
 
     Attributes
     ----------
     spread
-        Greatest over least eigenvalue of M(q)⁻¹X.
-    shares
-        With weights η: radius over centre of the ball that holds [E − ρ0 I, H/η] for all postures, for M̂ = X and
-        ρ0 = (1 + spread)/2, beside the damping; E and H as in `tarc.certificates.certify_robot`. Just one share,
-        without
-        weight, for a robot of neither.
-    weights
-        The η [1/s²].
-    rate
-        Greatest ‖dE⁻¹/dt‖ for M̂ = X [1/s]; infinite for a robot of any speed.
+        Largest over smallest eigenvalue of M(q)⁻¹X.
+    radius_ratios
+        Radius over centre of the ball that contains every operating point, for each weight. It has one entry, without
+        a weight, for a robot without stiffness and damping.
+    stiffness_weights
+        The weights η [1/s²].
+    max_rate
+        Largest ‖dE⁻¹/dt‖ [1/s]; infinite for a robot of any speed.
     stiffness
-        Greatest ‖[H, C/lead]‖ [1/s²].
-    lead
-        By which the velocity counts beside the position [s].
+        Largest ‖[H, C/velocity_weight]‖ [1/s²].
+    velocity_weight
+        Weight of the velocity beside the position [s].
     """
 
     spread: float
@@ -56,19 +58,25 @@ class RobustnessSpec:
 
     @classmethod
     def from_spread(cls, spread: float, rate: float = np.inf) -> "RobustnessSpec":
-        """Of a robot without stiffness and damping of its own."""
+        """Return the robustness for a robot without stiffness and damping.
+
+        Raises
+        ------
+        InvalidParameter
+            For a spread that is not finite or below 1.
+        """
         spread = check.number("spread", spread, 1)
         return cls(spread, np.array([radius_ratio_of(spread)]), np.zeros(1), rate)
 
     @classmethod
-    def from_samples(cls, spread: float, found: UncertaintySamples, rate: float = np.inf) -> "RobustnessSpec":
-        """Of a robot with these mismatches and this greatest rate, for M̂ = X."""
-        lead = DAMPING_WEIGHT * found.lead_time()
-        stiffness, centre = float(found.stiffness_norms(lead).max()), (1 + spread) / 2
+    def from_samples(cls, spread: float, samples: UncertaintySamples, rate: float = np.inf) -> "RobustnessSpec":
+        """Return the robustness for sampled uncertainty and a largest rate [1/s]."""
+        lead = DAMPING_WEIGHT * samples.lead_time()
+        stiffness, centre = float(samples.stiffness_norms(lead).max()), (1 + spread) / 2
         if not stiffness > NEGLIGIBLE_STIFFNESS:
             return cls.from_spread(spread, rate)
-        weights = np.array(found.candidate_weights(centre, lead)[::-1])
-        norms = np.array([found.needed_radius(centre, float(weight), lead) for weight in weights])
+        weights = np.array(samples.candidate_weights(centre, lead)[::-1])
+        norms = np.array([samples.needed_radius(centre, float(weight), lead) for weight in weights])
         return cls(spread, np.maximum(norms / centre, radius_ratio_of(spread)), weights, rate, stiffness, lead)
 
     @classmethod
@@ -77,45 +85,46 @@ class RobustnessSpec:
         plants: Sequence[Plant],
         workspace: Workspace,
         shape: np.ndarray,
-        found: InertiaSpread,
+        spread: InertiaSpread,
         *,
         seed: int = 0,
         search: bool = True,
     ) -> "RobustnessSpec":
-        """Of a robot, for M̂ = X.
+        """Return the robustness for a robot.
 
         Parameters
         ----------
         plants, workspace
-            The robot with its least and its greatest payload; where and how fast it moves.
+            The robot with its smallest and its largest payload, and its postures and speeds.
         shape
             X [kg m² or kg], shape (n, n).
-        found
-            The spread of M(q)⁻¹X, as `tarc.analysis.inertia_spread` finds it, from as many samples as are taken here.
+        spread
+            Spread of M(q)⁻¹X, as `tarc.analysis.inertia_spread` finds it; as many samples are taken here.
+        seed
+            Seed of the sampled postures.
         search
-            Look for worse instants than the samples, as the certificate does.
+            Search for worse operating points than the samples, as the certificate does.
         """
-        ends = (plants[found.min_plant], found.min_posture), (plants[found.max_plant], found.max_posture)
-        instants = [OperatingPoint.at_rest(*one) for one in ends] + sample_points(
-            plants, workspace, found.samples, seed
-        )
-        mismatch = uncertainty_samples(shape, instants)
-        lead = DAMPING_WEIGHT * mismatch.lead_time()
-        stiffness, middle = float(mismatch.stiffness_norms(lead).max()), (1 + found.ratio) / 2
+        ends = (plants[spread.min_plant], spread.min_posture), (plants[spread.max_plant], spread.max_posture)
+        points = [OperatingPoint.at_rest(*end) for end in ends]
+        points += sample_points(plants, workspace, spread.samples, seed)
+        samples = uncertainty_samples(shape, points)
+        lead = DAMPING_WEIGHT * samples.lead_time()
+        stiffness, centre = float(samples.stiffness_norms(lead).max()), (1 + spread.ratio) / 2
         if search and stiffness > NEGLIGIBLE_STIFFNESS:
-            units = workspace.unit_samples(found.samples, seed)
-            instants, mismatch = add_stiffest(instants, mismatch, workspace, units, shape, lead)
-            for eta in mismatch.candidate_weights(middle, lead)[::2]:
-                instants, mismatch = refine_worst(instants, mismatch, workspace, units, shape, middle, eta, lead)
-        rate = max_inertia_rate(plants, shape, workspace, found.samples, seed)
-        return cls.from_samples(found.ratio, mismatch, rate)
+            units = workspace.unit_samples(spread.samples, seed)
+            points, samples = add_stiffest(points, samples, workspace, units, shape, lead)
+            for eta in samples.candidate_weights(centre, lead)[::2]:
+                points, samples = refine_worst(points, samples, workspace, units, shape, centre, eta, lead)
+        rate = max_inertia_rate(plants, shape, workspace, spread.samples, seed)
+        return cls.from_samples(spread.ratio, samples, rate)
 
 
 def radius_ratio_of(spread: float) -> float:
-    """Radius over centre of the interval whose ends have this ratio."""
+    """Return radius over centre of an interval, from the ratio of its ends."""
     return (spread - 1) / (spread + 1)
 
 
-def spread_of(share: float) -> float:
-    """The reverse of `share_of`."""
-    return (1 + share) / (1 - share) if share < 1 else np.inf
+def spread_of(radius_ratio: float) -> float:
+    """Return the ratio of the ends of an interval, from its radius over centre."""
+    return (1 + radius_ratio) / (1 - radius_ratio) if radius_ratio < 1 else np.inf
