@@ -293,7 +293,7 @@ def test_what_the_file_leaves_open_is_said(folder):
     assert "no rotor inertia is known" in found["robot"][1]
     assert found["workspace"][0] == "all that the joints reach"
     assert "shoulder -3.142 to 3.142; elbow -2 to 2" in found["workspace"][1]
-    assert "no range in the file for shoulder, which is taken to ±π, a whole turn" in found["workspace"][1]
+    assert "no range is known for shoulder, which is taken to ±π, a whole turn" in found["workspace"][1]
     near = {
         choice.label: choice.reason
         for choice in assumptions([plant], joint_workspace(plant, 0.5), plant.torque_limits, None, own=True)

@@ -1,5 +1,6 @@
 """Gains without a model of the robot, from a measured inertia and a bound on its spread."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,8 +13,9 @@ from tarc.core.validation import Matrix
 from tarc.design.adaptation import choose_adaptation
 from tarc.design.assessment import assess_candidates
 from tarc.design.candidates import Candidate, enumerate_candidates, pareto_front
+from tarc.design.infeasible import infeasible_design
 from tarc.design.noise import measurement_deviation, torque_noise
-from tarc.design.requirements import default_encoder
+from tarc.design.requirements import SLOPE_RATIO, default_encoder
 from tarc.design.robustness import RobustnessSpec
 from tarc.laws.tarc import TARC
 from tarc.laws.tdc import TDC
@@ -89,12 +91,10 @@ def design_without_model(
     InfeasibleDesign
         When no loop of this natural frequency tolerates the spread; the relaxation is the largest tolerated one.
     """
-    joints = max((1, *np.shape(check.float_array("inertia", inertia))))
-    M = check.positive_definite("inertia", inertia, joints)
-    demand = RobustnessSpec.from_spread(spread)
+    n_joints = max((1, *np.shape(check.float_array("inertia", inertia))))
+    M = check.positive_definite("inertia", inertia, n_joints)
+    check.number("natural_frequency", natural_frequency, 0, strict=True)
     sensor = default_encoder() if sensor is None else sensor
-    natural_frequency = check.number("natural_frequency", natural_frequency, 0, strict=True)
-    check.number("damping_ratio", damping_ratio, 0, strict=True)
     trials = enumerate_candidates(
         period,
         natural_frequencies=[natural_frequency],
@@ -102,33 +102,42 @@ def design_without_model(
         damping_ratio=damping_ratio,
         computation_delay=check.integer("computation_delay", computation_delay),
     )
-    looked = assess_candidates(trials, demand, slope_ratio=0.0 if expected_step is None else 1.0, min_margin=min_margin)
-    able = pareto_front(looked)
-    if not able:
-        reach = max((one.max_spread for one in looked), default=1.0)
-        available = reach / (1 + min_margin)
-        text = f"a spread of at most {available:.3g}"
-        raise InfeasibleDesign(
-            f"spread: needed {spread:g}, available {available:.3g} of all loops of {natural_frequency:g} rad/s at "
-            f"{1 / period:g} Hz. Lower the natural frequency, or raise the control rate",
-            [Relaxation("spread", available, text)],
-        )
-    best, shape = able[0], M * spread**0.5
-    sigma = np.broadcast_to(measurement_deviation(sensor), (joints,))
-    common = {**best.law_options(), "inertia": best.inertia_scale * shape, "estimator": best.estimator}
-    if expected_step is None:
-        law: TDC | TARC = TDC(**common)
-    else:
-        law = TARC(
-            **{**common, **choose_adaptation(best, expected_step, noise=float(np.linalg.norm(sigma))).law_options()}
-        )
-    ends = best.inertia_scale, best.inertia_scale * spread
+    slope_ratio = SLOPE_RATIO["TDC" if expected_step is None else "TARC"]
+    spec = RobustnessSpec.from_spread(spread)
+    assessed = assess_candidates(trials, spec, slope_ratio=slope_ratio, min_margin=min_margin)
+    front = pareto_front(assessed)
+    if not front:
+        raise _no_feasible_loop(assessed, spread, min_margin)
+    best, shape = front[0], M * spread**0.5
+    law = _build_law(best, shape, sensor, expected_step)
     certificate = certify_varying_ratio(
-        law, ratio_range=ends, slope=law.robust_slope_bound, computation_delay=computation_delay
+        law,
+        ratio_range=(best.inertia_scale, best.inertia_scale * spread),
+        slope=law.robust_slope_bound,
+        computation_delay=computation_delay,
     )
     if not certificate.certified:
         raise InfeasibleDesign(
-            f"spread: the loop chosen is {certificate.verdict}, margin {certificate.margin:.3g}; raise min_margin"
+            f"spread: the chosen loop is {certificate.verdict}, margin {certificate.margin:.3g}; raise min_margin"
         )
     noise = torque_noise(best.noise, shape, sensor)
     return ModelFreeDesign(law=law, certificate=certificate, spread=spread, candidate=best, torque_noise=noise)
+
+
+def _no_feasible_loop(assessed: Sequence[Candidate], spread: float, min_margin: float) -> InfeasibleDesign:
+    first = assessed[0]
+    tolerated = max(loop.max_spread for loop in assessed) / (1 + min_margin)
+    return infeasible_design(
+        f"spread: required {spread:g}; with the margin the loops of {first.natural_frequency:g} rad/s at "
+        f"{1 / first.period:g} Hz tolerate at most {tolerated:.3g}. Lower it, or raise the control rate",
+        [Relaxation("spread", tolerated, f"a spread of at most {tolerated:.3g}")],
+    )
+
+
+def _build_law(best: Candidate, shape: np.ndarray, sensor: Encoder, expected_step: float | None) -> TDC | TARC:
+    """Return the law of a loop: TARC where a step of acceleration is expected [rad/s²]."""
+    options = {**best.law_options(), "inertia": best.inertia_scale * shape, "estimator": best.estimator}
+    if expected_step is None:
+        return TDC(**options)
+    noise = float(np.linalg.norm(measurement_deviation(sensor, len(shape))))
+    return TARC(**{**options, **choose_adaptation(best, expected_step, noise=noise).law_options()})

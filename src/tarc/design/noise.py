@@ -5,14 +5,15 @@ import numpy as np
 from tarc.signals.sensors import Encoder
 
 
-def measurement_deviation(sensor: Encoder) -> np.ndarray:
-    """Return the standard deviation σ of the measured position [rad or m].
+def measurement_deviation(sensor: Encoder, n_joints: int) -> np.ndarray:
+    """Return the standard deviation σ of the measured position [rad or m], shape (n,).
 
         σ² = σ_noise² + step²/12
 
-    The second term is that of rounding to the nearest step. The shape is that of the encoder's step: () or (n,).
+    The second term is that of rounding to the nearest step.
     """
-    return np.sqrt(np.asarray(sensor.noise) ** 2 + np.asarray(sensor.step_size) ** 2 / 12)
+    sigma = np.sqrt(np.asarray(sensor.noise) ** 2 + np.asarray(sensor.step_size) ** 2 / 12)
+    return np.broadcast_to(sigma, (n_joints,))
 
 
 def torque_noise(noise_gain: float, shape: np.ndarray, sensor: Encoder) -> np.ndarray:
@@ -27,5 +28,5 @@ def torque_noise(noise_gain: float, shape: np.ndarray, sensor: Encoder) -> np.nd
     sensor
         The encoder of every joint.
     """
-    sigma = np.broadcast_to(measurement_deviation(sensor), (len(shape),))
+    sigma = measurement_deviation(sensor, len(shape))
     return noise_gain * np.linalg.norm(shape * sigma, axis=1)

@@ -56,7 +56,7 @@ class DesignProblem:
     @cached_property
     def sigma(self) -> np.ndarray:
         """Standard deviation of the measured position [rad or m], shape (n,)."""
-        return np.broadcast_to(measurement_deviation(self.requirements.sensor), (self.plants[0].n_joints,))
+        return measurement_deviation(self.requirements.sensor, self.plants[0].n_joints)
 
     def noise_ratio(self, candidate: Candidate, shape: np.ndarray) -> float:
         """Return the largest torque noise over the torque limit, of all joints, for M̂ of a shape X [kg m² or kg]."""

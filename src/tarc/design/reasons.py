@@ -7,7 +7,6 @@ from tarc.design.adaptation import Adaptation
 from tarc.design.candidates import Candidate
 from tarc.design.choice import DesignChoice
 from tarc.design.noise import torque_noise
-from tarc.design.robot_facts import torque_unit
 from tarc.design.selection import MAX_BUDGET_FACTOR, LoopSelection
 
 
@@ -147,6 +146,6 @@ def _torque_noise(selection: LoopSelection, best: Candidate) -> DesignChoice:
     return DesignChoice(
         ("sensor",),
         "torque noise",
-        f"{noise[joint]:.3g} {torque_unit(plant, joint)} RMS at {plant.joint_names[joint]}, {share}",
+        f"{noise[joint]:.3g} {plant.torque_units[joint]} RMS at {plant.joint_names[joint]}, {share}",
         "white noise of the encoder's resolution in the closed loop; the largest over the spread",
     )

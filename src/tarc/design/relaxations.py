@@ -51,16 +51,6 @@ def suggest_changes(
     return [relaxation for relaxation in relaxations if relaxation is not None]
 
 
-def describe_relaxations(relaxations: Sequence[Relaxation]) -> str:
-    """Return the sentence that lists relaxations."""
-    if not relaxations:
-        return "No change of a single requirement admits a design: add rotor inertia and reduce the workspace"
-    texts = [relaxation.text for relaxation in relaxations]
-    if len(texts) == 1:
-        return f"This change admits a design: {texts[0]}"
-    return f"Any one of these changes admits a design: {'; '.join(texts)}"
-
-
 @dataclass(frozen=True, eq=False)
 class RelaxedLoops:
     """Loops at another natural frequency or control rate.

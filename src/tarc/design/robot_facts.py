@@ -10,8 +10,8 @@ from tarc.core import validation as check
 from tarc.core.errors import InfeasibleDesign, InvalidParameter, Relaxation
 from tarc.core.formatting import format_vector
 from tarc.design.choice import DesignChoice
+from tarc.design.infeasible import infeasible_design
 from tarc.plants.base import Plant
-from tarc.plants.mujoco import MujocoPlant
 
 WEIGHT_SAMPLES = 200
 """Sampled postures for the load of gravity."""
@@ -53,7 +53,7 @@ def velocity_limits(plant: Plant) -> np.ndarray | None:
 
 @dataclass(frozen=True, kw_only=True)
 class GravityLoad:
-    """The largest torque that holds the robot at rest, over the torque limit.
+    """The largest gravity torque at rest, over the torque limit.
 
     Attributes
     ----------
@@ -147,11 +147,10 @@ def _too_heavy(plants: Sequence[Plant], home: np.ndarray, limits: np.ndarray) ->
     if largest is not None:
         relaxations.insert(0, Relaxation("payload", largest, f"a payload of at most {largest:.3g} kg"))
     carried = f" with {mass:g} kg at the tool" if mass else ""
-    return InfeasibleDesign(
+    return infeasible_design(
         f"torque_limits: the robot cannot hold itself in its home posture q = ({format_vector(home)}){carried}: joint "
         f"{plant.joint_names[joint]} needs {torque[joint]:.3g} and its limit is {limits[joint]:.3g} "
-        f"{torque_unit(plant, joint)}. Any one of these changes may do: "
-        f"{'; '.join(relaxation.text for relaxation in relaxations)}",
+        f"{plant.torque_units[joint]}",
         relaxations,
     )
 
@@ -223,8 +222,8 @@ def _workspace(plant: Plant, workspace: Workspace) -> DesignChoice:
     if plant.n_joints > 1 and np.ptp(workspace.low) == 0 == np.ptp(workspace.high):
         ends = f"each joint {workspace.low[0]:.4g} to {workspace.high[0]:.4g}"
     text = f"{ends}: certified for these postures and no others"
-    if endless and isinstance(plant, MujocoPlant):
-        text += f"; no range in the file for {', '.join(endless)}"
+    if endless:
+        text += f"; no range is known for {', '.join(endless)}"
         text += ", which is taken to ±π, a whole turn" if full else ""
     value = "all that the joints reach" if full else "a part of what the joints reach"
     return DesignChoice(("reference",), "workspace", value, text)
@@ -262,8 +261,9 @@ def _torque_limit(plant: Plant, limits: np.ndarray, own: bool) -> DesignChoice:
 
 def _weight(plant: Plant, load: GravityLoad) -> DesignChoice:
     carried = f" with {load.payload:g} kg" if load.payload else ""
+    unit = plant.torque_units[plant.joint_names.index(load.joint)]
     text = (
-        f"joint {load.joint} takes {load.torque:.3g} of {load.limit:.3g} {torque_unit(plant, load.joint)} to stay at "
+        f"joint {load.joint} takes {load.torque:.3g} of {load.limit:.3g} {unit} to stay at "
         f"q = ({format_vector(load.posture)}){carried}; {100 * load.at_home:.3g} % in the home posture"
     )
     if load.load > 1:
@@ -272,12 +272,6 @@ def _weight(plant: Plant, load: GravityLoad) -> DesignChoice:
             "would be at its limit, which the certificate excludes: keep away from them"
         )
     return DesignChoice(("law", "torque_limit"), "weight", f"at most {100 * load.load:.3g} % of the torque limit", text)
-
-
-def torque_unit(plant: Plant, joint: int | str) -> str:
-    """Return the unit of a joint's torque or force, by the joint's number or name."""
-    number = plant.joint_names.index(joint) if isinstance(joint, str) else joint
-    return "N" if plant.units[number] == "m" else "N m"
 
 
 def _join_equal(numbers: np.ndarray) -> str:

@@ -7,13 +7,14 @@ import numpy as np
 
 from tarc.core.errors import InfeasibleDesign, Relaxation
 from tarc.design.candidates import Candidate, pareto_front
+from tarc.design.infeasible import infeasible_design
 from tarc.design.problem import DesignProblem
-from tarc.design.relaxations import describe_relaxations, suggest_changes
+from tarc.design.relaxations import suggest_changes
 from tarc.design.robustness import RobustnessSpec
 
 MAX_BUDGET_FACTOR = 2.0
-"""Largest factor by which torque noise may exceed the default budget, or the least noise of all loops where that is
-above it, provided noise² × error falls."""
+"""Largest factor by which torque noise may exceed the default budget, provided noise² × error falls. Where the least
+noise of all loops is above the budget, the factor is over that."""
 MIN_SPREAD_MARGIN = 0.1
 """Least margin of the tolerated spread over the robot's."""
 
@@ -93,9 +94,9 @@ class LoopSelection:
             relaxations.append(Relaxation("sensor", bits, f"an encoder of {bits} bits"))
         frequency = requirements.natural_frequency
         where = "" if frequency is None else f" at {frequency:g} rad/s"
-        return InfeasibleDesign(
+        return infeasible_design(
             f"noise_budget: needed {100 * ratio:.3g} % of the torque limit, the least of all certified loops{where}; "
-            f"available {100 * requirements.noise_target:.3g} %. {describe_relaxations(relaxations)}",
+            f"available {100 * requirements.noise_target:.3g} %",
             relaxations,
         )
 
@@ -104,11 +105,11 @@ class LoopSelection:
         frequency = self.problem.requirements.natural_frequency
         where = "" if frequency is None else f" at {frequency:g} rad/s"
         needed = (1 + MIN_SPREAD_MARGIN) * self.spec.spread
-        cause = "; the loops that reach it do not tolerate gravity and motion as well" if available >= needed else ""
+        cause = ", but not together with gravity and motion" if available >= needed else ""
         relaxations = suggest_changes(self.problem, self.shape, self.spec, self.candidates, MIN_SPREAD_MARGIN)
-        return InfeasibleDesign(
-            f"design: nothing can be certified{where}. Spread of the eigenvalues of M(q)⁻¹M̂: needed {needed:.3g} "
-            f"({self.spec.spread:.3g} of the robot and {100 * MIN_SPREAD_MARGIN:.0f} % margin), available at most "
-            f"{available:.3g}{cause}. {describe_relaxations(relaxations)}",
+        return infeasible_design(
+            f"design: nothing can be certified{where}. The eigenvalues of M(q)⁻¹M̂ spread by {self.spec.spread:.3g}, "
+            f"which requires a loop that tolerates {needed:.3g}, a margin of {100 * MIN_SPREAD_MARGIN:.0f} % included; "
+            f"the loops tolerate at most {available:.3g}{cause}",
             relaxations,
         )

@@ -52,10 +52,10 @@ def plot_front(design: Design) -> Figure:
     _log(axes, "y")
     axes.set_xlabel(
         f"largest torque noise, {plant.joint_names[loudest]}, RMS "
-        f"[{'% of its limit' if known else _force(design, loudest)}]"
+        f"[{'% of its limit' if known else plant.torque_units[loudest]}]"
     )
     axes.set_ylabel(
-        f"RMS error of {plant.joint_names[heaviest]} for one step\nof 1 {_force(design, heaviest)} per second "
+        f"RMS error of {plant.joint_names[heaviest]} for one step\nof 1 {plant.torque_units[heaviest]} per second "
         f"[m{plant.units[heaviest]}]"
     )
     axes.legend(frameon=False, fontsize="small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
@@ -235,10 +235,6 @@ def window_periods(design: Design) -> int:
 def natural_frequency(design: Design) -> float:
     """Return the natural frequency of the law [rad/s]."""
     return float(np.max(np.asarray(design.law.natural_frequency, dtype=float)))
-
-
-def _force(design: Design, joint: int) -> str:
-    return "N" if design.plants[0].units[joint] == "m" else "N m"
 
 
 def _log(axes: Axes, which: str) -> None:
