@@ -297,7 +297,7 @@ def test_figures_of_a_single_joint(tmp_path):
 
 def test_limits_are_asked_for(designed_folder, monkeypatch):
     folder, _ = designed_folder
-    answer = {"payload": StressLimit(name="payload", value=2.5, verdict="certified, 1 % to spare")}
+    answer = {"payload": StressLimit(name="payload", value=2.5, verdict="certified with a margin of 1 %")}
     monkeypatch.setattr(tarc.design, "stress_test", lambda _: answer)
     arguments = ["design", "arm.urdf", *ASKED, "--stress-test", *QUICK, "-o", "other.yaml"]
     assert "payload: 2.5 kg, certified" in invoke_tarc(*arguments, folder=folder).stdout

@@ -136,7 +136,7 @@ def test_simulations_complete(arm_design, stress_limits):
 def test_a_wrong_certificate_is_found_out(arm_design, monkeypatch):
     """One that certifies everything leads to limits at which the simulation goes wrong."""
     monkeypatch.setattr(
-        import_module("tarc.design.stress"), "certify_robot", lambda *_, **__: arm_design.certificates["robot"]
+        import_module("tarc.design.stress_case"), "certify_robot", lambda *_, **__: arm_design.certificates["robot"]
     )
     one = stress_test(arm_design, questions="rate", duration=2.0)["rate"]
     assert one.beyond is None

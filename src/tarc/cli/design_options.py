@@ -36,7 +36,9 @@ def _option(field: Field, text: str) -> inspect.Parameter | None:
     if field.name in WITHOUT_OPTION:
         return None
     if field.name == "period":
-        return _parameter("control_rate", float, 1 / field.default, "Number of control periods per second \\[Hz].")
+        return _parameter(
+            "control_rate", float, 1 / DesignRequirements.period, "Number of control periods per second \\[Hz]."
+        )
     if field.name == "sensor":
         return _parameter("encoder_bits", int, DEFAULT_ENCODER_BITS, "Resolution of the encoders \\[bits per turn].")
     if field.type == NUMBERS:

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from tarc.design.requirements import DesignRequirements
     from tarc.design.result import Design
     from tarc.design.robustness import RobustnessSpec
-    from tarc.design.stress import StressLimit, StressRun, stress_test
+    from tarc.design.stress import StressLimit, stress_test
+    from tarc.design.stress_case import StressRun
     from tarc.design.synthesis import design_controller
 
 __all__ = [
@@ -63,7 +64,7 @@ __getattr__, __dir__, _ = lazy_attributes(
         "ModelFreeDesign": "tarc.design.model_free",
         "RobustnessSpec": "tarc.design.robustness",
         "StressLimit": "tarc.design.stress",
-        "StressRun": "tarc.design.stress",
+        "StressRun": "tarc.design.stress_case",
         "assess_candidates": "tarc.design.assessment",
         "choose_adaptation": "tarc.design.adaptation",
         "design_controller": "tarc.design.synthesis",
