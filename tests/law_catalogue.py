@@ -45,9 +45,9 @@ REQUIRED_PARAMETERS: dict[str, Any] = {
 
 def concrete_laws() -> list[type[laws.Law]]:
     """Every law of the package that can be constructed."""
-    found = [getattr(laws, name) for name in laws.__all__]
+    public = [getattr(laws, name) for name in laws.__all__]
     return [
-        kind for kind in found if inspect.isclass(kind) and issubclass(kind, laws.Law) and not inspect.isabstract(kind)
+        kind for kind in public if inspect.isclass(kind) and issubclass(kind, laws.Law) and not inspect.isabstract(kind)
     ]
 
 
@@ -91,7 +91,7 @@ KNOWN_RANGES = [
 """Window in periods, synchronised or not, stable range of the inertia ratio of `make_tdc`, known independently."""
 
 
-def agrees_to_digits(found: Any, known: float) -> bool:
+def agrees_to_digits(value: Any, expected: float) -> bool:
     """Whether a number is the known one, to the digits that it is known by."""
-    digit = 10.0 ** -len(str(known).split(".")[1])
-    return abs(found - known) <= 0.5 * digit + 1e-6
+    digit = 10.0 ** -len(str(expected).split(".")[1])
+    return abs(value - expected) <= 0.5 * digit + 1e-6

@@ -43,11 +43,11 @@ def simulate_arm(law: laws.Law, coulomb: float = 1.0, duration: float = 4.0, **o
 
 def assert_equals_tdc(kind: type[laws.Law], **options: Any) -> None:
     """With these options the law gives the torques of TDC, to rounding."""
-    plain, other = (
-        simulate_arm(make_law(one, inertia=SMALL_INERTIA, **more), duration=0.5)
-        for one, more in ((laws.TDC, {}), (kind, options))
+    plain, run = (
+        simulate_arm(make_law(law_kind, inertia=SMALL_INERTIA, **more), duration=0.5)
+        for law_kind, more in ((laws.TDC, {}), (kind, options))
     )
-    np.testing.assert_allclose(other.data["torque"], plain.data["torque"], rtol=1e-12, atol=1e-11)
+    np.testing.assert_allclose(run.data["torque"], plain.data["torque"], rtol=1e-12, atol=1e-11)
 
 
 SMALL_INERTIA = 0.05 * np.array([[3.0, 1.0], [1.0, 1.0]])

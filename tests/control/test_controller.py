@@ -13,9 +13,9 @@ from tarc.core.errors import ControllerNotReset, InvalidParameter
 
 @pytest.fixture
 def controller():
-    made = Controller(make_law(laws.TARC, max_missing=2))
-    made.reset(np.zeros(2))
-    return made
+    reset_controller = Controller(make_law(laws.TARC, max_missing=2))
+    reset_controller.reset(np.zeros(2))
+    return reset_controller
 
 
 def test_allocates_nothing_after_the_first_call(controller):
@@ -44,11 +44,11 @@ def test_torque_cannot_be_overwritten(controller):
 
 
 def test_says_when_it_gives_up(controller, caplog):
-    zero, gone = np.zeros(2), np.array([0.0, np.nan])
+    zero, missing = np.zeros(2), np.array([0.0, np.nan])
     with caplog.at_level(logging.ERROR, logger="tarc"):
         torque = np.ones(2)
         for _ in range(5):
-            torque = controller.step(gone, zero + 0.1, zero, zero)
+            torque = controller.step(missing, zero + 0.1, zero, zero)
     assert controller.fault
     assert controller.missing == 5
     assert [record.message for record in caplog.records] == [

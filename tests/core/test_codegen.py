@@ -55,14 +55,14 @@ def test_second_time_loads_what_was_compiled(monkeypatch):
     function, _ = trace(*((law := make_law(laws.TDC)).step, *law.example()))
     native.compiled(function)
     (library,) = native.cache().glob("*.so")
-    made = library.stat().st_mtime_ns
+    build_time = library.stat().st_mtime_ns
 
     def fail(*_, **__):
         raise AssertionError("compiled again")
 
     monkeypatch.setattr("subprocess.run", fail)
     native.compiled(function)
-    assert library.stat().st_mtime_ns == made
+    assert library.stat().st_mtime_ns == build_time
     assert [path.name for path in native.cache().iterdir()] == [library.name], "no litter"
 
 

@@ -41,15 +41,17 @@ trees = st.recursive(
 )
 
 
-def is_identical(one: Any, other: Any) -> bool:
+def is_identical(first: Any, second: Any) -> bool:
     """Equal in structure, kinds, shapes and numbers."""
-    if isinstance(one, dict):
+    if isinstance(first, dict):
         return (
-            type(other) is dict and list(one) == list(other) and all(is_identical(one[key], other[key]) for key in one)
+            type(second) is dict
+            and list(first) == list(second)
+            and all(is_identical(first[key], second[key]) for key in first)
         )
-    if isinstance(one, tuple):
-        return type(one) is type(other) and len(one) == len(other) and all(map(is_identical, one, other))
-    return np.shape(one) == np.shape(other) and np.array_equal(one, other)
+    if isinstance(first, tuple):
+        return type(first) is type(second) and len(first) == len(second) and all(map(is_identical, first, second))
+    return np.shape(first) == np.shape(second) and np.array_equal(first, second)
 
 
 @sampled
@@ -118,11 +120,11 @@ def test_a_traced_step_is_the_numpy_step(symbol: type) -> None:
         value = {"force": VALUE["force"] * k, "scale": VALUE["scale"] - k}
         packed, output = function(packed, pack(value))
         state, expected = linear(state, value)
-        found = unpack(example, np.array(output).ravel())
-        assert list(found) == list(expected)
+        traced = unpack(example, np.array(output).ravel())
+        assert list(traced) == list(expected)
         for name in expected:
-            assert np.shape(found[name]) == np.shape(expected[name])
-            assert np.allclose(found[name], expected[name], rtol=1e-14)
+            assert np.shape(traced[name]) == np.shape(expected[name])
+            assert np.allclose(traced[name], expected[name], rtol=1e-14)
         assert np.allclose(np.array(packed).ravel(), pack(state), rtol=1e-14)
 
 
@@ -182,12 +184,12 @@ def test_buffered_starts_at_zero_and_again_wherever_it_is_reset() -> None:
 
 def test_two_buffered_of_one_function_do_not_share_memory() -> None:
     function, _ = trace(linear, STATE, VALUE)
-    one, other = CompiledStep(function), CompiledStep(function)
-    one.reset(pack(STATE))
-    one.step()
-    assert one.output.any()
-    assert not other.output.any()
-    assert not other.state.any()
+    first, second = CompiledStep(function), CompiledStep(function)
+    first.reset(pack(STATE))
+    first.step()
+    assert first.output.any()
+    assert not second.output.any()
+    assert not second.state.any()
 
 
 def test_buffered_steps_allocate_nothing() -> None:

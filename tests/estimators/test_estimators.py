@@ -237,8 +237,8 @@ def test_transfer_function_filters_like_the_estimator(estimator: Estimator) -> N
     moved = positions[0] - positions[0, 0]  # from rest at the first sample, which no derivative sees
     for j, name in ((1, "velocity"), (2, "acceleration")):
         b, a = estimator.transfer_function(j)
-        found = [getattr(estimate, name)[0] for estimate in estimates]
-        assert np.allclose(found, lfilter(b, a, moved), rtol=0, atol=1e-12 * np.sum(np.abs(b)))
+        filtered = [getattr(estimate, name)[0] for estimate in estimates]
+        assert np.allclose(filtered, lfilter(b, a, moved), rtol=0, atol=1e-12 * np.sum(np.abs(b)))
 
 
 @every_estimator
@@ -332,12 +332,12 @@ def test_missing_samples_leave_polynomials_exact_and_are_flagged_by_joint(
     count = estimator.samples
     shape = (2, estimator.degree + 1)
     c = data.draw(arrays(float, shape, elements=st.floats(-10, 10, allow_subnormal=False)))
-    gone = data.draw(arrays(bool, (2, 3)))
+    is_missing = data.draw(arrays(bool, (2, 3)))
     truth = np.concatenate([polynomial_samples(estimator, row, count + 3) for row in c])
     received = truth.copy()
-    received[:, count:][gone] = lost
+    received[:, count:][is_missing] = lost
     estimates = estimates_along(estimator, received)[count:]
-    for estimate, expected, missing in zip(estimates, truth[:, count:].T, gone.T, strict=True):
+    for estimate, expected, missing in zip(estimates, truth[:, count:].T, is_missing.T, strict=True):
         assert np.array_equal(estimate.valid, ~missing)
         # each prediction in a row multiplies the rounding of the one before
         size = np.sum(np.abs(estimator.prediction)) ** 3
@@ -364,8 +364,8 @@ def test_the_traced_step_is_the_numpy_step_missing_samples_included(estimator: E
         state = pack(first)
         for sample, expected in zip(positions.T, estimates_along(estimator, positions), strict=True):
             state, output = function(state, sample)
-            found: Any = unpack(example, np.array(output).ravel())
-            for a, b, size in zip(found, expected, (1, 1 / T, 1 / T**2, 1), strict=True):
+            traced: Any = unpack(example, np.array(output).ravel())
+            for a, b, size in zip(traced, expected, (1, 1 / T, 1 / T**2, 1), strict=True):
                 assert np.allclose(a, b, rtol=0, atol=1e-13 * size)
 
 

@@ -44,8 +44,8 @@ def test_traced_equals_numpy(name, joints, symbol, seed, lost):
     function, _ = trace(estimator.step, blank, np.zeros(joints), symbol=symbol)
     traced = [np.array(part).ravel() for part in function(pack(state), position)]
     # weights are of order 1/T² = 1e6, so rounding is 1e6 times that of numbers near one
-    for found, expected in zip(traced, estimator.step(state, position), strict=True):
-        np.testing.assert_allclose(found, pack(expected), rtol=1e-9, atol=1e-8)
+    for traced_part, expected in zip(traced, estimator.step(state, position), strict=True):
+        np.testing.assert_allclose(traced_part, pack(expected), rtol=1e-9, atol=1e-8)
 
 
 @every_linear_estimator

@@ -14,11 +14,11 @@ from tarc.core.errors import InvalidParameter, NotLinearisable, TarcError
 def estimates_along(estimator, motion):
     """Velocity and acceleration estimates along sampled positions."""
     state = estimator.init(motion[:1])
-    found = []
+    estimates = []
     for sample in motion:
         state, estimate = estimator.step(state, np.array([sample]))
-        found.append([estimate.velocity[0], estimate.acceleration[0]])
-    return np.array(found)
+        estimates.append([estimate.velocity[0], estimate.acceleration[0]])
+    return np.array(estimates)
 
 
 def kalman(noise, jerk):
@@ -28,8 +28,8 @@ def kalman(noise, jerk):
 @pytest.mark.parametrize("observer", [kalman(1e-5, 100.0), estimators.HighGain(time_constant=0.004).with_period(T)])
 def test_observers_settle_on_constant_acceleration(observer):
     t = np.arange(400) * T
-    found = estimates_along(observer, 3.0 + 2.0 * t - 5.0 * t**2)
-    np.testing.assert_allclose(found[-1], [2.0 - 10.0 * t[-1], -10.0], rtol=1e-6)
+    estimates = estimates_along(observer, 3.0 + 2.0 * t - 5.0 * t**2)
+    np.testing.assert_allclose(estimates[-1], [2.0 - 10.0 * t[-1], -10.0], rtol=1e-6)
 
 
 @pytest.mark.parametrize("time_constant", [0.002, 0.004, 0.02])
@@ -78,11 +78,11 @@ def test_differentiator_is_exact_after_a_finite_time(implicit):
     errors = []
     for period in (1e-3, 5e-4):
         t = np.arange(int(2.0 / period)) * period
-        found = estimates_along(
+        estimates = estimates_along(
             estimators.RobustDifferentiator(lipschitz=150.0, implicit=implicit).with_period(period), np.sin(5 * t)
         )
         truth = np.column_stack([5 * np.cos(5 * t), -25 * np.sin(5 * t)])
-        errors.append(np.abs(found - truth)[t > 1.0].max(axis=0))
+        errors.append(np.abs(estimates - truth)[t > 1.0].max(axis=0))
     assert errors[0][0] < 20 * 150.0 * 1e-6
     assert errors[0][1] < 10 * 150.0 * 1e-3
     assert errors[0][0] / errors[1][0] == pytest.approx(4.0, rel=0.35)
@@ -126,17 +126,17 @@ def test_savitzky_golay_is_algebraic():
 def test_torque_filter_pairs_with_the_acceleration_estimate(observer):
     """For an acceleration held over each period, the filter of it and the estimate from positions are the same."""
     rng = np.random.default_rng(2)
-    held = rng.normal(size=300)
-    velocity = np.concatenate([[0.0], np.cumsum(held) * T])
-    position = np.concatenate([[0.0], np.cumsum(velocity[:-1] * T + held * T**2 / 2)])
+    accelerations = rng.normal(size=300)
+    velocity = np.concatenate([[0.0], np.cumsum(accelerations) * T])
+    position = np.concatenate([[0.0], np.cumsum(velocity[:-1] * T + accelerations * T**2 / 2)])
     estimate = estimates_along(observer, position)[:, 1]
     pair = observer.matched_torque_filter()
     state, paired = pair.init(np.zeros(1)), [0.0]
-    for one in held:
-        state, output = pair.step(state, np.array([one]))
+    for acceleration in accelerations:
+        state, output = pair.step(state, np.array([acceleration]))
         paired.append(output[0])
     np.testing.assert_allclose(paired, estimate, atol=1e-6)
-    np.testing.assert_allclose(paired[1:], lfilter(pair.b, pair.a, held), atol=1e-9)
+    np.testing.assert_allclose(paired[1:], lfilter(pair.b, pair.a, accelerations), atol=1e-9)
 
 
 def test_synchronised_with_an_observer_keeps_the_contraction():

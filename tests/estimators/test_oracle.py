@@ -64,9 +64,9 @@ def test_a_delayed_acceleration_goes_with_its_torque(delay):
     arm, M = TwoLinkArm(viscous=[0.5, 0.2]), np.diag([0.4, 0.1])
     data = simulate(arm, tdc(M, delay=delay * T), ARM, 0.5, initial_torque="rest").data
     q, v, torque, u = (data[name].values for name in ("position", "velocity", "torque", "auxiliary"))
-    made = np.array([arm.evaluate("acceleration", *row) for row in zip(q[1:], v[1:], torque, strict=False)])
+    accelerations = np.array([arm.evaluate("acceleration", *row) for row in zip(q[1:], v[1:], torque, strict=False)])
     k = np.arange(delay, len(q))
-    np.testing.assert_allclose(torque[k], (u[k] - made[k - delay]) @ M + torque[k - delay], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(torque[k], (u[k] - accelerations[k - delay]) @ M + torque[k - delay], rtol=0, atol=1e-9)
 
 
 def test_both_engines_give_the_same_run(tmp_path):

@@ -13,10 +13,10 @@ from tarc.laws.base import ControlInput
 
 def observer_error_matrix(law):
     """Matrix of the observer's error, found by stepping it: columns are what becomes of unit states."""
-    rest = law.example()[0].control
+    state = law.example()[0].control
     zero = np.zeros(1)
     tracking = ControlInput(law.estimator.step(law.estimator.init(zero), zero)[1], zero, zero, zero, zero, 0.0)
-    columns = [pack(law.control(unpack(rest, column), tracking)[0]) for column in np.eye(3)]
+    columns = [pack(law.control(unpack(state, column), tracking)[0]) for column in np.eye(3)]
     return np.array(columns).T
 
 

@@ -39,9 +39,9 @@ def test_below_the_floor_it_rises_at_the_rate_printed(size):
 
 def test_falls_to_the_floor_and_not_below():
     law = make_law(laws.ASMC, adaptation_rate=30.0, threshold=0.2, min_gain=0.5)
-    found = gains_after_steps(law, [0.0] * 100, 1.0)
-    assert found.min() == 0.5
-    assert found[20:].max() == pytest.approx(0.5 * (1 + law.period)), "lifted by T γ̄ and taken back"
+    gains = gains_after_steps(law, [0.0] * 100, 1.0)
+    assert gains.min() == 0.5
+    assert gains[20:].max() == pytest.approx(0.5 * (1 + law.period)), "lifted by T γ̄ and taken back"
 
 
 def test_cap():
@@ -55,13 +55,13 @@ def test_rises_although_the_error_shrinks():
         make_law(laws.ASMC, threshold=0.01),
         make_law(laws.TARC, initial_gain=5.0, rise_rate=10.0, fall_rate=10.0),
     )
-    adaptive, other = asmc.robust_init(), tarc.robust_init()
+    adaptive, tarc_state = asmc.robust_init(), tarc.robust_init()
     for size in np.linspace(1.0, 0.1, 20):
         tracking = tracking_at([0.0, size], [0.0, 0.0])
         before, adaptive = adaptive.gain, asmc.robust(adaptive, tracking)[0]
         assert adaptive.gain > before
-        before, other = other.gain, tarc.robust(other, tracking)[0]
-        assert other.gain < before or size == 1.0
+        before, tarc_state = tarc_state.gain, tarc.robust(tarc_state, tracking)[0]
+        assert tarc_state.gain < before or size == 1.0
 
 
 @pytest.mark.parametrize("scale_by_error", [False, True])

@@ -40,12 +40,14 @@ def test_is_the_torque_of_the_model():
     rng = np.random.default_rng(1)
     state, value = law.init(rng.normal(size=2)), LawInput(*rng.normal(size=(4, 2)))
     _, estimate = law.estimator.step(state.estimator, value.position)
-    wanted = (
+    commanded_acceleration = (
         value.acceleration_reference
         - 2 * np.array([0.7, 1.2]) * [8.0, 12.0] * (estimate.velocity - value.velocity_reference)
         - np.array([64.0, 144.0]) * (value.position - value.reference)
     )
-    expected = arm.inertia(value.position) @ wanted + arm.evaluate("bias", value.position, estimate.velocity)
+    expected = arm.inertia(value.position) @ commanded_acceleration + arm.evaluate(
+        "bias", value.position, estimate.velocity
+    )
     np.testing.assert_allclose(law.step(state, value)[1].torque, expected, rtol=1e-12)
 
 
@@ -76,16 +78,16 @@ def test_model_from_a_file_is_traced(robot, symbol):
     rng = np.random.default_rng(3)
     state, value = law.init(rng.normal(size=6)), LawInput(*rng.normal(size=(4, 6)))
     expected = [pack(part) for part in law.step(state, value)]
-    for found, known in zip(function(pack(state), pack(value)), expected, strict=True):
-        np.testing.assert_allclose(np.array(found)[:, 0], known, rtol=1e-9, atol=1e-8)
+    for traced, stepped in zip(function(pack(state), pack(value)), expected, strict=True):
+        np.testing.assert_allclose(np.array(traced)[:, 0], stepped, rtol=1e-9, atol=1e-8)
 
 
 def test_model_from_a_file_accepts_missing_samples(robot):
     law = make_law(laws.ComputedTorque, model=robot)
     state, value = law.example()
     with np.errstate(invalid="ignore"):
-        for bad in (np.nan, 1e90):
-            _, output = law.step(state, value._replace(position=np.full(6, bad)))
+        for position in (np.nan, 1e90):
+            _, output = law.step(state, value._replace(position=np.full(6, position)))
             np.testing.assert_array_equal(np.isfinite(output.torque), True)
 
 

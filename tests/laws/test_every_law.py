@@ -132,18 +132,18 @@ def test_torque_stays_within_limits(kind):
 
 @every_law
 def test_missing_sample_is_bridged_then_safe(kind):
-    gone = np.full(2, np.nan)
+    missing = np.full(2, np.nan)
     law = make_law(kind, max_missing=2, safe_torque="hold")
     state, value = law.example()
     state, _ = law.step(state, value._replace(position=np.full(2, 0.01)))
     for count in (1, 2):
-        state, output = law.step(state, value._replace(position=gone))
+        state, output = law.step(state, value._replace(position=missing))
         assert (output.signals["missing"], output.signals["fault"]) == (count, 0)
-    held = state.torque[:, 0]
+    last_torque = state.torque[:, 0]
     for _ in range(3):
-        state, output = law.step(state, value._replace(position=gone))
+        state, output = law.step(state, value._replace(position=missing))
         assert output.signals["fault"] == 1
-        np.testing.assert_array_equal(output.torque, held)
+        np.testing.assert_array_equal(output.torque, last_torque)
     state, output = law.step(state, value)
     assert output.signals["missing"] == 0
     assert output.signals["fault"] == 1, "the fault stays until reset"
@@ -245,7 +245,7 @@ def test_survives_pickling_and_replacement(kind):
     law = make_law(kind)
     twin = pickle.loads(pickle.dumps(law))
     state, value = law.example()
-    torques = [one.step(state, value._replace(reference=np.ones(2)))[1].torque for one in (law, twin)]
+    torques = [copy.step(state, value._replace(reference=np.ones(2)))[1].torque for copy in (law, twin)]
     np.testing.assert_array_equal(*torques)
     if isinstance(law, PolePlacement):
         assert replace(law, natural_frequency=7.0).K1[0, 0] == pytest.approx(49.0)

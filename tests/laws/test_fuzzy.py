@@ -24,13 +24,13 @@ def test_learns_a_known_function():
     )
     reference = signals.Sinusoid(amplitude=1.6, frequency=1.0)
     run = simulate(pendulum, law, reference, 40.0)
-    late = run.data["time"].values > 40 - 2 * np.pi
-    position, velocity = run.data["position"].values[late, 0], run.data["velocity"].values[late]
+    last_round = run.data["time"].values > 40 - 2 * np.pi
+    position, velocity = run.data["position"].values[last_round, 0], run.data["velocity"].values[last_round]
     truth = np.array([-pendulum.evaluate("bias", [q], v)[0] for q, v in zip(position, velocity, strict=True)])
     truth /= pendulum.inertia(np.zeros(1))[0, 0]
-    found = run.data["disturbance_estimate"].values[late, 0]
+    learnt = run.data["disturbance_estimate"].values[last_round, 0]
     assert np.ptp(truth) > 10
-    assert np.sqrt(np.mean((found - truth) ** 2)) < 0.05 * np.ptp(truth)
+    assert np.sqrt(np.mean((learnt - truth) ** 2)) < 0.05 * np.ptp(truth)
 
 
 def test_learning_pays():
@@ -41,8 +41,8 @@ def test_learning_pays():
     run = simulate(plants.TwoLinkArm(), law, reference, 10.0, sensor=signals.Encoder(bits=16), initial_torque="rest")
     assert run.status.completed
     plain = make_law(laws.PID, inertia=law.M)
-    other = simulate(plants.TwoLinkArm(), plain, reference, 10.0, sensor=signals.Encoder(bits=16))
-    assert run.metrics(start_time=5.0)["rms_error"] < other.metrics(start_time=5.0)["rms_error"] / 3
+    plain_run = simulate(plants.TwoLinkArm(), plain, reference, 10.0, sensor=signals.Encoder(bits=16))
+    assert run.metrics(start_time=5.0)["rms_error"] < plain_run.metrics(start_time=5.0)["rms_error"] / 3
 
 
 def test_consequents_stay_bounded():

@@ -12,11 +12,11 @@ from tarc.laws import LawInput
 
 def last_signals(law, positions, torques):
     """Signals after positions (k, 1), with these torques (k,) applied in between whatever the law says."""
-    state, rest = law.init(positions[0], torques[:1]), np.zeros(1)
+    state, zero = law.init(positions[0], torques[:1]), np.zeros(1)
     output = None
     for position, torque in zip(positions, torques, strict=True):
         state = state._replace(torque=np.full_like(state.torque, torque))
-        state, output = law.step(state, LawInput(position, rest, rest, rest))
+        state, output = law.step(state, LawInput(position, zero, zero, zero))
     assert output is not None
     return output.signals
 
@@ -50,8 +50,8 @@ def test_tends_to_the_integrals():
     second = quad(lambda x: x**2 * (L - x) ** 2 * alpha * torque(1 - x), 0, L)[0]
     law = make_law(laws.IntelligentPID, joints=1, inertia=0.7, window=L, period=T)
     times = 1 - T * np.arange(400)[::-1]
-    found = last_signals(law, q(times)[:, None], torque(times - T / 2))["disturbance_estimate"]
-    np.testing.assert_allclose(found, 60 / L**5 * first - 30 / L**5 * second, rtol=0.01)
+    estimate = last_signals(law, q(times)[:, None], torque(times - T / 2))["disturbance_estimate"]
+    np.testing.assert_allclose(estimate, 60 / L**5 * first - 30 / L**5 * second, rtol=0.01)
 
 
 def test_is_synchronised_tdc():
@@ -73,7 +73,7 @@ def test_is_synchronised_tdc():
 def test_certificate():
     law, twin = make_law(laws.IntelligentPID, window=0.008), make_law(laws.TDC, synchronised=True)
     assert certificates.certify_constant_ratio(law, 1.0).verdict == "certified"
-    intervals = [analysis.stable_interval(one) for one in (law, twin)]
+    intervals = [analysis.stable_interval(kind) for kind in (law, twin)]
     np.testing.assert_allclose(*intervals, rtol=1e-6)
     assert (
         certificates.certify_constant_ratio(make_law(laws.IntelligentPID, integral_gain=3.0), 1.0).verdict

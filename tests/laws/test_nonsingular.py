@@ -102,8 +102,8 @@ def test_loop_certificate_sees_the_slopes_at_zero():
     tracking = tracking_at([1e-9, 0.0], [0.0, 1e-9])
     u = law.feedback(tracking) + law.robust((), tracking)[1]
     np.testing.assert_allclose(u, plain.feedback(tracking), rtol=1e-9)
-    found, known = (certificates.certify_constant_ratio(one, 0.08) for one in (law, plain))
-    assert (found.verdict, found.margin) == (known.verdict, pytest.approx(known.margin, abs=1e-8))
+    certificate, expected = (certificates.certify_constant_ratio(candidate, 0.08) for candidate in (law, plain))
+    assert (certificate.verdict, certificate.margin) == (expected.verdict, pytest.approx(expected.margin, abs=1e-8))
 
 
 @pytest.mark.parametrize(

@@ -60,8 +60,8 @@ def test_unwinds_from_the_torque_that_came_late():
     state, twin, value = law.init(np.zeros(2)), free.init(np.zeros(2)), law.example()[1]
     for k in range(30):
         position = value._replace(position=0.1 * np.sin([0.1 * k, 0.2 * k]))
-        (state, output), (twin, other) = law.step(state, position), free.step(twin, position)
-        np.testing.assert_allclose(output.torque, other.torque, rtol=1e-12)
+        (state, output), (twin, twin_output) = law.step(state, position), free.step(twin, position)
+        np.testing.assert_allclose(output.torque, twin_output.torque, rtol=1e-12)
 
 
 @pytest.mark.parametrize("gain", [0.0, 3.0])

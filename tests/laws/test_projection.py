@@ -29,7 +29,7 @@ def test_regressor_is_that_of_slotine_and_li():
     law = projection_law(parameter_bounds={"masses": [0.3, 2.0]})
     rng = np.random.default_rng(0)
     q, v, rate, acceleration = rng.normal(size=(4, 2))
-    rest, Y, M = (np.array(part) for part in law.model_torque(q, v, rate, acceleration))
+    constant, Y, M = (np.array(part) for part in law.model_torque(q, v, rate, acceleration))
     c1, c2, s2, c12 = np.cos(q[0]), np.cos(q[1]), np.sin(q[1]), np.cos(q.sum())
 
     def torque(m1, m2):
@@ -39,7 +39,7 @@ def test_regressor_is_that_of_slotine_and_li():
         return H @ acceleration + C @ rate + gravity
 
     np.testing.assert_allclose(Y @ [1.4, 0.8], torque(1.4, 0.8), rtol=1e-9)
-    np.testing.assert_allclose(rest[:, 0], 1.0 * rate, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(constant[:, 0], 1.0 * rate, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(M, BELIEVED.inertia(q), rtol=1e-12)
 
 
@@ -56,12 +56,12 @@ def test_projection_keeps_the_bounds():
     """Ones that leave the truth out: p̂ goes to their edge and not beyond."""
     parameter_bounds = {"masses": [0.9, 1.2], "viscous": [0.9, 1.4]}
     run = simulate(TRUE, projection_law(parameter_bounds=parameter_bounds, adaptation_gain=20.0), EXCITING, 5.0)
-    found = adapted_parameters(run)
+    adapted = adapted_parameters(run)
     assert run.status.completed
-    assert found[:2].min() >= 0.9
-    assert found[:2].max() == 1.2
-    assert found[2:].min() >= 0.9
-    assert found[2:].max() == 1.4
+    assert adapted[:2].min() >= 0.9
+    assert adapted[:2].max() == 1.2
+    assert adapted[2:].min() >= 0.9
+    assert adapted[2:].max() == 1.4
 
 
 def test_robust_term_covers_what_does_not_adapt():

@@ -48,10 +48,10 @@ def test_reaches_the_surface_within_the_known_time():
     run = simulate(MASS, law, TARGET, 4.0, initial_velocity=1.0, disturbance=signals.StepDisturbance(amplitude=3.0))
     s = sliding_variable(run, law)
     bound = reaching_time(law, 1.0, 3.0)
-    late = run.data["time"].values > bound
+    is_after_bound = run.data["time"].values > bound
     assert 0.1 < bound < 3.0
-    assert late.sum() > 1000
-    assert np.abs(s[late]).max() < 1e-3
+    assert is_after_bound.sum() > 1000
+    assert np.abs(s[is_after_bound]).max() < 1e-3
     assert np.abs(s[: len(s) // 50]).max() > 0.5
 
 

@@ -85,8 +85,8 @@ def test_loop_certificate_sees_the_slope_at_zero():
     law = make_law(laws.TerminalSliding, exponent=0.6)
     steep = 0.1**-0.4
     plain = make_law(laws.TDC, natural_frequency=None, position_gain=steep * 144.0, velocity_gain=(1 + steep) * 12.0)
-    found, known = (certificates.certify_constant_ratio(one, 0.08) for one in (law, plain))
-    assert (found.verdict, found.margin) == (known.verdict, pytest.approx(known.margin, abs=1e-8))
+    certificate, expected = (certificates.certify_constant_ratio(candidate, 0.08) for candidate in (law, plain))
+    assert (certificate.verdict, certificate.margin) == (expected.verdict, pytest.approx(expected.margin, abs=1e-8))
 
 
 @pytest.mark.parametrize(

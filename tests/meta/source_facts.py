@@ -32,7 +32,7 @@ def annotations() -> Iterator[ast.expr]:
     for _, function in functions():
         arguments = function.args
         named = [*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs]
-        variadic = [one for one in (arguments.vararg, arguments.kwarg) if one is not None]
+        variadic = [variable for variable in (arguments.vararg, arguments.kwarg) if variable is not None]
         yield from (argument.annotation for argument in (*named, *variadic) if argument.annotation is not None)
         if function.returns is not None:
             yield function.returns

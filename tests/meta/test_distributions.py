@@ -24,9 +24,9 @@ pytestmark = pytest.mark.slow
 
 def run(*command: str | Path, cwd: Path, status: int = 0) -> str:
     """Run a command with the environment's variables but the Python path; return what it prints."""
-    done = subprocess.run(command, cwd=cwd, env=ENVIRONMENT, capture_output=True, text=True, check=False)
-    assert done.returncode == status, f"{command}: {done.stdout[-2000:]}{done.stderr[-2000:]}"
-    return done.stdout + done.stderr
+    process = subprocess.run(command, cwd=cwd, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+    assert process.returncode == status, f"{command}: {process.stdout[-2000:]}{process.stderr[-2000:]}"
+    return process.stdout + process.stderr
 
 
 @dataclass(frozen=True)
@@ -99,8 +99,8 @@ def test_tests_run_from_the_source_distribution(built: Built) -> None:
     path = {**ENVIRONMENT, "PYTHONPATH": str(built.source / "src")}
     for arguments in (("--collect-only",), ("tests/meta/test_extras.py", "tests/signals")):
         command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments]
-        done = subprocess.run(command, cwd=built.source, env=path, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stdout[-2000:]
+        process = subprocess.run(command, cwd=built.source, env=path, capture_output=True, text=True, check=False)
+        assert process.returncode == 0, process.stdout[-2000:]
 
 
 def test_the_wheel_has_its_data_and_nothing_else(built: Built) -> None:

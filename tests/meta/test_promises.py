@@ -42,8 +42,8 @@ def test_public_names_are_documented(name, thing):
         return
     assert inspect.getdoc(thing), name
     if inspect.isclass(thing):
-        own = [member for key, member in vars(thing).items() if not key.startswith("_") and callable(member)]
-        assert all(inspect.getdoc(member) for member in own), name
+        members = [member for key, member in vars(thing).items() if not key.startswith("_") and callable(member)]
+        assert all(inspect.getdoc(member) for member in members), name
 
 
 @pytest.mark.parametrize(("name", "thing"), public_objects(), ids=lambda x: x if isinstance(x, str) else "")
@@ -69,11 +69,11 @@ def test_import_is_light():
 
 @pytest.mark.parametrize("example", sorted((ROOT / "examples").glob("*.py")), ids=lambda path: path.stem)
 def test_examples_run(example, tmp_path):
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-W", "error", str(example)], cwd=tmp_path, capture_output=True, text=True, check=False
     )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout
+    assert process.returncode == 0, process.stderr
+    assert process.stdout
 
 
 @pytest.mark.parametrize("example", sorted((ROOT / "examples").glob("*.yaml")), ids=lambda path: path.stem)
@@ -90,16 +90,16 @@ def test_symbols_exist():
     table = [line.split("|") for line in page.splitlines() if line.startswith("| ")]
     words = {word.strip("` ") for row in table for word in row[2].split(",") if "`" in word}
     assert len(words) > 15
-    known = set()
+    names = set()
     for _, thing in public_objects():
         if inspect.isclass(thing):
-            known |= set(dir(thing)) | set(getattr(thing, "__dataclass_fields__", {}))
+            names |= set(dir(thing)) | set(getattr(thing, "__dataclass_fields__", {}))
         elif callable(thing):
-            known |= set(inspect.signature(thing).parameters)
+            names |= set(inspect.signature(thing).parameters)
     from tarc.laws.base import ControlInput
     from tarc.simulation.quantities import VARIABLES
 
-    known |= set(VARIABLES) | set(ControlInput._fields)
+    names |= set(VARIABLES) | set(ControlInput._fields)
     law = tarc.laws.TDC(
         inertia=0.5,
         natural_frequency=10.0,
@@ -108,12 +108,12 @@ def test_symbols_exist():
         synchronised=True,
     )
     space = tarc.analysis.Workspace.box([-0.3], [0.3], speed=1.0)
-    for one in (
+    for certificate in (
         tarc.certificates.certify_varying_ratio(law, rate=5.0),
         tarc.certificates.certify_robot(law, tarc.plants.Pendulum(), space),
     ):
-        known |= names_of_fields(one.to_dict())
-    assert words <= known, words - known
+        names |= names_of_fields(certificate.to_dict())
+    assert words <= names, words - names
 
 
 def names_of_fields(content: Any) -> set[str]:
@@ -124,12 +124,12 @@ def names_of_fields(content: Any) -> set[str]:
 
 
 def test_docs_build_strictly(tmp_path):
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")],
         cwd=ROOT,
         capture_output=True,
         text=True,
         check=False,
     )
-    assert done.returncode == 0, done.stderr
-    assert "network" not in done.stderr
+    assert process.returncode == 0, process.stderr
+    assert "network" not in process.stderr

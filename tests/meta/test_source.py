@@ -65,5 +65,5 @@ def test_benchmarks_are_imported_by_their_own_tests_alone():
         for path in (ROOT / "tests").rglob("*.py")
         if "import benchmarks" in (text := path.read_text(encoding="utf-8")) or "from benchmarks" in text
     }
-    own = {name for name in importing if name.startswith("tests/benchmarks/")}
-    assert importing - own == {"tests/meta/test_source.py"}
+    of_benchmarks = {name for name in importing if name.startswith("tests/benchmarks/")}
+    assert importing - of_benchmarks == {"tests/meta/test_source.py"}

@@ -68,8 +68,8 @@ def test_linearised_about_a_motion_as_from_bias_and_inertia(robot: MujocoPlant, 
     dq, ddq = data.draw(motion), data.draw(motion)
     for rates in ((), (dq, ddq)):
         ours, general = loaded.linearised(q, *rates), Plant.linearised(loaded, q, *rates)
-        for one, other in zip(ours, general, strict=True):
-            assert np.allclose(one, other, rtol=1e-5, atol=1e-6 * (1 + np.abs(other).max()))
+        for matrix, expected in zip(ours, general, strict=True):
+            assert np.allclose(matrix, expected, rtol=1e-5, atol=1e-6 * (1 + np.abs(expected).max()))
     assert np.allclose(loaded.linearised(q)[1], 2.0 * np.eye(robot.n_joints), atol=1e-9)
     assert np.allclose(loaded.damping(q, dq), loaded.linearised(q, dq, ddq)[1], atol=1e-9)
 
@@ -146,27 +146,27 @@ def test_payload_is_a_ball_of_that_mass_at_the_tool(robot: MujocoPlant, data: st
 @every_robot
 def test_armature_and_friction_are_set_joint_by_joint(robot: MujocoPlant) -> None:
     rotor = np.linspace(0.1, 0.5, robot.n_joints)
-    other = MujocoPlant.from_file(robot.label, armature=rotor, viscous=2 * rotor, coulomb=3 * rotor)
+    changed = MujocoPlant.from_file(robot.label, armature=rotor, viscous=2 * rotor, coulomb=3 * rotor)
     M = robot.inertia(robot.home) + np.diag(rotor)
-    assert np.allclose(other.inertia(robot.home), M, rtol=1e-12, atol=1e-14)
+    assert np.allclose(changed.inertia(robot.home), M, rtol=1e-12, atol=1e-14)
     speed = np.linspace(-1, 1, robot.n_joints)
-    data = data_at_rest(other, robot.home)
+    data = data_at_rest(changed, robot.home)
     data.qvel[:] = speed
-    mujoco.mj_forward(other.model, data)
+    mujoco.mj_forward(changed.model, data)
     assert np.allclose(data.qfrc_passive, -2 * rotor * speed, rtol=1e-12)
-    assert np.array_equal(other.parameters["coulomb"], 3 * rotor)
+    assert np.array_equal(changed.parameters["coulomb"], 3 * rotor)
 
 
 def test_joints_that_are_not_listed_are_locked_at_zero() -> None:
     robot = SHIPPED["ur5e"]
     arm = MujocoPlant.from_file("ur5e", joints=["elbow_joint", "shoulder_lift_joint"])
-    kept = [1, 2]  # in the order of the file
-    assert arm.joint_names == [robot.joint_names[i] for i in kept]
-    assert np.array_equal(arm.home, robot.home[kept])
+    free = [1, 2]  # in the order of the file
+    assert arm.joint_names == [robot.joint_names[i] for i in free]
+    assert np.array_equal(arm.home, robot.home[free])
     q = np.zeros(6)
-    q[kept] = 0.4, -1.1
-    assert np.allclose(arm.inertia(q[kept]), robot.inertia(q)[np.ix_(kept, kept)], rtol=1e-10)
-    assert np.allclose(arm.gravity_torque(q[kept]), robot.gravity_torque(q)[kept], rtol=1e-10)
+    q[free] = 0.4, -1.1
+    assert np.allclose(arm.inertia(q[free]), robot.inertia(q)[np.ix_(free, free)], rtol=1e-10)
+    assert np.allclose(arm.gravity_torque(q[free]), robot.gravity_torque(q)[free], rtol=1e-10)
 
 
 RODS: dict[str, Any] = {"masses": (1.5, 1.0), "lengths": (1.0, 0.8), "centres": (0.5, 0.4), "inertias": (0.125, 0.06)}
@@ -249,7 +249,7 @@ def test_a_two_link_file_is_the_symbolic_arm(
 def test_both_engines_give_the_same_run(payload: float, tmp_path: Path) -> None:
     robot, arm = arms(mjcf_arm(tmp_path, RODS), RODS, payload)
     push = tarc.signals.StepDisturbance(amplitude=[3.0, -2.0], start_time=0.25)
-    mine, other = (
+    mine, symbolic = (
         tarc.simulate(plant, LAW, REFERENCE, 1.0, substeps=4, disturbance=push, initial_torque="rest")
         for plant in (arm, robot)
     )
@@ -257,7 +257,7 @@ def test_both_engines_give_the_same_run(payload: float, tmp_path: Path) -> None:
     # Both take the same Runge–Kutta steps under the same held torque, so only rounding tells them apart: 1e-16 rad,
     # which the weights of the acceleration, of 1e5/s² and M̂ = 1 kg m², turn into 1e-11 N m.
     for name, tolerance in (("position", 1e-12), ("velocity", 1e-11), ("torque", 1e-9)):
-        assert np.allclose(mine.data[name].values, other.data[name].values, rtol=0, atol=tolerance), name
+        assert np.allclose(mine.data[name].values, symbolic.data[name].values, rtol=0, atol=tolerance), name
 
 
 def test_mujoco_s_first_order_step_tends_to_the_symbolic_run(tmp_path: Path) -> None:

@@ -107,7 +107,7 @@ def test_linearised_about_a_motion_it_is_the_slope_of_the_torque(plant: EulerLag
     step = 1e-6
 
     def torque(share: float, *on: float) -> np.ndarray:
-        a, b = (share * step * one * way for one in on)
+        a, b = (share * step * unit * way for unit in on)
         return plant.inertia(q + a) @ ddq + plant.bias(q + a, dq + b)
 
     for matrix, on in ((G, (1.0, 0.0)), (D, (0.0, 1.0))):

@@ -52,9 +52,9 @@ def test_derivatives_are_what_central_differences_converge_to(reference: Referen
     times = np.linspace(0.07, 3.93, 38)  # a centisecond off each way-point and the end of the sweep
 
     def errors(h: float) -> list[float]:
-        before, here, after = (reference.sample(times + shift) for shift in (-h, 0, h))
-        found = [(after[j] - before[j]) / (2 * h) - here[j + 1] for j in (0, 1)]
-        return [float(np.max(np.abs(error))) for error in found]
+        before, present, after = (reference.sample(times + shift) for shift in (-h, 0, h))
+        differences = [(after[j] - before[j]) / (2 * h) - present[j + 1] for j in (0, 1)]
+        return [float(np.max(np.abs(error))) for error in differences]
 
     for coarse, fine in zip(errors(4e-3), errors(2e-3), strict=True):
         assert coarse == pytest.approx(4 * fine, rel=0.05)  # second order
@@ -78,9 +78,9 @@ def test_sinusoid_is_its_formula_and_one_number_stands_for_all_joints() -> None:
 def test_multisine_is_the_sum_of_sinusoids() -> None:
     t = np.linspace(0, 3, 11)
     tones = Multisine(amplitude=[[0.3, 0.1]], frequency=[1.0, 4.0], phase=[[0.5, -1.0]], offset=0.2).sample(t)
-    one = Sinusoid(amplitude=0.3, frequency=1.0, phase=0.5, offset=0.2).sample(t)
-    other = Sinusoid(amplitude=0.1, frequency=4.0, phase=-1.0).sample(t)
-    assert all(np.allclose(tones[j], one[j] + other[j], rtol=0, atol=1e-14) for j in range(3))
+    first = Sinusoid(amplitude=0.3, frequency=1.0, phase=0.5, offset=0.2).sample(t)
+    second = Sinusoid(amplitude=0.1, frequency=4.0, phase=-1.0).sample(t)
+    assert all(np.allclose(tones[j], first[j] + second[j], rtol=0, atol=1e-14) for j in range(3))
 
 
 @pytest.mark.parametrize("tones", [5, 10, 30])
@@ -252,14 +252,14 @@ def test_encoder_traced_step_is_the_numpy_step_lost_samples_included(encoder: En
     positions, noise = rng.uniform(-3, 3, (2, 12)), rng.normal(0, 0.1, (2, 12))
     noise[0, 4] = noise[:, 7] = np.nan
     state = encoder.init(positions[:, 0])
-    rest = EncoderInput(np.zeros(2), np.zeros(2))
-    function, _ = trace(encoder.step, state, rest, symbol=ca.SX)
-    packed, found = pack(state), []
+    zero = EncoderInput(np.zeros(2), np.zeros(2))
+    function, _ = trace(encoder.step, state, zero, symbol=ca.SX)
+    packed, traced = pack(state), []
     for k in range(12):
         packed, reading = function(packed, np.concatenate([positions[:, k], noise[:, k]]))
-        found.append(np.array(reading).ravel())
+        traced.append(np.array(reading).ravel())
     assert np.allclose(
-        np.transpose(found), encoder_readings(encoder, positions, noise), rtol=0, atol=1e-12, equal_nan=True
+        np.transpose(traced), encoder_readings(encoder, positions, noise), rtol=0, atol=1e-12, equal_nan=True
     )
 
 
@@ -369,9 +369,9 @@ def test_band_noise_keeps_its_energy_inside_the_band(low: float, high: float) ->
     )
     frequency = 2 * np.pi * np.fft.rfftfreq(len(times), 1e-3)
     width = (high - low) / 2
-    near = (frequency >= low - width) & (frequency <= high + width)
+    is_in_band = (frequency >= low - width) & (frequency <= high + width)
     # eighth order forth and back: at half a band's width outside, the power is below 1 %
-    assert spectrum[near].sum() / spectrum.sum() > 0.99
+    assert spectrum[is_in_band].sum() / spectrum.sum() > 0.99
     assert spectrum[(frequency >= low) & (frequency <= high)].sum() / spectrum.sum() > 0.85
 
 

@@ -42,9 +42,9 @@ def test_stable_interval(window, synchronised, low, high):
 
     middle = np.sqrt(low * high)
     assert beyond(middle) < 0
-    found = brentq(beyond, 0.8 * low, middle, xtol=1e-7), brentq(beyond, middle, 1.2 * high, xtol=1e-6)
-    assert agrees_to_digits(found[0], low)
-    assert agrees_to_digits(found[1], high)
+    ends = brentq(beyond, 0.8 * low, middle, xtol=1e-7), brentq(beyond, middle, 1.2 * high, xtol=1e-6)
+    assert agrees_to_digits(ends[0], low)
+    assert agrees_to_digits(ends[1], high)
 
 
 @pytest.mark.parametrize(

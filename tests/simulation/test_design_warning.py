@@ -65,10 +65,10 @@ def test_scheduled_plants_have_the_changes_up_to_each_time():
         tarc.signals.ParameterSchedule(parameter="viscous", times=[0.0, 3.0], values=[1.0, 2.0]),
     ]
     robot = tarc.plants.MujocoPlant.from_file("ur5e", armature=0.1)
-    found = scheduled_plants(robot, events)
-    assert [begin for begin, _ in found] == [0.0, 1.0, 3.0]
-    assert [float(one.parameters["payload"]) for _, one in found] == [0.0, 2.0, 2.0]
-    assert [one.parameters["viscous"][0] for _, one in found] == [1.0, 1.0, 2.0]
+    changes = scheduled_plants(robot, events)
+    assert [begin for begin, _ in changes] == [0.0, 1.0, 3.0]
+    assert [float(plant.parameters["payload"]) for _, plant in changes] == [0.0, 2.0, 2.0]
+    assert [plant.parameters["viscous"][0] for _, plant in changes] == [1.0, 1.0, 2.0]
     loaded = tarc.plants.MujocoPlant.from_file("ur5e", armature=0.1, payload=2.0)
-    np.testing.assert_allclose(found[2][1].inertia(robot.home), loaded.inertia(robot.home), rtol=1e-12)
+    np.testing.assert_allclose(changes[2][1].inertia(robot.home), loaded.inertia(robot.home), rtol=1e-12)
     assert float(robot.parameters["payload"]) == 0.0

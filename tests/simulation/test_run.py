@@ -78,9 +78,9 @@ def test_smoothing_is_a_moving_average():
     gain, sliding = np.random.default_rng(1).standard_normal((2, 200))
     zero = np.zeros((200, 1))
     change, growth = (np.diff(np.convolve(x, np.ones(7) / 7, "valid")) for x in (gain, sliding))
-    found = run_by_hand(zero, zero, gain, sliding).metrics(averaging_time=0.07)
-    assert found["overestimation"] == np.mean((change > 0) & (growth < 0))
-    assert found["underestimation"] == np.mean((change < 0) & (growth > 0))
+    metrics = run_by_hand(zero, zero, gain, sliding).metrics(averaging_time=0.07)
+    assert metrics["overestimation"] == np.mean((change > 0) & (growth < 0))
+    assert metrics["underestimation"] == np.mean((change < 0) & (growth > 0))
 
 
 def test_a_gain_that_chatters_at_its_floor_counts_as_still():
