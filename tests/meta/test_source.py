@@ -15,7 +15,12 @@ PLOT_METHODS = {
 NEEDS_EXTRA = {
     ("tarc.laws.model_based", "tarc.plants.mujoco"),  # MuJoCo comes with an extra; laws without a model need none
 }
-INSIDE_FUNCTIONS = PLOT_METHODS | NEEDS_EXTRA
+NEEDS_NUMPY = {
+    # the command line makes its options from this module's class, and `--help` waits for no numerical library
+    ("tarc.design.requirements", "tarc.core.validation"),
+    ("tarc.design.requirements", "tarc.signals.sensors"),
+}
+INSIDE_FUNCTIONS = PLOT_METHODS | NEEDS_EXTRA | NEEDS_NUMPY
 """Imports of the package inside functions outside `tarc.cli`, which has them so that ``--help`` is fast."""
 
 # Ceilings, to be lowered to 0.02 and three times 0.
