@@ -5,20 +5,20 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
-from tarc.analysis.linearise import Channel, decoupled_channels, joints_share_loop
+from tarc.analysis.linearise import Channel, decoupled_channels, joints_share_loop, require_inertia
 from tarc.analysis.rest_stability import describe_instability
-from tarc.analysis.stability import disturbance_to_error, noise_to_torque, stable_intervals
+from tarc.analysis.stability import disturbance_to_error, noise_to_torque, stable_intervals, widest_interval
 from tarc.analysis.workspace import Workspace
 from tarc.certificates.base import Certificate, Evidence, certificate_from_plain
 from tarc.certificates.constant_ratio import ConstantRatioEvidence, certify_constant_ratio
 from tarc.certificates.robot import RobotEvidence, certify_robot
 from tarc.certificates.sector import SectorEvidence, certify_sector
 from tarc.certificates.varying_ratio import VaryingRatioEvidence, certify_varying_ratio
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter, NoStableRatio
 from tarc.core.types import Array
 from tarc.estimators.algebraic import Algebraic
 from tarc.laws.base import Law
@@ -44,12 +44,12 @@ def certify_law(
     robot_certificate: Certificate[RobotEvidence] | None = None,
     on_certificate: Callable[[str], object] = lambda kind: None,
 ) -> "LawCertification":
-    """Return all certificates that apply to a law on a robot, the verdict for the robot first.
+    """Return all certificates that apply to a law on a robot.
 
     Parameters
     ----------
     law
-        A law on time-delay estimation.
+        A law with an inertia M̂.
     plant
         The robot, or several, such as one without and one with its payload.
     workspace
@@ -57,49 +57,50 @@ def certify_law(
     computation_delay
         Periods between a measurement and its torque.
     samples, seed
-        Of the workspace.
-    known
-        What `robot` gave for all this, where it was asked before.
-    done
+        Number of sampled postures, and the seed.
+    robot_certificate
+        Result of `certify_robot` for the same arguments, where it exists already.
+    on_certificate
         Called with the kind of each certificate once it is made, to show progress.
 
     Returns
     -------
     LawCertification
-        Its certificates by kind: ``robot``; ``loop`` for every constant ratio that occurs; ``slope``, for TARC, at the
-        occurring ratio of the smallest limit; ``ball``, the widest; then the conditions of the paper, ``lemma1``,
-        ``c2``, ``theorem1``, ``theorem2``, and ``nominal``, its second theorem repaired. Those that do not apply are
-        left out.
+        Its certificates by kind. First ``robot``; ``constant_ratio`` for every ratio that occurs; for TARC ``sector``,
+        at the ratio of the smallest limit; ``varying_ratio``, in the widest range. Then the conditions of the paper,
+        ``lemma1``, ``c2``, ``theorem1``, ``theorem2``, and ``nominal``. Those that do not apply are left out.
 
     Raises
     ------
-    TarcError
-        For a law without an inertia, and as `robot` does.
+    UnsupportedLaw
+        For a law without an inertia.
+    NotLinearisable
+        For a law that has no linearisation at rest.
+    InvalidParameter
+        As in `certify_robot`.
     """
-    if not isinstance(law, PolePlacement):
-        raise TarcError(
-            f"law: got {type(law).__name__}; certificates need a law with an inertia M̂, such as TDC or TARC"
-        )
-    found: dict[str, Certificate] = {}
+    law = require_inertia(law, "certify_law")
+    channels = decoupled_channels(law, computation_delay)
+    certificates: dict[str, Certificate] = {}
 
     def add(certificate: Certificate[Any]) -> None:
-        found[certificate.kind] = certificate
+        certificates[certificate.kind] = certificate
         on_certificate(certificate.kind)
 
-    options = {"computation_delay": computation_delay, "samples": samples, "seed": seed}
-    verdict = robot_certificate or certify_robot(law, plant, workspace, **options)
-    add(verdict)
-    low, high = verdict.evidence.min_ratio, verdict.evidence.max_ratio
-    if all(channel.n_coupled == 1 for channel in decoupled_channels(law, computation_delay)):
-        add(certify_constant_ratio(law, (low, high), computation_delay=computation_delay))
+    sampling: dict[str, int] = {"samples": samples, "seed": seed}
+    loop: _LoopOptions = {"computation_delay": computation_delay, "channels": channels}
+    robot = robot_certificate or certify_robot(law, plant, workspace, **sampling, **loop)
+    add(robot)
+    low, high = robot.evidence.min_ratio, robot.evidence.max_ratio
+    if all(channel.n_coupled == 1 for channel in channels):
+        add(certify_constant_ratio(law, (low, high), **loop))
     if isinstance(law, TARC):
-        ratios = low, (low * high) ** 0.5, high
-        occurring = [certify_sector(law, ratio, computation_delay=computation_delay) for ratio in ratios]
-        add(min(occurring, key=lambda one: one.evidence.circle_limit))
+        sectors = [certify_sector(law, ratio, **loop) for ratio in (low, (low * high) ** 0.5, high)]
+        add(min(sectors, key=lambda certificate: certificate.evidence.circle_limit))
     if joints_share_loop(law):
-        with suppress(TarcError):  # stable for no ratio, which the verdict for the robot has shown already
-            add(certify_varying_ratio(law, computation_delay=computation_delay))
-    add(check_lemma1(law, plant, workspace, samples=samples, seed=seed))
+        with suppress(NoStableRatio):  # the certificate of the robot has refuted the law already
+            add(certify_varying_ratio(law, **loop))
+    add(check_lemma1(law, plant, workspace, **sampling))
     if isinstance(law, TARC):
         add(check_condition_c2(law))
     if isinstance(law, TDE):
@@ -107,7 +108,14 @@ def certify_law(
         if isinstance(law.estimator, Algebraic):
             add(check_theorem2(law))
             add(check_nominal_loop(law))
-    return LawCertification(law=law, certificates=found, computation_delay=computation_delay)
+    return LawCertification(law=law, channels=channels, certificates=certificates, computation_delay=computation_delay)
+
+
+class _LoopOptions(TypedDict):
+    """Options that the certificates of the loop share."""
+
+    computation_delay: int
+    channels: Sequence[Channel]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -117,17 +125,17 @@ class StabilityMap:
     Attributes
     ----------
     windows
-        Windows [periods], shape (k,); two places for an estimator without a window.
+        Windows [periods], shape (k,); two points for an estimator without a window.
     window
-        That of the law.
+        Window of the law [periods].
     stable
         Ends of the widest range in which every constant ratio is stable, shape (k, 2); nan for none.
     tolerated
-        Ends of the ball of varying ratios, shape (k, 2); nan for none.
+        Ends of the range of varying ratios that is certified, shape (k, 2); nan for none.
     required
         Smallest and largest inertia ratio of the robot.
     rate
-        Largest rate of change for which the ball holds [1/s]; None for any.
+        Largest rate of change for which the range of varying ratios is certified [1/s]; None for any.
     """
 
     windows: Array
@@ -146,41 +154,52 @@ class LawCertification:
     ----------
     law
         The law.
+    channels
+        Its linearised loops.
     certificates
-        By kind, the verdict for the robot first.
+        By kind, that of the robot first.
     computation_delay
         Periods between a measurement and its torque.
     """
 
     law: PolePlacement
+    channels: Sequence[Channel]
     certificates: dict[str, Certificate]
     computation_delay: int = 0
 
     @property
     def verdict(self) -> Certificate[RobotEvidence]:
-        """The certificate of the robot."""
+        """Return the certificate of the robot."""
         return self.certificates["robot"]
 
     @cached_property
-    def channels(self) -> list[Channel]:
-        """The linearised loops of the law."""
-        return decoupled_channels(self.law, self.computation_delay)
-
-    @cached_property
     def suggestion(self) -> str:
-        """What to change in a law that was not certified; empty for one that was."""
-        ball = self.certificates.get("varying_ratio")
-        return suggest_changes(self.law, self.verdict, self.computation_delay, ball=ball)
+        """Return what to change in a law that was not certified; empty for one that was."""
+        law, robot = self.law, self.verdict
+        if robot.witness:
+            return describe_instability(law, robot.witness, self.computation_delay, channels=self.channels)
+        if robot.certified:
+            return ""
+        if not joints_share_loop(law):
+            return (
+                "Give all joints the same natural frequency and damping ratio, which the varying-ratio certificate "
+                "needs"
+            )
+        if isinstance(law, TARC) and law.max_gain is None:
+            return "Give the gain a maximum, max_gain, without which nothing bounds the robust term"
+        if not np.isfinite(law.robust_slope_bound):
+            return "The robust term of this law is not covered by these certificates: simulate it"
+        return self._suggest_wider_range()
 
     @property
     def ratios(self) -> dict[str, float]:
-        """Smallest, mean and largest inertia ratio of the robot, by name."""
+        """Return the smallest, mean and largest inertia ratio of the robot, by name."""
         low, high = self.verdict.evidence.min_ratio, self.verdict.evidence.max_ratio
         return {"least ratio": low, "mean": float(np.sqrt(low * high)), "greatest ratio": high}
 
     @cached_property
     def eigenvalues(self) -> dict[str, Array]:
-        """Eigenvalues of the loop at each of the `ratios`, by name."""
+        """Return the eigenvalues of the loop at each of the `ratios`, by name."""
         return {
             name: np.concatenate([np.linalg.eigvals(channel.state_matrix(ratio)) for channel in self.channels])
             for name, ratio in self.ratios.items()
@@ -198,7 +217,7 @@ class LawCertification:
 
     @cached_property
     def stability_map(self) -> StabilityMap | None:
-        """Stable ratios over the window; None where the gains couple the joints."""
+        """Return the stable ratios over the window; None where the gains couple the joints."""
         if any(channel.n_coupled > 1 for channel in self.channels):
             return None
         estimator, period = self.law.estimator, self.law.period
@@ -211,8 +230,7 @@ class LawCertification:
                 self.law if count == window else replace(self.law, estimator=replace(estimator, window=count * period))
                 for count in windows
             ]
-        ends = np.array([(*self._stable(law), *self._tolerated(law)) for law in laws])
-        ends = np.broadcast_to(ends, (len(windows), 4))
+        ends = np.broadcast_to(np.array([self._stable_ranges(law) for law in laws]), (len(windows), 4))
         evidence = self.verdict.evidence
         return StabilityMap(
             windows=np.array(windows, dtype=float),
@@ -223,88 +241,63 @@ class LawCertification:
             rate=evidence.rate,
         )
 
-    def _stable(self, law: PolePlacement) -> tuple[float, float]:
-        """Return the widest range of stable constant ratios; nan for none."""
-        ranges = stable_intervals(law, computation_delay=self.computation_delay)
-        return max(ranges, key=lambda ends: ends[1] / max(ends[0], 1e-300), default=(np.nan, np.nan))
+    def _stable_ranges(self, law: PolePlacement) -> tuple[float, float, float, float]:
+        """Return the ends of the widest range of stable constant ratios, and of varying ones; nan for none."""
+        channels = self.channels if law is self.law else decoupled_channels(law, self.computation_delay)
+        constant = widest_interval(stable_intervals(law, channels=channels)) or (np.nan, np.nan)
+        return *constant, *self._varying_range(law, channels)
 
-    def _tolerated(self, law: PolePlacement) -> tuple[float, float]:
-        """Return the ends of the ball of varying ratios; nan for none.
+    def _varying_range(self, law: PolePlacement, channels: Sequence[Channel]) -> tuple[float, float]:
+        """Return the ends of the certified range of varying ratios; nan for none.
 
-        With a rate it is the ball that suits the robot: the widest may be at another scale of M̂, and so another rate.
+        With a rate it is the range that suits the robot. The widest may be at another scale of M̂, and so another rate.
         """
         if not joints_share_loop(law):
             return np.nan, np.nan
-        evidence = self.verdict.evidence
-        contains = None if evidence.rate is None else (evidence.min_ratio, evidence.max_ratio)
-        certificate = self.certificates.get("varying_ratio") if law is self.law and evidence.rate is None else None
+        robot = self.verdict.evidence
+        ratio_range = None if robot.rate is None else (robot.min_ratio, robot.max_ratio)
+        certificate = self.certificates.get("varying_ratio") if law is self.law and robot.rate is None else None
         try:
             certificate = certificate or certify_varying_ratio(
-                law, ratio_range=contains, rate=evidence.rate, computation_delay=self.computation_delay
+                law,
+                ratio_range=ratio_range,
+                rate=robot.rate,
+                computation_delay=self.computation_delay,
+                channels=channels,
             )
-        except TarcError:  # stable for no ratio
+        except NoStableRatio:
             return np.nan, np.nan
         return certificate.evidence.min_ratio, certificate.evidence.max_ratio
 
-
-def suggest_changes(
-    law: PolePlacement,
-    verdict: Certificate[RobotEvidence],
-    computation_delay: int = 0,
-    *,
-    ball: Certificate[VaryingRatioEvidence] | None = None,
-) -> str:
-    """Return what to change in a law that was not certified, with numbers; empty for one that was.
-
-    Parameters
-    ----------
-    law
-        The law.
-    verdict
-        Its certificate on the robot.
-    computation_delay
-        Periods between a measurement and its torque.
-    ball
-        The widest ball of the law without a slope and a rate, where it is at hand.
-    """
-    if verdict.witness:
-        return describe_instability(law, verdict.witness, computation_delay)
-    if verdict.certified:
-        return ""
-    if not joints_share_loop(law):
-        return "Give all joints the same natural frequency and damping, which the ball needs"
-    if isinstance(law, TARC) and law.max_gain is None:
-        return "Give the gain a cap, without which nothing bounds the robust term"
-    if not np.isfinite(law.robust_slope_bound):
-        return "The robust term of this law is not covered by these certificates: simulate it"
-    return _suggest_wider_ball(law, verdict.evidence, computation_delay, ball)
-
-
-def _suggest_wider_ball(
-    law: PolePlacement,
-    evidence: RobotEvidence,
-    computation_delay: int,
-    ball: Certificate[VaryingRatioEvidence] | None,
-) -> str:
-    """Return the ratios that the robot has and that the law tolerates, as it is and synchronised."""
-    slope, rate = evidence.slope, evidence.rate
-    slower = "a bound on the joints' speeds" if rate is None else "slower joints"
-    trials = {"as it is": law}
-    if isinstance(law, TDE) and not law.synchronised:
-        trials["synchronised"] = replace(law, synchronised=True, delay=None)
-    ranges = []
-    for name, trial in trials.items():
-        widest = ball if trial is law and slope == 0 and rate is None else None
-        with suppress(TarcError):  # stable for no ratio
-            widest = widest or certify_varying_ratio(trial, slope=slope, rate=rate, computation_delay=computation_delay)
-            scale = (widest.evidence.min_ratio * widest.evidence.max_ratio) ** 0.5
-            scale /= (evidence.min_ratio * evidence.max_ratio) ** 0.5
-            ranges.append(f"{widest.evidence.ratio_spread:.3g} ({name}, with {scale:.3g} of this M̂)")
-    return (
-        f"The robot's spread is {evidence.ratio_spread:.3g}; the widest ball of this loop holds "
-        f"{' or '.join(ranges) or 'none'}. A shorter window, a lower natural frequency, a smaller cap, more rotor "
-        f"inertia or {slower} narrow the gap; inconclusive does not mean unstable"
-    )
+    def _suggest_wider_range(self) -> str:
+        """Return the ratios of the robot and those that the law tolerates, as it is and synchronised."""
+        law, robot = self.law, self.verdict.evidence
+        slower = "a bound on the joints' speeds" if robot.rate is None else "slower joints"
+        variants: dict[str, tuple[PolePlacement, Sequence[Channel] | None]] = {"as it is": (law, self.channels)}
+        if isinstance(law, TDE) and not law.synchronised:
+            variants["synchronised"] = replace(law, synchronised=True, delay=None), None
+        robot_centre = (robot.min_ratio * robot.max_ratio) ** 0.5
+        ranges = []
+        for name, (variant, channels) in variants.items():
+            is_computed = variant is law and robot.slope == 0 and robot.rate is None
+            certificate = self.certificates.get("varying_ratio") if is_computed else None
+            with suppress(NoStableRatio):
+                certificate = certificate or certify_varying_ratio(
+                    variant,
+                    slope=robot.slope,
+                    rate=robot.rate,
+                    computation_delay=self.computation_delay,
+                    channels=channels,
+                )
+                evidence = certificate.evidence
+                scale = (evidence.min_ratio * evidence.max_ratio) ** 0.5 / robot_centre
+                ranges.append(f"{evidence.ratio_spread:.3g} ({name}, with {scale:.3g} of this M̂)")
+        return (
+            f"The robot's largest inertia ratio is {robot.ratio_spread:.3g} times its smallest; the varying-ratio "
+            f"certificate of this loop allows {' or '.join(ranges) or 'none'}. A shorter window, a lower natural "
+            f"frequency, a smaller max_gain, more rotor inertia or {slower} narrow the gap; inconclusive does not mean "
+            "unstable"
+        )
 
 
 def _evidence_types() -> dict[str, type[Evidence]]:
@@ -328,14 +321,14 @@ def certificate_from_dict(content: dict[str, Any]) -> Certificate:
 
     Raises
     ------
-    TarcError
+    InvalidParameter
         For content that is no certificate.
     """
     try:
         evidence_type = _evidence_types()[content["kind"]]
         return certificate_from_plain(evidence_type, content, content["evidence"])
     except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise TarcError(f"certificate: cannot read it ({error}); needs what Certificate.to_dict wrote") from None
+        raise InvalidParameter(f"certificate: cannot read it ({error}); needs what Certificate.to_dict wrote") from None
 
 
 def certificate_from_json(text: str) -> Certificate:
@@ -343,11 +336,13 @@ def certificate_from_json(text: str) -> Certificate:
 
     Raises
     ------
-    TarcError
+    InvalidParameter
         For text that is no certificate.
     """
     try:
         content = json.loads(text)
     except ValueError as error:
-        raise TarcError(f"certificate: the text is no JSON ({error}); needs what Certificate.to_json wrote") from None
+        raise InvalidParameter(
+            f"certificate: the text is no JSON ({error}); needs what Certificate.to_json wrote"
+        ) from None
     return certificate_from_dict(content)

@@ -12,6 +12,7 @@ from scipy.linalg import eigh
 from tarc.analysis.inertia_ratio import inertia_spread
 from tarc.analysis.inertia_shape import best_inertia_shape, lower_bound
 from tarc.analysis.workspace import Workspace
+from tarc.core.errors import NotConverged
 from tarc.plants import MassSpringDamper, MujocoPlant, NLinkArm, TwoLinkArm, WheeledMobileRobot
 
 ROBOTS = Path(sysconfig.get_path("purelib"), "cmeel.prefix", "share", "example-robot-data", "robots")
@@ -129,3 +130,9 @@ def solved_by_cvxpy(below, above, diagonal):
     need = grow * max(eigh(shape, M, eigvals_only=True)[-1] for M in above)
     duals = [np.asarray(one.dual_value) for one in constraints]
     return need, (np.array(duals[: len(below)]), np.array(duals[len(below) :]))
+
+
+def test_bounds_that_do_not_meet_are_an_error(monkeypatch):
+    monkeypatch.setattr(sys.modules["tarc.analysis.inertia_shape"], "MAX_ROUNDS", 1)
+    with pytest.raises(NotConverged, match="exceeds its lower bound .* raise the tolerance"):
+        best_inertia_shape([ARM, TwoLinkArm(payload=2.0)], Workspace.box([-np.pi, 0.5], [np.pi, 2.6]), samples=50)

@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tarc import TarcError, signals
+from tarc import signals
 from tarc.analysis.inertia_ratio import inertia_spread, inverse_ratios, maximise_over_workspace
 from tarc.analysis.inertia_shape import best_inertia_shape
 from tarc.analysis.workspace import Workspace
+from tarc.core.errors import InvalidParameter
 from tarc.plants import MassSpringDamper, MujocoPlant, NLinkArm, TwoLinkArm
 from tarc.plants.base import Plant
 
@@ -139,9 +140,11 @@ class Broken(Plant):
 
 def test_a_link_without_mass_is_named_with_its_posture():
     box = Workspace.box([-2, -2], [2, 2])
-    with pytest.raises(TarcError, match=r"M\(q\) is singular \(smallest eigenvalue 0\) at q = \[.*\]; .*armature=0\.1"):
+    with pytest.raises(
+        InvalidParameter, match=r"M\(q\) is singular \(smallest eigenvalue 0\) at q = \[.*\]; .*armature=0\.1"
+    ):
         inertia_spread(Broken(0.0), MIXED, box)
-    with pytest.raises(TarcError, match=r"M\(q\) is not finite at q = \["):
+    with pytest.raises(InvalidParameter, match=r"M\(q\) is not finite at q = \["):
         inertia_spread(Broken(np.nan), MIXED, box)
 
 
@@ -152,7 +155,7 @@ def sliding_body(tmp_path):
 
 def test_slides_need_a_range(tmp_path):
     for plant in (sliding_body(tmp_path), MassSpringDamper()):
-        with pytest.raises(TarcError, match=r"joint .* slides \[m\] and has no range; .* Workspace\.box"):
+        with pytest.raises(InvalidParameter, match=r"joint .* slides \[m\] and has no range; .* Workspace\.box"):
             Workspace.from_joint_limits(plant)
 
 
@@ -160,34 +163,47 @@ BOX = Workspace.box([-1, -1], [1, 1])
 
 
 @pytest.mark.parametrize(
-    ("call", "message"),
+    ("call", "message", "error"),
     [
-        (lambda: Workspace.box([0, 1], [1, 0]), "low, high: number 2 goes from 1 to 0; needs low ≤ high"),
-        (lambda: Workspace.box([0, 1], [1]), r"low, high: got shapes \(2,\) and \(1,\)"),
-        (lambda: Workspace.box([0, -np.inf], [1, 1]), "low: got -inf"),
-        (lambda: Workspace.from_reference(signals.Sinusoid(amplitude=1.0, frequency=1.0), -1.0), "duration: got -1"),
+        (
+            lambda: Workspace.box([0, 1], [1, 0]),
+            "low, high: number 2 goes from 1 to 0; needs low ≤ high",
+            InvalidParameter,
+        ),
+        (lambda: Workspace.box([0, 1], [1]), r"low, high: got shapes \(2,\) and \(1,\)", InvalidParameter),
+        (lambda: Workspace.box([0, -np.inf], [1, 1]), "low: got -inf", InvalidParameter),
+        (
+            lambda: Workspace.from_reference(signals.Sinusoid(amplitude=1.0, frequency=1.0), -1.0),
+            "duration: got -1",
+            InvalidParameter,
+        ),
         (
             lambda: Workspace.from_reference(signals.Sinusoid(amplitude=1.0, frequency=1.0), 1.0, tube=-0.1),
             r"tube: got \[-0.1\]",
+            InvalidParameter,
         ),
-        (lambda: Workspace.from_reference("circle", 1.0), "reference: got str"),  # type: ignore[arg-type]
-        (lambda: inertia_spread(ARM, MIXED, Workspace.box([0], [1])), "it has 1 joints and the robot 2"),
-        (lambda: inertia_spread(ARM, MIXED, [0, 1]), "workspace: got list"),  # type: ignore[arg-type]
-        (lambda: inertia_spread([ARM, NLinkArm()], MIXED, BOX), r"robots of \[2, 3\] joints"),
-        (lambda: inertia_spread([], MIXED, BOX), "plant: got none"),
-        (lambda: inertia_spread("ur5e", MIXED, BOX), "plant: got str"),  # type: ignore[arg-type]
-        (lambda: inertia_spread(3, MIXED, BOX), "plant: got int"),  # type: ignore[arg-type]
-        (lambda: inertia_spread(ARM, np.eye(3), BOX), r"inertia: got shape \(3, 3\)"),
-        (lambda: inertia_spread(ARM, [[1, np.nan], [np.nan, 1]], BOX), "inertia: got nan"),
-        (lambda: inertia_spread(ARM, [[1, 2], [2, 1]], BOX), "inertia: its smallest eigenvalue"),
-        (lambda: inertia_spread(ARM, MIXED, BOX, samples=0), "samples: got 0"),
-        (lambda: inertia_spread(ARM, MIXED, BOX, refine=-1), "refine: got -1"),
-        (lambda: inertia_spread(ARM, MIXED, BOX, seed=-1), "seed: got -1"),
-        (lambda: best_inertia_shape(ARM, BOX, tolerance=0.0), "tolerance: got 0"),
+        (lambda: Workspace.from_reference("circle", 1.0), "reference: got str", InvalidParameter),  # type: ignore[arg-type]
+        (
+            lambda: inertia_spread(ARM, MIXED, Workspace.box([0], [1])),
+            "it has 1 joints and the robot 2",
+            InvalidParameter,
+        ),
+        (lambda: inertia_spread(ARM, MIXED, [0, 1]), "workspace: got list", InvalidParameter),  # type: ignore[arg-type]
+        (lambda: inertia_spread([ARM, NLinkArm()], MIXED, BOX), r"robots of \[2, 3\] joints", InvalidParameter),
+        (lambda: inertia_spread([], MIXED, BOX), "plant: got none", InvalidParameter),
+        (lambda: inertia_spread("ur5e", MIXED, BOX), "plant: got str", InvalidParameter),  # type: ignore[arg-type]
+        (lambda: inertia_spread(3, MIXED, BOX), "plant: got int", InvalidParameter),  # type: ignore[arg-type]
+        (lambda: inertia_spread(ARM, np.eye(3), BOX), r"inertia: got shape \(3, 3\)", InvalidParameter),
+        (lambda: inertia_spread(ARM, [[1, np.nan], [np.nan, 1]], BOX), "inertia: got nan", InvalidParameter),
+        (lambda: inertia_spread(ARM, [[1, 2], [2, 1]], BOX), "inertia: its smallest eigenvalue", InvalidParameter),
+        (lambda: inertia_spread(ARM, MIXED, BOX, samples=0), "samples: got 0", InvalidParameter),
+        (lambda: inertia_spread(ARM, MIXED, BOX, refine=-1), "refine: got -1", InvalidParameter),
+        (lambda: inertia_spread(ARM, MIXED, BOX, seed=-1), "seed: got -1", InvalidParameter),
+        (lambda: best_inertia_shape(ARM, BOX, tolerance=0.0), "tolerance: got 0", InvalidParameter),
     ],
 )
-def test_bad_input(call, message):
-    with pytest.raises(TarcError, match=message):
+def test_bad_input(call, message, error):
+    with pytest.raises(error, match=message):
         call()
 
 

@@ -12,6 +12,7 @@ from law_catalogue import make_law, make_tdc
 from tampering import reread
 from tarc.analysis import Workspace
 from tarc.certification import certificate_from_dict, certify_law
+from tarc.core.errors import UnsupportedLaw
 from tarc.scenario.yaml_text import write_yaml
 
 TARC = str(Path(sys.executable).parent / "tarc")
@@ -141,5 +142,5 @@ def test_bad_input(scenario, arguments, message):
 
 
 def test_a_law_without_an_inertia_is_refused():
-    with pytest.raises(tarc.TarcError, match="needs? a law with an inertia"):
+    with pytest.raises(UnsupportedLaw, match="needs? a law with an inertia"):
         certify_law("PID", ARM, BOX)  # type: ignore[arg-type]

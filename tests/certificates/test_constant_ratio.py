@@ -10,12 +10,13 @@ from hypothesis import strategies as st
 
 from law_catalogue import KNOWN_RANGES, agrees_to_digits, make_law, make_tdc
 from tampering import replaced, reread, scaled, without
-from tarc import TarcError, estimators, laws, plants, signals
+from tarc import estimators, laws, plants, signals
 from tarc.analysis import h2_norm, hinf_norm, stable_interval, stable_intervals
 from tarc.analysis.linearise import decoupled_channels
 from tarc.certificates import certify_constant_ratio
 from tarc.certification import certificate_from_dict, certificate_from_json
 from tarc.control.digital_controller import DigitalController
+from tarc.core.errors import InvalidParameter, NoStableRatio, UnsupportedLaw
 from tarc.simulation.closed_loop import ClosedLoop, LoopInput
 
 
@@ -178,9 +179,9 @@ def test_json_round_trip_verifies_and_tampering_shows():
     assert not scaled(certificate, "loops.0.B", 10).verify()
     assert not replaced(certificate, "loops", []).verify()
     for content in ({}, without(certificate, "loops"), without(certificate, "loops.0.B")):
-        with pytest.raises(TarcError, match="cannot read it"):
+        with pytest.raises(InvalidParameter, match="cannot read it"):
             certificate_from_dict(content)
-    with pytest.raises(TarcError, match="no JSON"):
+    with pytest.raises(InvalidParameter, match="no JSON"):
         certificate_from_json("{")
 
 
@@ -235,9 +236,9 @@ def test_norms_of_what_is_not_stable_are_infinite():
 @pytest.mark.parametrize("norm", [hinf_norm, h2_norm])
 def test_norms_refuse_what_is_no_system(norm):
     one = np.ones((1, 1))
-    with pytest.raises(TarcError, match=r"A: got nan at \[0, 0\]; needs finite numbers"):
+    with pytest.raises(InvalidParameter, match=r"A: got nan at \[0, 0\]; needs finite numbers"):
         norm(np.nan * one, one, one, one)
-    with pytest.raises(TarcError, match=r"got shapes \(1, 1\), \(1, 1\), \(1, 2\)"):
+    with pytest.raises(InvalidParameter, match=r"got shapes \(1, 1\), \(1, 1\), \(1, 2\)"):
         norm(one / 2, one, np.ones((1, 2)), one)
 
 
@@ -249,26 +250,36 @@ def test_a_certificate_that_holds_no_numbers_does_not_verify():
 
 
 @pytest.mark.parametrize(
-    ("call", "message"),
+    ("call", "message", "error"),
     [
-        (lambda: certify_constant_ratio(tdc(), 0.0), "ratio: got 0"),
-        (lambda: certify_constant_ratio(tdc(), (0.2, 0.1)), "ratio: got 0.1; needs a finite number of at least 0.2"),
-        (lambda: certify_constant_ratio(tdc(), np.nan), "ratio: got nan"),
-        (lambda: certify_constant_ratio(tdc(), 0.1, gain=-1.0), "gain: got -1"),
-        (lambda: certify_constant_ratio(tdc(), 0.1, computation_delay=-1), "computation_delay: got -1"),
-        (lambda: certify_constant_ratio("TDC", 0.1), "law: got str"),  # type: ignore[arg-type]
+        (lambda: certify_constant_ratio(tdc(), 0.0), "ratio: got 0", InvalidParameter),
+        (
+            lambda: certify_constant_ratio(tdc(), (0.2, 0.1)),
+            "ratio: got 0.1; needs a finite number of at least 0.2",
+            InvalidParameter,
+        ),
+        (lambda: certify_constant_ratio(tdc(), np.nan), "ratio: got nan", InvalidParameter),
+        (lambda: certify_constant_ratio(tdc(), 0.1, gain=-1.0), "gain: got -1", InvalidParameter),
+        (
+            lambda: certify_constant_ratio(tdc(), 0.1, computation_delay=-1),
+            "computation_delay: got -1",
+            InvalidParameter,
+        ),
+        (lambda: certify_constant_ratio("TDC", 0.1), "law: got str", UnsupportedLaw),  # type: ignore[arg-type]
         (
             lambda: stable_interval(tdc(natural_frequency=200.0), computation_delay=60),
             "no inertia ratio makes this loop stable",
+            NoStableRatio,
         ),
         (
             lambda: stable_intervals(
                 tdc(joints=2, natural_frequency=None, position_gain=[[100.0, 20.0], [20.0, 100.0]], velocity_gain=20.0)
             ),
             "the gains couple the joints",
+            UnsupportedLaw,
         ),
     ],
 )
-def test_bad_input(call, message):
-    with pytest.raises(TarcError, match=message):
+def test_bad_input(call, message, error):
+    with pytest.raises(error, match=message):
         call()

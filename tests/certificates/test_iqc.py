@@ -13,7 +13,7 @@ from reference.soundness_tally import Tally
 from reference.uncertain_case import UncertainCase, growth_per_period, state_matrices
 from slow_cases import slow
 from tampering import replaced, reread, scaled, without
-from tarc import TarcError, plants, signals, simulate
+from tarc import plants, signals, simulate
 from tarc.analysis import Workspace, stable_interval
 from tarc.analysis.linearise import decoupled_channels
 from tarc.analysis.operating_points import OperatingPoint, inertia_rates, inertia_slopes, uncertainty_samples
@@ -22,6 +22,7 @@ from tarc.certificates import certify_robot, certify_varying_ratio
 from tarc.certificates.iqc import Multiplier, rate_penalty, satisfies_iqc
 from tarc.certificates.varying_ratio import max_radius
 from tarc.certification import certificate_from_dict
+from tarc.core.errors import InvalidParameter
 from tarc.numerics.norms import fdi_negative
 
 LITERAL, SYNCHRONISED = LawParameters(window=10), LawParameters(window=10, synchronised=True)
@@ -311,7 +312,7 @@ def test_json_round_trip_verifies_and_tampering_shows(options):
             assert not scaled(certificate, f"ball.{name}", factor).verify()
     for name, factor in (("multiplier.coefficients", -1.0), ("multiplier.decays", 1.5), ("loop.B", 3.0)):
         assert not scaled(certificate, f"ball.{name}", factor).verify()
-        with pytest.raises(TarcError, match="cannot read it"):
+        with pytest.raises(InvalidParameter, match="cannot read it"):
             certificate_from_dict(without(certificate, f"ball.{name}"))
     assert not replaced(certificate, "ball.multiplier", None).verify()
 
@@ -323,25 +324,30 @@ def test_without_a_rate_nothing_of_it_is_written():
 
 
 @pytest.mark.parametrize(
-    ("call", "message"),
+    ("call", "message", "error"),
     [
-        (lambda: certify_varying_ratio(LITERAL.law, rate=-1.0), "rate: got -1"),
-        (lambda: certify_varying_ratio(LITERAL.law, rate=np.nan), "rate: got nan"),
-        (lambda: certify_varying_ratio(LITERAL.law, rate=np.inf), "rate: got inf"),
-        (lambda: certify_varying_ratio(LITERAL.law, rate="fast"), "rate"),  # type: ignore[arg-type]
-        (lambda: Workspace.from_joint_limits(ARM, speed=[1.0, 1.0, 1.0]), "speed"),
-        (lambda: Workspace.from_joint_limits(ARM, speed=-1.0), "speed"),
-        (lambda: Workspace.box([0.0, 0.0], [1.0, 1.0], speed=[1.0, np.nan]), "speed"),
-        (lambda: Workspace.from_joint_limits(ARM, speed=1.0, acceleration=-1.0), "acceleration: got"),
-        (lambda: Workspace.from_joint_limits(ARM, acceleration=1.0), "acceleration: it bounds nothing without a speed"),
+        (lambda: certify_varying_ratio(LITERAL.law, rate=-1.0), "rate: got -1", InvalidParameter),
+        (lambda: certify_varying_ratio(LITERAL.law, rate=np.nan), "rate: got nan", InvalidParameter),
+        (lambda: certify_varying_ratio(LITERAL.law, rate=np.inf), "rate: got inf", InvalidParameter),
+        (lambda: certify_varying_ratio(LITERAL.law, rate="fast"), "rate", InvalidParameter),  # type: ignore[arg-type]
+        (lambda: Workspace.from_joint_limits(ARM, speed=[1.0, 1.0, 1.0]), "speed", InvalidParameter),
+        (lambda: Workspace.from_joint_limits(ARM, speed=-1.0), "speed", InvalidParameter),
+        (lambda: Workspace.box([0.0, 0.0], [1.0, 1.0], speed=[1.0, np.nan]), "speed", InvalidParameter),
+        (lambda: Workspace.from_joint_limits(ARM, speed=1.0, acceleration=-1.0), "acceleration: got", InvalidParameter),
+        (
+            lambda: Workspace.from_joint_limits(ARM, acceleration=1.0),
+            "acceleration: it bounds nothing without a speed",
+            InvalidParameter,
+        ),
         (
             lambda: Workspace.from_joint_limits(ARM, speed=np.inf, acceleration=1.0),
             "acceleration: it bounds nothing without a speed",
+            InvalidParameter,
         ),
     ],
 )
-def test_bad_input(call, message):
-    with pytest.raises(TarcError, match=message):
+def test_bad_input(call, message, error):
+    with pytest.raises(error, match=message):
         call()
 
 

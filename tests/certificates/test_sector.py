@@ -13,10 +13,11 @@ from reference.law_parameters import PERIOD, LawParameters
 from reference.law_recurrence import recurrence
 from reference.uncertain_case import UncertainCase
 from tampering import replaced, reread, scaled, without
-from tarc import TarcError, estimators, laws
+from tarc import estimators, laws
 from tarc.certificates import certify_constant_ratio, certify_sector, certify_varying_ratio
 from tarc.certificates.sector import circle_limit
 from tarc.certification import certificate_from_dict
+from tarc.core.errors import InvalidParameter, UnsupportedLaw
 
 LITERAL, SYNCHRONISED = LawParameters(window=10), LawParameters(window=10, synchronised=True)
 
@@ -132,7 +133,7 @@ def test_verdicts_of_a_gain():
     assert "Shown by: slope" in refuted.explain()
     unbounded = certify_sector(tarc_law(), 0.08)
     assert unbounded.verdict == "inconclusive"
-    assert "has no cap" in unbounded.claim
+    assert "has no maximum" in unbounded.claim
     # without a robust term of its own, a law is certified for what the criterion admits
     plain = certify_sector(LITERAL.law, 0.08)
     assert plain.certified
@@ -238,37 +239,46 @@ def test_json_round_trip_verifies_and_tampering_shows():
 def test_a_certificate_without_its_matrices_does_not_verify():
     certificate = certify_sector(tarc_law(max_gain=5.0), 0.08)
     assert not replaced(certificate, "loops", []).verify()
-    with pytest.raises(TarcError, match="cannot read it"):
+    with pytest.raises(InvalidParameter, match="cannot read it"):
         certificate_from_dict(without(certificate, "loops.0.C"))
 
 
 def test_explains_itself_and_draws(tmp_path):
     certificate = certify_sector(tarc_law(max_gain=5.0), 0.08)
-    for part in ("every gain ĉ(t) up to 5 rad/s²", "Verdict: certified", "circle limit over the slope at the cap"):
+    for part in (
+        "every gain ĉ(t) up to 5 rad/s²",
+        "Verdict: certified",
+        "circle limit over the slope at the largest gain",
+    ):
         assert part in certificate.explain()
     certificate.plot().savefig(tmp_path / "slope.png")
 
 
 @pytest.mark.parametrize(
-    ("call", "message"),
+    ("call", "message", "error"),
     [
-        (lambda: certify_sector(LITERAL.law, 0.0), "ratio: got 0"),
-        (lambda: certify_sector(LITERAL.law, -1.0), "ratio: got -1"),
-        (lambda: certify_sector(LITERAL.law, np.nan), "ratio: got nan"),
-        (lambda: certify_sector(tarc_law(), 0.08, max_gain=0.0), "max_gain: got 0"),
-        (lambda: certify_sector(tarc_law(), 0.08, max_gain=-1.0), "max_gain: got -1"),
-        (lambda: certify_sector(LITERAL.law, 0.08, computation_delay=-1), "computation_delay: got -1"),
-        (lambda: certify_sector("TDC", 0.08), "law: got str"),  # type: ignore[arg-type]
+        (lambda: certify_sector(LITERAL.law, 0.0), "ratio: got 0", InvalidParameter),
+        (lambda: certify_sector(LITERAL.law, -1.0), "ratio: got -1", InvalidParameter),
+        (lambda: certify_sector(LITERAL.law, np.nan), "ratio: got nan", InvalidParameter),
+        (lambda: certify_sector(tarc_law(), 0.08, max_gain=0.0), "max_gain: got 0", InvalidParameter),
+        (lambda: certify_sector(tarc_law(), 0.08, max_gain=-1.0), "max_gain: got -1", InvalidParameter),
+        (
+            lambda: certify_sector(LITERAL.law, 0.08, computation_delay=-1),
+            "computation_delay: got -1",
+            InvalidParameter,
+        ),
+        (lambda: certify_sector("TDC", 0.08), "law: got str", UnsupportedLaw),  # type: ignore[arg-type]
         (
             lambda: certify_sector(
                 make_law(laws.TARC, natural_frequency=[10.0, 20.0], lyapunov_weight=mixed_weight()), 0.05
             ),
-            "weight: P2 couples joints whose gains do not",
+            "law: its P2 couples joints whose gains do not",
+            UnsupportedLaw,
         ),
     ],
 )
-def test_bad_input(call, message):
-    with pytest.raises(TarcError, match=message):
+def test_bad_input(call, message, error):
+    with pytest.raises(error, match=message):
         call()
 
 

@@ -22,13 +22,14 @@ from reference.soundness_tally import Tally
 from reference.uncertain_case import UncertainCase, growth_per_period, state_matrices
 from slow_cases import slow
 from tampering import replaced, reread, scaled, without
-from tarc import TarcError, estimators, laws
+from tarc import estimators, laws
 from tarc.analysis import hinf_norm, stable_interval, stable_intervals
 from tarc.analysis.linearise import coupled_channel, decoupled_channels
 from tarc.analysis.uncertain_loop import FrequencyResponses, UncertainLoop, scaled_system
 from tarc.certificates import certify_varying_ratio
 from tarc.certificates.varying_ratio import max_radius_any_rate
 from tarc.certification import certificate_from_dict
+from tarc.core.errors import InvalidParameter, NoStableRatio, UnsupportedLaw
 from tarc.numerics.matrix_tests import schur_stability
 
 LITERAL, SYNCHRONISED = LawParameters(window=10), LawParameters(window=10, synchronised=True)
@@ -240,7 +241,7 @@ def test_json_round_trip_verifies_and_tampering_shows():
             assert not scaled(certificate, f"ball.{name}", factor).verify()
         for name in UncertainLoop._fields[:3]:
             assert not scaled(certificate, f"ball.loop.{name}", 10).verify()
-            with pytest.raises(TarcError, match="cannot read it"):
+            with pytest.raises(InvalidParameter, match="cannot read it"):
                 certificate_from_dict(without(certificate, f"ball.loop.{name}"))
 
 
@@ -258,11 +259,12 @@ def test_explains_itself_and_draws(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("call", "message"),
+    ("call", "message", "error"),
     [
         (
             lambda: certify_varying_ratio(make_law(laws.TDC, natural_frequency=[10.0, 20.0])),
-            "ball: the joints' gains differ or couple",
+            "law: the joints' gains differ or are coupled",
+            UnsupportedLaw,
         ),
         (
             lambda: certify_varying_ratio(
@@ -270,31 +272,39 @@ def test_explains_itself_and_draws(tmp_path):
                     laws.TDC, natural_frequency=None, position_gain=[[100.0, 5.0], [5.0, 100.0]], velocity_gain=20.0
                 )
             ),
-            "gains differ or couple",
+            "gains differ or are coupled",
+            UnsupportedLaw,
         ),
         (
             lambda: certify_varying_ratio(make_law(laws.TARC, lyapunov_weight=[1.0, 2.0, 1.0, 1.0])),
-            "gains differ or couple",
+            "gains differ or are coupled",
+            UnsupportedLaw,
         ),
-        (lambda: certify_varying_ratio(LITERAL.law, 0.0), "centre: got 0"),
-        (lambda: certify_varying_ratio(LITERAL.law, np.inf), "centre: got inf"),
-        (lambda: certify_varying_ratio(LITERAL.law, slope=-1.0), "slope: got -1"),
+        (lambda: certify_varying_ratio(LITERAL.law, 0.0), "centre: got 0", InvalidParameter),
+        (lambda: certify_varying_ratio(LITERAL.law, np.inf), "centre: got inf", InvalidParameter),
+        (lambda: certify_varying_ratio(LITERAL.law, slope=-1.0), "slope: got -1", InvalidParameter),
         (
             lambda: certify_varying_ratio(LITERAL.law, ratio_range=(0.2, 0.1)),
             "ratio_range: got 0.1; needs a finite number of at least 0.2",
+            InvalidParameter,
         ),
-        (lambda: certify_varying_ratio(LITERAL.law, ratio_range=(0.0, 0.1)), "ratio_range: got 0"),
-        (lambda: certify_varying_ratio(LITERAL.law, computation_delay=-1), "computation_delay: got -1"),
-        (lambda: certify_varying_ratio("TDC"), "law: got str"),  # type: ignore[arg-type]
+        (lambda: certify_varying_ratio(LITERAL.law, ratio_range=(0.0, 0.1)), "ratio_range: got 0", InvalidParameter),
+        (
+            lambda: certify_varying_ratio(LITERAL.law, computation_delay=-1),
+            "computation_delay: got -1",
+            InvalidParameter,
+        ),
+        (lambda: certify_varying_ratio("TDC"), "law: got str", UnsupportedLaw),  # type: ignore[arg-type]
         (
             lambda: certify_varying_ratio(LawParameters(natural_frequency=200.0).law, computation_delay=60),
             "no inertia ratio makes this loop stable",
+            NoStableRatio,
         ),
-        (lambda: certify_varying_ratio(LITERAL.law, slope=1e6), "a smaller slope"),
+        (lambda: certify_varying_ratio(LITERAL.law, slope=1e6), "a smaller slope", NoStableRatio),
     ],
 )
-def test_bad_input(call, message):
-    with pytest.raises(TarcError, match=message):
+def test_bad_input(call, message, error):
+    with pytest.raises(error, match=message):
         call()
 
 
@@ -338,7 +348,7 @@ def test_a_torque_that_alternates_undamped_is_not_certified(periods, actuation):
     for centre in (0.02, 0.05, 0.1):
         assert certify_varying_ratio(law, centre).verdict == "inconclusive"
     # rounding decides whether the search for a centre finds eigenvalues on the circle or just inside
-    with suppress(TarcError):
+    with suppress(NoStableRatio):
         assert certify_varying_ratio(law).verdict == "inconclusive"
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tarc import TarcError, plants, signals, simulate
+from tarc.core.errors import NotIdentifiable
 from tarc.design.identification import Identified, excitation_reference, identify, inertia_from_data, inertia_from_file
 from tarc.estimators import Algebraic
 from tarc.laws import TDC
@@ -262,7 +263,7 @@ def test_records_that_do_not_show_it_are_refused(spoil, message):
 
 def test_motion_that_friction_swallows_is_refused():
     arm, slow = plants.TwoLinkArm(coulomb=20.0), excitation_reference([0.0, 1.0], amplitude=0.02)
-    with pytest.raises(TarcError, match="does not follow the motion.* larger where friction"):
+    with pytest.raises(NotIdentifiable, match="does not follow the motion.* larger where friction"):
         identify(arm, reference=slow, sensor=signals.Encoder(bits=17))
 
 
@@ -271,7 +272,7 @@ def test_a_robot_that_friction_holds_is_refused():
     plant = ur5e()
     law = TDC(inertia=[1e-3] * 6, natural_frequency=5.0, period=T, estimator=Algebraic(window=0.01), synchronised=True)
     run = simulate(plant, law, excitation_reference(plant.home), 20.0, initial_torque="rest")
-    with pytest.raises(TarcError, match="does not show its inertia"):
+    with pytest.raises(NotIdentifiable, match="does not show its inertia"):
         inertia_from_data(run.data["measured_position"].values, run.data["torque"].values, T)
 
 

@@ -8,7 +8,7 @@ from law_catalogue import PERIOD as T
 from tarc import estimators, laws, plants, signals, simulate
 from tarc.analysis import stable_interval
 from tarc.certificates import certify_constant_ratio
-from tarc.core.errors import InvalidParameter, NotLinearisable, TarcError
+from tarc.core.errors import InvalidParameter, NotLinearisable
 
 
 def estimates_along(estimator, motion):
@@ -156,7 +156,7 @@ def test_synchronised_with_an_observer_keeps_the_contraction():
 def test_a_loop_with_a_nonlinear_estimator_has_no_certificate_but_runs():
     estimator = estimators.RobustDifferentiator(lipschitz=1000.0)
     law = laws.TDC(inertia=[0.05], natural_frequency=10.0, period=T, estimator=estimator)
-    with pytest.raises(TarcError, match="no linearisation at rest"):
+    with pytest.raises(NotLinearisable, match="no linearisation at rest"):
         certify_constant_ratio(law, 0.1)
     run = simulate(plants.Pendulum(), law, signals.Sinusoid(amplitude=[0.3], frequency=2.0), 1.0)
     assert run.status.completed

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tarc
-from tarc import TarcError
+from tarc.core.errors import InvalidParameter, UnsupportedLaw
 from tarc.paper.gain_bounds import Constants, GainRise, evaluate_gain_bounds, paper_bounds
 from tarc.simulation.run import Run
 
@@ -159,25 +159,35 @@ def test_a_gain_that_runs_away():
 
 
 @pytest.mark.parametrize(
-    ("call", "message"),
+    ("call", "message", "error"),
     [
         (
             lambda: evaluate_gain_bounds(RUN, make_tarc(delay=0.002, rise_rate=1e3)),
             r"law: its rise_rate is 1000\.0, and that of the run's law 500",
+            InvalidParameter,
         ),
-        (lambda: evaluate_gain_bounds(RUN, make_tarc(rise_rate=500.0)), "law: its delay"),
+        (lambda: evaluate_gain_bounds(RUN, make_tarc(rise_rate=500.0)), "law: its delay", InvalidParameter),
         (
             lambda: evaluate_gain_bounds(RUN, make_tarc(delay=0.002, rise_rate=500.0, lyapunov_weight=1.0)),
             "its P2 is not that of the run's law",
+            InvalidParameter,
         ),
-        (lambda: evaluate_gain_bounds(RUN, make_tarc(inertia=0.1)), "law: its n_joints is 1"),
-        (lambda: evaluate_gain_bounds(RUN, "TARC"), "law: got str"),  # type: ignore[arg-type]
-        (lambda: evaluate_gain_bounds(RUN, LAW, decay_rate=0.0), "decay_rate: got 0; .* above 0"),
-        (lambda: evaluate_gain_bounds(RUN, LAW, decay_share=1.0), "decay_share: got 1; z must lie"),
-        (lambda: evaluate_gain_bounds(RUN, LAW, delay_weight=-1.0), "delay_weight: its smallest eigenvalue"),
-        (lambda: evaluate_gain_bounds(RUN, LAW, start_time=5.0), "run: 0 samples of it can be used after 5 s"),
+        (lambda: evaluate_gain_bounds(RUN, make_tarc(inertia=0.1)), "law: its n_joints is 1", InvalidParameter),
+        (lambda: evaluate_gain_bounds(RUN, "TARC"), "law: got str", UnsupportedLaw),  # type: ignore[arg-type]
+        (lambda: evaluate_gain_bounds(RUN, LAW, decay_rate=0.0), "decay_rate: got 0; .* above 0", InvalidParameter),
+        (lambda: evaluate_gain_bounds(RUN, LAW, decay_share=1.0), "decay_share: got 1; z must lie", InvalidParameter),
+        (
+            lambda: evaluate_gain_bounds(RUN, LAW, delay_weight=-1.0),
+            "delay_weight: its smallest eigenvalue",
+            InvalidParameter,
+        ),
+        (
+            lambda: evaluate_gain_bounds(RUN, LAW, start_time=5.0),
+            "run: 0 samples of it can be used after 5 s",
+            InvalidParameter,
+        ),
     ],
 )
-def test_bad_input(call, message):
-    with pytest.raises(TarcError, match=message):
+def test_bad_input(call, message, error):
+    with pytest.raises(error, match=message):
         call()

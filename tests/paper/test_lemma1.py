@@ -9,10 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from law_catalogue import make_law, make_tdc
-from tarc import TarcError, laws
+from tarc import laws
 from tarc.analysis.workspace import Workspace
 from tarc.certificates import certify_constant_ratio
 from tarc.certification import certificate_from_json
+from tarc.core.errors import InvalidParameter, UnsupportedLaw
 from tarc.numerics.ball_arithmetic import balls, is_positive_definite
 from tarc.paper.lemma1 import check_condition_c2, check_lemma1, lemma1_form
 from tarc.plants import MassSpringDamper, MujocoPlant, NLinkArm, TwoLinkArm
@@ -171,18 +172,23 @@ def test_figures_of_the_forms(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("call", "message"),
+    ("call", "message", "error"),
     [
-        (lambda: check_lemma1("TDC", ARM, ALL), "law: got str"),  # type: ignore[arg-type]
-        (lambda: check_lemma1(make_tdc(), NLinkArm(), ALL), "law: it drives 1 joints and the robot has 3"),
-        (lambda: check_lemma1(make_tdc(inertia=[1, 1]), "arm", ALL), "plant: got str"),  # type: ignore[arg-type]
+        (lambda: check_lemma1("TDC", ARM, ALL), "law: got str", UnsupportedLaw),  # type: ignore[arg-type]
+        (
+            lambda: check_lemma1(make_tdc(), NLinkArm(), ALL),
+            "law: it drives 1 joints and the robot has 3",
+            InvalidParameter,
+        ),
+        (lambda: check_lemma1(make_tdc(inertia=[1, 1]), "arm", ALL), "plant: got str", InvalidParameter),  # type: ignore[arg-type]
         (
             lambda: check_lemma1(make_tdc(inertia=[1, 1]), ARM, Workspace.box([0], [1])),
             "it has 1 joints and the robot 2",
+            InvalidParameter,
         ),
-        (lambda: check_condition_c2(make_tdc()), "law: got TDC; condition"),
+        (lambda: check_condition_c2(make_tdc()), "law: got TDC; condition", UnsupportedLaw),
     ],
 )
-def test_bad_input(call, message):
-    with pytest.raises(TarcError, match=message):
+def test_bad_input(call, message, error):
+    with pytest.raises(error, match=message):
         call()

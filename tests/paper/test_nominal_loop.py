@@ -11,9 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from law_catalogue import make_tdc
-from tarc import TarcError, estimators, laws
+from tarc import estimators, laws
 from tarc.certificates import certify_constant_ratio
 from tarc.certification import certificate_from_dict, certificate_from_json
+from tarc.core.errors import InvalidParameter, UnsupportedLaw
 from tarc.paper.nominal_loop import NominalLoop, _Program, check_nominal_loop, nominal_max_delay, nominal_max_window
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(20)
@@ -226,20 +227,21 @@ def test_tampering_shows(place, value):
 
 
 @pytest.mark.parametrize(
-    ("call", "message"),
+    ("call", "message", "error"),
     [
-        (lambda: check_nominal_loop("TDC"), "law: got str"),  # type: ignore[arg-type]
+        (lambda: check_nominal_loop("TDC"), "law: got str", UnsupportedLaw),  # type: ignore[arg-type]
         (
             lambda: check_nominal_loop(replace(make_tdc(), estimator=estimators.BackwardDifference())),
             "its estimator is BackwardDifference",
+            UnsupportedLaw,
         ),
-        (lambda: check_nominal_loop(tdc(), window=-1.0), "window: got -1"),
-        (lambda: check_nominal_loop(tdc(), delay=np.nan), "delay: got nan"),
-        (lambda: check_nominal_loop(tdc(), decay_rate=-1.0), "decay_rate: got -1"),
-        (lambda: nominal_max_window(tdc(), delay=0.0), "delay: got 0"),
-        (lambda: nominal_max_delay(tdc(), window=0.0), "window: got 0"),
+        (lambda: check_nominal_loop(tdc(), window=-1.0), "window: got -1", InvalidParameter),
+        (lambda: check_nominal_loop(tdc(), delay=np.nan), "delay: got nan", InvalidParameter),
+        (lambda: check_nominal_loop(tdc(), decay_rate=-1.0), "decay_rate: got -1", InvalidParameter),
+        (lambda: nominal_max_window(tdc(), delay=0.0), "delay: got 0", InvalidParameter),
+        (lambda: nominal_max_delay(tdc(), window=0.0), "window: got 0", InvalidParameter),
     ],
 )
-def test_bad_input(call, message):
-    with pytest.raises(TarcError, match=message):
+def test_bad_input(call, message, error):
+    with pytest.raises(error, match=message):
         call()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tarc import TarcError
+from tarc.core.errors import InvalidParameter
 from tarc.paper.procedure import exact_delay, run_procedure
 
 
@@ -130,18 +130,18 @@ def test_explain_has_every_step_and_how_it_ends():
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("options", "message", "error"),
     [
-        ({"natural_frequency": -1.0}, "natural_frequency: got"),
-        ({"natural_frequency": 1.0, "damping_ratio": 0.0}, "damping_ratio: got"),
-        ({"natural_frequency": 1.0, "delay": 0.0}, "delay: got"),
-        ({"natural_frequency": 1.0, "degree": 1}, "degree: got"),
-        ({"natural_frequency": 1.0, "window": 0.0015}, "no whole multiple"),
-        ({"natural_frequency": 1.0, "n_joints": 0}, "n_joints: got"),
-        ({"natural_frequency": [1.0, 2.0], "n_joints": 3}, "one per joint"),
-        ({"natural_frequency": 1.0, "ratio": 0.0}, "ratio: got"),
+        ({"natural_frequency": -1.0}, "natural_frequency: got", InvalidParameter),
+        ({"natural_frequency": 1.0, "damping_ratio": 0.0}, "damping_ratio: got", InvalidParameter),
+        ({"natural_frequency": 1.0, "delay": 0.0}, "delay: got", InvalidParameter),
+        ({"natural_frequency": 1.0, "degree": 1}, "degree: got", InvalidParameter),
+        ({"natural_frequency": 1.0, "window": 0.0015}, "no whole multiple", InvalidParameter),
+        ({"natural_frequency": 1.0, "n_joints": 0}, "n_joints: got", InvalidParameter),
+        ({"natural_frequency": [1.0, 2.0], "n_joints": 3}, "one per joint", InvalidParameter),
+        ({"natural_frequency": 1.0, "ratio": 0.0}, "ratio: got", InvalidParameter),
     ],
 )
-def test_bad_numbers(options, message):
-    with pytest.raises(TarcError, match=message):
+def test_bad_numbers(options, message, error):
+    with pytest.raises(error, match=message):
         run_procedure(**options)

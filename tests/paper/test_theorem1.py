@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from law_catalogue import make_tdc
-from tarc import TarcError, laws
+from tarc import laws
 from tarc.certification import certificate_from_dict, certificate_from_json
+from tarc.core.errors import InvalidParameter, UnsupportedLaw
 from tarc.numerics.ball_arithmetic import FLOATS
 from tarc.paper.law_parts import independent_parts
 from tarc.paper.theorem1 import Theorem1Condition, Theorem1Part, _Program, check_theorem1, psi, theorem1_max_delay
@@ -256,30 +257,40 @@ def test_tampering_shows(place, value):
 
 
 @pytest.mark.parametrize(
-    ("call", "message"),
+    ("call", "message", "error"),
     [
-        (lambda: check_theorem1("TDC"), "law: got str; needs a law on time-delay estimation"),  # type: ignore[arg-type]
-        (lambda: theorem1_max_delay(3), "law: got int"),  # type: ignore[arg-type]
-        (lambda: check_theorem1(tdc(), delay=0.0), "delay: got 0"),
+        (lambda: check_theorem1("TDC"), "law: got str; needs a law on time-delay estimation", UnsupportedLaw),  # type: ignore[arg-type]
+        (lambda: theorem1_max_delay(3), "law: got int", UnsupportedLaw),  # type: ignore[arg-type]
+        (lambda: check_theorem1(tdc(), delay=0.0), "delay: got 0", InvalidParameter),
         (
             lambda: check_theorem1(tdc(), lyapunov_weight=[[1.0, 2.0], [2.0, 1.0]]),
             "lyapunov_weight: its smallest eigenvalue is -1",
+            InvalidParameter,
         ),
-        (lambda: check_theorem1(tdc(), lyapunov_weight=1.0, D=[1.0, np.nan]), "D: got nan"),
-        (lambda: check_theorem1(tdc(), lyapunov_weight=1.0, D=-1.0), "D: its smallest eigenvalue is -1"),
-        (lambda: check_theorem1(tdc(), lyapunov_weight=1.0, D=1.0, xi=1.0), "xi: got 1; needs a finite number above 1"),
-        (lambda: check_theorem1(tdc(), lyapunov_weight=1.0, D=1.0, beta=0.0), "beta: got 0"),
-        (lambda: check_theorem1(tdc(), D=1.0), "lyapunov_weight: missing"),
-        (lambda: check_theorem1(tdc(), xi=1.5), "beta, xi: given without D"),
+        (lambda: check_theorem1(tdc(), lyapunov_weight=1.0, D=[1.0, np.nan]), "D: got nan", InvalidParameter),
+        (
+            lambda: check_theorem1(tdc(), lyapunov_weight=1.0, D=-1.0),
+            "D: its smallest eigenvalue is -1",
+            InvalidParameter,
+        ),
+        (
+            lambda: check_theorem1(tdc(), lyapunov_weight=1.0, D=1.0, xi=1.0),
+            "xi: got 1; needs a finite number above 1",
+            InvalidParameter,
+        ),
+        (lambda: check_theorem1(tdc(), lyapunov_weight=1.0, D=1.0, beta=0.0), "beta: got 0", InvalidParameter),
+        (lambda: check_theorem1(tdc(), D=1.0), "lyapunov_weight: missing", InvalidParameter),
+        (lambda: check_theorem1(tdc(), xi=1.5), "beta, xi: given without D", InvalidParameter),
         (
             lambda: ultimate_bound(check_theorem1(tdc(), delay=0.5), 1.0),
             "certificate: got one of theorem1 that is inconclusive",
+            InvalidParameter,
         ),
-        (lambda: ultimate_bound(check_theorem1(tdc(), delay=0.1), -1.0), "disturbance_bound: got -1"),
+        (lambda: ultimate_bound(check_theorem1(tdc(), delay=0.1), -1.0), "disturbance_bound: got -1", InvalidParameter),
     ],
 )
-def test_bad_input(call, message):
-    with pytest.raises(TarcError, match=message):
+def test_bad_input(call, message, error):
+    with pytest.raises(error, match=message):
         call()
 
 

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from law_catalogue import make_tdc
-from tarc import TarcError, estimators
+from tarc import estimators
 from tarc.certification import certificate_from_dict, certificate_from_json
+from tarc.core.errors import InvalidParameter, UnsupportedLaw
 from tarc.numerics.ball_arithmetic import FLOATS
 from tarc.paper.theorem2 import (
     Theorem2Condition,
@@ -172,20 +173,21 @@ def test_json_round_trip_verifies_and_tampering_shows():
 
 
 @pytest.mark.parametrize(
-    ("call", "message"),
+    ("call", "message", "error"),
     [
-        (lambda: check_theorem2("TDC"), "law: got str"),  # type: ignore[arg-type]
+        (lambda: check_theorem2("TDC"), "law: got str", UnsupportedLaw),  # type: ignore[arg-type]
         (
             lambda: check_theorem2(replace(make_tdc(), estimator=estimators.BackwardDifference())),
             "its estimator is BackwardDifference; this certificate is about the kernel of tarc.estimators.Algebraic",
+            UnsupportedLaw,
         ),
-        (lambda: check_theorem2(make_tdc(), window=0.0), "window: got 0"),
-        (lambda: check_theorem2(make_tdc(), L=-1.0), "L: its smallest eigenvalue is -1"),
-        (lambda: check_theorem2(make_tdc(), D=np.inf), "D: got inf"),
-        (lambda: check_theorem2(make_tdc(), xi=0.9), "xi: got 0.9"),
-        (lambda: check_theorem2(make_tdc(), beta=-1.0), "beta: got -1"),
+        (lambda: check_theorem2(make_tdc(), window=0.0), "window: got 0", InvalidParameter),
+        (lambda: check_theorem2(make_tdc(), L=-1.0), "L: its smallest eigenvalue is -1", InvalidParameter),
+        (lambda: check_theorem2(make_tdc(), D=np.inf), "D: got inf", InvalidParameter),
+        (lambda: check_theorem2(make_tdc(), xi=0.9), "xi: got 0.9", InvalidParameter),
+        (lambda: check_theorem2(make_tdc(), beta=-1.0), "beta: got -1", InvalidParameter),
     ],
 )
-def test_bad_input(call, message):
-    with pytest.raises(TarcError, match=message):
+def test_bad_input(call, message, error):
+    with pytest.raises(error, match=message):
         call()

@@ -29,8 +29,8 @@ def test_names_posture_range_and_remedy():
 @pytest.mark.parametrize(
     ("options", "delay", "message"),
     [
-        ({"share": 1e-3}, 0, "Use a larger inertia or a lower bandwidth"),
-        ({"share": 4.0, "synchronised": True}, 0, "a shorter window or less bandwidth"),
+        ({"share": 1e-3}, 0, "Use a larger inertia or a lower natural frequency"),
+        ({"share": 4.0, "synchronised": True}, 0, "a shorter window or a lower natural frequency"),
         ({"share": 0.05, "natural_frequency": 200.0}, 60, "No ratio is stable: lower the natural frequency"),
     ],
 )

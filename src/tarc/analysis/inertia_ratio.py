@@ -1,4 +1,4 @@
-"""How far the inertia ratio spreads over a workspace: the eigenvalues of M(q)⁻¹M̂."""
+"""Inertia ratios of a robot over a workspace: the eigenvalues of M(q)⁻¹M̂."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -8,53 +8,67 @@ import numpy as np
 
 from tarc.analysis.workspace import Workspace
 from tarc.core import validation as check
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter
+from tarc.core.types import Array
 from tarc.core.validation import Matrix
+from tarc.numerics.local_search import local_maximum
 from tarc.plants.base import Plant
 from tarc.plants.euler_lagrange import EulerLagrange
 
 MIN_CONDITION = 1e-12
 """Smallest to largest eigenvalue of an inertia matrix below which it counts as singular."""
-STEP = 1e-7
+UNIT_STEP = 1e-7
 """Step of the differences in the local search, in widths of the box: near the root of the rounding error."""
 N_SEARCHES = 12
-"""Starts of the local search."""
+"""Number of samples from which a local search starts."""
 
-InertiaFunction = Callable[[np.ndarray], np.ndarray]
+InertiaFunction = Callable[[Array], Array]
 """Maps inertia matrices (k, n, n) to one number each, (k,)."""
 
 
 class Extremum(NamedTuple):
-    """The greatest value found: where, of which plant, and what the samples alone had found."""
+    """A largest value.
+
+    Attributes
+    ----------
+    value
+        The value.
+    posture
+        Where it was found [rad or m], shape (n,).
+    plant
+        Index of the plant.
+    sampled
+        Largest value of the samples alone.
+    """
 
     value: float
-    posture: np.ndarray
+    posture: Array
     plant: int
     sampled: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class InertiaSpread:
-    """Least and greatest eigenvalue of M(q)⁻¹M̂ over a workspace, as found by samples and local search.
+    """Smallest and largest eigenvalue of M(q)⁻¹M̂ over a workspace, from samples and local search.
 
     Attributes
     ----------
-    low, high
+    min_ratio, max_ratio
         The eigenvalues.
-    where_low, where_high
-        The positions at which they were found [rad or m], shape (n,).
-    plant_low, plant_high
-        Of which plant, counted from zero.
-    sampled_low, sampled_high
-        What the samples alone had found.
+    min_posture, max_posture
+        Where they were found [rad or m], shape (n,).
+    min_plant, max_plant
+        Index of the plant.
+    sampled_min, sampled_max
+        Eigenvalues of the samples alone.
     samples
         Number of sampled postures.
     """
 
     min_ratio: float
     max_ratio: float
-    min_posture: np.ndarray
-    max_posture: np.ndarray
+    min_posture: Array
+    max_posture: Array
     min_plant: int
     max_plant: int
     sampled_min: float
@@ -63,7 +77,7 @@ class InertiaSpread:
 
     @property
     def ratio(self) -> float:
-        """The greatest by the least."""
+        """Largest ratio divided by the smallest."""
         return self.max_ratio / self.min_ratio
 
 
@@ -76,29 +90,29 @@ def inertia_spread(
     seed: int = 0,
     refine: int = N_SEARCHES,
 ) -> InertiaSpread:
-    """Least and greatest eigenvalue of M(q)⁻¹M̂, those of the symmetric E(q) = M̂^½ M(q)⁻¹ M̂^½, over a workspace.
+    """Return the smallest and largest eigenvalue of M(q)⁻¹M̂ over a workspace.
+
+    They are also those of the symmetric E(q) = M̂^½ M(q)⁻¹ M̂^½.
 
     Parameters
     ----------
     plant
-        One robot or several, such as one without and one with its payload. As M grows with the payload, in the order
-        of symmetric matrices, these two stand for every payload between.
+        One robot or several, such as one without and one with its payload. M grows with the payload, in the order of
+        symmetric matrices. So these two stand for every payload between.
     inertia
-        M̂ [kg m² or kg], as a law takes it.
+        M̂ [kg m² or kg], as for a law.
     workspace
         The postures.
-    samples
-        How many of them to try.
-    seed
-        Of the samples.
+    samples, seed
+        Number of sampled postures, and the seed.
     refine
-        How many of the best samples are starts of a local search, for each end.
+        Number of the best samples from which a local search starts, for each end.
 
     Raises
     ------
-    TarcError
-        For an M̂ that is not positive definite, joints that do not match, and an inertia matrix that is singular or not
-        finite somewhere.
+    InvalidParameter
+        For an M̂ that is not positive definite, numbers of joints that differ, and an M(q) that is singular or not
+        finite at a posture.
     """
     plants = as_plants(plant)
     nominal = check.positive_definite("inertia", inertia, plants[0].n_joints)
@@ -118,17 +132,24 @@ def inertia_spread(
     )
 
 
-def inverse_ratios(M: np.ndarray, nominal: np.ndarray) -> np.ndarray:
-    """Eigenvalues of M̂⁻¹M, ascending, shape (k, n), of matrices M (k, n, n): one by the eigenvalues of M⁻¹M̂.
+def inverse_ratios(M: Array, nominal: Array) -> Array:
+    """Return the eigenvalues of M̂⁻¹M, ascending, shape (k, n): the reciprocals of the inertia ratios.
 
     With M̂ = LLᵀ they are those of the symmetric L⁻¹ M L⁻ᵀ.
+
+    Parameters
+    ----------
+    M
+        Inertia matrices, shape (k, n, n).
+    nominal
+        M̂, shape (n, n).
     """
     whiten = np.linalg.inv(np.linalg.cholesky(nominal))
     return np.linalg.eigvalsh(whiten @ M @ whiten.T)
 
 
-def extreme_ratio_functions(nominal: np.ndarray) -> tuple[InertiaFunction, InertiaFunction]:
-    """What is greatest where the least, and where the greatest, eigenvalue of M⁻¹M̂ is found."""
+def extreme_ratio_functions(nominal: Array) -> tuple[InertiaFunction, InertiaFunction]:
+    """Return functions that are largest at the smallest and at the largest eigenvalue of M⁻¹M̂: 1/ρ and −1/ρ."""
     return lambda M: inverse_ratios(M, nominal)[:, -1], lambda M: -inverse_ratios(M, nominal)[:, 0]
 
 
@@ -141,18 +162,23 @@ def maximise_over_workspace(
     seed: int = 0,
     refine: int = N_SEARCHES,
 ) -> list[Extremum]:
-    """Greatest value of each function of the inertia matrix over a workspace: samples, then local search.
+    """Return the largest value of each function of the inertia matrix over a workspace.
 
-    Random samples of all plants, shared by the functions; from the best of them SLSQP inside the box.
-    Largest eigenvalues and singular values have kinks where two of them cross, but as the greater of smooth functions
-    they have no maximum on a kink, so that gradients serve. A greater value elsewhere is not excluded.
+    Random samples of all plants are shared by the functions. From the best of them a local search starts. Largest
+    eigenvalues and singular values have kinks where two of them cross. But as the larger of smooth functions they have
+    no maximum on a kink, so gradients serve. A larger value elsewhere is not excluded.
 
     Parameters
     ----------
     functions
         Each maps inertia matrices (k, n, n) to numbers (k,).
     plant, workspace, samples, seed, refine
-        As in `spread`.
+        As in `inertia_spread`.
+
+    Raises
+    ------
+    InvalidParameter
+        As in `inertia_spread`.
     """
     plants = as_plants(plant)
     return [
@@ -162,114 +188,113 @@ def maximise_over_workspace(
 
 
 class PostureSamples:
-    """Samples of a workspace: the points of the unit cube of its free variables, the postures, M(q) of each plant."""
+    """Sampled postures of a workspace and the inertia matrices of each plant there.
+
+    Attributes
+    ----------
+    units
+        Points of the unit cube of the variables that are free, shape (k, d).
+    inertias
+        M(q) of each plant, shape (k, n, n).
+    """
 
     def __init__(self, workspace: Workspace, plants: Sequence[Plant], samples: int, seed: int):
         if not isinstance(workspace, Workspace):
-            raise TarcError(
+            raise InvalidParameter(
                 f"workspace: got {type(workspace).__name__}; needs Workspace.from_joint_limits(plant), "
-                f"Workspace.box(low, high) or "
-                "Workspace.from_reference(reference, duration)"
+                "Workspace.box(low, high) or Workspace.from_reference(reference, duration)"
             )
         if workspace.n_joints != plants[0].n_joints:
-            raise TarcError(
+            raise InvalidParameter(
                 f"workspace: it has {workspace.n_joints} joints and the robot {plants[0].n_joints}; give as many"
             )
         self.workspace = workspace
-        self.width = workspace.high - workspace.low
-        self.free = np.flatnonzero(self.width > 0)
+        self.free = np.flatnonzero(workspace.high > workspace.low)
         self.units = workspace.unit_samples(samples, seed)[:, self.free]
-        self.postures = self.place(self.units)
-        self.inertias = [inertia_matrices(plant, self.postures) for plant in plants]
+        self.inertias = [inertia_matrices(plant, self.postures_at(self.units)) for plant in plants]
 
-    def place(self, units: np.ndarray) -> np.ndarray:
-        """Postures (k, n) at points (k, d) of the unit cube."""
-        variables = np.tile(self.workspace.low, (len(units), 1))
-        variables[:, self.free] += units * self.width[self.free]
-        return self.workspace.positions(variables)
+    def postures_at(self, units: Array) -> Array:
+        """Return postures (k, n) at points (k, d) of the unit cube."""
+        points = np.zeros((len(units), len(self.workspace.low)))
+        points[:, self.free] = units
+        return self.workspace.at_unit_points(points)
 
 
 def local_maxima(
-    functions: Sequence[InertiaFunction], plants: Sequence[Plant], grid: PostureSamples, refine: int
+    functions: Sequence[InertiaFunction], plants: Sequence[Plant], postures: PostureSamples, refine: int
 ) -> list[list[Extremum]]:
-    """For each function the local maxima that are reached from its best samples."""
+    """Return for each function the local maxima reached from its best samples."""
     check.integer("refine", refine, 0)
-    found = []
-    for function in functions:
-        values = np.array([function(stack) for stack in grid.inertias])
-        peaks = []
-        for flat in np.argsort(values, axis=None)[::-1][: max(refine, 1)]:
-            which, index = (int(i) for i in np.unravel_index(flat, values.shape))
-            value = sampled = float(values[which, index])
-            unit = grid.units[index]
-            if refine and grid.free.size:
-                climbed, end = _climb(function, plants[which], grid.place, unit)
-                value, unit = (climbed, end) if climbed > value else (value, unit)
-            peaks.append(Extremum(value, grid.place(unit[None])[0], which, sampled))
-        found.append(peaks)
-    return found
+    return [_local_maxima(function, plants, postures, refine) for function in functions]
 
 
-def largest_maximum(peaks: list[Extremum]) -> Extremum:
-    """The highest, with the best of the samples."""
-    best = max(peaks, key=lambda peak: peak.value)
-    return best._replace(sampled=max(peak.sampled for peak in peaks))
+def _local_maxima(
+    function: InertiaFunction, plants: Sequence[Plant], postures: PostureSamples, refine: int
+) -> list[Extremum]:
+    values = np.array([function(matrices) for matrices in postures.inertias])
+    maxima = []
+    for flat in np.argsort(values, axis=None)[::-1][: max(refine, 1)]:
+        index, sample = (int(i) for i in np.unravel_index(flat, values.shape))
+        value = sampled = float(values[index, sample])
+        unit = postures.units[sample]
+        if refine and postures.free.size:
+            higher, end = local_maximum(
+                lambda units, plant=plants[index]: function(inertia_matrices(plant, postures.postures_at(units))),
+                unit,
+                step=UNIT_STEP,
+                scale=max(abs(sampled), 1e-300),
+                tolerance=1e-10,
+            )
+            value, unit = (higher, end) if higher > value else (value, unit)
+        maxima.append(Extremum(value, postures.postures_at(unit[None])[0], index, sampled))
+    return maxima
 
 
-def _climb(
-    function: InertiaFunction, plant: Plant, place: Callable[[np.ndarray], np.ndarray], start: np.ndarray
-) -> tuple[float, np.ndarray]:
-    """Local maximum of the function, and where, in the unit cube.
+def largest_maximum(maxima: Sequence[Extremum]) -> Extremum:
+    """Return the largest of some maxima, with the largest of the samples."""
+    largest = max(maxima, key=lambda maximum: maximum.value)
+    return largest._replace(sampled=max(maximum.sampled for maximum in maxima))
 
-    SLSQP and not L-BFGS-B, which calls threaded LAPACK for each small step in scipy 1.17 and then takes seconds where
-    the cores are shared.
+
+def inertia_matrices(plant: Plant, postures: Array) -> Array:
+    """Return M(q) at postures (k, n), shape (k, n, n), each positive definite.
+
+    Raises
+    ------
+    InvalidParameter
+        For an M(q) that is singular or not finite.
     """
-    import warnings
-
-    from scipy.optimize import minimize
-
-    nudges = STEP * np.concatenate([np.zeros((1, len(start))), np.eye(len(start))])
-    size = max(abs(float(function(inertia_matrices(plant, place(start[None])))[0])), 1e-300)
-
-    def downhill(unit: np.ndarray) -> tuple[float, np.ndarray]:
-        inward = np.where(unit > 0.5, -1.0, 1.0)
-        near = -function(inertia_matrices(plant, place(unit + nudges * inward))) / size
-        return float(near[0]), (near[1:] - near[0]) / (STEP * inward)
-
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Values in x were outside bounds")  # by rounding; they are clipped
-        end = minimize(
-            downhill, start, jac=True, method="SLSQP", bounds=[(0.0, 1.0)] * len(start), options={"ftol": 1e-10}
-        )
-    return -float(end.fun) * size, np.clip(end.x, 0, 1)
-
-
-def inertia_matrices(plant: Plant, postures: np.ndarray) -> np.ndarray:
-    """M(q) at the rows of postures (k, n), shape (k, n, n), each positive definite."""
     n = plant.n_joints
     if isinstance(plant, EulerLagrange):  # one call of CasADi costs as much as a thousand postures
         M = plant.evaluate("inertia", postures.T).T.reshape(-1, n, n)
     else:
         M = np.array([plant.inertia(posture) for posture in postures])
-    finite = np.array([np.isfinite(one).all() for one in M])
-    values = np.linalg.eigvalsh(np.where(finite[:, None, None], M, 0.0))
-    wrong = np.flatnonzero(~(finite & (values[:, 0] > MIN_CONDITION * values[:, -1])))
-    if wrong.size:
-        i = int(wrong[0])
-        what = f"singular (smallest eigenvalue {values[i, 0]:.3g})" if finite[i] else "not finite"
-        raise TarcError(
-            f"inertia: M(q) is {what} at q = {postures[i].round(4).tolist()}; give the joints rotor inertia, such as "
+    is_finite = np.array([np.isfinite(matrix).all() for matrix in M])
+    values = np.linalg.eigvalsh(np.where(is_finite[:, None, None], M, 0.0))
+    invalid = np.flatnonzero(~(is_finite & (values[:, 0] > MIN_CONDITION * values[:, -1])))
+    if invalid.size:
+        i = int(invalid[0])
+        fault = f"singular (smallest eigenvalue {values[i, 0]:.3g})" if is_finite[i] else "not finite"
+        raise InvalidParameter(
+            f"inertia: M(q) is {fault} at q = {postures[i].round(4).tolist()}; give the joints rotor inertia, such as "
             "armature=0.1, or a workspace without this posture"
         )
     return M
 
 
 def as_plants(plant: Plant | Sequence[Plant]) -> list[Plant]:
-    """Robots of as many joints each, as a list."""
+    """Return one robot or several as a list.
+
+    Raises
+    ------
+    InvalidParameter
+        For an empty list, for anything else than robots, and for numbers of joints that differ.
+    """
     plants = list(plant) if isinstance(plant, Sequence) else [plant]
-    if not plants or not all(isinstance(one, Plant) for one in plants):
-        kinds = ", ".join(type(one).__name__ for one in plants) or "none"
-        raise TarcError(f"plant: got {kinds}; needs a robot, or several in a list")
-    if len({one.n_joints for one in plants}) > 1:
-        raise TarcError(f"plant: got robots of {[one.n_joints for one in plants]} joints; needs as many in each")
+    if not plants or not all(isinstance(robot, Plant) for robot in plants):
+        kinds = ", ".join(type(robot).__name__ for robot in plants) or "none"
+        raise InvalidParameter(f"plant: got {kinds}; needs a robot, or several in a list")
+    counts = [robot.n_joints for robot in plants]
+    if len(set(counts)) > 1:
+        raise InvalidParameter(f"plant: got robots of {counts} joints; needs as many in each")
     return plants

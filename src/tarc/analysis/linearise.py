@@ -1,8 +1,6 @@
-"""The loop that runs, linearised: the traced law itself, by automatic differentiation, gain frozen."""
+"""The sampled loop of a law, linearised at rest by automatic differentiation of the law's own code."""
 
 from dataclasses import dataclass, replace
-from typing import Any
-from weakref import WeakKeyDictionary
 
 import casadi as ca
 import numpy as np
@@ -10,9 +8,9 @@ import numpy as np
 from tarc.control.digital_controller import ControllerInput, DigitalController
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
-from tarc.core.errors import TarcError
+from tarc.core.errors import NotLinearisable, UnsupportedLaw
 from tarc.core.trees import leaves, names, pack, rebuild
-from tarc.core.types import Array
+from tarc.core.types import Array, Vector
 from tarc.estimators.oracle import refuse_oracle
 from tarc.laws.base import Law
 from tarc.laws.pole_placement import PolePlacement
@@ -21,11 +19,18 @@ from tarc.signals.sensors import Encoder
 
 @dataclass(frozen=True)
 class Channel:
-    """One of the loops that a law makes around q̈ = ρ M̂⁻¹ τ.
+    """One of the independent loops that a law makes around q̈ = ρ M̂⁻¹ τ.
 
-        x⁺ = F x + G q + H w,     v = M̂⁻¹ τ = C x + D q + E w,     q̈ = ρ v, held for T
+        x⁺ = F x + G q + H w,     v = M̂⁻¹ τ = C x + D q + E w,     q̈ = ρ v over each period T
 
-    with w what a robust term Δu adds to the auxiliary input. ``joints`` are those that have this loop.
+    Attributes
+    ----------
+    F, G, H, C, D, E
+        Matrices of the controller; w is what a robust term Δu adds to the auxiliary input.
+    period
+        T [s].
+    joints
+        Indices of the joints that have this loop.
     """
 
     F: Array
@@ -39,82 +44,119 @@ class Channel:
 
     @property
     def n_coupled(self) -> int:
-        """How many joints the loop has: 1 unless the gains couple them."""
+        """Number of joints in the loop: 1 unless the gains couple them."""
         return self.D.shape[0]
 
     def closed_loop(self, ratio: float | Array) -> tuple[Array, Array, Array, Array, Array]:
-        """A, B, C, W, V of the loop around q̈ = ratio v under zero-order hold: y⁺ = A y + B a + W w, v = C y + V w.
+        """Return A, B, C, W, V of the loop around q̈ = ρ v under zero-order hold.
 
-        The ratio is a number, or M⁻¹M̂ itself. The state y holds q, q̇ T and x; a is an acceleration besides ratio v,
-        held like it. The velocity is scaled by the period, so that rounding does not depend on it.
+            y⁺ = A y + B a + W w,     v = C y + V w
+
+        The state y contains q, q̇ T and x. The input a is an acceleration in addition to ρ v, held over each period.
+        The velocity is scaled by the period, so that rounding does not depend on it.
+
+        Parameters
+        ----------
+        ratio
+            ρ, or M⁻¹M̂ itself, shape (n, n).
         """
-        n, inner = self.n_coupled, self.F.shape[0]
+        n, n_states = self.n_coupled, self.F.shape[0]
         ratio = ratio * np.eye(n) if np.ndim(ratio) == 0 else np.asarray(ratio)
-        eye, T2 = np.eye(n), self.period**2
-        A, B, C = np.zeros((2 * n + inner,) * 2), np.zeros((2 * n + inner, n)), np.zeros((n, 2 * n + inner))
+        identity, T2 = np.eye(n), self.period**2
+        A, B, C = np.zeros((2 * n + n_states,) * 2), np.zeros((2 * n + n_states, n)), np.zeros((n, 2 * n + n_states))
         A[: 2 * n, : 2 * n] = np.eye(2 * n)
-        A[:n, n : 2 * n] = eye
+        A[:n, n : 2 * n] = identity
         A[2 * n :, :n], A[2 * n :, 2 * n :] = self.G, self.F
-        B[:n], B[n : 2 * n] = T2 / 2 * eye, T2 * eye
+        B[:n], B[n : 2 * n] = T2 / 2 * identity, T2 * identity
         C[:, :n], C[:, 2 * n :] = self.D, self.C
         W = B @ ratio @ self.E
         W[2 * n :] += self.H
         return A + B @ ratio @ C, B, C, W, self.E
 
     def state_matrix(self, ratio: float | Array) -> Array:
-        """State matrix of the loop around q̈ = ratio v."""
+        """Return A of the loop around q̈ = ρ v."""
         return self.closed_loop(ratio)[0]
 
     def with_delay(self, periods: int) -> "Channel":
-        """The same loop with v so many periods later: the newest v first among the states added."""
+        """Return the loop with v delayed by additional periods; the newest v is first among the added states."""
         if periods == 0:
             return self
-        n, inner, queue = self.n_coupled, self.F.shape[0], self.n_coupled * periods
-        F = np.zeros((inner + queue, inner + queue))
-        F[:inner, :inner] = self.F
-        F[inner : inner + n, :inner] = self.C
-        F[inner + n :, inner:-n] = np.eye(queue - n)
-        G, H = (np.concatenate([a, b, np.zeros((queue - n, n))]) for a, b in ((self.G, self.D), (self.H, self.E)))
-        C, none = np.concatenate([np.zeros((n, inner + queue - n)), np.eye(n)], axis=1), np.zeros((n, n))
-        return replace(self, F=F, G=G, H=H, C=C, D=none, E=none)
+        n, n_states, n_added = self.n_coupled, self.F.shape[0], self.n_coupled * periods
+        F = np.zeros((n_states + n_added, n_states + n_added))
+        F[:n_states, :n_states] = self.F
+        F[n_states : n_states + n, :n_states] = self.C
+        F[n_states + n :, n_states:-n] = np.eye(n_added - n)
+        padding, zero = np.zeros((n_added - n, n)), np.zeros((n, n))
+        G, H = np.concatenate([self.G, self.D, padding]), np.concatenate([self.H, self.E, padding])
+        C = np.concatenate([np.zeros((n, n_states + n_added - n)), np.eye(n)], axis=1)
+        return replace(self, F=F, G=G, H=H, C=C, D=zero, E=zero)
+
+
+def require_inertia(law: Law, purpose: str) -> PolePlacement:
+    """Return a law that has a nominal inertia M̂.
+
+    Raises
+    ------
+    UnsupportedLaw
+        For any other law.
+    """
+    if not isinstance(law, PolePlacement):
+        raise UnsupportedLaw(
+            f"law: got {type(law).__name__}; {purpose} needs a law with an inertia M̂, such as tarc.laws.TDC"
+        )
+    return law
 
 
 def decoupled_channels(law: Law, computation_delay: int = 0, gain: float = 0.0) -> list[Channel]:
-    """The independent loops of a law around q̈ = ρ M̂⁻¹ τ, each once.
+    """Return the independent loops of a law around q̈ = ρ M̂⁻¹ τ, each once.
 
-    With K1 and K2 scalar, or diagonal and the gain at zero, the joints decouple in coordinates M̂^½ q (M̂⁻¹τ, for
-    diagonal gains), so that n joints cost what their different gains cost.
+    With scalar K1 and K2, or with diagonal ones and no gain, the joints decouple in coordinates M̂^½ q. For diagonal
+    gains the coordinates are M̂⁻¹τ. So n joints cost only what their different gains cost.
 
     Parameters
     ----------
     law
-        A law on time-delay estimation.
+        A law with an inertia M̂.
     computation_delay
         Periods between a measurement and its torque.
     gain
-        Frozen switching gain ĉ [rad/s²]: inside its boundary layer the law adds α ĉ P2/ε to K1.
+        Frozen switching gain ĉ [rad/s²]. Inside its boundary layer the law adds α ĉ P2/ε to K1.
+
+    Raises
+    ------
+    UnsupportedLaw
+        For a law without an inertia.
+    NotLinearisable
+        For a law that has no linearisation at rest.
+    InvalidParameter
+        For a negative delay or gain.
     """
-    if not isinstance(law, PolePlacement):
-        raise TarcError(f"law: got {type(law).__name__}; the loop certificate needs a law with an inertia M̂")
+    law = require_inertia(law, "its linearisation")
     check.number("gain", gain, 0)
     check.integer("computation_delay", computation_delay)
-    known = _CHANNELS.setdefault(law, {})
-    if gain not in known:
-        known[gain] = _decouple(law, gain)
-    return [channel.with_delay(computation_delay) for channel in known[gain]]
-
-
-_CHANNELS: WeakKeyDictionary[Law, dict[float, list[Channel]]] = WeakKeyDictionary()
-"""What was linearised, by law and gain: the certificates of one law all start from it."""
+    K1, K2 = law.K1, law.K2
+    P2 = law.P2 if gain else None
+    scalar = all(_is_scalar(K) for K in (K1, K2)) and (P2 is None or _is_scalar(P2))
+    diagonal = all(np.abs(K - np.diag(np.diag(K))).max() <= 1e-9 * np.abs(K).max() for K in (K1, K2))
+    if not (scalar or (diagonal and not gain)):
+        return [_linearise(law, gain, tuple(range(law.n_joints))).with_delay(computation_delay)]
+    joints_of: dict[tuple[float, float], list[int]] = {}
+    for joint in range(law.n_joints):
+        joints_of.setdefault((float(K1[joint, joint]), float(K2[joint, joint])), []).append(joint)
+    weight = None if P2 is None else float(P2[0, 0])
+    return [
+        _linearise(law.single_joint(*gains, weight), gain, tuple(joints)).with_delay(computation_delay)
+        for gains, joints in joints_of.items()
+    ]
 
 
 def coupled_channel(law: PolePlacement, computation_delay: int = 0) -> Channel:
-    """The loop of all joints at once, for a mismatch that is no multiple of the identity; the gain at zero."""
+    """Return the loop of all joints at once without a switching gain, for any M⁻¹M̂."""
     return _linearise(law, 0.0, tuple(range(law.n_joints))).with_delay(computation_delay)
 
 
 def joints_share_loop(law: Law) -> bool:
-    """Whether K1, K2 and, with a robust term, P2 are multiples of the identity, so that all joints' loops are one."""
+    """Return whether all joints have the same loop: K1, K2 and P2 are multiples of the identity."""
     if not isinstance(law, PolePlacement):
         return False
     matrices = [law.K1, law.K2] if law.P2 is None else [law.K1, law.K2, law.P2]
@@ -125,29 +167,41 @@ def _is_scalar(K: Array) -> bool:
     return bool(np.abs(K - K[0, 0] * np.eye(len(K))).max() <= 1e-9 * abs(K[0, 0]))
 
 
-def _decouple(law: PolePlacement, gain: float) -> list[Channel]:
-    diagonal = all(np.abs(K - np.diag(np.diag(K))).max() <= 1e-9 * np.abs(K).max() for K in (law.K1, law.K2))
-    P2 = law.P2 if gain else None
-    scalar = all(_is_scalar(K) for K in (law.K1, law.K2)) and (P2 is None or _is_scalar(P2))
-    if not (scalar or (diagonal and not gain)):
-        return [_linearise(law, gain, tuple(range(law.n_joints)))]
-    groups: dict[tuple[float, float], list[int]] = {}
-    for joint in range(law.n_joints):
-        groups.setdefault((float(law.K1[joint, joint]), float(law.K2[joint, joint])), []).append(joint)
-    weight = None if P2 is None else float(P2[0, 0])
-    return [_linearise(law.single_joint(*gains, weight), gain, tuple(joints)) for gains, joints in groups.items()]
-
-
 def _linearise(law: PolePlacement, gain: float, joints: tuple[int, ...]) -> Channel:
-    """Jacobian of the traced drive at rest; what adapts or counts is frozen.
-
-    The acceleration reference enters the auxiliary input as Δu does, so that its columns are those of w.
-    """
+    """Return the Jacobian of the traced controller at rest; states that adapt or count are constant."""
     refuse_oracle(law.estimator)
-    drive = DigitalController(Encoder(), law)
     n = law.n_joints
-    rest = np.zeros(n)
-    state = drive.init(rest)
+    J, n_states = _jacobian_at_rest(law, gain)
+    F, inputs = J[:n_states, :n_states], J[:n_states, n_states:]
+    outputs, direct = J[n_states:, :n_states], J[n_states:, n_states:]
+    if not np.all(np.isfinite(J)):
+        raise NotLinearisable(
+            f"law: {type(law).__name__} with {type(law.estimator).__name__} has no linearisation at rest, where a "
+            "slope is infinite; certificates of the loop need a linear estimator, such as tarc.estimators.Algebraic"
+        )
+    used = _required_states(F, inputs, outputs)
+    F, inputs, outputs = F[np.ix_(used, used)], inputs[used], outputs[:, used]
+    M_inverse = np.linalg.inv(law.M)
+    return Channel(
+        F=F,
+        G=inputs[:, :n],
+        H=inputs[:, n:],
+        C=M_inverse @ outputs,
+        D=M_inverse @ direct[:, :n],
+        E=M_inverse @ direct[:, n:],
+        period=law.period,
+        joints=joints,
+    )
+
+
+def _jacobian_at_rest(law: PolePlacement, gain: float) -> tuple[Array, int]:
+    """Return the slopes of (x⁺, τ) over (x, q, w), and the number of states x.
+
+    The acceleration reference enters the auxiliary input as Δu does, so its columns are those of w.
+    """
+    controller = DigitalController(Encoder(), law)
+    zero = np.zeros(law.n_joints)
+    state = controller.init(zero)
     labels = [label.split(".")[-1] for label in names(state)]
     constants = law.linearisation_constants(gain)
     values = [
@@ -155,47 +209,35 @@ def _linearise(law: PolePlacement, gain: float, joints: tuple[int, ...]) -> Chan
         for label, leaf in zip(labels, leaves(state), strict=True)
     ]
     # constant states and the reference stay numbers, so that the graph is that of the loop alone
-    moving = [i for i, label in enumerate(labels) if label not in constants]
-    symbols = {i: ca.SX.sym("x", *(*np.shape(values[i]), 1, 1)[:2]) for i in moving}
-    position, asked = ca.SX.sym("q", n), ca.SX.sym("a", n)
-    mixed = rebuild(state, [symbols.get(i, value) for i, value in enumerate(values)])
-    after, output = drive.step(mixed, ControllerInput(position, rest, rest, asked, rest))
-    x = ca.vertcat(*(_column(one) for one in symbols.values())) if symbols else ca.SX(0, 1)
-    rows = [_column(leaf) for i, leaf in enumerate(leaves(after)) if i in symbols]
-    torque: Any = output.torque
-    slopes = ca.jacobian(ca.vertcat(*rows, torque), ca.vertcat(x, position, asked))
-    point = pack(tuple(values[i] for i in moving))
-    J = np.array(ca.Function("slopes", [x, position, asked], [slopes])(point, rest, rest))
-    m = len(point)
-    F, inputs, outputs, through = J[:m, :m], J[:m, m:], J[m:, :m], J[m:, m:]
-    if not all(np.all(np.isfinite(part)) for part in (F, inputs, outputs, through)):
-        raise TarcError(
-            f"law: {type(law).__name__} with {type(law.estimator).__name__} has no linearisation at rest, where a "
-            "slope is infinite; certificates of the loop need a linear estimator, such as tarc.estimators.Algebraic"
-        )
-    keep = _observable_states(F, inputs, outputs)
-    F, inputs, outputs = F[np.ix_(keep, keep)], inputs[keep], outputs[:, keep]
-    root = np.linalg.inv(law.M)
-    G, H, D, E = inputs[:, :n], inputs[:, n:], root @ through[:, :n], root @ through[:, n:]
-    return Channel(F, G, H, root @ outputs, D, E, law.period, joints)
+    varying = [i for i, label in enumerate(labels) if label not in constants]
+    symbols = {i: ca.SX.sym("x", *(*np.shape(values[i]), 1, 1)[:2]) for i in varying}
+    position, acceleration = ca.SX.sym("q", law.n_joints), ca.SX.sym("a", law.n_joints)
+    symbolic_state = rebuild(state, [symbols.get(i, value) for i, value in enumerate(values)])
+    next_state, output = controller.step(symbolic_state, ControllerInput(position, zero, zero, acceleration, zero))
+    x = ca.vertcat(*(_column(symbol) for symbol in symbols.values())) if symbols else ca.SX(0, 1)
+    rows = [_column(leaf) for i, leaf in enumerate(leaves(next_state)) if i in symbols]
+    slopes = ca.jacobian(ca.vertcat(*rows, output.torque), ca.vertcat(x, position, acceleration))
+    x_at_rest = pack(tuple(values[i] for i in varying))
+    evaluate = ca.Function("slopes", [x, position, acceleration], [slopes])
+    return np.array(evaluate(x_at_rest, zero, zero)), len(x_at_rest)
 
 
-def _column(leaf: Any) -> Any:
+def _column(leaf: Vector) -> Vector:
     leaf = leaf if ops.symbolic(leaf) else ca.SX(leaf)
     return leaf if leaf.shape[1] == 1 else ca.vec(leaf)
 
 
-def _observable_states(F: Array, inputs: Array, outputs: Array) -> Array:
-    """States that an input moves and an output shows; all, unless the others are memories that empty themselves."""
+def _required_states(F: Array, inputs: Array, outputs: Array) -> Array:
+    """Return which states an input reaches and an output shows; all, unless the rest only shifts values out."""
     arrows = F != 0
-    seen, moved = (outputs != 0).any(axis=0), (inputs != 0).any(axis=1)
+    shown, reached = (outputs != 0).any(axis=0), (inputs != 0).any(axis=1)
     before = -1
-    while before < (before := int(seen.sum() + moved.sum())):
-        seen, moved = seen | arrows[seen].any(axis=0), moved | arrows[:, moved].any(axis=1)
-    keep = seen & moved
-    rest = arrows[np.ix_(~keep, ~keep)]
-    walks = rest
-    for _ in range(len(rest)):
-        walks = walks @ rest
-    # a ring among them could have an eigenvalue of its own
-    return np.ones_like(keep) if walks.any() else keep
+    while before < (before := int(shown.sum() + reached.sum())):
+        shown, reached = shown | arrows[shown].any(axis=0), reached | arrows[:, reached].any(axis=1)
+    required = shown & reached
+    unused = arrows[np.ix_(~required, ~required)]
+    walks = unused
+    for _ in range(len(unused)):
+        walks = walks @ unused
+    # a cycle among the unused states could have an eigenvalue of its own
+    return np.ones_like(required) if walks.any() else required

@@ -5,52 +5,57 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tarc.core import validation as check
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter
+from tarc.core.types import Array
 from tarc.core.validation import Numbers
 from tarc.plants.base import Plant
 from tarc.signals.references import Reference
 
 TIME_TO_MAX_SPEED = 0.25
-"""Time in which a robot reaches its greatest speed [s], where its acceleration is not given."""
+"""Time in which a robot reaches its largest speed [s] where its acceleration is not given."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Workspace:
-    """A set of postures, and how fast they change: a box of joint positions, or what is in a tube about a reference.
+    """A set of postures and how fast they change: a box of joint positions, or a tube about a reference.
 
-    A speed comes with an acceleration; without one it is taken to be reached in a quarter of a second.
-
-    Made by `box`, `path` or `of`.
+    Without an acceleration, the largest speed is taken to be reached in a quarter of a second. `box`, `from_reference`
+    and `from_joint_limits` make workspaces.
 
     Attributes
     ----------
     low, high
-        Ends of the variables: the positions [rad or m], shape (n,); with a reference the time [s] and then an offset
-        from it a joint [rad or m], shape (n + 1,).
+        Ends of the variables. Without a reference these are the positions [rad or m], shape (n,). With one they are
+        the time [s] and an offset from the reference per joint [rad or m], shape (n + 1,).
     reference
         The trajectory at the middle of the tube, or None.
     speed
-        The greatest speed of each joint [rad/s or m/s], shape (n,); None for any speed. The slower the robot, the more
-        its loop bears.
+        Largest speed of each joint [rad/s or m/s], shape (n,); None for any speed. A certificate of a slower robot
+        covers more.
     acceleration
-        The greatest acceleration of each joint [rad/s² or m/s²], shape (n,); None without a speed.
+        Largest acceleration of each joint [rad/s² or m/s²], shape (n,); None without a speed.
+
+    Raises
+    ------
+    InvalidParameter
+        For ends of different shapes or in the wrong order, and for an acceleration without a speed.
     """
 
-    low: np.ndarray
-    high: np.ndarray
+    low: Array
+    high: Array
     reference: Reference | None = None
-    speed: np.ndarray | None = None
-    acceleration: np.ndarray | None = None
+    speed: Array | None = None
+    acceleration: Array | None = None
 
     def __post_init__(self) -> None:
         if np.shape(self.low) != np.shape(self.high) or np.ndim(self.low) != 1:
-            raise TarcError(
-                f"low, high: got shapes {np.shape(self.low)} and {np.shape(self.high)}; needs one number a joint each"
+            raise InvalidParameter(
+                f"low, high: got shapes {np.shape(self.low)} and {np.shape(self.high)}; needs as many numbers"
             )
         wrong = np.flatnonzero(np.asarray(self.low) > np.asarray(self.high))
         if wrong.size:
             i = int(wrong[0])
-            raise TarcError(
+            raise InvalidParameter(
                 f"low, high: number {i + 1} goes from {self.low[i]:g} to {self.high[i]:g}; needs low ≤ high"
             )
         if self.speed is not None:
@@ -58,20 +63,30 @@ class Workspace:
             given = self.speed / TIME_TO_MAX_SPEED if self.acceleration is None else self.acceleration
             object.__setattr__(self, "acceleration", check.vector("acceleration", given, self.n_joints, 0))
         elif self.acceleration is not None:
-            raise TarcError(
-                "acceleration: it bounds nothing without a speed; give the greatest speed of the joints too"
+            raise InvalidParameter(
+                "acceleration: it bounds nothing without a speed; give the largest speed of the joints as well"
             )
 
     @classmethod
     def box(
         cls, low: Numbers, high: Numbers, *, speed: Numbers | None = None, acceleration: Numbers | None = None
     ) -> "Workspace":
-        """All positions between low and high [rad or m], one number a joint; equal ones hold a joint still.
+        """Return all positions between two ends.
 
-        The greatest speed [rad/s or m/s] is one number or one a joint, or None for any; the acceleration alike.
+        Parameters
+        ----------
+        low, high
+            Ends [rad or m], one number per joint; equal ones hold a joint still.
+        speed, acceleration
+            As in `with_speed_limits`.
+
+        Raises
+        ------
+        InvalidParameter
+            As for `Workspace`.
         """
-        first, last = (np.atleast_1d(check.array(name, one)) for name, one in (("low", low), ("high", high)))
-        return cls(low=first, high=last).with_speed_limits(speed, acceleration)
+        lowest, highest = np.atleast_1d(check.array("low", low)), np.atleast_1d(check.array("high", high))
+        return cls(low=lowest, high=highest).with_speed_limits(speed, acceleration)
 
     @classmethod
     def from_reference(
@@ -83,13 +98,28 @@ class Workspace:
         speed: Numbers | None = None,
         acceleration: Numbers | None = None,
     ) -> "Workspace":
-        """The positions of a reference in its first seconds, each joint off by at most ±tube [rad or m].
+        """Return the positions about a reference.
 
-        The duration is in [s]; the tube and the greatest speed [rad/s or m/s] are one number or one a joint, the speed
-        None for any; the acceleration alike.
+        Parameters
+        ----------
+        reference
+            The trajectory.
+        duration
+            Time from its start [s].
+        tube
+            Largest offset from the reference [rad or m], one number or one per joint.
+        speed, acceleration
+            As in `with_speed_limits`.
+
+        Raises
+        ------
+        InvalidParameter
+            For another object than a reference, and for a negative duration or tube.
         """
         if not isinstance(reference, Reference):
-            raise TarcError(f"reference: got {type(reference).__name__}; needs one of tarc.signals, such as Sinusoid")
+            raise InvalidParameter(
+                f"reference: got {type(reference).__name__}; needs one of tarc.signals, such as Sinusoid"
+            )
         end = check.number("duration", duration, 0)
         width = check.vector("tube", tube, reference.n_joints, 0)
         low, high = np.array([0.0, *-width]), np.array([end, *width])
@@ -99,13 +129,18 @@ class Workspace:
     def from_joint_limits(
         cls, plant: Plant, *, speed: Numbers | None = None, acceleration: Numbers | None = None
     ) -> "Workspace":
-        """All that the joints of a robot reach: their ranges in its file, and ±π for a hinge without one.
+        """Return all positions that the joints of a robot reach.
 
-        The greatest speed [rad/s or m/s] is one number or one a joint, or None for any; the acceleration alike.
+        Parameters
+        ----------
+        plant
+            The robot. A hinge without a range is taken from −π to π.
+        speed, acceleration
+            As in `with_speed_limits`.
 
         Raises
         ------
-        TarcError
+        InvalidParameter
             For a joint in metres without a range.
         """
         low, high = plant.position_limits.T
@@ -113,17 +148,27 @@ class Workspace:
         low, high = np.where(limited, low, -np.pi), np.where(limited, high, np.pi)
         for name, unit, has_range in zip(plant.joint_names, plant.units, limited, strict=True):
             if unit != "rad" and not has_range:
-                raise TarcError(
+                raise InvalidParameter(
                     f"workspace: joint {name} slides [m] and has no range; give the ranges of all joints with "
                     "Workspace.box(low, high)"
                 )
         return cls(low=low, high=high).with_speed_limits(speed, acceleration)
 
     def with_speed_limits(self, speed: Numbers | None, acceleration: Numbers | None = None) -> "Workspace":
-        """The same postures, no joint faster than its speed [rad/s or m/s], one number or one a joint.
+        """Return the same postures with limits on the speed of the joints.
 
-        Any speed for None and where one is infinite. The acceleration [rad/s² or m/s²] likewise; None for that which
-        reaches the speed in a quarter of a second.
+        Parameters
+        ----------
+        speed
+            Largest speed [rad/s or m/s], one number or one per joint. None, or an infinite one, stands for any.
+        acceleration
+            Largest acceleration [rad/s² or m/s²], one number or one per joint. None for the one that reaches the speed
+            in a quarter of a second.
+
+        Raises
+        ------
+        InvalidParameter
+            For negative numbers, and for an acceleration without a speed.
         """
         if speed is None or np.isposinf(np.asarray(speed, dtype=float)).any():
             speed = None
@@ -134,29 +179,33 @@ class Workspace:
         return replace(self, speed=speed, acceleration=acceleration)
 
     def scale_speed(self, factor: float) -> "Workspace":
-        """The same postures, speeds and accelerations times a factor."""
+        """Return the same postures with speeds and accelerations multiplied by a factor."""
         if self.speed is None or self.acceleration is None:
             return self
         return self.with_speed_limits(factor * self.speed, factor * self.acceleration)
 
     @property
     def n_joints(self) -> int:
-        """How many joints n."""
+        """Number of joints n."""
         return len(self.low) - (self.reference is not None)
 
-    def sample(self, samples: int, seed: int = 0) -> np.ndarray:
-        """Postures (k, n) [rad or m] evenly at random from the workspace; a single one where it is a point."""
-        return self.positions(self.low + self.unit_samples(samples, seed) * (self.high - self.low))
+    def sample(self, samples: int, seed: int = 0) -> Array:
+        """Return uniformly sampled postures [rad or m], shape (k, n); a single one where the workspace is a point."""
+        return self.at_unit_points(self.unit_samples(samples, seed))
 
-    def unit_samples(self, samples: int, seed: int) -> np.ndarray:
-        """Points (k, v) of the unit cube of its variables, evenly at random; zero for a variable that is held."""
+    def unit_samples(self, samples: int, seed: int) -> Array:
+        """Return uniform samples of the variables on the unit cube, shape (k, v); zero for a fixed variable."""
         check.integer("samples", samples, 1)
         free = self.high > self.low
         rng = np.random.default_rng(check.integer("seed", seed))
         return rng.random((samples if free.any() else 1, len(free))) * free
 
-    def positions(self, variables: np.ndarray) -> np.ndarray:
-        """Positions (k, n) [rad or m] at the variables (k, v), a row each."""
+    def at_unit_points(self, points: Array) -> Array:
+        """Return the positions [rad or m], shape (k, n), at points of the unit cube of the variables (k, v)."""
+        return self.positions(self.low + points * (self.high - self.low))
+
+    def positions(self, variables: Array) -> Array:
+        """Return the positions [rad or m], shape (k, n), at the variables (k, v)."""
         if self.reference is None:
             return variables
         return self.reference.sample(variables[:, 0])[0].T + variables[:, 1:]

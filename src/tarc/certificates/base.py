@@ -1,4 +1,4 @@
-"""A certificate: a claim, its verdict, the evidence that proves it, and the means to check that evidence again."""
+"""Certificates: a claim, its verdict, the evidence that proves it, and its verification."""
 
 import json
 from abc import ABC, abstractmethod
@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, Self, Type
 import numpy as np
 
 from tarc.certificates.encoding import arrays, from_plain, to_plain
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter, UnsupportedLaw
+from tarc.core.formatting import format_vector
 from tarc.core.types import Array
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ class Verdict(StrEnum):
 
 
 class Judgement(NamedTuple):
-    """What evidence shows: the verdict, its margin, and for a refutation the witness."""
+    """The result of evidence: the verdict, its margin, and for a refutation the witness."""
 
     verdict: Verdict
     margin: float
@@ -43,7 +44,7 @@ class LoopMatrices:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Evidence(ABC):
-    """The matrices and numbers that prove a verdict; one subclass per kind of certificate, in that kind's file.
+    """The matrices and numbers that prove a verdict; one subclass per kind of certificate.
 
     Attributes
     ----------
@@ -98,16 +99,20 @@ class Certificate(Generic[E]):
     margin
         Distance from the limit, positive where certified; ``margin_meaning`` names its quantity.
     assumptions
-        What the verdict takes for granted.
+        What the verdict assumes.
     witness
-        For a refutation, what shows it: a mode that grows, or a vector on which a form is negative.
+        Proof of a refutation: a mode that grows, or a vector on which a form is negative.
     problem
         The condition that was tested, as a formula.
     basis
-        Where the evidence rests on samples, what they are; part of the verdict in words.
+        The samples on which the evidence rests, if any; part of the verdict in words.
     proof_grade
-        Whether the verdict was decided in ball arithmetic, which encloses every rounding error, and not in floating
-        point.
+        Whether ball arithmetic, which encloses every rounding error, decided the verdict, and not floating point.
+
+    Raises
+    ------
+    InvalidParameter
+        For an unknown verdict.
     """
 
     claim: str
@@ -123,7 +128,7 @@ class Certificate(Generic[E]):
 
     def __post_init__(self) -> None:
         if self.verdict not in list(Verdict):
-            raise TarcError(f"verdict: got {self.verdict!r}; allowed: {', '.join(Verdict)}")
+            raise InvalidParameter(f"verdict: got {self.verdict!r}; allowed: {', '.join(Verdict)}")
         object.__setattr__(self, "verdict", Verdict(self.verdict))
 
     @property
@@ -138,16 +143,16 @@ class Certificate(Generic[E]):
 
     @property
     def verdict_in_words(self) -> str:
-        """The verdict, and for a certified one the samples that it rests on."""
+        """The verdict, with the samples on which a certified one rests."""
         return f"{self.verdict} on {self.basis}" if self.certified and self.basis else str(self.verdict)
 
     def verify(self) -> bool:
-        """Judge the evidence again, without any solver; whether the verdict is the same."""
+        """Return whether the evidence, judged again without any solver, gives the same verdict."""
         if not all(np.all(np.isfinite(array)) for array in arrays(self.evidence)):
             return self.verdict == Verdict.INCONCLUSIVE
         try:
             return self.evidence.judge().verdict == self.verdict
-        except (KeyError, ValueError, np.linalg.LinAlgError, TarcError):  # shapes that do not fit together
+        except (ValueError, IndexError, np.linalg.LinAlgError, UnsupportedLaw):  # shapes that do not fit together
             return False
 
     def explain(self) -> str:
@@ -185,23 +190,25 @@ def certificate_from_plain(evidence_type: type[E], content: dict[str, Any], evid
     ValueError, TypeError
         For missing or unknown fields, and values of another type.
     """
-    rest = {name: value for name, value in content.items() if name not in ("kind", "evidence", "witness")}
+    plain = {name: value for name, value in content.items() if name not in ("kind", "evidence", "witness")}
     witness = content["witness"]
     if witness is not None and evidence_type.witness_type is not None:
         witness = from_plain(evidence_type.witness_type, witness, "witness")
-    margin, assumptions = from_plain(float, rest.pop("margin"), "margin"), tuple(rest.pop("assumptions"))
-    read = evidence_type.from_dict(evidence)
-    return Certificate(**rest, margin=margin, assumptions=assumptions, witness=witness, evidence=read)
+    margin, assumptions = from_plain(float, plain.pop("margin"), "margin"), tuple(plain.pop("assumptions"))
+    return Certificate(
+        **plain,
+        margin=margin,
+        assumptions=assumptions,
+        witness=witness,
+        evidence=evidence_type.from_dict(evidence),
+    )
 
 
 def describe(witness: Any) -> str:
     """Return the names and values of a witness, in words."""
-    content = to_plain(witness)
-    named = {key.replace("_", " "): value for key, value in content.items() if value is not None}
-    return ", ".join(f"{name} {_shown(value)}" for name, value in named.items())
-
-
-def _shown(value: Any) -> str:
-    if np.ndim(value) == 0:
-        return f"{value:.5g}"
-    return "(" + ", ".join(f"{entry:.4g}" for entry in np.ravel(value)) + ")"
+    entries = []
+    for name, value in to_plain(witness).items():
+        if value is not None:
+            text = f"{value:.5g}" if np.ndim(value) == 0 else f"({format_vector(np.ravel(value), digits=4)})"
+            entries.append(f"{name.replace('_', ' ')} {text}")
+    return ", ".join(entries)

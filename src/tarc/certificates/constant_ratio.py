@@ -1,5 +1,6 @@
-"""The loop that runs: stability of the law's own code around q̈ = ρ M̂⁻¹ τ, for one inertia ratio ρ or a range."""
+"""The constant-ratio certificate: stability of the law's own code around q̈ = ρ M̂⁻¹ τ, for one ρ or a range."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import ClassVar
@@ -27,7 +28,7 @@ from tarc.numerics.norms import h2_norm, hinf_norm
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoopFindings:
-    """Rates and gains of the loop at the worse end of the range; not part of the proof.
+    """Rates and gains of the loop at the end of the range with the larger spectral radius; not part of the proof.
 
     Attributes
     ----------
@@ -39,7 +40,7 @@ class LoopFindings:
         |arg z| / T of the slowest mode [rad/s].
     delay_margin
         Further computation delay with which the loop is stable [periods]; None where it is not certified, like the
-        rest.
+        attributes below.
     disturbance_to_error_hinf, disturbance_to_error_h2
         Gain from a disturbing acceleration to the error, largest and for white noise [s²].
     noise_to_torque_hinf, noise_to_torque_h2
@@ -100,39 +101,50 @@ class ConstantRatioEvidence(Evidence):
 
 
 def certify_constant_ratio(
-    law: Law, ratio: float | tuple[float, float] = 1.0, *, computation_delay: int = 0, gain: float = 0.0
+    law: Law,
+    ratio: float | tuple[float, float] = 1.0,
+    *,
+    computation_delay: int = 0,
+    gain: float = 0.0,
+    channels: Sequence[Channel] | None = None,
 ) -> Certificate[ConstantRatioEvidence]:
-    """Certify the loop that the law makes, for a constant inertia ratio.
+    """Certify the loop of a law for a constant inertia ratio.
 
-    The plant is q̈ = ρ M̂⁻¹ τ under zero-order hold, the controller the Jacobian of the very function that is simulated,
+    The plant is q̈ = ρ M̂⁻¹ τ under zero-order hold. The controller is the Jacobian of the function that is simulated,
     with the switching gain frozen. For that linear time-invariant loop the test is exact.
 
     Parameters
     ----------
     law
-        A law on time-delay estimation.
+        A law with an inertia M̂.
     ratio
         ρ, the eigenvalue of M⁻¹M̂; a pair for every constant ρ in a range.
     computation_delay
         Periods between a measurement and its torque.
     gain
         Frozen switching gain ĉ [rad/s²].
+    channels
+        The loops of `tarc.analysis.linearise.decoupled_channels` for these arguments, where they exist already.
 
     Returns
     -------
     Certificate
         Its margin is 1 less the largest spectral radius at the ends of the range. `LoopFindings` describes the loop at
-        the worse end.
+        the end with the larger one.
 
     Raises
     ------
-    TarcError
-        For a law without an inertia, and ratios that are not positive.
+    UnsupportedLaw
+        For a law without an inertia; for a range of ratios also where the gains couple the joints.
+    NotLinearisable
+        For a law that has no linearisation at rest.
+    InvalidParameter
+        For ratios that are not positive, and for a negative delay or gain.
     """
     low, high = (ratio, ratio) if np.ndim(ratio) == 0 else tuple(np.ravel(ratio))
     low = check.number("ratio", low, 0, strict=True)
     high = check.number("ratio", high, low)
-    channels = decoupled_channels(law, computation_delay, gain)
+    channels = decoupled_channels(law, computation_delay, gain) if channels is None else channels
     loops = tuple(LoopMatrices(*open_loop_matrices(channel)) for channel in channels)
     worst = low if low == high else max((low, high), key=lambda end: spectral_radius(channels, end))
     evidence = ConstantRatioEvidence(
@@ -158,7 +170,7 @@ def certify_constant_ratio(
             f"the switching gain is frozen at {gain:g} rad/s² and the error inside its boundary layer"
             if gain
             else "the switching gain is zero",
-            "eigenvalues are computed in floating point, and judged with room for rounding",
+            "eigenvalues are computed in floating point, with an allowance for rounding",
             f"the torque reaches the joints {computation_delay} periods late and is held for a period",
         ),
         evidence=evidence,
@@ -175,18 +187,18 @@ def _judge_loop(loop: LoopMatrices, low: float, high: float, period: float) -> J
         trials |= {(first + second) / 2 for first, second in pairwise([low, *inner, high])}
         trials |= set(np.geomspace(low, high, 8)[1:-1].tolist())
     for trial in sorted(trials):
-        answer, radius, mode = schur_stability(A + trial * b @ c)
+        outcome, radius, mode = schur_stability(A + trial * b @ c)
         if trial in (low, high):
             margin = min(margin, 1 - radius)
-        if answer == "refuted":
+        if outcome == "refuted":
             witness = replace(unstable_mode(radius, mode, period), ratio=float(trial))
             return Judgement(Verdict.REFUTED, min(margin, 1 - radius), witness)
-        if answer == "inconclusive":
+        if outcome == "inconclusive":
             verdict = Verdict.INCONCLUSIVE
     return Judgement(verdict, margin)
 
 
-def _describe(channels: list[Channel], ratio: float, *, stable: bool) -> LoopFindings:
+def _describe(channels: Sequence[Channel], ratio: float, *, stable: bool) -> LoopFindings:
     """Return rates, delay margin and gains of the loop at one ratio."""
     values = np.concatenate([np.linalg.eigvals(channel.state_matrix(ratio)) for channel in channels])
     lead = values[np.argmax(np.abs(values))]

@@ -1,6 +1,6 @@
-"""The robust ball for an inertia that changes no faster than its robot moves: more room, by a multiplier."""
+"""Integral quadratic constraint of an inertia with a bounded rate: its multiplier allows a larger ball."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,41 +9,41 @@ from tarc.core.types import Array
 from tarc.numerics.norms import fdi_negative
 
 N_DECAYS = 10
-"""How many exponentials the multiplier is made of."""
+"""Number of exponentials in the multiplier."""
 N_FIRST_CUTS = 50
-"""About how many frequencies the linear program begins with."""
+"""Approximate number of frequencies in the first linear program."""
 MAX_CUT_ROUNDS = 40
-"""Most rounds in which `best_multiplier` adds what its linear program overlooked."""
+"""Largest number of rounds in which `best_multiplier` adds cuts."""
 RANGE_TOLERANCE = 1.005
-"""At which a search ends, where nothing else is said."""
+"""Factor by which the range of ratios may still grow when a search ends."""
 MIN_CHANGE = 1e-4
 """Least change in a period, as a share of the centre, for which a multiplier is searched for."""
 MIN_COEFFICIENT = 1e-4
-"""Share of the greatest term below which one is dropped."""
+"""Share of the largest coefficient below which one is dropped."""
 MIN_DECAY = 1e-7
-"""Least decay in a period that is taken: slower ones have all that they do below the frequencies looked at."""
+"""Least 1 − p of a decay; slower ones act only below the frequencies that are tested."""
 FORM_MARGIN = 1e-6
-"""By how much the form must be negative, as a share of the mismatch's own square."""
+"""Amount by which the form must be negative, as a share of the mismatch's own square."""
 
 
 class Multiplier(NamedTuple):
-    """What shows that a loop bears a ball of E that changes slowly.
+    """Proof that a loop tolerates a ball of E that changes slowly.
 
-    A robot of stiffness H takes v to the acceleration b − d with b = E v, d = H x; let a = b − d − ρ0 v be what is not
-    as at the centre. With y_m = Σ_i c_i p_i^m, m ≥ 1, any symmetric E(t) whose inverse changes by at most D_m within m
-    periods obeys
+    A robot of stiffness H maps v to the acceleration b − d with b = E v and d = H x. Let a = b − d − ρ0 v be its
+    difference from the centre. With y_m = Σ_i c_i p_i^m, m ≥ 1, any symmetric E(t) whose inverse changes by at most D_m
+    within m periods satisfies
 
         2 Σ_k Σ_m y_m (v_{k+m}ᵀ b_k − v_kᵀ b_{k+m}) ≥ −2 Σ_m |y_m| D_m Σ_k ‖b_k‖²,
 
-    for each summand is b_{k+m}ᵀ (E⁻¹_{k+m} − E⁻¹_k) b_k. Added to ‖a‖² ≤ δ² (‖v‖² + η² ‖x‖²) and ‖d‖ ≤ ‖H‖ ‖x‖ it
-    leaves fewer loops to fear than these alone, which hold however fast E changes.
+    because each summand is b_{k+m}ᵀ (E⁻¹_{k+m} − E⁻¹_k) b_k. It is added to ‖a‖² ≤ δ² (‖v‖² + η² ‖x‖²) and
+    ‖d‖ ≤ ‖H‖ ‖x‖, which hold for any rate of E.
 
     Attributes
     ----------
     decays, coefficients
         p_i and c_i, shape (k,).
     slope, stiffness
-        Weights of what is known of the slope, and of the stiffness.
+        Weights of the inequalities of the slope and of the stiffness.
     """
 
     decays: Array
@@ -52,21 +52,30 @@ class Multiplier(NamedTuple):
     stiffness: float = 1.0
 
 
-def rate_penalty(decays: Array, step: float, most: float) -> Array:
-    """2 Σ_m p^m D_m for each decay p, shape (k,), where E⁻¹ changes by a step in each period and E is at most so large.
+def rate_penalty(decays: Array, step: float, largest: float) -> Array:
+    """Return 2 Σ_m p^m D_m for each decay p, shape (k,).
 
-    D_m = m step ((1 + μ)/(1 − μ))², μ = η/(1 − η): over a period E is not E⁻¹'s inverse mean, but nearly so, where
-    what E⁻¹ changes in half of it, times the greatest E, is a small η. Infinite for one that is not.
+    D_m = m step ((1 + μ)/(1 − μ))², μ = ε/(1 − ε), ε = step · largest/2. Over a period E is nearly the inverse of its
+    inverse's mean, if ε is small: half the change of E⁻¹ times the largest E. The penalty is infinite for ε ≥ 1/3.
+
+    Parameters
+    ----------
+    decays
+        p, shape (k,).
+    step
+        Largest change of E⁻¹ in one period.
+    largest
+        Largest eigenvalue of E.
     """
-    p, half = np.asarray(decays, dtype=float), step * most / 2
-    if not half < 1 / 3:
+    p, half_change = np.asarray(decays, dtype=float), step * largest / 2
+    if not half_change < 1 / 3:
         return np.full_like(p, np.inf)
-    swing = half / (1 - half)
-    return 2 * step * ((1 + swing) / (1 - swing)) ** 2 * p / (1 - p) ** 2
+    mu = half_change / (1 - half_change)
+    return 2 * step * ((1 + mu) / (1 - mu)) ** 2 * p / (1 - p) ** 2
 
 
 def satisfies_iqc(
-    parts: UncertainLoop,
+    loop: UncertainLoop,
     centre: float,
     radius: float,
     step: float,
@@ -74,72 +83,91 @@ def satisfies_iqc(
     weight: float = 0.0,
     stiffness: float = 0.0,
 ) -> bool:
-    """Whether the multiplier shows that the loop bears the ball; on all frequencies, from the matrices alone.
+    """Return whether the multiplier proves at all frequencies that the loop tolerates the ball.
 
-    The form is the sum of these inequalities, and of |k s/2|² ≥ |w|² for the slope, with their weights.
+    The form of `iqc_matrices` must be negative. It is the sum of the inequalities of `Multiplier`, and of
+    |k s/2|² ≥ |w|² for the slope, with their weights.
+
+    Parameters
+    ----------
+    loop
+        The loop.
+    centre, radius
+        ρ0 and δ.
+    step
+        Largest change of E⁻¹ in one period.
+    multiplier
+        The multiplier.
+    weight, stiffness
+        η and the largest ‖[H, C/θ]‖ [1/s²].
     """
     p, c = multiplier.decays, multiplier.coefficients
-    fine = step >= 0 and np.all((p > 0) & (p < 1 - MIN_DECAY)) and multiplier.slope > 0 and multiplier.stiffness > 0
-    if not fine or radius > centre:
+    in_range = step >= 0 and np.all((p > 0) & (p < 1 - MIN_DECAY))
+    if not in_range or not multiplier.slope > 0 or not multiplier.stiffness > 0 or radius > centre:
         return False
     if not np.isfinite(np.abs(c) @ rate_penalty(p, step, centre + radius) if len(p) else 0.0):
         return False
-    F, G, Q, S, R = iqc_matrices(parts, centre, radius, step, multiplier, weight, stiffness)
-    return fdi_negative(F, G, Q, S, R + FORM_MARGIN * np.eye(len(R)))
+    A, B, Q, S, R = iqc_matrices(loop, centre, radius, step, multiplier, weight, stiffness)
+    return fdi_negative(A, B, Q, S, R + FORM_MARGIN * np.eye(len(R)))
 
 
 def iqc_matrices(
-    parts: UncertainLoop,
+    loop: UncertainLoop,
     centre: float,
     radius: float,
     step: float,
     multiplier: Multiplier,
     weight: float = 0.0,
     stiffness: float = 0.0,
-) -> tuple[Array, ...]:
-    """A, B, Q, S, R of the form that `bears` asks to be negative, each input scaled to have −1 of its own square."""
-    A, B, C, D = parts.closed_loop(centre, weight)
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Return A, B, Q, S, R of the form that must be negative, each input scaled so that its own square has −1.
+
+    The states are those of the loop, v through the exponentials, and b through the exponentials. The inputs are a, w
+    and d, as far as there is a slope and a stiffness. The parameters are those of `satisfies_iqc`.
+    """
+    A, B, C, D = loop.closed_loop(centre, weight)
     p, c = multiplier.decays, multiplier.coefficients
-    paid = np.abs(c) @ rate_penalty(p, step, centre + radius) if len(p) else 0.0
-    n, k, wide = len(A), len(p), parts.B_mismatch.shape[1]
-    sloping, stiff = bool(parts.half_slope.item()), bool(weight and stiffness)
-    inputs = B.shape[1] + stiff
-    # states: the loop, v through the exponentials, b through them; everything below is a row over (state, input)
-    size = n + 2 * k + inputs
-    unit = np.eye(size)
-    outputs = np.hstack([C, np.zeros((len(C), 2 * k)), D, np.zeros((len(C), int(stiff)))])
-    u, v = unit[n + 2 * k :], outputs[0]
-    b = centre * v + u[0] + (u[-1] if stiff else 0.0)
-    rows = np.zeros((n + 2 * k, size))
-    rows[:n, :n], rows[:n, n + 2 * k : n + 2 * k + B.shape[1]] = A, B
-    rows[n : n + k] = p[:, None] * (unit[n : n + k] + v)
-    rows[n + k :] = p[:, None] * (unit[n + k : n + 2 * k] + b)
-
-    def square(row: Array) -> Array:
-        return np.outer(row, row)
-
-    def product(one: Array, other: Array) -> Array:
-        return np.outer(one, other) + np.outer(other, one)
-
-    form = radius**2 * square(v) + paid * square(b) - sum(square(one) for one in u[:wide])
-    form = form + product(v, c @ unit[n + k : n + 2 * k]) - product(c @ unit[n : n + k], b)
-    scale = np.ones(inputs)
-    here = outputs[1 : len(C) - sloping] if weight else outputs[:0]  # position and velocity
-    form = form + radius**2 * here.T @ here
-    if sloping:
-        form = form + multiplier.slope * (square(outputs[-1]) - square(u[wide]))
-        scale[wide] = multiplier.slope**-0.5
-    if stiff:
-        form = form + multiplier.stiffness * ((stiffness / weight) ** 2 * here.T @ here - square(u[-1]))
-        scale[-1] = multiplier.stiffness**-0.5
+    penalty = np.abs(c) @ rate_penalty(p, step, centre + radius) if len(p) else 0.0
+    n, k, n_mismatch = len(A), len(p), loop.B_mismatch.shape[1]
+    has_slope, has_stiffness = bool(loop.half_slope.item()), bool(weight and stiffness)
+    n_inputs = B.shape[1] + has_stiffness
     m = n + 2 * k
-    F, G = rows[:, :m], rows[:, m:] * scale
+    # every signal is a row over (states, inputs)
+    unit = np.eye(m + n_inputs)
+    outputs = np.hstack([C, np.zeros((len(C), 2 * k)), D, np.zeros((len(C), int(has_stiffness)))])
+    u, v = unit[m:], outputs[0]
+    b = centre * v + u[0] + (u[-1] if has_stiffness else 0.0)
+    dynamics = np.zeros((m, m + n_inputs))
+    dynamics[:n, :n], dynamics[:n, m : m + B.shape[1]] = A, B
+    dynamics[n : n + k] = p[:, None] * (unit[n : n + k] + v)
+    dynamics[n + k :] = p[:, None] * (unit[n + k : m] + b)
+
+    form = radius**2 * _square(v) + penalty * _square(b) - sum(_square(row) for row in u[:n_mismatch])
+    form = form + _product(v, c @ unit[n + k : m]) - _product(c @ unit[n : n + k], b)
+    scale = np.ones(n_inputs)
+    position_and_velocity = outputs[1 : len(C) - has_slope] if weight else outputs[:0]
+    squared_position = position_and_velocity.T @ position_and_velocity
+    form = form + radius**2 * squared_position
+    if has_slope:
+        form = form + multiplier.slope * (_square(outputs[-1]) - _square(u[n_mismatch]))
+        scale[n_mismatch] = multiplier.slope**-0.5
+    if has_stiffness:
+        form = form + multiplier.stiffness * ((stiffness / weight) ** 2 * squared_position - _square(u[-1]))
+        scale[-1] = multiplier.stiffness**-0.5
     Q, S, R = form[:m, :m], form[:m, m:] * scale, form[m:, m:] * scale * scale[:, None]
-    return F, G, Q, S, R
+    return dynamics[:, :m], dynamics[:, m:] * scale, Q, S, R
+
+
+def _square(row: Array) -> Array:
+    return np.outer(row, row)
+
+
+def _product(first: Array, second: Array) -> Array:
+    return np.outer(first, second) + np.outer(second, first)
 
 
 def best_multiplier(
-    parts: UncertainLoop,
+    loop: UncertainLoop,
     centre: float,
     step: float,
     *,
@@ -149,87 +177,88 @@ def best_multiplier(
     enough: float = np.inf,
     close: float = RANGE_TOLERANCE,
 ) -> tuple[Multiplier, float, float]:
-    """The multiplier with which the loop bears the largest ball, its radius, and a bound on any such radius.
+    """Return the multiplier with the largest ball on a grid of frequencies, its radius, and a bound on that radius.
 
-    Up to a grid of frequencies.
-
-    A linear program over coefficients and weights, with cuts added half-way between its answer and the best so far.
+    A linear program over coefficients and weights gives it. Cuts are added half-way between its solution and the best
+    feasible point.
 
     Parameters
     ----------
-    parts
-        Of the loop, as `tarc.certificates.mismatch.parts_of` gives them.
+    loop
+        The loop.
     centre
         ρ0.
     step
-        Most that E⁻¹ changes in one period.
+        Largest change of E⁻¹ in one period.
     weight, stiffness
-        η and the greatest ‖H‖ [1/s²], as in `tarc.certificates.certify_robot`.
+        η and the largest ‖[H, C/θ]‖ [1/s²], as in `tarc.certificates.certify_robot`.
     responses
-        Those of the parts, where they are known already.
+        Frequency responses of the loop, where they exist already.
     enough
-        A radius at which to stop, once it is reached or out of reach.
+        Radius at which to stop, once it is reached or out of reach.
     close
-        Where the search ends: the spread that may still be gained over the one that is reached.
+        Factor by which the range of ratios may still grow when the search ends.
 
     Returns
     -------
     multiplier, radius, bound
-        The radius is zero where none was found; the bound is that of the last linear program.
+        The radius is zero where none was found. The bound is that of the last linear program.
     """
     from scipy.optimize import linprog
 
-    step = max(step, MIN_CHANGE / centre)  # where nothing costs anything, nothing bounds the coefficients
-    forms = _FormsOverFrequency(parts, responses or FrequencyResponses(parts), centre, step, weight, stiffness)
-    goal = np.zeros(forms.unknowns)
-    goal[-1] = -1.0
-    inside = forms.start()
-    reached = forms.feasible_radius(inside)
-    if not reached:
-        return forms.multiplier(inside), 0.0, centre
-    inside[-1] = reached**2
-    straight = np.zeros((len(forms.v), forms.inputs), dtype=complex)
-    straight[:, 0] = 1.0
+    step = max(step, MIN_CHANGE / centre)  # without a penalty nothing bounds the coefficients
+    forms = _FormsOverFrequency(loop, responses or FrequencyResponses(loop), centre, step, weight, stiffness)
+    objective = np.zeros(forms.n_unknowns)
+    objective[-1] = -1.0
+    best = forms.start()
+    radius_ratio = forms.feasible_radius(best)
+    if not radius_ratio:
+        return forms.multiplier(best), 0.0, centre
+    best[-1] = radius_ratio**2
+    only_mismatch = np.zeros((len(forms.v), forms.n_inputs), dtype=complex)
+    only_mismatch[:, 0] = 1.0
     first = np.arange(0, len(forms.v), max(len(forms.v) // N_FIRST_CUTS, 1))
-    A, b = forms.cuts(first, straight[first])
-    bounds = [(0, None)] * (forms.unknowns - 1) + [(0, 1)]
+    A, b = forms.cuts(first, only_mismatch[first])
+    bounds = [(0, None)] * (forms.n_unknowns - 1) + [(0, 1)]
     enough, bound = (enough / centre) ** 2, 1.0
     for _ in range(MAX_CUT_ROUNDS):
-        if inside[-1] >= enough:
+        if best[-1] >= enough:
             break
-        found: Any = linprog(goal, A_ub=A, b_ub=b, bounds=bounds, method="highs-ds", options={"presolve": False})
-        bound = found.x[-1] if found.status == 0 else bound
-        if found.status != 0 or bound < enough < 1 or _spread(bound) < close * _spread(inside[-1]):
+        result = linprog(objective, A_ub=A, b_ub=b, bounds=bounds, method="highs-ds", options={"presolve": False})
+        if result.status != 0:
             break
-        trial = (inside + found.x) / 2
+        bound = result.x[-1]
+        if bound < enough < 1 or _ratio_range(bound) < close * _ratio_range(best[-1]):
+            break
+        trial = (best + result.x) / 2
         values, vectors = np.linalg.eigh(forms.at(trial))
-        top = values[:, -1]
-        peak = (top >= np.append(top[1:], -np.inf)) & (top >= np.append(-np.inf, top[:-1]))
-        where = np.flatnonzero(peak & (top > -2 * FORM_MARGIN))
-        if len(where):
-            more = forms.cuts(where, vectors[where][:, :, -1])
-            A, b = np.concatenate([A, more[0]]), np.concatenate([b, more[1]])
-        reached = forms.feasible_radius(trial)
-        if reached**2 > inside[-1]:
-            inside, inside[-1] = trial, reached**2
-    return forms.multiplier(inside), centre * inside[-1] ** 0.5, centre * float(bound) ** 0.5
+        largest = values[:, -1]
+        is_peak = (largest >= np.append(largest[1:], -np.inf)) & (largest >= np.append(-np.inf, largest[:-1]))
+        violated = np.flatnonzero(is_peak & (largest > -2 * FORM_MARGIN))
+        if len(violated):
+            A_cut, b_cut = forms.cuts(violated, vectors[violated][:, :, -1])
+            A, b = np.concatenate([A, A_cut]), np.concatenate([b, b_cut])
+        radius_ratio = forms.feasible_radius(trial)
+        if radius_ratio**2 > best[-1]:
+            best, best[-1] = trial, radius_ratio**2
+    return forms.multiplier(best), centre * best[-1] ** 0.5, centre * float(bound) ** 0.5
 
 
-def _spread(square: float) -> float:
-    """Ratio of the ends of a ball, of the square of its radius over the centre."""
-    return (1 + square**0.5) / max(1 - square**0.5, 1e-9)
+def _ratio_range(squared_radius_ratio: float) -> float:
+    """Return the quotient of the ends of a ball, from (δ/ρ0)²."""
+    return (1 + squared_radius_ratio**0.5) / max(1 - squared_radius_ratio**0.5, 1e-9)
 
 
 class _FormsOverFrequency:
-    """The form of `bears` at each frequency of a grid, as a function of what is searched for.
+    """The form of `satisfies_iqc` at each frequency of a grid, as a function of the unknowns.
 
-    That is the c_i above and below zero, the weights of slope and stiffness where there are such, and (δ/ρ0)²; all
-    scaled to be of the order of one. A row x of inputs holds a, the rest of a, w and d, as far as they are there.
+    The unknowns are the c_i above and below zero, the weights of slope and stiffness if there are such, and (δ/ρ0)².
+    All are scaled to the order of one. The inputs are a, w and d, as far as they exist.
     """
 
     def __init__(
         self,
-        parts: UncertainLoop,
+        loop: UncertainLoop,
         responses: FrequencyResponses,
         centre: float,
         step: float,
@@ -237,83 +266,85 @@ class _FormsOverFrequency:
         stiffness: float,
     ):
         G = responses.at_ratio(centre)
-        self.wide, self.half = parts.B_mismatch.shape[1], responses.half_slope
-        self.sloping, self.stiff = bool(self.half), bool(weight and stiffness)
-        G = G if self.sloping else G[:, :, : self.wide]
-        G = np.concatenate([G, 0 * G[:, :, :1]], axis=2) if self.stiff else G
-        self.inputs = G.shape[2]
+        self.n_mismatch, self.half_slope = loop.B_mismatch.shape[1], responses.half_slope
+        self.has_slope, self.has_stiffness = bool(self.half_slope), bool(weight and stiffness)
+        G = G if self.has_slope else G[:, :, : self.n_mismatch]
+        G = np.concatenate([G, 0 * G[:, :, :1]], axis=2) if self.has_stiffness else G
+        self.n_inputs = G.shape[2]
         self.v, self.q, self.s = centre * G[:, 0], G[:, 1] * responses.lead_factor, G[:, 1]
-        self.b = self.v + np.eye(self.inputs)[0] + (np.eye(self.inputs)[-1] if self.stiff else 0)
-        self.weight, self.stiffness = centre * weight, stiffness
-        self.started = responses.best_scale(centre, weight)
-        lead = np.max(np.abs(np.linalg.eigvals(parts.closed_loop(centre)[0])))
-        slowest = -np.log(min(max(lead, 0.5), 1 - 1e-5))
+        identity = np.eye(self.n_inputs)
+        self.b = self.v + identity[0] + (identity[-1] if self.has_stiffness else 0)
+        self.weight, self.stiffness, self.centre = centre * weight, stiffness, centre
+        self.start_scale = responses.best_scale(centre, weight)[0]
+        spectral_radius = np.max(np.abs(np.linalg.eigvals(loop.closed_loop(centre)[0])))
+        slowest = -np.log(min(max(spectral_radius, 0.5), 1 - 1e-5))
         p = self.decays = np.exp(-np.geomspace(slowest / 5, 2.0, N_DECAYS))
-        self.top = (1 - p**2) / p  # over the greatest of its sine
-        self.centre = centre
+        self.unit = (1 - p**2) / p  # scales each coefficient by the largest of its sine
         z = np.exp(1j * responses.angles)[:, None]
-        self.sines = 4 * self.top * np.imag(p * z / (1 - p * z))
-        paid = rate_penalty(p, step, 2 * centre) * self.top * centre
-        self.used = N_DECAYS if np.isfinite(paid).all() else 0
-        self.paid, self.sines = paid[: self.used], self.sines[:, : self.used]
-        self.unknowns = 2 * self.used + self.sloping + self.stiff + 1
+        sines = 4 * self.unit * np.imag(p * z / (1 - p * z))
+        penalty = rate_penalty(p, step, 2 * centre) * self.unit * centre
+        self.n_decays = N_DECAYS if np.isfinite(penalty).all() else 0
+        self.penalty, self.sines = penalty[: self.n_decays], sines[:, : self.n_decays]
+        self.n_unknowns = 2 * self.n_decays + self.has_slope + self.has_stiffness + 1
 
     def start(self) -> Array:
-        """What certainly works: no multiplier, and the scale of the slope that the ball at any speed has."""
-        x = np.zeros(self.unknowns)
-        if self.sloping:
-            x[2 * self.used] = self.started[0] ** -2
-        if self.stiff:
+        """Return a feasible point: no multiplier, and the scale of the slope for any rate."""
+        x = np.zeros(self.n_unknowns)
+        if self.has_slope:
+            x[2 * self.n_decays] = self.start_scale**-2
+        if self.has_stiffness:
             x[-2] = 0.01 / max(np.max(np.abs(self.stiffness * self.q)) ** 2, 1e-12)
         return x
 
     def at(self, x: Array) -> Array:
-        """The form at each frequency, (f, i, i)."""
-        (above, below), rest = x[: 2 * self.used].reshape(2, self.used), list(x[2 * self.used :])
-        v, q, s, b = (one.conj()[:, :, None] for one in (self.v, self.q, self.s, self.b))
+        """Return the form at each frequency, shape (f, i, i)."""
+        (above, below), weights = x[: 2 * self.n_decays].reshape(2, self.n_decays), list(x[2 * self.n_decays :])
+        v, q, s, b = (row.conj()[:, :, None] for row in (self.v, self.q, self.s, self.b))
         half = 1j * (self.sines @ (above - below))[:, None, None] / 2
-        rows = rest[-1] * v * self.v[:, None] + self.paid @ (above + below) * b * self.b[:, None]
-        rows = rows + half * b * self.v[:, None] - half * v * self.b[:, None]
-        fixed = np.zeros(self.inputs)
-        fixed[: self.wide] = 1.0
-        scale = rest[-1] * self.weight**2
-        if self.sloping:
-            rows, fixed[self.wide] = rows + rest[0] * self.half**2 * s * self.s[:, None], rest[0]
-        if self.stiff:
-            scale, fixed[-1] = scale + rest[-2] * self.stiffness**2, rest[-2]
-        return rows + scale * q * self.q[:, None] - np.diag(fixed)
+        form = weights[-1] * v * self.v[:, None] + self.penalty @ (above + below) * b * self.b[:, None]
+        form = form + half * b * self.v[:, None] - half * v * self.b[:, None]
+        diagonal = np.zeros(self.n_inputs)
+        diagonal[: self.n_mismatch] = 1.0
+        position_weight = weights[-1] * self.weight**2
+        if self.has_slope:
+            form = form + weights[0] * self.half_slope**2 * s * self.s[:, None]
+            diagonal[self.n_mismatch] = weights[0]
+        if self.has_stiffness:
+            position_weight, diagonal[-1] = position_weight + weights[-2] * self.stiffness**2, weights[-2]
+        return form + position_weight * q * self.q[:, None] - np.diag(diagonal)
 
-    def cuts(self, where: Array, x: Array) -> tuple[Array, Array]:
-        """Rows A and sides b of A z ≤ b: the form along some x, at frequencies, below a margin."""
-        v, q, s, b = (np.sum(one[where] * x, axis=1) for one in (self.v, self.q, self.s, self.b))
-        square, position = np.abs(v) ** 2, np.abs(q) ** 2
-        cross = self.sines[where] * np.imag(v * b.conj())[:, None]
-        paid = np.abs(b[:, None]) ** 2 * self.paid
-        columns = [paid - cross, paid + cross]
-        if self.sloping:
-            columns.append((self.half**2 * np.abs(s) ** 2 - np.abs(x[:, self.wide]) ** 2)[:, None])
-        if self.stiff:
-            columns.append((self.stiffness**2 * position - np.abs(x[:, -1]) ** 2)[:, None])
-        columns.append((square + self.weight**2 * position)[:, None])
-        A, b = np.hstack(columns), np.sum(np.abs(x[:, : self.wide]) ** 2, axis=1) - 2 * FORM_MARGIN
+    def cuts(self, frequencies: Array, x: Array) -> tuple[Array, Array]:
+        """Return A and b of A z ≤ b: the form along directions x, at some frequencies, is below its margin."""
+        v, q, s, b = (np.sum(row[frequencies] * x, axis=1) for row in (self.v, self.q, self.s, self.b))
+        squared_v, squared_q = np.abs(v) ** 2, np.abs(q) ** 2
+        cross = self.sines[frequencies] * np.imag(v * b.conj())[:, None]
+        penalty = np.abs(b[:, None]) ** 2 * self.penalty
+        columns = [penalty - cross, penalty + cross]
+        if self.has_slope:
+            squared_w = np.abs(x[:, self.n_mismatch]) ** 2
+            columns.append((self.half_slope**2 * np.abs(s) ** 2 - squared_w)[:, None])
+        if self.has_stiffness:
+            columns.append((self.stiffness**2 * squared_q - np.abs(x[:, -1]) ** 2)[:, None])
+        columns.append((squared_v + self.weight**2 * squared_q)[:, None])
+        A, bound = np.hstack(columns), np.sum(np.abs(x[:, : self.n_mismatch]) ** 2, axis=1) - 2 * FORM_MARGIN
         size = np.maximum(np.abs(A).max(axis=1), 1e-12)
-        return A / size[:, None], b / size
+        return A / size[:, None], bound / size
 
     def feasible_radius(self, x: Array) -> float:
-        """The greatest radius over the centre that these coefficients and weights show on the grid; zero for none."""
-        rest = -self.at(np.concatenate([x[:-1], [0.0]])) - 2 * FORM_MARGIN * np.eye(self.inputs)
-        if np.linalg.eigvalsh(rest).min() <= 0:
+        """Return the largest δ/ρ0 that these coefficients and weights prove on the grid; zero for none."""
+        remaining = -self.at(np.concatenate([x[:-1], [0.0]])) - 2 * FORM_MARGIN * np.eye(self.n_inputs)
+        if np.linalg.eigvalsh(remaining).min() <= 0:
             return 0.0
-        sides = np.stack([self.v, self.weight * self.q], axis=1)
-        small = sides @ np.linalg.solve(rest, sides.conj().transpose(0, 2, 1))
-        return float(min(1.0, np.linalg.eigvalsh(small)[:, -1].max() ** -0.5))
+        outputs = np.stack([self.v, self.weight * self.q], axis=1)
+        gains = outputs @ np.linalg.solve(remaining, outputs.conj().transpose(0, 2, 1))
+        return float(min(1.0, np.linalg.eigvalsh(gains)[:, -1].max() ** -0.5))
 
     def multiplier(self, x: Array) -> Multiplier:
-        """In the units of the loop, without the exponentials that are not used."""
-        above, below = x[: 2 * self.used].reshape(2, self.used)
+        """Return the multiplier in the units of the loop, without negligible exponentials."""
+        above, below = x[: 2 * self.n_decays].reshape(2, self.n_decays)
         c = above - below
-        keep = np.abs(c) > MIN_COEFFICIENT * np.abs(c).max(initial=1e-12)
-        slope = float(x[2 * self.used]) if self.sloping else 1.0
-        stiffness = float(x[-2]) if self.stiff else 1.0
-        top = self.top[: self.used]
-        return Multiplier(self.decays[: self.used][keep], (c * top * self.centre)[keep], slope, stiffness)
+        kept = np.abs(c) > MIN_COEFFICIENT * np.abs(c).max(initial=1e-12)
+        slope = float(x[2 * self.n_decays]) if self.has_slope else 1.0
+        stiffness = float(x[-2]) if self.has_stiffness else 1.0
+        coefficients = c * self.unit[: self.n_decays] * self.centre
+        return Multiplier(self.decays[: self.n_decays][kept], coefficients[kept], slope, stiffness)

@@ -1,4 +1,4 @@
-"""The verdict for a robot: the spread of its inertia over a workspace against what the loop bears."""
+"""The robot certificate: the uncertainty of a robot over a workspace against what the loop tolerates."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
@@ -6,21 +6,24 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from tarc.analysis.inertia_ratio import InertiaSpread, inertia_spread
-from tarc.analysis.linearise import Channel, coupled_channel, decoupled_channels, joints_share_loop
+from tarc.analysis.inertia_ratio import InertiaSpread, as_plants, inertia_spread
+from tarc.analysis.linearise import (
+    Channel,
+    coupled_channel,
+    decoupled_channels,
+    joints_share_loop,
+    require_inertia,
+)
 from tarc.analysis.operating_points import (
     NEGLIGIBLE_STIFFNESS,
     OperatingPoint,
+    SampledPoints,
     UncertaintySamples,
-    add_stiffest,
     inertia_rates,
     inertia_slopes,
     linearise_point,
     max_rate_point,
-    refine_worst,
-    sample_points,
     to_nominal_coordinates,
-    uncertainty_samples,
 )
 from tarc.analysis.rest_stability import rest_state_matrix
 from tarc.analysis.stability import UnstableMode, Witness, unstable_mode
@@ -29,13 +32,20 @@ from tarc.analysis.workspace import Workspace
 from tarc.certificates.base import Certificate, Evidence, Judgement, LoopMatrices, Verdict
 from tarc.certificates.iqc import best_multiplier
 from tarc.certificates.varying_ratio import Ball, RadiusProof, best_centre, make_ball, max_radius
-from tarc.core.errors import TarcError
+from tarc.core.formatting import format_vector
 from tarc.core.types import Array
 from tarc.laws.base import Law
 from tarc.laws.pole_placement import PolePlacement
 from tarc.laws.tarc import TARC
 from tarc.numerics.matrix_tests import schur_stability
 from tarc.plants.base import Plant
+
+LEAD_FACTORS = 0.5, 1.0
+"""Lead times to try, over that at which damping counts as much as stiffness."""
+MAX_CANDIDATES = 4
+"""Largest number of balls that are tested at all frequencies."""
+MAX_STIFFNESS_SAMPLES = 500
+"""Largest number of postures whose stiffness is computed; it varies less than the eigenvalues of the inertia."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -108,6 +118,10 @@ class MaxRatePoint:
     inertia_slopes: Array
     velocity_limits: Array
 
+    def rate(self, nominal: Array) -> float:
+        """Return the largest ‖dE⁻¹/dt‖ [1/s] there, for M̂ (n, n)."""
+        return float(inertia_rates(nominal, self.inertia_slopes[None], self.velocity_limits)[0])
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RobotEvidence(Evidence):
@@ -167,26 +181,26 @@ class RobotEvidence(Evidence):
 
     def judge(self) -> Judgement:
         """Test the worst points at rest for a mode that grows, then whether the ball contains all points."""
-        least, largest = np.inf, 0.0
-        worst, witness = 1.0, None
+        smallest, largest = np.inf, 0.0
+        worst_radius, witness = 1.0, None
+        loop = self._open_loop()
         for point in self.points.at_rest():
             ratios = np.linalg.eigvals(np.linalg.solve(point.inertia, self.nominal_inertia)).real
-            least, largest = min(least, ratios.min()), max(largest, ratios.max())
+            smallest, largest = min(smallest, ratios.min()), max(largest, ratios.max())
             matrices = point.inertia, point.damping, point.stiffness
-            answer, radius, mode = schur_stability(
-                rest_state_matrix(self._loop(), self.nominal_inertia, matrices, self.period)
-            )
-            if answer == "refuted" and radius > worst:
+            state_matrix = rest_state_matrix(loop, self.nominal_inertia, matrices, self.period)
+            verdict, radius, mode = schur_stability(state_matrix)
+            if verdict == "refuted" and radius > worst_radius:
                 ratio = ratios.max() if point is self.points.max_ratio else ratios.min()
-                worst, witness = radius, unstable_mode(radius, mode, self.period)
+                worst_radius, witness = radius, unstable_mode(radius, mode, self.period)
                 witness = replace(witness, ratio=float(ratio), posture=point.position)
         if witness:
-            return Judgement(Verdict.REFUTED, float(1 - worst), witness)
+            return Judgement(Verdict.REFUTED, float(1 - worst_radius), witness)
         if self.ball is None:
             return Judgement(Verdict.INCONCLUSIVE, 0.0)
-        return self._judge_ball(self.ball, float(least), float(largest))
+        return self._judge_ball(self.ball, float(smallest), float(largest))
 
-    def _loop(self) -> tuple[Array, Array, Array]:
+    def _open_loop(self) -> tuple[Array, Array, Array]:
         """Return A, B, C of the loop opened at its inertia ratio."""
         if self.ball is not None:
             return self.ball.loop.A, self.ball.loop.B, self.ball.loop.C
@@ -194,31 +208,31 @@ class RobotEvidence(Evidence):
             raise ValueError("evidence: it has neither a ball nor a loop of all joints")
         return self.coupled_loop.A, self.coupled_loop.B, self.coupled_loop.C
 
-    def _judge_ball(self, ball: Ball, least: float, largest: float) -> Judgement:
+    def _judge_ball(self, ball: Ball, smallest: float, largest: float) -> Judgement:
         """Test whether the ball contains the ratios, the stiffness and the rate of all points."""
-        lead = ball.loop.lead_periods.item() * self.period
-        mismatch = self._uncertainty_samples()
-        stiffest = float(mismatch.stiffness_norms(lead).max())
+        lead_time = ball.loop.lead_periods.item() * self.period
+        uncertainty = self._uncertainty()
+        stiffness = float(uncertainty.stiffness_norms(lead_time).max())
         undecided = Judgement(Verdict.INCONCLUSIVE, 0.0)
-        if not np.isfinite(lead) or (lead <= 0 and float(np.abs(mismatch.damping).max()) > NEGLIGIBLE_STIFFNESS):
+        has_damping = float(np.abs(uncertainty.damping).max()) > NEGLIGIBLE_STIFFNESS
+        if not np.isfinite(lead_time) or (lead_time <= 0 and has_damping):
             return undecided
-        needed = max(largest - ball.centre, ball.centre - least)
+        needed_radius = max(largest - ball.centre, ball.centre - smallest)
         if ball.weight > 0:
-            needed = max(needed, float(mismatch.joint_norms(ball.centre, ball.weight, lead).max()))
-        elif not stiffest <= NEGLIGIBLE_STIFFNESS:  # the loop without its weight leaves the stiffness out
+            joint_norms = uncertainty.joint_norms(ball.centre, ball.weight, lead_time)
+            needed_radius = max(needed_radius, float(joint_norms.max()))
+        elif not stiffness <= NEGLIGIBLE_STIFFNESS:  # without a weight the ball leaves the stiffness out
             return undecided
         if ball.step is not None:
-            if self.max_rate_point is None or not stiffest <= (1 + 1e-9) * ball.stiffness:
+            if self.max_rate_point is None or not stiffness <= (1 + 1e-9) * ball.stiffness:
                 return undecided
-            slopes, limits = self.max_rate_point.inertia_slopes, self.max_rate_point.velocity_limits
-            rate = float(inertia_rates(self.nominal_inertia, slopes[None], limits)[0])
-            if rate * self.period / (1 + 1e-9) > ball.step:
+            if self.max_rate_point.rate(self.nominal_inertia) * self.period / (1 + 1e-9) > ball.step:
                 return undecided
-        judged = ball.judge(needed)
-        return judged if self.robust_term_is_bounded else judged._replace(verdict=Verdict.INCONCLUSIVE)
+        judgement = ball.judge(needed_radius)
+        return judgement if self.robust_term_is_bounded else judgement._replace(verdict=Verdict.INCONCLUSIVE)
 
-    def _uncertainty_samples(self) -> UncertaintySamples:
-        """Return the mismatches of all points, without the viscous friction of those at rest."""
+    def _uncertainty(self) -> UncertaintySamples:
+        """Return the uncertainty at all points, without the viscous friction of those at rest."""
         points = [*self.points.at_rest(), *self.points.moving()]
         M, D, G = (np.array([getattr(point, name) for point in points]) for name in ("inertia", "damping", "stiffness"))
         D[: len(self.points.at_rest())] = 0
@@ -233,26 +247,30 @@ def certify_robot(
     computation_delay: int = 0,
     samples: int = 2000,
     seed: int = 0,
+    channels: Sequence[Channel] | None = None,
 ) -> Certificate[RobotEvidence]:
-    """Certify a law on a robot: however its posture changes inside a workspace, and however fast, or within a speed.
+    """Certify a law on a robot whose posture changes in any way inside a workspace.
 
     A small error about a motion obeys, in coordinates x = M̂^½ q, ẍ = E v − H x − C ẋ with E = M̂^½ M⁻¹ M̂^½ and
 
         H = M̂^½ M⁻¹ (∂(M q̈ + N)/∂q) M̂^−½,    C = M̂^½ M⁻¹ (∂N/∂q̇) M̂^−½,
 
-    the stiffness and damping that gravity, springs and the motion itself make. Certified if the robust ball, of all
-    ‖[E − ρ0 I, H/η, C/(η θ)]‖ ≤ δ with the weight η and the lead θ that leave it the most room, holds those of all
-    postures of the workspace, together with every slope of the robust term up to that at its cap. Where the workspace
-    has a speed, they are those of all motions up to it and its acceleration, and the ball is that for ‖dE⁻¹/dt‖ up to
-    the greatest at this speed, which holds far more. Without a speed E may change at any rate, and of H and C there is
-    only what is there at rest. Refuted if in one of the worst postures the robot held at rest, linearised with its
-    inertia, gravity and viscous friction, is unstable. Inconclusive between the two, and for gains that differ between
-    the joints, which the ball does not cover.
+    the stiffness and damping of gravity, springs and the motion itself. The law is certified if every operating point
+    satisfies ‖[E − ρ0 I, H/η, C/(η θ)]‖ ≤ δ. Here δ is the radius that the loop tolerates, together with every slope
+    of the robust term. The weight η and the lead time θ maximise the margin.
+
+    With a speed in the workspace, the operating points are all motions up to that speed and its acceleration. The
+    radius δ is then that for the largest ‖dE⁻¹/dt‖ at this speed, and is much larger. Without a speed E may change at
+    any rate, and H and C are those at rest.
+
+    The law is refuted if the robot, held at rest in one of the worst postures, is unstable. That test includes its
+    inertia, gravity and viscous friction. Otherwise the verdict is inconclusive, as for gains that differ between the
+    joints.
 
     Parameters
     ----------
     law
-        A law on time-delay estimation.
+        A law with an inertia M̂.
     plant
         The robot, or several, such as one without and one with its payload.
     workspace
@@ -260,262 +278,291 @@ def certify_robot(
     computation_delay
         Periods between a measurement and its torque.
     samples, seed
-        Of the workspace; local searches start from the best samples.
+        Number of sampled postures, and the seed. Local searches start from the best samples.
+    channels
+        The loops of `tarc.analysis.linearise.decoupled_channels` for law and delay, where they exist already.
 
     Returns
     -------
     Certificate
         Its evidence has the smallest and the largest inertia ratio, the worst points, and the ball. The margin is the
-        ball's radius over the one that is needed, less 1; where refuted, 1 less the spectral radius.
+        ball's radius over the needed one, less 1. For a refutation it is 1 less the spectral radius.
 
     Raises
     ------
-    TarcError
-        For joints that do not match, a singular inertia matrix, a law without an inertia.
+    UnsupportedLaw
+        For a law without an inertia.
+    NotLinearisable
+        For a law that has no linearisation at rest.
+    InvalidParameter
+        For numbers of joints that differ, and for an inertia matrix that is singular at a posture.
     """
-    if not isinstance(law, PolePlacement):
-        raise TarcError(f"law: got {type(law).__name__}; the robot certificate needs a law with an inertia M̂")
-    plants = [plant] if isinstance(plant, Plant) else list(plant)
-    found = inertia_spread(plants, law.M, workspace, samples=samples, seed=seed)
-    ends = (plants[found.min_plant], found.min_posture), (plants[found.max_plant], found.max_posture)
-    units = workspace.unit_samples(min(samples, MAX_STIFFNESS_SAMPLES), seed)
-    instants = [OperatingPoint.at_rest(*one) for one in ends]
-    instants += sample_points(plants, workspace, min(samples, MAX_STIFFNESS_SAMPLES), seed)
-    mismatch = uncertainty_samples(law.M, instants)
-    bounded = bool(np.isfinite(law.robust_slope_bound))
-    slope = law.robust_slope_bound if bounded else 0.0
-    ball, loop, rate_point, weight, centre, lead = None, None, None, 0.0, 1.0, 0.0
+    law = require_inertia(law, "the robot certificate")
+    plants = as_plants(plant)
+    spread = inertia_spread(plants, law.M, workspace, samples=samples, seed=seed)
+    n_points = min(samples, MAX_STIFFNESS_SAMPLES)
+    sampled = SampledPoints.from_robot(plants, spread, law.M, workspace, n_points, seed)
+    is_bounded = bool(np.isfinite(law.robust_slope_bound))
+    slope = law.robust_slope_bound if is_bounded else 0.0
+    ball, coupled_loop, rate_point, candidate = None, None, None, NO_CANDIDATE
     if joints_share_loop(law):
-        channel, step = decoupled_channels(law, computation_delay)[0], None
-        if workspace.speed is not None:
-            fast = max_rate_point(plants, law.M, workspace, min(samples, MAX_STIFFNESS_SAMPLES), seed)
-            slopes = inertia_slopes(fast.plant, fast.position)
-            rate_point = MaxRatePoint(
-                position=fast.position, inertia_slopes=slopes, velocity_limits=np.asarray(workspace.speed)
-            )
-            step = law.period * float(inertia_rates(law.M, slopes[None], workspace.speed)[0])
-        plain = UncertainLoop.from_channel(channel, slope, intersample=True)
-        tries = {best_centre(plain, (found.min_ratio, found.max_ratio), step), (found.min_ratio + found.max_ratio) / 2}
-        instants, mismatch = worst_case_points(min(tries), instants, mismatch, law.M, workspace, units)
-        best, shown, radius = best_ball(channel, slope, tries, mismatch, step)
-        step, lead, weight, centre = best.step, best.lead, best.weight, best.centre
-        if weight:  # once more, for the very ball
-            instants, mismatch = refine_worst(instants, mismatch, workspace, units, law.M, centre, weight, lead)
-        parts = UncertainLoop.from_channel(channel, slope, intersample=True, lead_periods=lead / law.period)
-        rate_point = None if step is None else rate_point
-        stiffness = float(mismatch.stiffness_norms(lead).max())
-        ball = make_ball(parts, centre, radius, shown, weight=weight, stiffness=stiffness, step=step)
+        channel = (decoupled_channels(law, computation_delay) if channels is None else channels)[0]
+        rate_point = _max_rate_point(plants, law.M, workspace, n_points, seed)
+        sampled, candidate, ball = _fit_ball(channel, slope, spread, sampled, rate_point)
+        rate_point = None if candidate.step is None else rate_point
     else:
-        loop = LoopMatrices(*coupled_channel(law, computation_delay).closed_loop(0.0)[:3])
+        channel = coupled_channel(law, computation_delay)
+        coupled_loop = LoopMatrices(*channel.closed_loop(0.0)[:3])
     evidence = RobotEvidence(
         nominal_inertia=law.M,
         period=law.period,
-        robust_term_is_bounded=bounded,
+        robust_term_is_bounded=is_bounded,
         ball=ball,
-        coupled_loop=loop,
-        points=_worst_points(instants, mismatch, centre, weight, lead),
+        coupled_loop=coupled_loop,
+        points=_worst_points(sampled, candidate),
         max_rate_point=rate_point,
-        min_ratio=found.min_ratio,
-        max_ratio=found.max_ratio,
-        stiffness=float(mismatch.stiffness_norms(lead).max()),
+        min_ratio=spread.min_ratio,
+        max_ratio=spread.max_ratio,
+        stiffness=float(sampled.uncertainty.stiffness_norms(candidate.lead_time).max()),
         slope=slope,
-        samples=found.samples,
+        samples=spread.samples,
     )
     verdict, margin, witness = evidence.judge()
+    refuted = verdict == Verdict.REFUTED
+    limits = "." if workspace.speed is None else ", within the given speeds and accelerations of the joints."
     return Certificate(
-        claim=f"{type(law).__name__} keeps the robot stable however it moves in the workspace"
-        + ("." if workspace.speed is None else ", at the joints' speeds and accelerations given or less."),
-        problem=(
-            "‖[E − ρ0 I, H/η, C/(η θ)]‖ ≤ δ for all motions in the workspace, ‖dE⁻¹/dt‖ within a rate, and a ball of "
-            "radius δ that the loop bears at this rate"
-            if evidence.rate is not None
-            else "‖[E − ρ0 I, H/η, C/(η θ)]‖ ≤ δ < 1/‖[T_v; η T_q; η θ T_q̇]‖∞ for all motions in the workspace"
-        )
-        + (f", with every slope of the robust term up to {slope:.4g} 1/s²" if slope else ""),
+        claim=f"{type(law).__name__} keeps the robot stable however it moves in the workspace{limits}",
+        problem=_problem(evidence),
         verdict=verdict,
         margin=margin,
         margin_meaning="1 less the spectral radius in that posture"
-        if verdict == "refuted"
-        else "radius of the ball over the one needed, less 1",
-        assumptions=_assumptions(law, found, evidence, workspace, computation_delay),
+        if refuted
+        else "radius over the one needed, less 1",
+        assumptions=_assumptions(law, spread, evidence, workspace, computation_delay),
         evidence=evidence,
         witness=witness,
-        basis=f"{found.samples} sampled postures and local search",
+        basis=f"{spread.samples} sampled postures and local search",
     )
 
 
-def _linearised_point(instant: OperatingPoint) -> LinearisedPoint:
-    """Return the robot linearised about an instant; at rest with viscous friction, moving without."""
-    M, D, G = linearise_point(instant) if instant.is_moving else instant.plant.linearised(instant.position)
+def _problem(evidence: RobotEvidence) -> str:
+    """Return the tested condition as a formula."""
+    condition = "‖[E − ρ0 I, H/η, C/(η θ)]‖ ≤ δ for all motions in the workspace"
+    if evidence.rate is None:
+        condition += ", δ < 1/‖[T_v; η T_q; η θ T_q̇]‖∞"
+    else:
+        condition += ", for a radius δ that the loop tolerates at the largest ‖dE⁻¹/dt‖"
+    if evidence.slope:
+        condition += f", with every slope of the robust term up to {evidence.slope:.4g} 1/s²"
+    return condition
+
+
+def _max_rate_point(
+    plants: Sequence[Plant], nominal: Array, workspace: Workspace, samples: int, seed: int
+) -> MaxRatePoint | None:
+    """Return where the inertia changes fastest; None without a speed."""
+    if workspace.speed is None:
+        return None
+    point = max_rate_point(plants, nominal, workspace, samples, seed)
+    return MaxRatePoint(
+        position=point.position,
+        inertia_slopes=inertia_slopes(point.plant, point.position),
+        velocity_limits=np.asarray(workspace.speed),
+    )
+
+
+def _linearised_point(point: OperatingPoint) -> LinearisedPoint:
+    """Return the robot linearised about a point; at rest with viscous friction, moving without."""
+    M, D, G = linearise_point(point) if point.is_moving else point.plant.linearised(point.position)
     return LinearisedPoint(
-        position=instant.position,
+        position=point.position,
         inertia=M,
         damping=D,
         stiffness=G,
-        velocity=instant.velocity if instant.is_moving else None,
-        acceleration=instant.acceleration if instant.is_moving else None,
+        velocity=point.velocity if point.is_moving else None,
+        acceleration=point.acceleration if point.is_moving else None,
     )
 
 
-def _worst_points(
-    instants: list[OperatingPoint], mismatch: UncertaintySamples, centre: float, weight: float, lead: float
-) -> WorstPoints:
-    """Return the first two instants, and those of the largest stiffness and joint norm, at rest and moving."""
-    sizes = mismatch.stiffness_norms(lead)
-    norms = mismatch.joint_norms(centre, weight, lead) if weight else sizes
-    moving = np.array([instant.is_moving for instant in instants])
+def _worst_points(sampled: SampledPoints, candidate: "BallCandidate") -> WorstPoints:
+    """Return the first two points, and those of the largest stiffness and joint norm, at rest and moving."""
+    points, uncertainty = sampled.points, sampled.uncertainty
+    stiffness_norms = uncertainty.stiffness_norms(candidate.lead_time)
+    joint_norms = stiffness_norms
+    if candidate.weight:
+        joint_norms = uncertainty.joint_norms(candidate.centre, candidate.weight, candidate.lead_time)
+    is_moving = np.array([point.is_moving for point in points])
 
-    def worst(which: Array, values: Array) -> LinearisedPoint:
-        return _linearised_point(instants[int(np.argmax(np.where(which, values, -1.0)))])
+    def worst(is_included: Array, values: Array) -> LinearisedPoint:
+        return _linearised_point(points[int(np.argmax(np.where(is_included, values, -1.0)))])
 
     return WorstPoints(
-        min_ratio=_linearised_point(instants[0]),
-        max_ratio=_linearised_point(instants[1]),
-        stiffest=worst(~moving, sizes),
-        largest_norm=worst(~moving, norms),
-        stiffest_moving=worst(moving, sizes) if moving.any() else None,
-        largest_norm_moving=worst(moving, norms) if moving.any() else None,
+        min_ratio=_linearised_point(points[0]),
+        max_ratio=_linearised_point(points[1]),
+        stiffest=worst(~is_moving, stiffness_norms),
+        largest_norm=worst(~is_moving, joint_norms),
+        stiffest_moving=worst(is_moving, stiffness_norms) if is_moving.any() else None,
+        largest_norm_moving=worst(is_moving, joint_norms) if is_moving.any() else None,
     )
 
 
 def _assumptions(
-    law: PolePlacement, found: InertiaSpread, evidence: RobotEvidence, workspace: Workspace, computation_delay: int
+    law: PolePlacement, spread: InertiaSpread, evidence: RobotEvidence, workspace: Workspace, computation_delay: int
 ) -> tuple[str, ...]:
-    def listed(values: Array) -> str:
-        return "(" + ", ".join(f"{one:.3g}" for one in values) + ")"
-
-    speed, acceleration = workspace.speed, workspace.acceleration
+    """Return what the verdict takes for granted."""
+    motion = "" if workspace.speed is None else ", and the motion itself,"
     lines = [
-        f"the eigenvalues of M(q)⁻¹M̂ lie between {found.min_ratio:.4g}, found at q = {listed(found.min_posture)}, and "
-        f"{found.max_ratio:.4g}, at {listed(found.max_posture)}; {found.samples} samples and local search found "
-        f"no others",
-        f"gravity and springs{'' if speed is None else ', and the motion itself,'} have a stiffness, in these "
-        f"coordinates, of at most {evidence.stiffness:.3g} 1/s², which with the inertia is taken from "
-        f"{min(found.samples, MAX_STIFFNESS_SAMPLES)} samples, the two postures above and local search",
-        "the robot stays in the workspace; friction disturbs only, viscous friction apart where the robot is at rest; "
-        "dry friction may hold back what is refuted",
+        f"the eigenvalues of M(q)⁻¹M̂ lie between {spread.min_ratio:.4g}, at q = ({format_vector(spread.min_posture)}), "
+        f"and {spread.max_ratio:.4g}, at ({format_vector(spread.max_posture)}); {spread.samples} samples and local "
+        "search found no others",
+        f"gravity and springs{motion} have a stiffness, in these coordinates, of at most {evidence.stiffness:.3g} "
+        f"1/s²; like the inertia, it is from {min(spread.samples, MAX_STIFFNESS_SAMPLES)} samples, the two postures "
+        "above and local search",
+        "the robot stays in the workspace; friction is only a disturbance, except viscous friction of the robot at "
+        "rest; dry friction may stop a mode that is refuted",
         "no torque limit is reached and no sample is lost",
-        f"the torque reaches the joints {computation_delay} periods late and is held for a period; over a period what "
-        "stiffness and damping do is taken from the position and the mean velocity",
+        f"the torque reaches the joints {computation_delay} periods late and is held for a period; the effect of "
+        "stiffness and damping over a period follows from the position and the mean velocity",
+        _motion_assumption(evidence, workspace),
     ]
-    if speed is None or acceleration is None:
-        lines.append(
-            "Coriolis forces disturb only: what stiffness and damping fast motion makes is left out, which a bound on "
-            "the joints' speeds would count"
-        )
-    else:
-        rate = evidence.rate
-        changes = (
-            ""
-            if rate is None
-            else (
-                f"; so M̂^−½ M M̂^−½ changes by at most {rate:.3g} 1/s, the greatest that samples and local search found"
-            )
-        )
-        lines.append(
-            f"no joint is faster than {listed(speed)} rad/s or m/s, or accelerates by more than {listed(acceleration)} "
-            f"rad/s² or m/s²{changes}; the payload stays the same, or changes so seldom that the loop has settled in "
-            "between"
-        )
     if isinstance(law, TARC) and law.max_gain is None:
-        lines.append("the gain has no cap, so that nothing bounds the robust term; give one to have it certified")
+        lines.append("the gain has no maximum, so nothing bounds the robust term; give max_gain to have it certified")
     elif not np.isfinite(law.robust_slope_bound):
-        lines.append("left out: the robust term, which is no bounded slope over the error; without it the rest holds")
+        lines.append("left out: the robust term, whose slope over the error has no bound; without it the verdict holds")
     if not joints_share_loop(law):
         lines.append("gains that differ between the joints: only the loop at rest in the worst postures was tested")
     return tuple(lines)
 
 
-LEAD_FACTORS = 0.5, 1.0
-"""Leads that are tried, over that for which damping counts as much as stiffness."""
-MAX_CANDIDATES = 4
-"""Most balls that are tried on all frequencies."""
-MAX_STIFFNESS_SAMPLES = 500
-"""Postures whose stiffness is computed; it changes little beside the inertia's eigenvalues."""
+def _motion_assumption(evidence: RobotEvidence, workspace: Workspace) -> str:
+    """Return what is assumed of the speed of the joints."""
+    if workspace.speed is None or workspace.acceleration is None:
+        return (
+            "Coriolis forces are only a disturbance: the stiffness and damping of fast motion are left out, which a "
+            "bound on the joints' speeds would include"
+        )
+    changes = ""
+    if evidence.rate is not None:
+        changes = (
+            f"; so M̂^−½ M M̂^−½ changes by at most {evidence.rate:.3g} 1/s, the largest that samples and local search "
+            "found"
+        )
+    return (
+        f"no joint is faster than ({format_vector(workspace.speed)}) rad/s or m/s, or accelerates by more than "
+        f"({format_vector(workspace.acceleration)}) rad/s² or m/s²{changes}; the payload stays the same, or changes so "
+        "rarely that the loop settles in between"
+    )
 
 
 class BallCandidate(NamedTuple):
-    """A ball: its room, radius over the one needed, as a grid of frequencies has it; and what makes it."""
+    """A ball that may contain the robot, by the responses on a grid of frequencies.
+
+    Attributes
+    ----------
+    radius_over_needed
+        Tolerated radius over the needed one.
+    needed_radius
+        Radius that contains all operating points.
+    weight, lead_time, centre
+        η [1/s²], θ [s] and ρ0.
+    step
+        Largest change of E⁻¹ in one period; None for any.
+    """
 
     radius_over_needed: float
     needed_radius: float
     weight: float
-    lead: float
+    lead_time: float
     centre: float
     step: float | None
 
 
-def worst_case_points(
-    centre: float,
-    instants: list[OperatingPoint],
-    found: UncertaintySamples,
-    nominal: Array,
-    workspace: Workspace,
-    units: Array,
-) -> tuple[list[OperatingPoint], UncertaintySamples]:
-    """Instants with their `mismatches`, and those that local searches add; the worst one moves with the weight."""
-    for factor in (
-        LEAD_FACTORS if float(found.stiffness_norms(0.0).max()) > NEGLIGIBLE_STIFFNESS or found.lead_time() else ()
-    ):
-        lead = factor * found.lead_time()
-        instants, found = add_stiffest(instants, found, workspace, units, nominal, lead)
-    lead = found.lead_time()
-    for weight in found.candidate_weights(centre, lead)[::2]:
-        instants, found = refine_worst(instants, found, workspace, units, nominal, centre, weight, lead)
-    return instants, found
+NO_CANDIDATE = BallCandidate(0.0, 0.0, 0.0, 0.0, 1.0, None)
+"""Stands for the ball of a law whose joints do not share a loop."""
+
+
+def _fit_ball(
+    channel: Channel, slope: float, spread: InertiaSpread, sampled: SampledPoints, rate_point: MaxRatePoint | None
+) -> tuple[SampledPoints, BallCandidate, Ball]:
+    """Return the points with the worst ones added, the best candidate, and its ball."""
+    ratios = spread.min_ratio, spread.max_ratio
+    step = None if rate_point is None else channel.period * rate_point.rate(sampled.nominal)
+    centres = {best_centre(UncertainLoop.from_channel(channel, slope, True), ratios, step), sum(ratios) / 2}
+    sampled = worst_case_points(min(centres), sampled)
+    best, proof, radius = best_ball(channel, slope, centres, sampled.uncertainty, step)
+    if best.weight:  # once more, for this ball
+        sampled = sampled.refine_worst(best.centre, best.weight, best.lead_time)
+    loop = UncertainLoop.from_channel(channel, slope, True, lead_periods=best.lead_time / channel.period)
+    stiffness = float(sampled.uncertainty.stiffness_norms(best.lead_time).max())
+    ball = make_ball(loop, best.centre, radius, proof, weight=best.weight, stiffness=stiffness, step=best.step)
+    return sampled, best, ball
+
+
+def worst_case_points(centre: float, sampled: SampledPoints) -> SampledPoints:
+    """Return the points with those that local searches add; the worst one depends on weight and lead time."""
+    uncertainty = sampled.uncertainty
+    has_stiffness = float(uncertainty.stiffness_norms(0.0).max()) > NEGLIGIBLE_STIFFNESS
+    if has_stiffness or uncertainty.lead_time():
+        for factor in LEAD_FACTORS:
+            sampled = sampled.add_stiffest(factor * sampled.uncertainty.lead_time())
+    lead_time = sampled.uncertainty.lead_time()
+    for weight in sampled.uncertainty.candidate_weights(centre, lead_time)[::2]:
+        sampled = sampled.refine_worst(centre, weight, lead_time)
+    return sampled
 
 
 def best_ball(
-    channel: Channel, slope: float, tries: Collection[float], found: UncertaintySamples, step: float | None
+    channel: Channel, slope: float, centres: Collection[float], uncertainty: UncertaintySamples, step: float | None
 ) -> tuple[BallCandidate, RadiusProof, float]:
-    """The ball with the most room, what shows it, and its radius.
+    """Return the best ball, what proves its radius, and its radius.
 
-    Several are looked at: what holds on a grid of frequencies need not hold on all, and a ball for any speed may do
-    better than one for a bounded speed.
+    Several are tested: what holds on a grid of frequencies may fail between them, and a ball for any rate may be
+    better than one for a bounded rate.
     """
-    leads = dict.fromkeys(factor * found.lead_time() for factor in LEAD_FACTORS)
-    kinds = {
-        lead: UncertainLoop.from_channel(channel, slope, intersample=True, lead_periods=lead / channel.period)
-        for lead in leads
+    lead_times = dict.fromkeys(factor * uncertainty.lead_time() for factor in LEAD_FACTORS)
+    loops = {
+        lead_time: UncertainLoop.from_channel(channel, slope, True, lead_periods=lead_time / channel.period)
+        for lead_time in lead_times
     }
-    trials = [
-        one
-        for centre in tries
-        for lead, parts in kinds.items()
-        for kind in {step, None}
-        for one in best_weights(parts, centre, found, lead, kind)
+    candidates = [
+        candidate
+        for centre in centres
+        for lead_time, loop in loops.items()
+        for bounded_step in {step, None}
+        for candidate in best_weights(loop, centre, uncertainty, lead_time, bounded_step)
     ]
-    trials.sort(reverse=True, key=lambda one: one.radius_over_needed)
-    best, evidence, radius = trials[0], None, -1.0
-    for one in trials[:MAX_CANDIDATES]:
-        if one.radius_over_needed > radius / best.needed_radius:
-            stiffness = float(found.stiffness_norms(one.lead).max())
-            shown, reach = max_radius(kinds[one.lead], one.centre, one.weight, step=one.step, stiffness=stiffness)
-            if reach / one.needed_radius > radius / best.needed_radius:
-                best, evidence, radius = one, shown, reach
-    return best, evidence, radius
+    candidates.sort(reverse=True, key=lambda candidate: candidate.radius_over_needed)
+    best, proof, radius = candidates[0], None, -1.0
+    for candidate in candidates[:MAX_CANDIDATES]:
+        if candidate.radius_over_needed > radius / best.needed_radius:
+            loop, stiffness = loops[candidate.lead_time], float(uncertainty.stiffness_norms(candidate.lead_time).max())
+            candidate_proof, candidate_radius = max_radius(
+                loop, candidate.centre, candidate.weight, step=candidate.step, stiffness=stiffness
+            )
+            if candidate_radius / candidate.needed_radius > radius / best.needed_radius:
+                best, proof, radius = candidate, candidate_proof, candidate_radius
+    return best, proof, radius
 
 
 def best_weights(
-    parts: UncertainLoop, centre: float, found: UncertaintySamples, lead: float, step: float | None = None
+    loop: UncertainLoop, centre: float, uncertainty: UncertaintySamples, lead_time: float, step: float | None = None
 ) -> list[BallCandidate]:
-    """The weights η of the position beside v with the most room, the best first; zero where there is no stiffness.
+    """Return the two best weights η, the best first; zero where there is no stiffness.
 
-    With a step E⁻¹ changes by no more than that in a period.
+    With a step E⁻¹ changes by no more than that in one period.
     """
-    responses, stiffness = FrequencyResponses(parts), float(found.stiffness_norms(lead).max())
+    responses, stiffness = FrequencyResponses(loop), float(uncertainty.stiffness_norms(lead_time).max())
 
-    def radius(weight: float) -> float:
+    def tolerated_radius(weight: float) -> float:
         if step is None:
             return responses.best_scale(centre, weight)[1]
-        return best_multiplier(parts, centre, step, weight=weight, stiffness=stiffness, responses=responses)[1]
+        return best_multiplier(loop, centre, step, weight=weight, stiffness=stiffness, responses=responses)[1]
 
-    trials = []
-    for weight in found.candidate_weights(centre, lead) or [0.0]:
-        needed = (
-            found.needed_radius(centre, weight, lead)
-            if weight
-            else max(found.needed_radius(centre, np.inf), 0.1 * centre)
-        )
-        trials.append(BallCandidate(radius(weight) / needed, needed, weight, lead, centre, step))
-    return sorted(trials, reverse=True, key=lambda one: one.radius_over_needed)[:2]
+    candidates = []
+    for weight in uncertainty.candidate_weights(centre, lead_time) or [0.0]:
+        if weight:
+            needed = uncertainty.needed_radius(centre, weight, lead_time)
+        else:
+            needed = max(uncertainty.needed_radius(centre, np.inf), 0.1 * centre)
+        candidates.append(BallCandidate(tolerated_radius(weight) / needed, needed, weight, lead_time, centre, step))
+    return sorted(candidates, reverse=True, key=lambda candidate: candidate.radius_over_needed)[:2]

@@ -1,19 +1,19 @@
-"""The switching slope: how steep a time-varying robust term the loop bears, and the cap on the gain that follows."""
+"""The sector certificate: the largest slope of a time-varying robust term, and the largest gain that follows."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
 
-from tarc.analysis.linearise import Channel, decoupled_channels
+from tarc.analysis.linearise import Channel, decoupled_channels, require_inertia
 from tarc.analysis.stability import UnstableMode, Witness, crossings, unstable_mode
 from tarc.certificates.base import Certificate, Evidence, Judgement, LoopMatrices, Verdict
 from tarc.core import validation as check
-from tarc.core.errors import TarcError
+from tarc.core.errors import UnsupportedLaw
 from tarc.core.types import Array
 from tarc.laws.base import Law
-from tarc.laws.pole_placement import PolePlacement
 from tarc.laws.tarc import TARC
 from tarc.numerics.matrix_tests import schur_stability
 from tarc.numerics.norms import hinf_norm
@@ -68,8 +68,8 @@ class SectorEvidence(Evidence):
             edges = [edge for edge in crossings(A, -B, C, 1e-9, 1e12) if edge < kappa] if B.shape[1] == 1 else []
             trials = {0.0, kappa, *((low + high) / 2 for low, high in pairwise([0.0, *edges, kappa]))}
             for trial in sorted(trials):
-                answer, radius, mode = schur_stability(A - trial * B @ C)
-                if answer == "refuted":
+                verdict, radius, mode = schur_stability(A - trial * B @ C)
+                if verdict == "refuted":
                     witness = replace(unstable_mode(radius, mode, self.period), slope=float(trial))
                     return Judgement(Verdict.REFUTED, 0.0, witness)
         bounded = self.gain_is_bounded and bool(self.loops)
@@ -78,44 +78,53 @@ class SectorEvidence(Evidence):
 
 
 def certify_sector(
-    law: Law, ratio: float = 1.0, *, max_gain: float | None = None, computation_delay: int = 0
+    law: Law,
+    ratio: float = 1.0,
+    *,
+    max_gain: float | None = None,
+    computation_delay: int = 0,
+    channels: Sequence[Channel] | None = None,
 ) -> Certificate[SectorEvidence]:
     """Certify the robust term Δu = −κ(t) s of a law, for one constant inertia ratio and any time-varying slope κ.
 
-    Inside the boundary layer κ = α ĉ/ε, outside it κ = α ĉ/‖s‖, with ĉ adapting: a sector 0 ≤ κ(t) ≤ k, and not a
-    constant gain. By the circle criterion the loop is stable for all of them if, with k/2 in the loop, the gain from
-    the auxiliary input to s satisfies ‖S‖∞ < 2/k. With κ frozen, each value in [0, k] must leave a stable loop: that
-    is necessary.
+    Inside the boundary layer κ = α ĉ/ε, and outside it κ = α ĉ/‖s‖. Because ĉ adapts, κ is not constant but in a
+    sector, 0 ≤ κ(t) ≤ k. With k/2 in the loop let S lead from the auxiliary input to s. By the circle criterion the
+    loop is stable for all κ(t) if ‖S‖∞ < 2/k. Necessary is that each constant κ in [0, k] leaves the loop stable.
 
     Parameters
     ----------
     law
-        A law on time-delay estimation. Without a P2 of its own, s is the error.
+        A law with an inertia M̂. Without a P2 of its own, s is the error.
     ratio
         ρ, the eigenvalue of M⁻¹M̂.
     max_gain
-        Largest gain ĉ [rad/s²] to certify; None for the law's own cap.
+        Largest gain ĉ [rad/s²] to certify; None for the law's own ``max_gain``.
     computation_delay
         Periods between a measurement and its torque.
+    channels
+        The loops of `tarc.analysis.linearise.decoupled_channels` for law and delay, where they exist already.
 
     Returns
     -------
     Certificate
-        Of the slope at the largest gain. The margin is the circle limit over that slope, less 1. Without a largest
+        For the slope at the largest gain. The margin is the circle limit over that slope, less 1. Without a largest
         gain, the verdict is inconclusive for TARC, whose gain then has no bound. A law without a robust term is
         certified for the slope that the circle criterion admits.
 
     Raises
     ------
-    TarcError
-        For a law without an inertia, and numbers out of range.
+    UnsupportedLaw
+        For a law without an inertia, and for a P2 that couples joints with different gains.
+    NotLinearisable
+        For a law that has no linearisation at rest.
+    InvalidParameter
+        For numbers out of range.
 
     References
     ----------
     Paper, Section II-B, equation (delta u); the circle criterion: H. K. Khalil, Nonlinear Systems, 3rd ed., 7.1.1.
     """
-    if not isinstance(law, PolePlacement):
-        raise TarcError(f"law: got {type(law).__name__}; the slope certificate needs a law with an inertia M̂")
+    law = require_inertia(law, "the sector certificate")
     ratio = check.number("ratio", ratio, 0, strict=True)
     adaptive = isinstance(law, TARC)
     max_gain = law.max_gain if isinstance(law, TARC) and max_gain is None else max_gain
@@ -123,7 +132,8 @@ def certify_sector(
     per_gain = law.gain_factor / law.boundary_layer if isinstance(law, TARC) else 1.0
     weight = law.P2 if isinstance(law, TARC) else np.eye(law.n_joints)
     size = float(np.linalg.norm(weight, 2))
-    loops = [_input_to_sliding(channel, ratio, weight) for channel in decoupled_channels(law, computation_delay)]
+    channels = decoupled_channels(law, computation_delay) if channels is None else channels
+    loops = [_input_to_sliding(channel, ratio, weight) for channel in channels]
     circle = min(circle_limit(*loop) for loop in loops)
     frozen = min(frozen_limit(*loop) for loop in loops)
     slope = circle if max_gain is None else max_gain * per_gain
@@ -142,16 +152,18 @@ def certify_sector(
     verdict, _, witness = evidence.judge()
     if isinstance(witness, UnstableMode) and witness.slope is not None and adaptive:
         witness = replace(witness, gain=witness.slope / per_gain)
-    what = (
-        f"every gain ĉ(t) up to {max_gain:g} rad/s²" if max_gain is not None else "every gain ĉ(t), which has no cap,"
-    )
-    what = what if adaptive or max_gain is not None else f"every time-varying slope up to {circle * size:.4g} 1/s²"
+    if max_gain is not None:
+        scope = f"every gain ĉ(t) up to {max_gain:g} rad/s²"
+    elif adaptive:
+        scope = "every gain ĉ(t), which has no maximum,"
+    else:
+        scope = f"every time-varying slope up to {circle * size:.4g} 1/s²"
     return Certificate(
-        claim=f"The loop of {type(law).__name__} around q̈ = {ratio:g} M̂⁻¹τ is stable for {what}.",
+        claim=f"The loop of {type(law).__name__} around q̈ = {ratio:g} M̂⁻¹τ is stable for {scope}.",
         problem="‖S‖∞ < 2/k with k/2 in the loop, for k = α ĉ ‖P2‖/ε" if adaptive else "‖S‖∞ < 2/k, k/2 in the loop",
         verdict=verdict,
         margin=float(circle / slope - 1) if slope and evidence.gain_is_bounded else 0.0,
-        margin_meaning="circle limit over the slope at the cap, less 1",
+        margin_meaning="circle limit over the slope at the largest gain, less 1",
         assumptions=(
             "the robot's M(q)⁻¹M̂ is a constant multiple ρ of the identity; Coriolis, gravity and friction disturb only",
             "no torque limit is reached and no sample is lost",
@@ -164,20 +176,22 @@ def certify_sector(
 
 
 def _input_to_sliding(channel: Channel, ratio: float, weight: Array) -> tuple[Array, Array, Array]:
-    """A, B, C from w, added to the auxiliary input, to s = P2 e1."""
+    """Return A, B, C from w, added to the auxiliary input, to s = P2 e1."""
     A, _, _, W, _ = channel.closed_loop(ratio)
-    own = weight[np.ix_(channel.joints[: channel.n_coupled], channel.joints[: channel.n_coupled])]
-    apart = np.delete(weight[list(channel.joints)], channel.joints, axis=1)
-    if np.any(np.abs(apart) > 1e-9 * np.abs(own).max()):
-        raise TarcError("weight: P2 couples joints whose gains do not; use the default weight Q")
+    joints = channel.joints[: channel.n_coupled]
+    own = weight[np.ix_(joints, joints)]
+    coupling = np.delete(weight[list(channel.joints)], channel.joints, axis=1)
+    if np.any(np.abs(coupling) > 1e-9 * np.abs(own).max()):
+        raise UnsupportedLaw("law: its P2 couples joints whose gains do not; use the default lyapunov_weight Q")
     return A, W, own @ np.eye(channel.n_coupled, len(A))
 
 
 def circle_limit(A: Array, B: Array, C: Array) -> float:
-    """Largest k such that every w = −κ(t) y, 0 ≤ κ(t) ≤ k, leaves x⁺ = A x + B w, y = C x stable, from below.
+    """Return the largest k such that every w = −κ(t) y, 0 ≤ κ(t) ≤ k, leaves x⁺ = A x + B w, y = C x stable.
 
-    1/k = −min_ω λ_min(He S(e^{jω})), found on a grid that is drawn closer, then lowered until the norm with k/2 in the
-    loop, which has a guarantee, is at most 2/k. Zero for an A that is not stable; infinite where S is positive real.
+    1/k = −min_ω λ_min(He S(e^{jω})) is found on a grid that is refined. Then k is lowered until the norm with k/2 in
+    the loop, which has a guarantee, is at most 2/k. Zero for an A that is not stable; infinite where S is positive
+    real.
     """
     if schur_stability(A)[0] != "certified":
         return 0.0
@@ -202,6 +216,7 @@ def circle_limit(A: Array, B: Array, C: Array) -> float:
 
 
 def _within_circle(A: Array, B: Array, C: Array, k: float) -> bool:
+    """Return whether ‖S‖∞ ≤ 2/k with k/2 in the loop."""
     middle = A - k / 2 * B @ C
     if k <= 0:
         return False
@@ -211,7 +226,7 @@ def _within_circle(A: Array, B: Array, C: Array, k: float) -> bool:
 
 
 def frozen_limit(A: Array, B: Array, C: Array) -> float:
-    """Largest k such that every constant κ in [0, k] leaves A − κ B C stable; zero where A itself is not."""
+    """Return the largest k such that every constant κ in [0, k] leaves A − κ B C stable; zero where A itself is not."""
     if np.max(np.abs(np.linalg.eigvals(A))) >= 1:
         return 0.0
     if B.shape[1] == 1:
@@ -221,9 +236,7 @@ def frozen_limit(A: Array, B: Array, C: Array) -> float:
             if np.max(np.abs(np.linalg.eigvals(A - middle * B @ C))) >= 1:
                 return low
         return np.inf
-    k = np.inf
-    for trial in np.geomspace(1e-3, 1e9, 1201):  # coupled joints: no pencil; stepped through by two per cent
+    for trial in np.geomspace(1e-3, 1e9, 1201):  # coupled joints have no pencil; steps of two per cent
         if np.max(np.abs(np.linalg.eigvals(A - trial * B @ C))) >= 1:
-            k = float(trial)
-            break
-    return k
+            return float(trial)
+    return np.inf

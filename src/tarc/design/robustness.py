@@ -6,16 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tarc.analysis.inertia_ratio import InertiaSpread
-from tarc.analysis.operating_points import (
-    NEGLIGIBLE_STIFFNESS,
-    OperatingPoint,
-    UncertaintySamples,
-    add_stiffest,
-    max_inertia_rate,
-    refine_worst,
-    sample_points,
-    uncertainty_samples,
-)
+from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS, SampledPoints, UncertaintySamples, max_inertia_rate
 from tarc.analysis.workspace import Workspace
 from tarc.core import validation as check
 from tarc.plants.base import Plant
@@ -105,19 +96,15 @@ class RobustnessSpec:
         search
             Search for worse operating points than the samples, as the certificate does.
         """
-        ends = (plants[spread.min_plant], spread.min_posture), (plants[spread.max_plant], spread.max_posture)
-        points = [OperatingPoint.at_rest(*end) for end in ends]
-        points += sample_points(plants, workspace, spread.samples, seed)
-        samples = uncertainty_samples(shape, points)
-        lead = DAMPING_WEIGHT * samples.lead_time()
-        stiffness, centre = float(samples.stiffness_norms(lead).max()), (1 + spread.ratio) / 2
+        sampled = SampledPoints.from_robot(plants, spread, shape, workspace, spread.samples, seed)
+        lead = DAMPING_WEIGHT * sampled.uncertainty.lead_time()
+        stiffness, centre = float(sampled.uncertainty.stiffness_norms(lead).max()), (1 + spread.ratio) / 2
         if search and stiffness > NEGLIGIBLE_STIFFNESS:
-            units = workspace.unit_samples(spread.samples, seed)
-            points, samples = add_stiffest(points, samples, workspace, units, shape, lead)
-            for eta in samples.candidate_weights(centre, lead)[::2]:
-                points, samples = refine_worst(points, samples, workspace, units, shape, centre, eta, lead)
+            sampled = sampled.add_stiffest(lead)
+            for weight in sampled.uncertainty.candidate_weights(centre, lead)[::2]:
+                sampled = sampled.refine_worst(centre, weight, lead)
         rate = max_inertia_rate(plants, shape, workspace, spread.samples, seed)
-        return cls.from_samples(spread.ratio, samples, rate)
+        return cls.from_samples(spread.ratio, sampled.uncertainty, rate)
 
 
 def radius_ratio_of(spread: float) -> float:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, overload
+from typing import Any, TypedDict, overload
 
 import numpy as np
 
@@ -157,7 +157,15 @@ def _inertia_shape(problem: DesignProblem) -> tuple[np.ndarray, InertiaSpread]:
     return shape / spread.min_ratio, spread
 
 
-def _sampling(requirements: DesignRequirements) -> dict[str, int]:
+class _Sampling(TypedDict):
+    """Options of the certificates of a robot."""
+
+    computation_delay: int
+    samples: int
+    seed: int
+
+
+def _sampling(requirements: DesignRequirements) -> _Sampling:
     return {
         "computation_delay": requirements.computation_delay,
         "samples": requirements.samples,

@@ -1,8 +1,8 @@
-"""Ball arithmetic: signs of forms decided with every rounding error enclosed, and the constants of the kernel exactly.
+"""Ball arithmetic: signs of quadratic forms decided with every rounding error enclosed.
 
-A float64 is a rational number, so stored matrices are an exact point, and a form evaluated there in balls (intervals
-``midpoint ± radius``, which contain the true value whatever was rounded) has a provable sign or an undecided one.
-A condition is written once, for an `Arithmetic`, and runs on floats and on balls alike.
+A float64 is a rational number, so stored matrices are exact. A form is evaluated there in balls, intervals
+``midpoint ± radius`` that contain the true value. Its sign is then proven or undecided. A condition is written once for
+an `Arithmetic`, and runs on floats as well as on balls.
 """
 
 from collections.abc import Callable
@@ -15,11 +15,19 @@ import numpy as np
 from tarc.core.types import Array
 
 PRECISIONS = (160, 640)
-"""Bits to try, in turn; the second only where balls of the first are too wide."""
+"""Precisions to try in turn [bits]; the second only where balls of the first are too wide."""
 
 
 class Arithmetic(NamedTuple):
-    """What a condition is evaluated in: how numbers and matrices are taken in, inverses and exponentials."""
+    """The number type in which a condition is evaluated.
+
+    Attributes
+    ----------
+    number, matrix
+        Convert a number and a matrix of floats.
+    inverse, exp
+        Inverse of a square matrix, and exponential of a number.
+    """
 
     number: Callable[[Any], Any]
     matrix: Callable[[Any], Array]
@@ -28,7 +36,7 @@ class Arithmetic(NamedTuple):
 
 
 def ball(value: Any) -> Any:
-    """A float, whole number, `Fraction` or ball as a ball; floats and whole numbers without any width."""
+    """Return a float, integer, `Fraction` or ball as a ball; floats and integers become exact balls."""
     import flint
 
     if isinstance(value, Fraction):
@@ -37,26 +45,26 @@ def ball(value: Any) -> Any:
 
 
 def balls(matrix: Any) -> Array:
-    """A matrix of floats as an object array of balls, which ``@``, ``+`` and `numpy.block` work on."""
+    """Return a matrix of floats as an object array of balls, for ``@``, ``+`` and `numpy.block`."""
     values = np.asarray(matrix)
     result = np.empty(values.shape, dtype=object)
-    for place in np.ndindex(values.shape):
-        result[place] = ball(values[place])
+    for index in np.ndindex(values.shape):
+        result[index] = ball(values[index])
     return result
 
 
 def inverse(matrix: Array) -> Array:
-    """Inverse of a square matrix of balls.
+    """Return the inverse of a square matrix of balls.
 
     Raises
     ------
     ZeroDivisionError
-        When the balls are too wide to show that it is regular.
+        When the balls are too wide to prove that it is regular.
     """
     import flint
 
-    found = flint.arb_mat(len(matrix), len(matrix), list(np.ravel(matrix))).inv()
-    return np.array(found.entries(), dtype=object).reshape(matrix.shape)
+    result = flint.arb_mat(len(matrix), len(matrix), list(np.ravel(matrix))).inv()
+    return np.array(result.entries(), dtype=object).reshape(matrix.shape)
 
 
 FLOATS = Arithmetic(float, np.array, np.linalg.inv, exp)
@@ -64,36 +72,39 @@ BALLS = Arithmetic(ball, balls, inverse, lambda value: ball(value).exp())
 
 
 def is_positive_definite(form: Array) -> bool:
-    """Whether the form xᵀFx is proven positive definite: all pivots of an LDLᵀ factorisation are above zero.
+    """Return whether xᵀFx is proven positive definite: all pivots of an LDLᵀ factorisation are above zero.
 
-    False means not proven, at this precision.
+    False means not proven at this precision.
     """
-    rest = (form + form.T) / 2
-    while len(rest):
-        pivot, column = rest[0, 0], rest[1:, 0]
+    remaining = (form + form.T) / 2
+    while len(remaining):
+        pivot, column = remaining[0, 0], remaining[1:, 0]
         if not pivot > 0:
             return False
-        rest = rest[1:, 1:] - np.outer(column, column) / pivot
+        remaining = remaining[1:, 1:] - np.outer(column, column) / pivot
     return True
 
 
 def is_negative_at(form: Array, vector: Array) -> bool:
-    """Whether xᵀFx < 0 is proven at a vector of floats. False means not proven, at this precision."""
+    """Return whether xᵀFx < 0 is proven at a vector of floats; False means not proven at this precision."""
     x = balls(vector)
     return bool(x @ form @ x < 0)
 
 
-def decide(question: Callable[[], bool]) -> bool:
-    """Ask in ball arithmetic, again with more bits where the answer is no; whether it was ever yes.
+def decide(is_proven: Callable[[], bool]) -> bool:
+    """Return whether a proof in ball arithmetic succeeds at one of the `PRECISIONS`.
 
-    The question must answer yes only where the balls prove it.
+    Parameters
+    ----------
+    is_proven
+        Returns true only where the balls prove the statement, at the precision that is set.
     """
     import flint
 
     for bits in PRECISIONS:
         with flint.ctx.workprec(bits):
             try:
-                if question():
+                if is_proven():
                     return True
             except ZeroDivisionError:  # an inverse of balls that may be singular
                 continue

@@ -5,46 +5,48 @@ import warnings
 import numpy as np
 
 from tarc.core.optional import require
+from tarc.core.types import Array
 
 
-def definiteness(form: np.ndarray) -> tuple[str, float, np.ndarray]:
-    """Whether a symmetric matrix is positive definite, its least eigenvalue and that one's vector.
+def definiteness(form: Array) -> tuple[str, float, Array]:
+    """Return whether a symmetric matrix is positive definite, its least eigenvalue, and its eigenvector.
 
-    ``certified`` or ``refuted`` only if rounding of the eigenvalues cannot turn the sign, else ``inconclusive``;
-    ``inconclusive`` for a matrix that is not finite. Rounding in the entries of the form is not known here.
+    The verdict is ``certified`` or ``refuted`` if rounding of the eigenvalues cannot change the sign. Otherwise, and
+    for a matrix that is not finite, it is ``inconclusive``. Rounding in the entries of the matrix is not covered.
     """
     if not np.all(np.isfinite(form)):
         return "inconclusive", float("nan"), np.zeros(len(form))
     values, vectors = np.linalg.eigh((form + form.T) / 2)
-    room = 10 * len(form) * np.finfo(float).eps * max(float(np.max(np.abs(values))), 1e-300)
-    verdict = "certified" if values[0] > room else "refuted" if values[0] < -room else "inconclusive"
+    rounding = 10 * len(form) * np.finfo(float).eps * max(float(np.max(np.abs(values))), 1e-300)
+    verdict = "certified" if values[0] > rounding else "refuted" if values[0] < -rounding else "inconclusive"
     return verdict, float(values[0]), vectors[:, 0]
 
 
-def schur_stability(A: np.ndarray) -> tuple[str, float, complex]:
-    """Whether A is Schur stable, its spectral radius and leading eigenvalue.
+def schur_stability(A: Array) -> tuple[str, float, complex]:
+    """Return whether A is Schur stable, its spectral radius and its leading eigenvalue.
 
-    Stable if P − AᵀPA is positive definite, by more than rounding can account for, for the P > 0 of the discrete
-    Lyapunov equation in balanced coordinates; unstable if an eigenvalue is outside the circle by more than its
-    condition can account for. Where neither is so, ball arithmetic encloses the eigenvalues. Else inconclusive.
+    It is certified if P − AᵀPA is positive definite beyond rounding, for the P > 0 of the discrete Lyapunov equation in
+    balanced coordinates. It is refuted if an eigenvalue is outside the unit circle by more than its condition number
+    explains. If neither holds, ball arithmetic encloses the eigenvalues. If that fails, it is inconclusive.
     """
     from scipy.linalg import matrix_balance
 
     balanced = np.asarray(matrix_balance(A, permute=False)[0])
     values, vectors = np.linalg.eig(balanced)
-    lead = int(np.argmax(np.abs(values)))
-    radius = float(np.abs(values[lead]))
-    quick = _contracts(balanced) if radius < 1 else _grows(balanced, vectors, lead, radius)
-    verdict = ("certified" if radius < 1 else "refuted") if quick else _verdict_by_enclosure(A)
-    return verdict, radius, complex(values[lead])
+    leading = int(np.argmax(np.abs(values)))
+    radius = float(np.abs(values[leading]))
+    decided = _contracts(balanced) if radius < 1 else _grows(balanced, vectors, leading, radius)
+    verdict = ("certified" if radius < 1 else "refuted") if decided else _verdict_by_enclosure(A)
+    return verdict, radius, complex(values[leading])
 
 
-def _contracts(A: np.ndarray) -> bool:
+def _contracts(A: Array) -> bool:
+    """Return whether a Lyapunov function proves A stable beyond rounding."""
     from scipy.linalg import solve_discrete_lyapunov
 
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # near the edge the solver perturbs; its P is judged below, not trusted
+            warnings.simplefilter("ignore")  # near the edge the solver perturbs; its P is tested below
             P = solve_discrete_lyapunov(A.T, np.eye(len(A)))
     except np.linalg.LinAlgError:
         return False
@@ -54,21 +56,22 @@ def _contracts(A: np.ndarray) -> bool:
     return bool(np.linalg.eigvalsh(P)[0] > rounding and np.linalg.eigvalsh((drop + drop.T) / 2)[0] > rounding)
 
 
-def _grows(A: np.ndarray, vectors: np.ndarray, lead: int, radius: float) -> bool:
+def _grows(A: Array, vectors: Array, leading: int, radius: float) -> bool:
+    """Return whether the leading eigenvalue is outside the unit circle beyond rounding."""
     try:
-        left = np.linalg.inv(vectors)[lead]
+        left = np.linalg.inv(vectors)[leading]
     except np.linalg.LinAlgError:
         return False
-    condition = np.linalg.norm(left) * np.linalg.norm(vectors[:, lead])
+    condition = np.linalg.norm(left) * np.linalg.norm(vectors[:, leading])
     return bool(radius - 1 > 10 * len(A) * np.finfo(float).eps * np.linalg.norm(A, 2) * condition)
 
 
 MAX_ENCLOSED_STATES = 60
-"""States up to which eigenvalues are enclosed; the time grows with the cube, from some milliseconds."""
+"""Number of states up to which eigenvalues are enclosed; the time grows with its cube."""
 
 
-def _verdict_by_enclosure(A: np.ndarray) -> str:
-    """Verdict from balls about all eigenvalues of the very A."""
+def _verdict_by_enclosure(A: Array) -> str:
+    """Return the verdict from balls that enclose the eigenvalues of exactly this A."""
     require("certify", "a proof in ball arithmetic", "flint")
     import flint
 
@@ -79,12 +82,12 @@ def _verdict_by_enclosure(A: np.ndarray) -> str:
         for precision in (128, 384):
             flint.ctx.prec = precision
             try:
-                sizes = [abs(one) for one in flint.acb_mat(A.tolist()).eig(multiple=True)]
+                magnitudes = [abs(value) for value in flint.acb_mat(A.tolist()).eig(multiple=True)]
             except ValueError:  # not enclosed at this precision
                 continue
-            if all(size < 1 for size in sizes):
+            if all(magnitude < 1 for magnitude in magnitudes):
                 return "certified"
-            if any(size > 1 for size in sizes):
+            if any(magnitude > 1 for magnitude in magnitudes):
                 return "refuted"
     finally:
         flint.ctx.prec = before

@@ -3,18 +3,18 @@
 import numpy as np
 
 from tarc.core import validation as check
-from tarc.core.errors import TarcError
+from tarc.core.errors import InvalidParameter
 from tarc.core.types import Array
 
 
 def h2_norm(A: Array, B: Array, C: Array, D: Array) -> float:
-    """Root mean square of y for white u of unit variance: tr(C X Cᵀ + D Dᵀ)^½ with X = A X Aᵀ + B Bᵀ.
+    """Return the root mean square of y for white u of unit variance: tr(C X Cᵀ + D Dᵀ)^½ with X = A X Aᵀ + B Bᵀ.
 
-    Infinite for a system that is not stable.
+    It is infinite for a system that is not stable.
 
     Raises
     ------
-    TarcError
+    InvalidParameter
         For matrices that are not finite or do not fit together.
     """
     from scipy.linalg import solve_discrete_lyapunov
@@ -28,16 +28,16 @@ def h2_norm(A: Array, B: Array, C: Array, D: Array) -> float:
 
 
 def hinf_norm(A: Array, B: Array, C: Array, D: Array, tolerance: float = 1e-6) -> float:
-    """Largest gain over frequency of a stable system, to a relative tolerance, from above.
+    """Return the largest gain over frequency, to a relative tolerance, from above.
 
-    Bruinsma and Steinbuch's method: a level γ is an upper bound if the pencil of γ² I − G(1/z)ᵀ G(z) has no
-    eigenvalue on the unit circle; where it has, the frequencies between give a better lower bound. The value returned
-    is a level at which no eigenvalue near the circle stood for a larger gain; infinite if none was found, as with poles
+    By the method of Bruinsma and Steinbuch a level γ is an upper bound if the pencil of γ² I − G(1/z)ᵀ G(z) has no
+    eigenvalue on the unit circle. Otherwise the frequencies between give a larger lower bound. The result is a level
+    at which no eigenvalue near the circle belongs to a larger gain. It is infinite if none is found, as with poles
     within rounding of the circle, and for a system that is not stable.
 
     Raises
     ------
-    TarcError
+    InvalidParameter
         For matrices that are not finite or do not fit together.
 
     References
@@ -64,7 +64,7 @@ def _checked(*matrices: Array) -> tuple[Array, Array, Array, Array]:
     fits = all(matrix.ndim == 2 for matrix in (A, B, C, D))
     fits = fits and A.shape[0] == A.shape[1] == B.shape[0] == C.shape[1] and D.shape == (C.shape[0], B.shape[1])
     if not fits:
-        raise TarcError(
+        raise InvalidParameter(
             f"A, B, C, D: got shapes {A.shape}, {B.shape}, {C.shape}, {D.shape}; needs (m, m), (m, inputs), "
             "(outputs, m), (outputs, inputs)"
         )
@@ -72,7 +72,7 @@ def _checked(*matrices: Array) -> tuple[Array, Array, Array, Array]:
 
 
 def balance(A: Array, B: Array, C: Array) -> tuple[Array, Array, Array]:
-    """The same system in states scaled so that rows and columns of A have norms alike."""
+    """Return the system in states scaled so that rows and columns of A have similar norms."""
     from scipy.linalg import matrix_balance
 
     balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
@@ -80,27 +80,27 @@ def balance(A: Array, B: Array, C: Array) -> tuple[Array, Array, Array]:
 
 
 def max_singular_values(A: Array, B: Array, C: Array, D: Array, angles: Array) -> Array:
-    """Largest singular value of G(e^{jω}) at each angle ω [rad]."""
+    """Return the largest singular value of G(e^{jω}) at each angle ω [rad]."""
     z = np.exp(1j * np.asarray(angles))[:, None, None]
     response = C @ np.linalg.solve(z * np.eye(len(A)) - A, B + 0 * z) + D
     return np.abs(response[:, 0, 0]) if response.shape[1:] == (1, 1) else np.linalg.norm(response, 2, axis=(1, 2))
 
 
 def _peak_gain(A: Array, B: Array, C: Array, D: Array, poles: Array) -> float:
-    """Largest gain found on a grid of frequencies and at the poles, drawn closer around its best point."""
+    """Return the largest gain on a grid of frequencies and at the poles, refined around its maximum."""
     angles = np.concatenate([[0.0], np.geomspace(1e-6, np.pi, 50), np.abs(np.angle(poles[np.abs(poles) > 0.5]))])
     angles = np.unique(angles)
     best = 0.0
     for _ in range(4):
-        found = max_singular_values(A, B, C, D, angles)
-        top = int(np.argmax(found))
-        best = max(best, float(found[top]))
+        gains = max_singular_values(A, B, C, D, angles)
+        top = int(np.argmax(gains))
+        best = max(best, float(gains[top]))
         angles = np.linspace(angles[max(top - 1, 0)], angles[min(top + 1, len(angles) - 1)], 13)
     return best
 
 
 def _critical_angles(A: Array, B: Array, C: Array, D: Array, level: float) -> Array:
-    """Angles in [0, π] at which the gain may exceed a level: where it crosses the level, and between.
+    """Return angles in [0, π] at which the gain may exceed a level: where it crosses the level, and between.
 
     To keep rounding small the level is scaled to one.
     """
@@ -110,10 +110,10 @@ def _critical_angles(A: Array, B: Array, C: Array, D: Array, level: float) -> Ar
 
 
 def _crossings(A: Array, B: Array, Q: Array, S: Array, R: Array) -> Array:
-    """Angles at which the form of `negative` is singular, and between.
+    """Return angles at which the form of `fdi_negative` is singular, and between.
 
-    They are eigenvalues of a pencil on the unit circle. Those that rounding has moved off it are kept, since one too
-    many costs a look and one too few a wrong bound.
+    They are eigenvalues of a pencil on the unit circle. Those that rounding may have moved off it are kept: one too
+    many costs time, one too few gives a wrong bound.
     """
     from scipy.linalg import eigvals
 
@@ -130,21 +130,23 @@ def _crossings(A: Array, B: Array, Q: Array, S: Array, R: Array) -> Array:
 
 
 def fdi_negative(A: Array, B: Array, Q: Array, S: Array, R: Array) -> bool:
-    """Whether [x; u]ᴴ [Q S; Sᵀ R] [x; u] < 0 for all x = (e^{jω} I − A)⁻¹ B u, u ≠ 0, and all ω.
+    """Return whether the frequency-domain inequality of a quadratic form holds.
 
-    By the lemma of Kalman, Yakubovich and Popov that is dissipativity. The form can change its sign where it is
-    singular only, so it is looked at there, between, at the poles, and on a grid; false for an A that is not stable.
+        [x; u]ᴴ [Q S; Sᵀ R] [x; u] < 0  for all x = (e^{jω} I − A)⁻¹ B u, u ≠ 0, and all ω
+
+    By the lemma of Kalman, Yakubovich and Popov that is dissipativity. The form can change its sign only where it is
+    singular. So it is evaluated there, between, at the poles, and on a grid. False for an A that is not stable.
 
     Raises
     ------
-    TarcError
+    InvalidParameter
         For matrices that are not finite.
 
     References
     ----------
     A. Rantzer, Systems & Control Letters 28(1), 1996.
     """
-    A, B, Q, S, R = (check.array(name, one) for name, one in zip("ABQSR", (A, B, Q, S, R), strict=True))
+    A, B, Q, S, R = (check.array(name, matrix) for name, matrix in zip("ABQSR", (A, B, Q, S, R), strict=True))
     poles = np.linalg.eigvals(A)
     if np.max(np.abs(poles), initial=0.0) >= 1:
         return False
@@ -157,7 +159,7 @@ def fdi_negative(A: Array, B: Array, Q: Array, S: Array, R: Array) -> bool:
 
 
 def fdi_max_eigenvalue(A: Array, B: Array, Q: Array, S: Array, R: Array, angles: Array) -> Array:
-    """Greatest eigenvalue of the form of `negative` at each angle ω [rad]."""
+    """Return the largest eigenvalue of the form of `fdi_negative` at each angle ω [rad]."""
     z = np.exp(1j * np.asarray(angles))[:, None, None]
     x = np.linalg.solve(z * np.eye(len(A)) - A, B + 0 * z)
     adjoint = x.conj().transpose(0, 2, 1)

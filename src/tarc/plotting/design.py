@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, MaxNLocator, NullFormatter, NullLocator
 
+from tarc.analysis.linearise import decoupled_channels
 from tarc.certification import LawCertification
 from tarc.design.candidates import Candidate
 from tarc.design.result import Design
@@ -267,7 +268,10 @@ def design_figures(design: Design) -> dict[str, Figure]:
     if window_periods(design) <= MAX_MAP_WINDOW:
         found["law"] = design_figure(
             LawCertification(
-                law=design.law, certificates=design.certificates, computation_delay=design.law.actuation_delay
+                law=design.law,
+                channels=decoupled_channels(design.law, design.law.actuation_delay),
+                certificates=design.certificates,
+                computation_delay=design.law.actuation_delay,
             )
         )
     return found
