@@ -7,7 +7,7 @@ import pytest
 
 from tarc import TarcError, plants, signals, simulate
 from tarc.core.errors import NotIdentifiable
-from tarc.design.identification import Identified, excitation_reference, identify, inertia_from_data, inertia_from_file
+from tarc.design import IdentifiedInertia, excitation_reference, identify, inertia_from_data, inertia_from_file
 from tarc.estimators import Algebraic
 from tarc.laws import TDC
 
@@ -289,7 +289,7 @@ def test_more_data_than_one_posture():
     """Records at several postures: their mean is the mean M, which is how a robot that moves far is to be done."""
     plant = plants.TwoLinkArm(viscous=1.0)
     postures = [[0.0, 0.5], [0.0, 1.5], [0.0, 2.5]]
-    found: list[Identified] = [
+    found: list[IdentifiedInertia] = [
         identify(plant, reference=excitation_reference(one), sensor=signals.Encoder(bits=17), diagonal=False)
         for one in postures
     ]

@@ -12,16 +12,12 @@ if TYPE_CHECKING:
     from tarc.design.assessment import assess_candidates
     from tarc.design.candidates import Candidate, enumerate_candidates, pareto_front
     from tarc.design.choice import DesignChoice
-    from tarc.design.identification import (
-        Identified,
-        excitation_reference,
-        identify,
-        inertia_from_data,
-        inertia_from_file,
-    )
+    from tarc.design.excitation import excitation_reference
+    from tarc.design.identification import IdentifiedInertia, inertia_from_data, inertia_from_file
     from tarc.design.model_free import ModelFreeDesign, design_without_model
     from tarc.design.requirements import DesignRequirements
     from tarc.design.result import Design
+    from tarc.design.robot_identification import identify
     from tarc.design.robustness import RobustnessSpec
     from tarc.design.stress import StressLimit, stress_test
     from tarc.design.stress_case import StressRun
@@ -33,7 +29,7 @@ __all__ = [
     "Design",
     "DesignChoice",
     "DesignRequirements",
-    "Identified",
+    "IdentifiedInertia",
     "ModelFreeDesign",
     "RobustnessSpec",
     "StressLimit",
@@ -60,7 +56,7 @@ __getattr__, __dir__, _ = lazy_attributes(
         "Design": "tarc.design.result",
         "DesignChoice": "tarc.design.choice",
         "DesignRequirements": "tarc.design.requirements",
-        "Identified": "tarc.design.identification",
+        "IdentifiedInertia": "tarc.design.identification",
         "ModelFreeDesign": "tarc.design.model_free",
         "RobustnessSpec": "tarc.design.robustness",
         "StressLimit": "tarc.design.stress",
@@ -70,9 +66,9 @@ __getattr__, __dir__, _ = lazy_attributes(
         "design_controller": "tarc.design.synthesis",
         "design_without_model": "tarc.design.model_free",
         "enumerate_candidates": "tarc.design.candidates",
-        "excitation_reference": "tarc.design.identification",
+        "excitation_reference": "tarc.design.excitation",
         "expected_step": "tarc.design.adaptation",
-        "identify": "tarc.design.identification",
+        "identify": "tarc.design.robot_identification",
         "inertia_from_data": "tarc.design.identification",
         "inertia_from_file": "tarc.design.identification",
         "pareto_front": "tarc.design.candidates",
