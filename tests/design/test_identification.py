@@ -263,7 +263,7 @@ def test_records_that_do_not_show_it_are_refused(spoil, message):
 
 def test_motion_that_friction_swallows_is_refused():
     arm, slow = plants.TwoLinkArm(coulomb=20.0), excitation_reference([0.0, 1.0], amplitude=0.02)
-    with pytest.raises(NotIdentifiable, match="does not follow the motion.* larger where friction"):
+    with pytest.raises(NotIdentifiable, match="does not follow the motion.* a larger one where friction"):
         identify(arm, reference=slow, sensor=signals.Encoder(bits=17))
 
 

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import tarc
+from tarc.core.errors import InvalidParameter
 from tarc.study import compare, default_search_spaces, tuned_laws
 
 TARC = str(Path(sys.executable).parent / "tarc")
@@ -50,6 +51,22 @@ def test_what_cannot_run_is_said_and_the_others_run():
     found = compare(short_scenario(), parts, jobs=1)
     assert list(found.runs) == ["fine"]
     assert "joints" in found.failures["odd"]
+
+
+@pytest.mark.parametrize(
+    ("law", "message"),
+    [
+        ({"kind": "TDC", "inertia": 1.0, "natural_frequency": -1.0}, r"natural_frequency: got [-1.0, -1.0]"),
+        ({"kind": "TDC", "inertia": 1.0, "natural_frequenzy": 1.0}, "natural_frequenzy: unknown key"),
+    ],
+)
+def test_a_value_and_a_key_at_fault_are_failures(law, message):
+    assert message in compare(short_scenario(), {"odd": law}, jobs=1).failures["odd"]
+
+
+def test_an_empty_list_of_laws_is_refused():
+    with pytest.raises(InvalidParameter, match="laws: got none; known are "):
+        compare(short_scenario(), [])
 
 
 def test_a_diverged_law_is_a_result():

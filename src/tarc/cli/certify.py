@@ -49,9 +49,9 @@ def certify(
     """Certify a scenario's laws on its robot: is each stable in every posture, and with which margin?
 
     Each claim is certified, refuted or inconclusive. The first row of the
-    table is the verdict for the robot, the next rows are what it rests on,
-    and the last rows are the conditions of the paper. The postures are those
-    of the reference and a tube about it, or all with --full-range.
+    table is the verdict for the robot. The next rows are what it rests on.
+    The last rows are the conditions of the paper. The postures are those of
+    the reference and a tube about it, or all with --full-range.
 
     Example: tarc certify ur5e --set law.synchronised=true --set law.inertia.fraction=0.5
     """

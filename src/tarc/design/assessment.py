@@ -58,13 +58,13 @@ def assess_candidates(
 ) -> list[Candidate]:
     """Return the loops with noise, error and tolerated spread; a feasible one once per useful scale of M̂.
 
-    A loop is feasible at the scale c if its ball about ρ = c (1 + spread)/2 has a radius of at least the radius ratio
-    times ρ, for one of the stiffness weights η/c. It must do so for every slope of a robust term up to
+    A loop is feasible at the scale c if the radius of its ball about ρ = c (1 + spread)/2 is at least the radius ratio
+    times ρ. One of the stiffness weights η/c suffices, but for every slope of a robust term up to
     slope_ratio · ωn². The ball is that of `tarc.certificates.certify_robot` on a grid of frequencies; the chosen loop
     is certified afterwards.
 
     For a bounded rate the balls take longer. Then the lower natural frequencies of a window are not assessed where
-    some higher ones are feasible, nor those above the feasible ones of a shorter window.
+    higher ones are feasible. Nor are those above the feasible ones of a shorter window.
 
     Parameters
     ----------

@@ -25,8 +25,8 @@ def excitation_reference(
         qᵈ_i = home_i + a_i Σ_m (−1)^m sin(ω_im t)/ω_im
 
     It starts at home, at rest and without acceleration; a_i is the largest that the bounds allow. All frequencies are
-    odd multiples of 2π/duration. Coriolis torque and the change of M(q) are products of two of them, so their
-    frequencies are even multiples, and they are not mistaken for an acceleration.
+    odd multiples of 2π/duration. Coriolis torque and the change of M(q) are products of two of them. Their
+    frequencies are even multiples, so that they are not mistaken for an acceleration.
 
     Parameters
     ----------

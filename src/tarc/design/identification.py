@@ -101,8 +101,8 @@ def inertia_from_data(
     InvalidParameter
         For shapes that do not match, joints that do not move, and positions that wrap around.
     NotIdentifiable
-        For a record that is too short, joints that only move together, torque that M q̈ does not explain, and an M̂
-        that is not positive or too uncertain.
+        For a record that is too short, joints that only move together, and torque that M q̈ does not explain. Also for
+        an M̂ that is not positive or too uncertain.
 
     References
     ----------

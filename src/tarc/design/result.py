@@ -106,7 +106,7 @@ class Design:
 
         Raises
         ------
-        TarcError
+        InvalidParameter
             For a robot that is neither from a file nor a class of `tarc.plants`.
         """
         return Scenario.parse(writer.scenario_content(self.law, self.plants, self.workspace, self.sensor, duration))

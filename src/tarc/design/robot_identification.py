@@ -127,7 +127,7 @@ class _Experiment:
             inertia = np.where(is_behind, GROWTH * inertia, inertia)
         raise NotIdentifiable(
             f"identify: with an M̂ from {guess:g} up to {inertia.max() / GROWTH:g} the robot does not follow the "
-            "motion; start from another guess, or give a reference that is slower, or larger where friction locks the joint"
+            "motion; start from another guess, give a slower reference, or a larger one where friction locks the joint"
         )
 
     def run(self, inertia: Array) -> Run:

@@ -101,8 +101,8 @@ def stress_test(
     ``speed`` is the largest speed of any joint; the other speeds and the accelerations change in proportion.
 
     Each is increased by doubling steps until the certificate fails, then bisected. Values between the tried ones are
-    not certified. ``bits`` is the smallest number of bits with which the predicted torque noise stays within a share
-    of the torque limit, since the certificate does not depend on the encoder.
+    not certified. ``bits`` is the smallest number of bits with which the predicted torque noise stays within its
+    budget; the certificate does not depend on the encoder.
 
     Parameters
     ----------

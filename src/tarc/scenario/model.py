@@ -66,27 +66,27 @@ class Setup:
 
 
 class Scenario(BaseModel):
-    """A run, described. Read from YAML by `load`, from a dictionary by `parse`.
+    """Description of a run, read from YAML by `load` and from a dictionary by `parse`.
 
     Attributes
     ----------
     name
-        Names the folder of the results.
+        Name of the folder of the results.
     robot
         ``file`` (MJCF, URDF or a shipped robot) with the options of `tarc.plants.MujocoPlant.from_file`, or ``kind``
         (a class of `tarc.plants`) with its parameters.
     law
-        ``kind`` and parameters, or a list of them, to be run side by side. ``inertia`` may be one
-        number for all joints, or ``{fraction: 0.1}``, of the robot's mean inertia along the reference, with
-        ``diagonal: true`` for its diagonal alone; ``estimator`` replaces the scenario's for this law.
+        ``kind`` and parameters, or a list of them, to be run side by side. ``inertia`` may be one number for all
+        joints. With ``{fraction: 0.1}`` it is that fraction of the robot's mean inertia along the reference, and with
+        ``diagonal: true`` also, of its diagonal. ``estimator`` replaces the scenario's for this law.
     estimator, reference, sensor
-        ``kind`` and parameters; the sensor's kind is Encoder, without parameters perfect.
+        ``kind`` and parameters. The sensor's kind is Encoder; without parameters it is perfect.
     disturbance
         A list of disturbances, payloads and schedules.
     duration, period, metrics_start
-        [s]; the measures leave out what came before ``metrics_start``.
+        [s]; the measures begin at ``metrics_start``.
     initial_position, initial_velocity, initial_torque
-        At the start, as in `tarc.simulate`; torque ``rest`` is the one that holds the robot.
+        At the start, as in `tarc.simulate`; torque ``rest`` is the gravity torque.
     computation_delay, substeps, seed, native, divergence_threshold
         As in `tarc.simulate`.
     """

@@ -1,4 +1,4 @@
-"""What each section of a scenario may hold: kinds and parameters, taken from the classes themselves."""
+"""Kinds and parameters of each section of a scenario, from the classes themselves."""
 
 import inspect
 import types
@@ -16,7 +16,7 @@ import tarc.laws
 import tarc.plants
 import tarc.signals
 from tarc.core import validation as check
-from tarc.core.errors import InvalidParameter, ScenarioError, TarcError
+from tarc.core.errors import InvalidParameter, ScenarioError
 from tarc.plants.mujoco import MujocoPlant
 
 SECTIONS: dict[str, tuple[types.ModuleType, type]] = {
@@ -39,7 +39,7 @@ SET_BY_SCENARIO = {"period", "estimator"}
 
 
 def catalogue(section: str) -> dict[str, Any]:
-    """The kinds that a section of a scenario may have, by name."""
+    """Return the kinds that a section of a scenario may have, by name."""
     module, base = SECTIONS[section]
     found = {name: getattr(module, name) for name in module.__all__}
     if section == "disturbance":
@@ -71,7 +71,7 @@ class Parameter:
 
 
 def parameters(kind: Any) -> dict[str, Parameter]:
-    """The parameters that a scenario may give to a kind (a class, or a factory such as a robot from a file)."""
+    """Return the parameters that a scenario may give to a kind: a class, or a function such as a robot from a file."""
     hints = typing.get_type_hints(kind)
     if inspect.ismethod(kind):
         hints["file"] = hints.pop("path")  # a scenario says "file: ur5e.urdf"
@@ -88,7 +88,7 @@ def parameters(kind: Any) -> dict[str, Parameter]:
 
 
 def _allowed(hint: Any) -> Any:
-    """The types that YAML can write, out of an annotation."""
+    """Return the types of an annotation that YAML can write."""
     members = typing.get_args(hint) if typing.get_origin(hint) in (Union, types.UnionType) else (hint,)
     result: list[Any] = []
     for member in members:
@@ -103,7 +103,7 @@ def _allowed(hint: Any) -> Any:
 
 
 def _words(allowed: Any) -> str:
-    """Types in words."""
+    """Return types in words."""
     names = {
         float: "a number",
         int: "a whole number",
@@ -166,10 +166,6 @@ class Component:
             return self.kind(**{**self.options, **more})
         except InvalidParameter as error:
             raise InvalidParameter(f"{self.path}.{error}", f"{self.path}.{error.path}".rstrip(".")) from None
-        except TarcError as error:
-            if self.kind == MujocoPlant.from_file:  # its messages name the file
-                raise
-            raise InvalidParameter(f"{self.path}.{error}", self.path) from None
 
 
 def check_component(section: str, part: dict[str, Any], path: str = "") -> Component:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tarc.core import validation as check
-from tarc.core.errors import DesignWarning, TarcError
+from tarc.core.errors import DesignWarning, InvalidParameter, ScenarioError
 from tarc.core.files import make_folder, writing
 from tarc.core.progress import Progress
 from tarc.core.units import unit_for_joints
@@ -46,11 +46,11 @@ class Comparison:
     Attributes
     ----------
     scenario
-        What all of them ran in.
+        Their scenario.
     runs
-        By law; those that completed or diverged.
+        Runs by law, completed or diverged.
     failures
-        By law, why there is no run: a law that does not suit the robot, or a process that was killed.
+        Reasons by law where there is no run: a law that does not suit the robot, or a process that was killed.
     """
 
     scenario: Scenario
@@ -59,7 +59,7 @@ class Comparison:
 
     @property
     def measures(self) -> dict[str, dict[str, float]]:
-        """By law, the measures of `COLUMNS` that it has; empty for a run that ended before they begin."""
+        """Measures of `COLUMNS` by law; empty for a run that ended before they begin."""
         result = {}
         for name, run in self.runs.items():
             long_enough = float(run.data["time"].values[-1]) > self.scenario.metrics_start + self.scenario.period
@@ -100,7 +100,7 @@ class Comparison:
         return f"<table><tr><th>law</th>{heads}</tr>{''.join(rows)}</table>"
 
     def to_csv(self) -> str:
-        """One line a law, SI units, header first."""
+        """Return a table with one line per law, in SI units, header first."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(["law", "status", *COLUMNS])
@@ -111,7 +111,7 @@ class Comparison:
         return text.getvalue()
 
     def to_latex(self) -> str:
-        """A table for a paper; needs the package booktabs."""
+        """Return a table in LaTeX, for a paper; it needs the package booktabs."""
         heads = " & ".join(["law", *(f"{label} [{unit}]" for label, _, unit in self.columns.values())])
         rules = [r"\begin{tabular}{l" + "r" * len(COLUMNS) + "}", r"\toprule"]
         lines = [*rules, heads.replace("%", r"\%") + r" \\", r"\midrule"]
@@ -121,15 +121,31 @@ class Comparison:
         return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
 
     def plot(self, style: str = "plane") -> "Figure":
-        """``plane``: accuracy against smoothness, with the Pareto front; ``side``: error and torque side by side;
-        ``gain``: gain against ‖s‖ of the laws that adapt one.
+        """Return a figure.
+
+        Parameters
+        ----------
+        style
+            ``plane``: RMS error against torque variation, with the Pareto front. ``side``: error and torque of every
+            law. ``gain``: gain and ‖s‖ of the laws that adapt one.
+
+        Raises
+        ------
+        InvalidParameter
+            For an unknown style.
         """
         from tarc.plotting.comparison import FIGURES
 
         return FIGURES[check.one_of("style", style, FIGURES)](self)
 
     def save(self, folder: str | Path, figures: bool = True) -> list[Path]:
-        """Write trajectories (netCDF), table (CSV, LaTeX) and figures into a folder; the files written."""
+        """Write trajectories (netCDF), table (CSV, LaTeX) and figures into a folder; return the files.
+
+        Raises
+        ------
+        InvalidParameter
+            For a folder that cannot be written.
+        """
         place = make_folder("save", folder)
         written = [place / "comparison.csv", place / "comparison.tex"]
         with writing("save", place):
@@ -147,7 +163,7 @@ class Comparison:
 
 
 def tuned_laws() -> dict[str, dict[str, Any]]:
-    """Laws by name, as a scenario writes them, with the gains that `tune` found for all of them alike."""
+    """Return laws by name, as a scenario writes them, with the gains that `tune` found under equal conditions."""
     text = files("tarc.study").joinpath("gains.yaml").read_text(encoding="utf-8")
     return read_yaml(text, "gains.yaml")["laws"]
 
@@ -159,28 +175,28 @@ def compare(
     jobs: int | None = None,
     progress: bool | None = None,
 ) -> Comparison:
-    """Run several laws in one scenario, each in turn or in processes of its own.
+    """Run several laws in one scenario, one after the other or in several processes.
 
     Parameters
     ----------
     scenario
         Robot, reference, sensor, disturbances, seed.
     laws
-        Names out of `tuned_laws`, or laws of your own as a scenario writes them, by name; None for the scenario's.
+        Names out of `tuned_laws`, or laws by name, as a scenario writes them; None for the scenario's.
     jobs
-        Processes; None for as many as there are cores, 1 for none besides this one.
+        Number of processes; None for one per core, 1 for this process alone.
     progress
         Show a progress bar when it takes more than two seconds; None for when standard error is a terminal.
 
     Returns
     -------
     Comparison
-        With those laws that could run; what kept the others is in its ``failures``.
+        The laws that could run; the reasons of the others are in its ``failures``.
 
     Raises
     ------
-    TarcError
-        For a law that is not known, or if none is left.
+    InvalidParameter
+        For an unknown law, and for an empty list.
     """
     parts = _chosen(scenario, laws)
     count = check.integer("jobs", min(os.cpu_count() or 1, len(parts)) if jobs is None else jobs, 1)
@@ -198,7 +214,7 @@ def compare(
                     try:
                         found[futures[future]] = future.result()
                     except BrokenProcessPool:
-                        found[futures[future]] = "its process was killed, perhaps for want of memory; use fewer jobs"
+                        found[futures[future]] = "its process was killed, perhaps for lack of memory; use fewer jobs"
                     bar.advance()
     runs = {name: run for name in parts if isinstance(run := found[name], Run)}
     return Comparison(scenario, runs, {name: why for name in parts if isinstance(why := found[name], str)})
@@ -214,16 +230,16 @@ def _chosen(scenario: Scenario, laws: Iterable[str] | dict[str, dict[str, Any]] 
     for name in names:
         check.one_of("laws", name, known)
     if not names:
-        raise TarcError(f"laws: got none; known are {', '.join(known)}")
+        raise InvalidParameter(f"laws: got none; known are {', '.join(known)}")
     return {name: known[name] for name in names}
 
 
 def run_one(content: dict[str, Any], name: str, part: dict[str, Any]) -> Run | str:
-    """One law in a scenario: its run, or why there is none."""
+    """Return the run of one law in a scenario, or the reason why there is none."""
     with warnings.catch_warnings(), np.errstate(all="ignore"):
-        warnings.simplefilter("ignore", DesignWarning)  # the table tells how it went
+        warnings.simplefilter("ignore", DesignWarning)  # the table shows the result
         try:
             scenario = Scenario.parse({**content, "law": {**part, "label": name}})
             return next(iter(scenario.run(progress=False).values()))
-        except TarcError as error:
+        except (InvalidParameter, ScenarioError) as error:
             return str(error).splitlines()[0]

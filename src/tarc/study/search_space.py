@@ -1,4 +1,4 @@
-"""What is searched for in each law: the same ranges for the same thing."""
+"""The gains of each law that are searched for; the same gain has the same range in every law."""
 
 import copy
 from dataclasses import dataclass, field
@@ -7,18 +7,18 @@ from typing import Any
 
 @dataclass(frozen=True)
 class SearchSpace:
-    """A law and what may be searched for.
+    """A law with fixed keys, and a range for each free key.
 
     Attributes
     ----------
     fixed
-        The law as a scenario writes it, without what is free.
+        The law as a scenario writes it, without its free keys.
     free
-        Least and greatest value of each free key, searched on a logarithmic scale; ``inertia.fraction`` and
-        ``estimator.window`` reach into the parts. A window is rounded to whole periods.
+        Smallest and largest value of each free key, searched on a logarithmic scale. A point leads into a section, as
+        in ``inertia.fraction`` and ``estimator.window``. A window is rounded to whole periods.
     extends
-        Name of a simpler law that this one contains: half of the trials that are drawn at random keep its best gains,
-        so that the search of the larger space does not have to find them again.
+        Name of a simpler law that this one contains. Half of the random trials keep its best gains, so that they need
+        not be found again.
     """
 
     fixed: dict[str, Any]
@@ -26,7 +26,7 @@ class SearchSpace:
     extends: str = ""
 
     def law(self, values: dict[str, float], period: float) -> dict[str, Any]:
-        """The law with these values, as a scenario writes it."""
+        """Return the law with these values, as a scenario writes it."""
         part = copy.deepcopy(self.fixed)
         for key, value in values.items():
             *path, last = key.split(".")
@@ -37,7 +37,7 @@ class SearchSpace:
         return part
 
     def values(self, law: dict[str, Any]) -> dict[str, float]:
-        """Those of a law's own values that are free here: the reverse of `law`."""
+        """Return the values of a law that are free here: the reverse of `law`."""
         found: dict[str, Any] = {}
         for key in self.free:
             node: Any = law
@@ -57,7 +57,7 @@ GAIN = (0.1, 100.0)
 
 
 ARM = {"payload": [0.0, 3.0], "viscous": [0.0, 5.0], "coulomb": [0.0, 20.0]}
-"""Bounds that the law with projection is given; where a robot has no such parameters it does not run."""
+"""Parameter bounds of the law with projection; it needs a robot with these parameters."""
 
 
 def _law(kind: str, **fixed: Any) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from tarc.core import validation as check
-from tarc.core.errors import DesignWarning, InvalidParameter, TarcError
+from tarc.core.errors import DesignWarning, InvalidParameter
 from tarc.core.optional import require
 from tarc.core.progress import Progress
 from tarc.scenario.model import Scenario
@@ -79,11 +79,11 @@ def tune(
     scenarios, limits
         Training scenarios, each with its limit on torque variation [N m/s].
     trials
-        How many sets of gains to try.
+        Number of sets of gains to try.
     seed
-        Of the sampler.
+        Seed of the sampler.
     warm_start
-        A law, as a scenario writes it, whose values half of the random trials keep where they are free here.
+        A law, as a scenario writes it. Half of the random trials keep its values where they are free here.
     progress
         Show a progress bar when it takes more than two seconds; None for when standard error is a terminal.
 
@@ -94,15 +94,17 @@ def tune(
 
     Raises
     ------
-    TarcError
-        Without Optuna, or with limits that do not match the scenarios.
+    InvalidParameter
+        For limits that do not match the scenarios, and a law that runs in none of them.
+    MissingTool
+        Without Optuna.
     """
     if not scenarios or len(limits) != len(scenarios):
-        raise TarcError(f"limits: got {len(limits)} for {len(scenarios)} scenarios; needs one each")
+        raise InvalidParameter(f"limits: got {len(limits)} for {len(scenarios)} scenarios; needs one each")
     check.integer("trials", trials, 1)
     fits = [_fits(space, scenario) for scenario in scenarios]
     if not any(fits):
-        raise TarcError(f"tune: {space.fixed['kind']} cannot run in any of the scenarios")
+        raise InvalidParameter(f"scenarios: {space.fixed['kind']} cannot run in any of the scenarios")
     pairs = [pair for pair, fit in zip(zip(scenarios, limits, strict=True), fits, strict=True) if fit]
     require("study", "tune")
     import optuna
@@ -145,16 +147,26 @@ def tune_all(
     jobs: int | None = None,
     progress: bool | None = None,
 ) -> dict[str, tuple[dict[str, Any], float]]:
-    """`tune` for several of `spaces`, by name, in processes of their own; first those that others extend.
+    """Search the gains of several laws with `tune`, each in its own process; first those that others extend.
 
     Parameters
     ----------
     names
-        Out of `spaces`.
+        Names out of `default_search_spaces`.
     scenarios, limits, trials, seed, progress
         As in `tune`.
     jobs
-        Processes; None for as many as there are cores.
+        Number of processes; None for one per core.
+
+    Returns
+    -------
+    dict
+        The law and its objective, by name.
+
+    Raises
+    ------
+    InvalidParameter
+        For an unknown name, and for a process that was killed.
     """
     known = default_search_spaces()
     for name in names:
@@ -179,7 +191,9 @@ def tune_all(
                 try:
                     found[futures[future]] = future.result()
                 except BrokenProcessPool:
-                    raise TarcError("tune: a process was killed, perhaps for want of memory; use fewer jobs") from None
+                    raise InvalidParameter(
+                        "jobs: a process was killed, perhaps for lack of memory; use fewer jobs"
+                    ) from None
                 bar.advance()
     return {name: found[name] for name in names}
 

@@ -25,7 +25,7 @@ CERTIFICATES = {
     "theorem2": "paper, Theorem 2 as printed: Θ > 0",
     "nominal": "Theorem 2 repaired, nominal",
 }
-"""What each kind of certificate is about, in the order of the table."""
+"""Claim of each kind of certificate, in the order of the table."""
 
 
 def _findings(certificate: Certificate) -> dict[str, Any]:
@@ -44,7 +44,7 @@ def _findings(certificate: Certificate) -> dict[str, Any]:
 
 
 def certificate_summary(scenario: Scenario, found: dict[str, LawCertification], files: list[Path]) -> dict[str, Any]:
-    """Certificates as plain data, ready for JSON; their matrices are in the files."""
+    """Return certificates as plain data, ready for JSON; their matrices are in the files."""
     laws = {
         name: {
             kind: {
@@ -65,7 +65,7 @@ def certificate_summary(scenario: Scenario, found: dict[str, LawCertification], 
 
 
 def print_certificates(scenario: Scenario, found: dict[str, LawCertification], files: list[Path]) -> None:
-    """A table a law, with the worst configuration and, where a design is refuted, what to do."""
+    """Print a table per law, its worst postures and, where it is not certified, what to change."""
     console = Console()
     for name, certification in found.items():
         table = Table(title=f"{scenario.name}: {name}", title_justify="left")

@@ -16,7 +16,7 @@ from tarc.design.writer import plant_name
 
 
 def design_summary(design: Design, files: list[Path], limits: dict[str, StressLimit]) -> dict[str, Any]:
-    """A design as plain data, ready for JSON; its certificates are in the files."""
+    """Return a design as plain data, ready for JSON; its certificates are in the files."""
     verdict, content = design.certificates["robot"], design.scenario().model_dump(mode="json")
     return {
         "name": content["name"],
@@ -36,14 +36,14 @@ def design_summary(design: Design, files: list[Path], limits: dict[str, StressLi
 
 
 def _noise(design: Design) -> list[tuple[str, float, float | None]]:
-    """Joint, predicted RMS of its torque noise and that as a share of its limit, None where it has none."""
+    """Return each joint, its predicted RMS torque noise, and that over its limit, None where it has none."""
     known = np.inf if design.law.torque_limit is None else np.asarray(design.law.torque_limit, dtype=float)
     shares = [float(one) or None for one in design.torque_noise / known]
     return list(zip(design.plants[0].joint_names, design.torque_noise.tolist(), shares, strict=True))
 
 
 def print_design(design: Design, files: list[Path]) -> None:
-    """What was chosen and why, the verdict, the torque noise to be expected, and where the files are."""
+    """Print each choice with its reason, the verdict, the predicted torque noise and the files."""
     console = Console()
     title = f"{type(design.law).__name__} for {plant_name(design.plants[0])}, {1 / design.law.period:g} Hz"
     table = Table(title=title, title_justify="left", show_lines=True)
@@ -81,8 +81,8 @@ def print_design(design: Design, files: list[Path]) -> None:
 
 
 def print_limits(limits: dict[str, StressLimit]) -> None:
-    """How far a design can be pushed, a line a question."""
+    """Print the limits of a design, one line per quantity."""
     console = Console()
-    console.print("\nhow far each may change by itself, the gains unchanged:")
+    console.print("\nlimits of each quantity by itself, with the gains unchanged:")
     for one in limits.values():
         console.print(escape(one.explain()), highlight=False)

@@ -28,7 +28,7 @@ def _first_line(kind: Any) -> str:
 
 
 def print_catalogue(as_json: bool) -> None:
-    """All kinds of all sections, each with its parameters."""
+    """Print all kinds of all sections, each with its parameters."""
     entries = _entries()
     if as_json:
         content = {
@@ -60,7 +60,7 @@ def _defaults(kind: Any) -> dict[str, Any]:
 
 
 def print_kind(name: str, as_json: bool) -> None:
-    """One kind: its documentation, and its parameters with defaults."""
+    """Print one kind: its documentation, and its parameters with defaults."""
     found = {key: kind for kinds in _entries().values() for key, kind in kinds.items()}
     # their parameters are those of every law on them
     found |= {name: getattr(tarc.laws, name) for name in ("TDE", "PolePlacement", "Law")}
