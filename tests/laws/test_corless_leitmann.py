@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from law_catalogue import make_law
-from tarc import certificates, estimators, laws, plants, signals, simulate
-from tarc.core.errors import InvalidParameter
+from tarc import analysis, certificates, estimators, laws, plants, signals, simulate
+from tarc.core.errors import InvalidParameter, UnsupportedLaw
 from tarc.laws import LawInput
 
 MASS = plants.MassSpringDamper(masses=(1.0,), springs=0.0, dampers=0.0)
@@ -85,6 +85,40 @@ def test_certificate_sees_the_slope_inside_the_layer():
         ).verdict
         == "refuted"
     )
+
+
+@pytest.mark.parametrize("gains", [{}, {"natural_frequency": None, "position_gain": [[144.0, 10.0], [10.0, 100.0]]}])
+def test_the_loop_for_a_constant_ratio_is_that_without_the_model(gains):
+    """Also where the gains couple the joints, so that all are linearised at once."""
+    options = {"uncertainty_bound": 5.0, "boundary_layer": 0.05, **gains}
+    if gains:
+        options["velocity_gain"] = [24.0, 20.0]
+    plain = make_law(laws.CorlessLeitmann, **options)
+    law = make_law(laws.CorlessLeitmann, model=plants.TwoLinkArm(viscous=5.0), **options)
+    expected = certificates.certify_constant_ratio(plain, 1.0)
+    assert certificates.certify_constant_ratio(law, 1.0).margin == pytest.approx(expected.margin, rel=1e-12)
+
+
+def test_one_joint_is_that_without_the_model():
+    law = fast_sampled_law(uncertainty_bound=1.0, model=MASS)
+    assert law.has_model
+    joint = law.single_joint(25.0, 10.0)
+    assert not joint.has_model
+    assert joint.n_joints == 1
+
+
+def test_a_robot_is_not_certified_for_a_law_with_a_model():
+    """Held upright by its model, the loop is stable, though it would not be without it."""
+    robot = plants.Pendulum(viscous=0.3)
+    law = fast_sampled_law(natural_frequency=2.0, uncertainty_bound=0.01, boundary_layer=0.05, model=robot)
+    upright = signals.Sinusoid(amplitude=0.05, frequency=1.0, offset=np.pi)
+    run = simulate(robot, law, upright, 3.0, initial_torque="rest")
+    assert run.metrics(start_time=1.0)["peak_error"] < 0.02
+    postures = analysis.Workspace.box([3.0], [3.3])
+    with pytest.raises(UnsupportedLaw, match="has a model, whose torque N̂ the robot certificate does not cover"):
+        certificates.certify_robot(law, robot, postures)
+    plain = fast_sampled_law(natural_frequency=2.0, uncertainty_bound=0.01, boundary_layer=0.05)
+    assert certificates.certify_robot(plain, robot, postures).verdict == "refuted"
 
 
 @pytest.mark.parametrize(

@@ -168,8 +168,9 @@ def _is_scalar(K: Array) -> bool:
 
 
 def _linearise(law: PolePlacement, gain: float, joints: tuple[int, ...]) -> Channel:
-    """Return the Jacobian of the traced controller at rest; states that adapt or count are constant."""
+    """Return the Jacobian of the traced controller at rest with N̂ = 0; states that adapt or count are constant."""
     refuse_oracle(law.estimator)
+    law = law.without_model()
     n = law.n_joints
     J, n_states = _jacobian_at_rest(law, gain)
     F, inputs = J[:n_states, :n_states], J[:n_states, n_states:]

@@ -32,6 +32,7 @@ from tarc.analysis.workspace import Workspace
 from tarc.certificates.base import Certificate, Evidence, Judgement, LoopMatrices, Verdict
 from tarc.certificates.iqc import best_multiplier
 from tarc.certificates.varying_ratio import Ball, RadiusProof, best_centre, make_ball, max_radius
+from tarc.core.errors import UnsupportedLaw
 from tarc.core.formatting import format_vector
 from tarc.core.types import Array
 from tarc.laws.base import Law
@@ -291,13 +292,18 @@ def certify_robot(
     Raises
     ------
     UnsupportedLaw
-        For a law without an inertia.
+        For a law without an inertia, and for one with a model N̂ of the robot.
     NotLinearisable
         For a law that has no linearisation at rest.
     InvalidParameter
         For numbers of joints that differ, and for an inertia matrix that is singular at a posture.
     """
     law = require_inertia(law, "the robot certificate")
+    if law.has_model:
+        raise UnsupportedLaw(
+            f"law: {type(law).__name__} has a model, whose torque N̂ the robot certificate does not cover; certify the "
+            "law without one (model=None), or its loop by tarc.certificates.certify_constant_ratio"
+        )
     plants = as_plants(plant)
     spread = inertia_spread(plants, law.M, workspace, samples=samples, seed=seed)
     n_points = min(samples, MAX_STIFFNESS_SAMPLES)

@@ -41,7 +41,8 @@ class CorlessLeitmann(PolePlacement):
     This is the robust term of TARC with a known gain instead of an adapted one, and with a velocity in s. The paper's
     layer is ρ ‖s‖ ≤ ε', so ε = ε'/ρ; its ρ may depend on state and time, and is constant here. Use it where a bound is
     known, without time-delay estimation. Sampled, and with a delayed velocity, a large ρ/ε chatters.
-    `tarc.certificates.certify_constant_ratio` decides whether the loop inside the layer is stable (without N̂).
+    `tarc.certificates.certify_constant_ratio` decides whether the loop inside the layer is stable (without N̂). The
+    certificate of a robot does not cover N̂, and refuses a law with a model.
 
     Raises
     ------
