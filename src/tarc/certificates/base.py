@@ -70,7 +70,7 @@ class Evidence(ABC):
         return to_plain(self)
 
     @classmethod
-    def from_dict(cls, content: dict[str, Any]) -> Self:
+    def from_dict(cls, content: object) -> Self:
         """Return the evidence that `to_dict` wrote.
 
         Raises
@@ -182,7 +182,7 @@ class Certificate(Generic[E]):
         return certificate_figure(self)
 
 
-def certificate_from_plain(evidence_type: type[E], content: dict[str, Any], evidence: Any) -> Certificate[E]:
+def certificate_from_plain(evidence_type: type[E], content: dict[str, Any], evidence: object) -> Certificate[E]:
     """Return a certificate from plain data of its fields, with evidence of the type given.
 
     Raises
@@ -204,7 +204,7 @@ def certificate_from_plain(evidence_type: type[E], content: dict[str, Any], evid
     )
 
 
-def describe(witness: Any) -> str:
+def describe(witness: object) -> str:
     """Return the names and values of a witness, in words."""
     entries = []
     for name, value in to_plain(witness).items():

@@ -8,10 +8,12 @@ from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
+from tarc.core.types import Array
+
 T = TypeVar("T")
 
 
-def to_plain(value: Any) -> Any:
+def to_plain(value: object) -> Any:
     """Return a value as dictionaries, lists, numbers, text and None, ready for JSON.
 
     Dataclasses and named tuples become dictionaries of their fields, arrays nested lists. Numbers that are
@@ -32,7 +34,7 @@ def to_plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def from_plain(kind: Any, content: Any, path: str = "evidence") -> Any:
+def from_plain(kind: Any, content: object, path: str = "evidence") -> Any:
     """Return the value of a declared type that `to_plain` wrote.
 
     Parameters
@@ -72,7 +74,7 @@ def from_plain(kind: Any, content: Any, path: str = "evidence") -> Any:
     raise ValueError(f"{path}: got {content!r}; needs {getattr(kind, '__name__', kind)}")
 
 
-def _dataclass_from_plain(kind: Any, content: Any, path: str) -> Any:
+def _dataclass_from_plain(kind: Any, content: object, path: str) -> Any:
     make: Any = kind
     names: list[str] = [field.name for field in fields(kind)] if is_dataclass(kind) else list(kind._fields)
     if not isinstance(content, dict) or set(content) != set(names):
@@ -82,7 +84,7 @@ def _dataclass_from_plain(kind: Any, content: Any, path: str) -> Any:
     return make(**{name: from_plain(hints[name], content[name], f"{path}.{name}") for name in names})
 
 
-def _tuple_from_plain(kinds: tuple[Any, ...], content: Any, path: str) -> tuple[Any, ...]:
+def _tuple_from_plain(kinds: tuple[Any, ...], content: object, path: str) -> tuple[Any, ...]:
     if not isinstance(content, list):
         raise ValueError(f"{path}: got {content!r}; needs a list")
     if len(kinds) == 2 and kinds[1] is Ellipsis:
@@ -94,7 +96,7 @@ def _tuple_from_plain(kinds: tuple[Any, ...], content: Any, path: str) -> tuple[
     )
 
 
-def arrays(value: Any) -> Iterator[np.ndarray]:
+def arrays(value: object) -> Iterator[Array]:
     """Yield all arrays in a dataclass and in the dataclasses, lists, tuples and dictionaries that it contains."""
     if isinstance(value, np.ndarray):
         yield value

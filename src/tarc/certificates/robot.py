@@ -522,8 +522,8 @@ def best_ball(
 ) -> tuple[BallCandidate, RadiusProof, float]:
     """Return the best ball, what proves its radius, and its radius.
 
-    Several are tested: what holds on a grid of frequencies may fail between them, and a ball for any rate may be
-    better than one for a bounded rate.
+    Several are tested, because what holds on a grid of frequencies may fail between them. A ball for any rate may be
+    better than that for a bounded rate.
     """
     lead_times = dict.fromkeys(factor * uncertainty.lead_time() for factor in LEAD_FACTORS)
     loops = {

@@ -8,11 +8,17 @@ an `Arithmetic`, and runs on floats as well as on balls.
 from collections.abc import Callable
 from fractions import Fraction
 from math import exp
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from tarc.core.types import Array
+
+if TYPE_CHECKING:
+    import flint
+
+Number: TypeAlias = "float | int | Fraction | flint.arb"
+"""A float, an integer, a fraction or a ball."""
 
 PRECISIONS = (160, 640)
 """Precisions to try in turn [bits]; the second only where balls of the first are too wide."""
@@ -29,13 +35,13 @@ class Arithmetic(NamedTuple):
         Inverse of a square matrix, and exponential of a number.
     """
 
-    number: Callable[[Any], Any]
-    matrix: Callable[[Any], Array]
+    number: Callable[[Number], Any]
+    matrix: Callable[[Array], Array]
     inverse: Callable[[Array], Array]
-    exp: Callable[[Any], Any]
+    exp: Callable[[Number], Any]
 
 
-def ball(value: Any) -> Any:
+def ball(value: Number) -> "flint.arb":
     """Return a float, integer, `Fraction` or ball as a ball; floats and integers become exact balls."""
     import flint
 
@@ -44,12 +50,12 @@ def ball(value: Any) -> Any:
     return value if isinstance(value, flint.arb) else flint.arb(float(value))
 
 
-def balls(matrix: Any) -> Array:
+def balls(matrix: Array) -> Array:
     """Return a matrix of floats as an object array of balls, for ``@``, ``+`` and `numpy.block`."""
     values = np.asarray(matrix)
     result = np.empty(values.shape, dtype=object)
-    for index in np.ndindex(values.shape):
-        result[index] = ball(values[index])
+    for index, value in np.ndenumerate(values):
+        result[index] = ball(value)
     return result
 
 

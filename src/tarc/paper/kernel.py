@@ -4,11 +4,14 @@ from fractions import Fraction
 from functools import cache
 from itertools import pairwise
 from math import factorial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tarc.numerics.ball_arithmetic import ball
+
+if TYPE_CHECKING:
+    import flint
 
 
 def kernel_coefficients(degree: int, derivative: int = 1) -> list[Fraction]:
@@ -43,7 +46,7 @@ def lag_coefficients(degree: int) -> list[Fraction]:
     return _integral(weight)
 
 
-def lag_area(degree: int) -> Any:
+def lag_area(degree: int) -> "flint.arb":
     """Return ∫_{−1}^0 |g| of `lag_coefficients` as a ball: 1/2, 32/81, 0.3879 for the degrees 1, 2, 3.
 
     The integral of g is monotone between the sign changes of g, so the area is the sum of its steps from root to
@@ -55,7 +58,7 @@ def lag_area(degree: int) -> Any:
 
 
 @cache
-def _lag_area(degree: int, precision: int) -> Any:
+def _lag_area(degree: int, precision: int) -> "flint.arb":
     """Return `lag_area` at the precision [bits] that is set, which is a key of the cache."""
     import flint
 
@@ -76,7 +79,7 @@ def _integral(coefficients: list[Fraction]) -> list[Fraction]:
     return [constant, *raised]
 
 
-def _evaluate(coefficients: list[Fraction], point: Any) -> Any:
+def _evaluate(coefficients: list[Fraction], point: "flint.arb") -> "flint.arb":
     """Return a polynomial's value at a ball."""
     value = ball(0)
     for coefficient in reversed(coefficients):

@@ -100,10 +100,10 @@ def window_or_default(estimator: Algebraic, window: float | None) -> float:
 def independent_parts(law: TDE, *weights: Array) -> list[tuple[Array, ...]]:
     """Split gains and weights into parts without any coupling, equal parts once.
 
-    Two joints belong to one part where an entry of K1, K2 or a weight couples them. To split loses nothing. A matrix
-    inequality that is linear in its unknowns and invariant under a group of rotations holds for the group's average
-    if it holds at all. Diagonal gains are invariant under a change of any joint's sign, so the average has no block
-    between different joints. Scalar gains are invariant under every rotation of the joints, so it is p ⊗ I.
+    Two joints belong to one part where an entry of K1, K2 or a weight couples them. To split loses nothing. Take a
+    matrix inequality that is linear in its unknowns and invariant under a group of rotations. If it holds at all, it
+    holds for the group's average. Diagonal gains are invariant under a change of any joint's sign, so the average has
+    no block between different joints. Scalar gains are invariant under every rotation of the joints, so it is p ⊗ I.
 
     Parameters
     ----------

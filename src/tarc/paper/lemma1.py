@@ -115,9 +115,7 @@ def check_lemma1(
     UnsupportedLaw
         For a law without a nominal inertia M̂.
     InvalidParameter
-        For numbers of joints that differ.
-    TarcError
-        For an M(q) that is singular at a posture.
+        For numbers of joints that differ, and for an M(q) that is singular at a posture.
 
     References
     ----------

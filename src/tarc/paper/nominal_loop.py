@@ -23,7 +23,7 @@ F grows with G, so any upper bound of G suffices, and F < 0 at one window implie
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -46,6 +46,9 @@ from tarc.paper.law_parts import (
     time_transformation,
     window_or_default,
 )
+
+if TYPE_CHECKING:
+    import cvxpy as cp
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -340,7 +343,7 @@ class _Program:
         )
         self.gain = cp.Problem(cp.Minimize(self.gamma_squared), [(left + left.T) / 2 >> 0, right >> 0])
 
-    def _scaled_form(self, a: float) -> Any:
+    def _scaled_form(self, a: float) -> "cp.Expression":
         """Return F without γ in scaled time, an expression in P, R1/h and R2/G."""
         n, k1, k2 = len(self.K1), self.K1 / self.omega**2, self.K2 / self.omega
         e1, e2, z1, z2, disturbance = np.eye(5 * n).reshape(5, n, 5 * n)

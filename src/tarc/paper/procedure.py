@@ -1,14 +1,14 @@
 """The paper's own procedure for choosing parameters, step by step, and the two steps that replace its last."""
 
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
-from tarc.analysis.stability import stable_intervals
+from tarc.analysis.stability import stable_intervals, widest_interval
 from tarc.certificates.base import Certificate
 from tarc.certificates.constant_ratio import certify_constant_ratio
 from tarc.core import validation as check
+from tarc.core.formatting import format_vector
 from tarc.core.types import Array
 from tarc.core.validation import Numbers
 from tarc.estimators.algebraic import Algebraic
@@ -188,14 +188,10 @@ def _laws(
     zeta = check.vector("damping_ratio", damping_ratio, n, 0, strict=True)
     h = check.number("delay", delay, 0, strict=True)
     length = 10 * h if window is None else window
-    shared: Any = dict(
-        inertia=np.ones(n),
-        natural_frequency=omega,
-        damping_ratio=zeta,
-        period=h,
-        estimator=Algebraic(window=length, degree=check.integer("degree", degree, 2, 6)),
-    )
-    return TARC(rise_rate=1.0, fall_rate=1.0, **shared), TDC(**shared), TDC(synchronised=True, **shared)
+    estimator = Algebraic(window=length, degree=check.integer("degree", degree, 2, 6))
+    shared = {"inertia": np.ones(n), "natural_frequency": omega, "damping_ratio": zeta, "estimator": estimator}
+    law = TARC(rise_rate=1.0, fall_rate=1.0, period=h, **shared)
+    return law, TDC(period=h, **shared), TDC(synchronised=True, period=h, **shared)
 
 
 def exact_delay(law: TDC | TARC) -> float:
@@ -211,7 +207,7 @@ def exact_delay(law: TDC | TARC) -> float:
 
 def _widest_range(law: TDC) -> tuple[float, float] | None:
     """Return the widest range of stable inertia ratios; None for none."""
-    return max(stable_intervals(law), key=lambda ends: ends[1] / max(ends[0], 1e-300), default=None)
+    return widest_interval(stable_intervals(law))
 
 
 def _certify_middle(law: TDC, stable_range: tuple[float, float] | None) -> Certificate | None:
@@ -362,4 +358,5 @@ def _format_values(values: float | Array) -> str:
     """Return numbers with four digits; a vector of equal numbers as one number."""
     is_constant = np.size(values) > 1 and np.ptp(values) == 0
     numbers = np.unique(np.ravel(values)) if is_constant else np.ravel(values)
-    return f"{numbers[0]:.4g}" if len(numbers) == 1 else "(" + ", ".join(f"{number:.4g}" for number in numbers) + ")"
+    text = format_vector(numbers, digits=4)
+    return text if len(numbers) == 1 else f"({text})"

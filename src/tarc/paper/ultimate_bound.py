@@ -1,7 +1,7 @@
 """The ultimate bound on the error that a certificate of Theorem 1 implies."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -171,14 +171,14 @@ def _squared_bounds(epsilon: float, parts: Sequence[_Terms], condition: Theorem1
 def _best_decay_rate(parts: Sequence[_Terms], condition: Theorem1Condition) -> float:
     """Return the ε [1/s] with the least bound on ‖e1‖."""
     from scipy.linalg import eigh
-    from scipy.optimize import minimize_scalar
+    from scipy.optimize import OptimizeResult, minimize_scalar
 
     def squared_position(epsilon: float) -> float:
         return float(_squared_bounds(epsilon, parts, condition)[1])
 
     fastest = min(float(eigh(terms.psi1, terms.P, eigvals_only=True)[0]) for terms in parts)
     limit = bisect(lambda epsilon: bool(np.isfinite(squared_position(epsilon))), 1e-9 * fastest, fastest)
-    best: Any = minimize_scalar(
+    best: OptimizeResult = minimize_scalar(  # pyright: ignore[reportAssignmentType]
         lambda share: np.log(squared_position(limit * share)), bounds=(1e-6, 0.9999), method="bounded"
     )
     return limit * float(best.x)

@@ -15,11 +15,22 @@ if TYPE_CHECKING:
     from tarc.certification import LawCertification, StabilityMap
 
 
+TITLES = {
+    "robot": "robot certificate",
+    "constant_ratio": "constant-ratio certificate",
+    "sector": "sector certificate",
+    "varying_ratio": "varying-ratio certificate",
+    "lemma1": "Lemma 1",
+    "c2": "condition (c2)",
+    "theorem1": "Theorem 1",
+    "theorem2": "Theorem 2",
+    "nominal": "nominal loop",
+}
 VERDICT_COLOURS = {"certified": COLOURS[2], "refuted": COLOURS[1], "inconclusive": COLOURS[4]}
 
 
 def certificate_figure(certificate: "Certificate") -> Figure:
-    """The evidence of one certificate, as suits its kind."""
+    """Draw the evidence of one certificate."""
     return FIGURES.get(certificate.kind, _forms)(certificate)
 
 
@@ -27,7 +38,9 @@ def _finish(figure: Figure, certificate: "Certificate") -> Figure:
     for axes in figure.axes:
         axes.grid(alpha=0.3)
     figure.suptitle(
-        f"{certificate.kind}: {certificate.verdict}", fontsize="medium", color=VERDICT_COLOURS[certificate.verdict]
+        f"{TITLES[certificate.kind]}: {certificate.verdict}",
+        fontsize="medium",
+        color=VERDICT_COLOURS[certificate.verdict],
     )
     return figure
 
@@ -50,8 +63,8 @@ def _block(loops: list[tuple[np.ndarray, ...]], ratio: float) -> np.ndarray:
     return np.asarray(block_diag(*(A + ratio * b @ c for A, b, c in loops)))
 
 
-def _loop(certificate: "Certificate") -> Figure:
-    """Eigenvalues at both ends of the range, and the spectral radius over the ratio."""
+def _constant_ratio(certificate: "Certificate") -> Figure:
+    """Draw the eigenvalues at both ends of the range, and the spectral radius over the ratio."""
     evidence = certificate.evidence
     low, high = evidence.min_ratio, evidence.max_ratio
     loops = [(loop.A, loop.B, loop.C) for loop in evidence.loops]
@@ -73,8 +86,8 @@ def _loop(certificate: "Certificate") -> Figure:
     return _finish(figure, certificate)
 
 
-def _slope(certificate: "Certificate") -> Figure:
-    """S(e^{jω}), which must stay to the right of −1/k."""
+def _sector(certificate: "Certificate") -> Figure:
+    """Draw S(e^{jω}), which must stay to the right of −1/k."""
     figure = Figure(figsize=(5.5, 4.5), layout="constrained")
     axes = figure.subplots()
     z = np.exp(1j * np.geomspace(1e-5, np.pi, 3000))[:, None, None]
@@ -97,15 +110,15 @@ def _slope(certificate: "Certificate") -> Figure:
     return _finish(figure, certificate)
 
 
-def _ball(certificate: "Certificate") -> Figure:
-    """The gain that limits the radius, over frequency, and the ratios that the ball holds and the robot needs."""
+def _varying_ratio(certificate: "Certificate") -> Figure:
+    """Draw the gain that limits the radius over frequency, and the ratios that are allowed and that the robot has."""
     evidence = certificate.evidence
     ball = evidence.ball
     figure = Figure(figsize=(9, 3.8), layout="constrained")
     left, right = figure.subplots(1, 2)
-    rows = {"ball": (np.nan, np.nan)}
+    rows = {"allowed": (np.nan, np.nan)}
     if ball is not None:
-        rows["ball"] = ball.min_ratio, ball.max_ratio
+        rows["allowed"] = ball.min_ratio, ball.max_ratio
         angles = np.geomspace(1e-4, np.pi, 600)
         if ball.radius > 0:
             left.semilogx(angles / evidence.period, ball.gains(angles), color=COLOURS[0])
@@ -130,7 +143,7 @@ def _ball(certificate: "Certificate") -> Figure:
 
 
 def _forms(certificate: "Certificate") -> Figure:
-    """Eigenvalues of the symmetric forms that must be positive definite, their diagonals scaled to one."""
+    """Draw eigenvalues of the forms that must be positive definite, their diagonals scaled to one."""
     figure = Figure(figsize=(6, 3.8), layout="constrained")
     axes = figure.subplots()
     forms = certificate.evidence.forms()
@@ -147,10 +160,10 @@ def _forms(certificate: "Certificate") -> Figure:
 
 
 FIGURES: dict[str, Callable[[Any], Figure]] = {
-    "robot": _ball,
-    "constant_ratio": _loop,
-    "sector": _slope,
-    "varying_ratio": _ball,
+    "robot": _varying_ratio,
+    "constant_ratio": _constant_ratio,
+    "sector": _sector,
+    "varying_ratio": _varying_ratio,
 }
 
 
@@ -183,16 +196,16 @@ def design_figure(certification: "LawCertification") -> Figure:
 
 
 def _map(axes: Axes, data: "StabilityMap | None") -> None:
-    """Draw stable ratios and the widest ball over the window, with the law marked."""
+    """Draw stable constant and varying ratios over the window, with the law marked."""
     if data is None:
         axes.set_axis_off()
         axes.text(0.5, 0.5, "the gains couple the joints: no map", ha="center", transform=axes.transAxes)
         return
     label = "stable if the ratio is constant"
     axes.fill_between(data.windows, *data.stable.T, color=COLOURS[5], alpha=0.5, lw=0, label=label)
-    label = "stable if it varies: widest ball"
+    label = "stable if the ratio varies"
     if data.rate is not None:
-        label = "if it varies as fast as the joints move: a ball"
+        label = "stable if it varies as fast as the joints move"
     axes.fill_between(data.windows, *data.tolerated.T, color=COLOURS[2], alpha=0.6, lw=0, label=label)
     window = [data.window, data.window]
     axes.plot(window, data.required, "o-", color=COLOURS[1], lw=3, ms=4, label="this design on this robot")
