@@ -17,9 +17,10 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from tarc import TarcError, estimators, laws
+from tarc import estimators, laws
 from tarc.analysis import stable_interval
 from tarc.certificates import certify_varying_ratio
+from tarc.core.errors import NoStableRatio
 from tarc.core.progress import Progress
 from tarc.paper import nominal_max_window, theorem1_max_delay
 
@@ -56,7 +57,7 @@ def balls(synchronised: bool, window: int, natural_frequency: float) -> Balls | 
     design = law(window * PERIOD, natural_frequency=natural_frequency, synchronised=synchronised)
     try:
         stable, found = stable_interval(design), certify_varying_ratio(design)
-    except TarcError:
+    except NoStableRatio:
         return None
     return Balls(stable, (found.evidence.min_ratio, found.evidence.max_ratio)) if found.certified else None
 

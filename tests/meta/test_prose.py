@@ -7,7 +7,7 @@ import pytest
 from meta.prose_rules import page_problems, sentences, source_problems, words
 
 ROOT = Path(__file__).parents[2]
-MODULES: list[Path] = []  # every module, likewise
+MODULES = sorted((ROOT / "src" / "tarc").rglob("*.py"))
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 

@@ -299,11 +299,7 @@ def certify_robot(
         For numbers of joints that differ, and for an inertia matrix that is singular at a posture.
     """
     law = require_inertia(law, "the robot certificate")
-    if law.has_model:
-        raise UnsupportedLaw(
-            f"law: {type(law).__name__} has a model, whose torque N̂ the robot certificate does not cover; certify the "
-            "law without one (model=None), or its loop by tarc.certificates.certify_constant_ratio"
-        )
+    _refuse_model(law)
     plants = as_plants(plant)
     spread = inertia_spread(plants, law.M, workspace, samples=samples, seed=seed)
     n_points = min(samples, MAX_STIFFNESS_SAMPLES)
@@ -485,6 +481,15 @@ class BallCandidate(NamedTuple):
 
 NO_CANDIDATE = BallCandidate(0.0, 0.0, 0.0, 0.0, 1.0, None)
 """Stands for the ball of a law whose joints do not share a loop."""
+
+
+def _refuse_model(law: PolePlacement) -> None:
+    """Raise `UnsupportedLaw` for a law with a model, whose N̂ changes stiffness and damping of the loop."""
+    if law.has_model:
+        raise UnsupportedLaw(
+            f"law: {type(law).__name__} has a model, whose torque N̂ the robot certificate does not cover; certify the "
+            "law without one (model=None), or its loop by tarc.certificates.certify_constant_ratio"
+        )
 
 
 def _fit_ball(
