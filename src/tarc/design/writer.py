@@ -3,9 +3,9 @@
 import tempfile
 import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from ruamel.yaml.comments import CommentedMap
@@ -20,13 +20,13 @@ from tarc.estimators.base import Estimator
 from tarc.laws.tarc import TARC
 from tarc.laws.tdc import TDC
 from tarc.plants.base import Plant
-from tarc.plants.mujoco import MujocoPlant
 from tarc.plants.robot_file import find_robot, shipped_robots
 from tarc.scenario.yaml_text import write_yaml
 from tarc.signals.references import Sinusoid
 from tarc.signals.sensors import Encoder
 
 if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
     from matplotlib.figure import Figure
 
 Value: TypeAlias = "bool | int | float | str | list[Value] | dict[str, Value] | None"
@@ -93,10 +93,10 @@ def robot_section(plant: Plant) -> Content:
     InvalidParameter
         For a robot that a scenario cannot name.
     """
-    if isinstance(plant, MujocoPlant):
-        options = {key: _plain(value) for key, value in plant.options.items()}
-        return {**options, "file": _find_path(str(plant.options["file"]))}
-    if type(plant).__module__.startswith("tarc.plants"):
+    if plant.file_options:
+        options = {key: _plain(value) for key, value in plant.file_options.items()}
+        return {**options, "file": _find_path(str(plant.file_options["file"]))}
+    if type(plant).__module__.startswith("tarc.plants") and is_dataclass(plant):
         return {"kind": type(plant).__name__, **_non_defaults(plant)}
     raise InvalidParameter(
         f"scenario: {type(plant).__name__} is neither from a file nor one of tarc.plants; run it with tarc.simulate"
@@ -188,15 +188,15 @@ def _gravity_leaves_torque(law: TDC | TARC, plant: Plant, path: Sinusoid) -> boo
     return bool(np.all(np.array(torques) <= MAX_GRAVITY_SHARE * law.torque_limits))
 
 
-def _non_defaults(part: Any, without: Sequence[str] = ()) -> Content:
+def _non_defaults(part: "DataclassInstance", without: Sequence[str] = ()) -> Content:
     """Return the parameters of a component that are not at their default, except those named."""
     chosen = [field for field in fields(part) if field.name not in without]
     values = {field.name: (getattr(part, field.name), field.default) for field in chosen}
     return {name: _plain(value) for name, (value, default) in values.items() if not _equal(value, default)}
 
 
-def _equal(value: Any, default: Any) -> bool:
-    return np.shape(value) == np.shape(default) and bool(np.all(value == default))
+def _equal(value: object, default: object) -> bool:
+    return np.shape(np.asarray(value)) == np.shape(np.asarray(default)) and bool(np.all(value == default))
 
 
 def _plain(value: object) -> Value:

@@ -1,6 +1,7 @@
 """Contract of a plant: joints, limits, parameters, inertia matrix and linearisation."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from typing import Any, Self
 
 import numpy as np
@@ -58,6 +59,11 @@ class Plant(ABC):
     @property
     def locked(self) -> dict[str, str]:
         """Return why each locked joint is locked, by the joint's name; by default no joint is locked."""
+        return {}
+
+    @property
+    def file_options(self) -> Mapping[str, object]:
+        """Return the arguments of `tarc.plants.MujocoPlant.from_file` that give this robot; empty without a file."""
         return {}
 
     @property

@@ -6,7 +6,7 @@ from tarc.core.types import Vector
 require("robots", "tarc.plants.MujocoPlant")
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -43,8 +43,6 @@ class MujocoPlant(Plant):
     ----------
     model
         The ``mujoco.MjModel``.
-    options
-        Arguments of `from_file` that give this robot: ``file`` and the others.
     carrier
         Body or site that carries the payload, in words.
     """
@@ -57,7 +55,7 @@ class MujocoPlant(Plant):
         self._locked: dict[str, str] = {}
         self.model: mujoco.MjModel = compile_model(spec, label)
         self._label = label
-        self.options: dict[str, Any] = {}
+        self._file_options: dict[str, object] = {}
         self._home = np.array(
             [home.get(name, middle) for name, middle in zip(self.joint_names, self._middles(), strict=True)]
         )
@@ -157,8 +155,13 @@ class MujocoPlant(Plant):
         plant._locked = locked
         speeds = speed_limits(file)
         plant._velocity_limits = np.array([speeds.get(joint, np.inf) for joint in plant.joint_names])
-        plant.options = {"file": str(path), **{key: value for key, value in options.items() if value is not None}}
+        plant._file_options = {"file": str(path), **{key: value for key, value in options.items() if value is not None}}
         return plant
+
+    @property
+    def file_options(self) -> Mapping[str, object]:
+        """Return the arguments of `from_file` that give this robot: ``file`` and the others."""
+        return self._file_options
 
     @property
     def n_joints(self) -> int:
@@ -232,7 +235,7 @@ class MujocoPlant(Plant):
             check.one_of("parameters", name, nominal)
             check.vector(name, value, nominal[name].size, 0)
         changed = copy.copy(self)
-        changed.options = {**self.options, **values}
+        changed._file_options = {**self._file_options, **values}
         changed.model = self.copy_model()
         changed.set_parameters(changed.model, values)
         changed._scratch = mujoco.MjData(changed.model)

@@ -18,7 +18,7 @@ MARKERS = "osD^vP*X<>"
 
 
 def plane(comparison: "Comparison") -> Figure:
-    """Accuracy against smoothness: RMS error over torque variation, both logarithmic, with the Pareto front."""
+    """Draw RMS error over torque variation, both logarithmic, with the Pareto front."""
     figure = Figure(figsize=(8.5, 5.5), layout="constrained")
     axes = figure.subplots()
     points = {
@@ -48,7 +48,7 @@ def plane(comparison: "Comparison") -> Figure:
 
 
 def side(comparison: "Comparison") -> Figure:
-    """Norm of the error, and the torque of the strongest joint, of every law on the same axes."""
+    """Draw the norm of the error and the torque of the strongest joint, of every law on the same axes."""
     runs = comparison.runs
     figure = Figure(figsize=(11, max(3.0, 1.1 * len(runs))), layout="constrained")
     grid = figure.subplots(max(len(runs), 1), 2, sharex=True, sharey="col", squeeze=False)
@@ -62,8 +62,8 @@ def side(comparison: "Comparison") -> Figure:
         for axes in row:
             axes.grid(alpha=0.3)
             axes.margins(x=0)
-    grid[0, 0].set_title("error [mrad]", fontsize="medium")
-    grid[0, 1].set_title("torque of the strongest joint [N m]", fontsize="medium")
+    grid[0, 0].set_title(f"error [{comparison.columns['rms_error'][2]}]", fontsize="medium")
+    grid[0, 1].set_title(f"torque of the strongest joint [{comparison.columns['peak_torque'][2]}]", fontsize="medium")
     levels = [np.linalg.norm((one.data["position"] - one.data["reference"]).values, axis=1) for one in runs.values()]
     if levels:
         low = 1e3 * min(float(np.percentile(level, 2)) for level in levels)
@@ -78,7 +78,7 @@ def side(comparison: "Comparison") -> Figure:
 
 
 def gain(comparison: "Comparison") -> Figure:
-    """Gain of the laws that adapt one, above the norm that drives it."""
+    """Draw the gain of the laws that adapt one, and the norm that drives it."""
     runs = {name: run for name, run in comparison.runs.items() if "gain" in run.data}
     figure = Figure(figsize=(9, max(2.5, 1.8 * len(runs))), layout="constrained")
     grid = figure.subplots(max(len(runs), 1), 1, sharex=True, squeeze=False)[:, 0]

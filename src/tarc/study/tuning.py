@@ -112,7 +112,7 @@ def tune(
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     period = scenarios[0].period
 
-    def score(trial: Any) -> float:
+    def score(trial: "optuna.Trial") -> float:
         values = {key: trial.suggest_float(key, low, high, log=True) for key, (low, high) in space.free.items()}
         part = space.law(values, period)
         return float(np.mean([objective(one, part, limit) for one, limit in pairs]))

@@ -23,7 +23,7 @@ def _entries() -> dict[str, dict[str, Any]]:
     return entries
 
 
-def _first_line(kind: Any) -> str:
+def _first_line(kind: object) -> str:
     return (inspect.getdoc(kind) or "").split("\n\n")[0].replace("\n", " ")
 
 
