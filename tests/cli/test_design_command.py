@@ -102,7 +102,7 @@ def test_the_table_fits_a_terminal_and_tells_each_choice(designed_folder):
     first = {line.split("│")[1].strip() for line in printed.splitlines() if line.startswith("│")}
     assert {"robot", "payload", "weight", "inertia", "window", "natural frequency", "smallest gain"} <= first
     assert "certified: TARC keeps the robot stable" in printed
-    assert re.search(r"margin 0\.\d+, radius of the ball", printed)
+    assert re.search(r"margin 0\.\d+, radius over the one needed", printed)
     assert re.search(r"predicted torque noise, .*: shoulder [\d.]+ N m \([\d.]+ %\), elbow", printed.replace("\n", " "))
 
 
@@ -196,7 +196,7 @@ def test_on_top_is_how_it_was_made_and_the_verdict(designed_folder):
     head = (folder / "out.yaml").read_text().split("\n\n")[0]
     assert head.startswith(f"# Made by: tarc design arm.urdf {' '.join(ASKED)} -o out.yaml\n")
     for part in (
-        "# Verdict: certified; radius of the ball",
+        "# Verdict: certified; radius over the one needed",
         "# Certificates: out-certificates.json",
         "# Run it: tarc run out.yaml. Certify it again: tarc certify out.yaml --full-range",
     ):
