@@ -222,7 +222,7 @@ def hand_form(design, centre, radius, step, evidence, angles):
 def test_bears_against_a_dense_grid(design, centre, relative):
     (channel,) = decoupled_channels(design.law)
     parts, step = UncertainLoop.from_channel(channel, 0.0, intersample=False), relative / centre * PERIOD
-    evidence, size = max_radius(parts, centre, step=step)
+    evidence, size = max_radius(parts, centre, max_change=step)
     assert isinstance(evidence, Multiplier)
     assert len(evidence.coefficients) > 0
     angles = np.unique(np.concatenate([np.geomspace(1e-5, np.pi, 600), np.linspace(1e-3, np.pi, 600)]))
@@ -237,7 +237,7 @@ def test_bears_against_a_dense_grid(design, centre, relative):
 def test_bears_nothing_that_was_changed(slope, weight):
     (channel,) = decoupled_channels(LITERAL.law)
     parts, centre, step, stiffness = UncertainLoop.from_channel(channel, slope, intersample=True), 0.08, 0.1, 20.0
-    evidence, size = max_radius(parts, centre, weight, step=step, stiffness=stiffness)
+    evidence, size = max_radius(parts, centre, weight, max_change=step, stiffness=stiffness)
     rest = weight, stiffness
     assert isinstance(evidence, Multiplier)
     assert size > 0
@@ -303,7 +303,7 @@ def test_json_round_trip_verifies_and_tampering_shows(options):
     changes = {
         "radius": [1.02, np.inf, np.nan, 0.0],
         "centre": [0.5, np.nan],
-        "step": [50.0, -1.0, np.nan, np.inf],
+        "max_change": [50.0, -1.0, np.nan, np.inf],
         "multiplier.slope": [-1.0, np.nan, np.inf],
         "multiplier.stiffness": [np.nan, np.inf],
     }
@@ -319,7 +319,7 @@ def test_json_round_trip_verifies_and_tampering_shows(options):
 
 def test_without_a_rate_nothing_of_it_is_written():
     plain = certify_varying_ratio(LITERAL.law)
-    assert plain.evidence.ball.step is None
+    assert plain.evidence.ball.max_change is None
     assert plain.evidence.ball.multiplier is None
 
 
@@ -421,15 +421,15 @@ def test_a_robot_verifies_and_tampering_shows(verdicts):
         ("points.stiffest_moving.damping", 30.0),
         ("points.stiffest_moving.stiffness", 30.0),
         ("points.largest_norm_moving.stiffness", 30.0),
-        ("ball.step", 0.9),
+        ("ball.max_change", 0.9),
         ("ball.stiffness", 0.9),
         ("ball.radius", 1.1),
         ("ball.radius", 0.5),
-        ("ball.weight", np.nan),
+        ("ball.position_weight", np.nan),
     ]
     for name, factor in changes:
         assert not scaled(slow, name, factor).verify(), name
-    assert not replaced(slow, "ball.step", None).verify()  # claims any speed
+    assert not replaced(slow, "ball.max_change", None).verify()  # claims any speed
 
 
 def test_an_acceleration_goes_with_a_speed():
@@ -457,7 +457,7 @@ def test_no_motion_within_the_speed_needs_a_wider_ball(verdicts):
         for _ in range(1500)
     ]
     found = uncertainty_samples(INERTIA, instants)
-    assert found.joint_norms(ball.centre, ball.weight, lead).max() <= needed * (1 + 1e-3)
+    assert found.joint_norms(ball.centre, ball.position_weight, lead).max() <= needed * (1 + 1e-3)
     assert 0.7 * ball.stiffness < found.stiffness_norms(lead).max() <= ball.stiffness
     assert np.abs(slow.evidence.points.stiffest_moving.velocity).max() == pytest.approx(0.5)
     assert np.abs(slow.evidence.points.largest_norm_moving.acceleration).max() == pytest.approx(2.0)
@@ -495,9 +495,9 @@ def test_damping_counts_beside_the_stiffness(lead):
     parts, centre, weight = UncertainLoop.from_channel(channel, 0.0, intersample=False, lead_periods=lead), 1.0, 300.0
     step = 10.0 / centre * PERIOD
     _, plain = max_radius(
-        UncertainLoop.from_channel(channel, 0.0, intersample=False), centre, weight, step=step, stiffness=300.0
+        UncertainLoop.from_channel(channel, 0.0, intersample=False), centre, weight, max_change=step, stiffness=300.0
     )
-    evidence, size = max_radius(parts, centre, weight, step=step, stiffness=300.0)
+    evidence, size = max_radius(parts, centre, weight, max_change=step, stiffness=300.0)
     assert isinstance(evidence, Multiplier)
     assert 0 < size < plain
     assert satisfies_iqc(parts, centre, size, step, evidence, weight, 300.0)

@@ -437,7 +437,7 @@ def joint_norms(law, verdict, instants):
     """What the ball must hold, of robots at rest or moving, with the verdict's own centre, weight and lead."""
     ball = ball_of(verdict)
     return uncertainty_samples(law.M, instants).joint_norms(
-        ball.centre, ball.weight, ball.loop.lead_periods.item() * law.period
+        ball.centre, ball.position_weight, ball.loop.lead_periods.item() * law.period
     )
 
 
@@ -499,7 +499,7 @@ def test_certified_with_the_least_inertia_holds_against_gravity_anywhere(natural
 
     law = barely_certified_law(law_of, [ARM, LOADED], box, 0.2, 1e-3)
     verdict = certify_arm(law, [ARM, LOADED], box)
-    assert ball_of(verdict).weight > 0
+    assert ball_of(verdict).position_weight > 0
     loop = decoupled_channels(law)[0].closed_loop(0.0)[:3]
     for plant, posture, *_ in sample_points([ARM, LOADED], box, 300, 5):
         assert (
@@ -522,7 +522,7 @@ def test_stiffness_left_out_certifies_nothing():
     )
     certified = certify_arm(law, [ARM, LOADED], box)
     for name, factors in (
-        ("weight", (0.0, -1.0, 1e-3, 0.1, 3.0, 10.0, np.inf, np.nan)),
+        ("position_weight", (0.0, -1.0, 1e-3, 0.1, 3.0, 10.0, np.inf, np.nan)),
         ("radius", (0.0, -1.0, 1.01, 2.0, np.inf, np.nan)),
         ("centre", (0.0, -1.0, 0.5, 2.0, np.nan)),
     ):
@@ -561,7 +561,7 @@ def test_one_posture_and_any_stiffness(count, spring):
     for width in (0.0, 1.0):
         verdict = certify_arm(law, plant, Workspace.box([0.0] * count, [width] * count))
         assert verdict.verify()
-        assert (ball_of(verdict).weight > 0) == (abs(spring) > 1e-9)
+        assert (ball_of(verdict).position_weight > 0) == (abs(spring) > 1e-9)
         loop = decoupled_channels(law)[0].closed_loop(0.0)[:3]
         size = np.abs(
             np.linalg.eigvals(rest_state_matrix(loop, law.M, plant.linearised([0.0] * count), law.period))
@@ -574,7 +574,7 @@ def test_no_gravity_no_weight():
     flat = plants.TwoLinkArm(gravity=0.0)
     verdict = certify_arm(tdc_with_inertia_share(0.05), flat)
     assert verdict.certified
-    assert ball_of(verdict).weight == verdict.evidence.stiffness == 0.0
+    assert ball_of(verdict).position_weight == verdict.evidence.stiffness == 0.0
     assert verdict.margin > certify_arm(tdc_with_inertia_share(0.05)).margin
 
 

@@ -171,7 +171,7 @@ def check_slow_balls(
             parts = UncertainLoop.from_channel(
                 decoupled_channels(design.law, design.computation_delay)[0], steep, intersample=True
             )
-            reach = max_radius(parts, centre, weight, step=rate * PERIOD, stiffness=stiffness)[1]
+            reach = max_radius(parts, centre, weight, max_change=rate * PERIOD, stiffness=stiffness)[1]
         else:
             found = certify_varying_ratio(
                 design.law, centre, slope=steep, rate=rate, computation_delay=design.computation_delay

@@ -81,25 +81,25 @@ class UncertaintySamples:
         """Return ‖[H, C/θ]‖ of each point [1/s²], shape (k,), for the lead time θ [s]."""
         return _spectral_norms(_stack(self.stiffness, self.damping, lead_time))
 
-    def joint_norms(self, centre: float, weight: float, lead_time: float = 0.0) -> Array:
+    def joint_norms(self, centre: float, position_weight: float, lead_time: float = 0.0) -> Array:
         """Return ‖[E − ρ0 I, H/η, C/(η θ)]‖ of each point, shape (k,), for a centre ρ0 and a weight η [1/s²]."""
         mismatch = self.inertia - centre * np.eye(self.inertia.shape[1])
-        stiffness = _stack(self.stiffness, self.damping, lead_time) / weight
+        stiffness = _stack(self.stiffness, self.damping, lead_time) / position_weight
         return _spectral_norms(np.concatenate([mismatch, stiffness], axis=2))
 
-    def needed_radius(self, centre: float, weight: float, lead_time: float = 0.0) -> float:
+    def needed_radius(self, centre: float, position_weight: float, lead_time: float = 0.0) -> float:
         """Return the largest of `joint_norms`, computed only where the Frobenius norm does not exclude it."""
         inertia_squared, inertia_trace, stiffness_squared, damping_squared = self._squares
         mismatch_squared = inertia_squared - 2 * centre * inertia_trace + centre**2 * self.inertia.shape[1]
         coupling = stiffness_squared + (damping_squared / lead_time**2 if lead_time else 0.0)
-        bounds = mismatch_squared + coupling / weight**2
+        bounds = mismatch_squared + coupling / position_weight**2
         largest, order = 0.0, np.argsort(bounds)[::-1]
         for start in range(0, len(order), NORM_BATCH):
             batch = order[start : start + NORM_BATCH]
             if bounds[batch[0]] * (1 + 1e-9) < largest**2:
                 break
             part = UncertaintySamples(self.inertia[batch], self.stiffness[batch], self.damping[batch])
-            largest = max(largest, float(part.joint_norms(centre, weight, lead_time).max()))
+            largest = max(largest, float(part.joint_norms(centre, position_weight, lead_time).max()))
         return largest
 
     def candidate_weights(self, centre: float, lead_time: float) -> list[float]:
@@ -206,17 +206,17 @@ class SampledPoints:
         unit_samples = workspace.unit_samples(samples, seed)
         return cls(nominal, workspace, unit_samples, points, uncertainty_samples(nominal, points))
 
-    def refine_worst(self, centre: float, weight: float, lead_time: float) -> "SampledPoints":
+    def refine_worst(self, centre: float, position_weight: float, lead_time: float) -> "SampledPoints":
         """Return the points with those that a local search for the largest joint norm adds.
 
         The search starts from the points of the largest norms, from the stiffest, and from the first two.
         """
 
         def norms(points: Sequence[OperatingPoint]) -> Array:
-            return uncertainty_samples(self.nominal, points).joint_norms(centre, weight, lead_time)
+            return uncertainty_samples(self.nominal, points).joint_norms(centre, position_weight, lead_time)
 
         stiffest = int(np.argmax(self.uncertainty.stiffness_norms(lead_time)))
-        worst = np.argsort(self.uncertainty.joint_norms(centre, weight, lead_time))[::-1][:N_SEARCHES]
+        worst = np.argsort(self.uncertainty.joint_norms(centre, position_weight, lead_time))[::-1][:N_SEARCHES]
         starts = [self.points[i] for i in dict.fromkeys([0, 1, stiffest, *worst.tolist()])]
         return self._with_points(
             [_maximise_motion(self._maximise_posture(start, norms, centre), self.workspace, norms) for start in starts]

@@ -65,7 +65,7 @@ class UncertainLoop(NamedTuple):
             B_mismatch[:2] = T**2 * np.array([[1 / 2, 1 / 12**0.5], [1.0, 0.0]])
         return cls(A, B, C, B_robust, D_robust, B_mismatch, np.array([[slope / 2]]), np.array([[lead_periods]]))
 
-    def closed_loop(self, ratio: float, weight: float = 0.0) -> System:
+    def closed_loop(self, ratio: float, position_weight: float = 0.0) -> System:
         """Return A, B, C, D at a ratio, with half of the slope in the loop and the uncertainty outside.
 
         The system maps (a, w) to (v, η q, η θ q̇, s k/2). The mismatch maps the first three back to a, where q and its
@@ -76,7 +76,7 @@ class UncertainLoop(NamedTuple):
         ----------
         ratio
             ρ.
-        weight
+        position_weight
             η [1/s²]. Without it the outputs η q and η θ q̇ are left out; without a slope w and s k/2.
         """
         half, lead = self.half_slope.item(), self.lead_periods
@@ -84,18 +84,18 @@ class UncertainLoop(NamedTuple):
         B_robust = self.B_robust + ratio * self.B @ self.D_robust
         A = self.A + ratio * self.B @ self.C - half * B_robust @ position
         columns, rows = [self.B_mismatch], [self.C - half * self.D_robust @ position]
-        if weight:
-            rows.append(weight * position)
+        if position_weight:
+            rows.append(position_weight * position)
             if lead.item():
-                rows.append(weight * lead * (A[:1] - position))
+                rows.append(position_weight * lead * (A[:1] - position))
         if half:
             columns, rows = [*columns, B_robust], [*rows, half * position]
         B, C = np.hstack(columns), np.vstack(rows)
         D = np.zeros((len(C), B.shape[1]))
         if half:
             D[0, self.B_mismatch.shape[1]] = self.D_robust.item()
-        if weight and lead.item():
-            D[2] = weight * lead * B[0]
+        if position_weight and lead.item():
+            D[2] = position_weight * lead * B[0]
         return A, B, C, D
 
 
@@ -148,7 +148,7 @@ class FrequencyResponses:
         feedback[:, :, 0], feedback[:, :, 1] = ratio * self.from_torque, -self.half_slope * self.from_robust
         return np.linalg.solve(np.eye(2) - feedback, inputs)
 
-    def best_scale(self, ratio: float, weight: float = 0.0) -> tuple[float, float]:
+    def best_scale(self, ratio: float, position_weight: float = 0.0) -> tuple[float, float]:
         """Return the scale of the slope's block and the radius that it admits on the grid of frequencies.
 
         With P from (a, w) to (v, η q) and s the row to s k/2, scaled, r² PᴴP + sᴴs < 1 at each frequency. So 1/r² is
@@ -159,7 +159,7 @@ class FrequencyResponses:
         G = self.at_ratio(ratio)
         a, w = G[:, :, :-1], G[:, :, -1]
         s_a, s_w = G[:, 1, :-1] * self.half_slope, G[:, 1, -1] * self.half_slope
-        weights = np.hstack([np.ones_like(self.lead_factor), weight * self.lead_factor])
+        weights = np.hstack([np.ones_like(self.lead_factor), position_weight * self.lead_factor])
         a, w = a * weights[:, :, None], w * weights
         vv, qq = np.sum(np.abs(a) ** 2, axis=2).T
         vq = np.sum(a[:, 0] * a[:, 1].conj(), axis=1)

@@ -52,35 +52,35 @@ class Multiplier(NamedTuple):
     stiffness: float = 1.0
 
 
-def rate_penalty(decays: Array, step: float, largest: float) -> Array:
+def rate_penalty(decays: Array, max_change: float, largest: float) -> Array:
     """Return 2 Σ_m p^m D_m for each decay p, shape (k,).
 
-    D_m = m step ((1 + μ)/(1 − μ))², μ = ε/(1 − ε), ε = step · largest/2. Over a period E is nearly the inverse of its
+    D_m = m Δ ((1 + μ)/(1 − μ))², μ = ε/(1 − ε), ε = Δ · largest/2. Over a period E is nearly the inverse of its
     inverse's mean, if ε is small: half the change of E⁻¹ times the largest E. The penalty is infinite for ε ≥ 1/3.
 
     Parameters
     ----------
     decays
         p, shape (k,).
-    step
-        Largest change of E⁻¹ in one period.
+    max_change
+        Δ, the largest change of E⁻¹ in one period.
     largest
         Largest eigenvalue of E.
     """
-    p, half_change = np.asarray(decays, dtype=float), step * largest / 2
+    p, half_change = np.asarray(decays, dtype=float), max_change * largest / 2
     if not half_change < 1 / 3:
         return np.full_like(p, np.inf)
     mu = half_change / (1 - half_change)
-    return 2 * step * ((1 + mu) / (1 - mu)) ** 2 * p / (1 - p) ** 2
+    return 2 * max_change * ((1 + mu) / (1 - mu)) ** 2 * p / (1 - p) ** 2
 
 
 def satisfies_iqc(
     loop: UncertainLoop,
     centre: float,
     radius: float,
-    step: float,
+    max_change: float,
     multiplier: Multiplier,
-    weight: float = 0.0,
+    position_weight: float = 0.0,
     stiffness: float = 0.0,
 ) -> bool:
     """Return whether the multiplier proves at all frequencies that the loop tolerates the ball.
@@ -94,20 +94,20 @@ def satisfies_iqc(
         The loop.
     centre, radius
         ρ0 and δ.
-    step
-        Largest change of E⁻¹ in one period.
+    max_change
+        Δ, the largest change of E⁻¹ in one period.
     multiplier
         The multiplier.
-    weight, stiffness
+    position_weight, stiffness
         η and the largest ‖[H, C/θ]‖ [1/s²].
     """
     p, c = multiplier.decays, multiplier.coefficients
-    in_range = step >= 0 and np.all((p > 0) & (p < 1 - MIN_DECAY))
+    in_range = max_change >= 0 and np.all((p > 0) & (p < 1 - MIN_DECAY))
     if not in_range or not multiplier.slope > 0 or not multiplier.stiffness > 0 or radius > centre:
         return False
-    if not np.isfinite(np.abs(c) @ rate_penalty(p, step, centre + radius) if len(p) else 0.0):
+    if not np.isfinite(np.abs(c) @ rate_penalty(p, max_change, centre + radius) if len(p) else 0.0):
         return False
-    A, B, Q, S, R = iqc_matrices(loop, centre, radius, step, multiplier, weight, stiffness)
+    A, B, Q, S, R = iqc_matrices(loop, centre, radius, max_change, multiplier, position_weight, stiffness)
     return fdi_negative(A, B, Q, S, R + FORM_MARGIN * np.eye(len(R)))
 
 
@@ -115,9 +115,9 @@ def iqc_matrices(
     loop: UncertainLoop,
     centre: float,
     radius: float,
-    step: float,
+    max_change: float,
     multiplier: Multiplier,
-    weight: float = 0.0,
+    position_weight: float = 0.0,
     stiffness: float = 0.0,
 ) -> tuple[Array, Array, Array, Array, Array]:
     """Return A, B, Q, S, R of the form that must be negative, each input scaled so that its own square has −1.
@@ -125,11 +125,11 @@ def iqc_matrices(
     The states are those of the loop, v through the exponentials, and b through the exponentials. The inputs are a, w
     and d, as far as there is a slope and a stiffness. The parameters are those of `satisfies_iqc`.
     """
-    A, B, C, D = loop.closed_loop(centre, weight)
+    A, B, C, D = loop.closed_loop(centre, position_weight)
     p, c = multiplier.decays, multiplier.coefficients
-    penalty = np.abs(c) @ rate_penalty(p, step, centre + radius) if len(p) else 0.0
+    penalty = np.abs(c) @ rate_penalty(p, max_change, centre + radius) if len(p) else 0.0
     n, k, n_mismatch = len(A), len(p), loop.B_mismatch.shape[1]
-    has_slope, has_stiffness = bool(loop.half_slope.item()), bool(weight and stiffness)
+    has_slope, has_stiffness = bool(loop.half_slope.item()), bool(position_weight and stiffness)
     n_inputs = B.shape[1] + has_stiffness
     m = n + 2 * k
     # every signal is a row over (states, inputs)
@@ -145,14 +145,14 @@ def iqc_matrices(
     form = radius**2 * _square(v) + penalty * _square(b) - sum(_square(row) for row in u[:n_mismatch])
     form = form + _product(v, c @ unit[n + k : m]) - _product(c @ unit[n : n + k], b)
     scale = np.ones(n_inputs)
-    position_and_velocity = outputs[1 : len(C) - has_slope] if weight else outputs[:0]
+    position_and_velocity = outputs[1 : len(C) - has_slope] if position_weight else outputs[:0]
     squared_position = position_and_velocity.T @ position_and_velocity
     form = form + radius**2 * squared_position
     if has_slope:
         form = form + multiplier.slope * (_square(outputs[-1]) - _square(u[n_mismatch]))
         scale[n_mismatch] = multiplier.slope**-0.5
     if has_stiffness:
-        form = form + multiplier.stiffness * ((stiffness / weight) ** 2 * squared_position - _square(u[-1]))
+        form = form + multiplier.stiffness * ((stiffness / position_weight) ** 2 * squared_position - _square(u[-1]))
         scale[-1] = multiplier.stiffness**-0.5
     Q, S, R = form[:m, :m], form[:m, m:] * scale, form[m:, m:] * scale * scale[:, None]
     return dynamics[:, :m], dynamics[:, m:] * scale, Q, S, R
@@ -169,9 +169,9 @@ def _product(first: Array, second: Array) -> Array:
 def best_multiplier(
     loop: UncertainLoop,
     centre: float,
-    step: float,
+    max_change: float,
     *,
-    weight: float = 0.0,
+    position_weight: float = 0.0,
     stiffness: float = 0.0,
     responses: FrequencyResponses | None = None,
     enough: float = np.inf,
@@ -188,9 +188,9 @@ def best_multiplier(
         The loop.
     centre
         ρ0.
-    step
-        Largest change of E⁻¹ in one period.
-    weight, stiffness
+    max_change
+        Δ, the largest change of E⁻¹ in one period.
+    position_weight, stiffness
         η and the largest ‖[H, C/θ]‖ [1/s²], as in `tarc.certificates.certify_robot`.
     responses
         Frequency responses of the loop, where they exist already.
@@ -206,8 +206,10 @@ def best_multiplier(
     """
     from scipy.optimize import linprog
 
-    step = max(step, MIN_CHANGE / centre)  # without a penalty nothing bounds the coefficients
-    forms = _FormsOverFrequency(loop, responses or FrequencyResponses(loop), centre, step, weight, stiffness)
+    max_change = max(max_change, MIN_CHANGE / centre)  # without a penalty nothing bounds the coefficients
+    forms = _FormsOverFrequency(
+        loop, responses or FrequencyResponses(loop), centre, max_change, position_weight, stiffness
+    )
     objective = np.zeros(forms.n_unknowns)
     objective[-1] = -1.0
     best = forms.start()
@@ -261,28 +263,28 @@ class _FormsOverFrequency:
         loop: UncertainLoop,
         responses: FrequencyResponses,
         centre: float,
-        step: float,
-        weight: float,
+        max_change: float,
+        position_weight: float,
         stiffness: float,
     ):
         G = responses.at_ratio(centre)
         self.n_mismatch, self.half_slope = loop.B_mismatch.shape[1], responses.half_slope
-        self.has_slope, self.has_stiffness = bool(self.half_slope), bool(weight and stiffness)
+        self.has_slope, self.has_stiffness = bool(self.half_slope), bool(position_weight and stiffness)
         G = G if self.has_slope else G[:, :, : self.n_mismatch]
         G = np.concatenate([G, 0 * G[:, :, :1]], axis=2) if self.has_stiffness else G
         self.n_inputs = G.shape[2]
         self.v, self.q, self.s = centre * G[:, 0], G[:, 1] * responses.lead_factor, G[:, 1]
         identity = np.eye(self.n_inputs)
         self.b = self.v + identity[0] + (identity[-1] if self.has_stiffness else 0)
-        self.weight, self.stiffness, self.centre = centre * weight, stiffness, centre
-        self.start_scale = responses.best_scale(centre, weight)[0]
+        self.position_weight, self.stiffness, self.centre = centre * position_weight, stiffness, centre
+        self.start_scale = responses.best_scale(centre, position_weight)[0]
         spectral_radius = np.max(np.abs(np.linalg.eigvals(loop.closed_loop(centre)[0])))
         slowest = -np.log(min(max(spectral_radius, 0.5), 1 - 1e-5))
         p = self.decays = np.exp(-np.geomspace(slowest / 5, 2.0, N_DECAYS))
         self.unit = (1 - p**2) / p  # scales each coefficient by the largest of its sine
         z = np.exp(1j * responses.angles)[:, None]
         sines = 4 * self.unit * np.imag(p * z / (1 - p * z))
-        penalty = rate_penalty(p, step, 2 * centre) * self.unit * centre
+        penalty = rate_penalty(p, max_change, 2 * centre) * self.unit * centre
         self.n_decays = N_DECAYS if np.isfinite(penalty).all() else 0
         self.penalty, self.sines = penalty[: self.n_decays], sines[:, : self.n_decays]
         self.n_unknowns = 2 * self.n_decays + self.has_slope + self.has_stiffness + 1
@@ -305,7 +307,7 @@ class _FormsOverFrequency:
         form = form + half * b * self.v[:, None] - half * v * self.b[:, None]
         diagonal = np.zeros(self.n_inputs)
         diagonal[: self.n_mismatch] = 1.0
-        position_weight = weights[-1] * self.weight**2
+        position_weight = weights[-1] * self.position_weight**2
         if self.has_slope:
             form = form + weights[0] * self.half_slope**2 * s * self.s[:, None]
             diagonal[self.n_mismatch] = weights[0]
@@ -325,7 +327,7 @@ class _FormsOverFrequency:
             columns.append((self.half_slope**2 * np.abs(s) ** 2 - squared_w)[:, None])
         if self.has_stiffness:
             columns.append((self.stiffness**2 * squared_q - np.abs(x[:, -1]) ** 2)[:, None])
-        columns.append((squared_v + self.weight**2 * squared_q)[:, None])
+        columns.append((squared_v + self.position_weight**2 * squared_q)[:, None])
         A, bound = np.hstack(columns), np.sum(np.abs(x[:, : self.n_mismatch]) ** 2, axis=1) - 2 * FORM_MARGIN
         size = np.maximum(np.abs(A).max(axis=1), 1e-12)
         return A / size[:, None], bound / size
@@ -335,7 +337,7 @@ class _FormsOverFrequency:
         remaining = -self.at(np.concatenate([x[:-1], [0.0]])) - 2 * FORM_MARGIN * np.eye(self.n_inputs)
         if np.linalg.eigvalsh(remaining).min() <= 0:
             return 0.0
-        outputs = np.stack([self.v, self.weight * self.q], axis=1)
+        outputs = np.stack([self.v, self.position_weight * self.q], axis=1)
         gains = outputs @ np.linalg.solve(remaining, outputs.conj().transpose(0, 2, 1))
         return float(min(1.0, np.linalg.eigvalsh(gains)[:, -1].max() ** -0.5))
 

@@ -178,7 +178,7 @@ class RobotEvidence(Evidence):
     @property
     def rate(self) -> float | None:
         """Largest ‖dE⁻¹/dt‖ [1/s] that the ball allows; None for any."""
-        return None if self.ball is None or self.ball.step is None else self.ball.step / self.period
+        return None if self.ball is None or self.ball.max_change is None else self.ball.max_change / self.period
 
     def judge(self) -> Judgement:
         """Test the worst points at rest for a mode that grows, then whether the ball contains all points."""
@@ -219,15 +219,15 @@ class RobotEvidence(Evidence):
         if not np.isfinite(lead_time) or (lead_time <= 0 and has_damping):
             return undecided
         needed_radius = max(largest - ball.centre, ball.centre - smallest)
-        if ball.weight > 0:
-            joint_norms = uncertainty.joint_norms(ball.centre, ball.weight, lead_time)
+        if ball.position_weight > 0:
+            joint_norms = uncertainty.joint_norms(ball.centre, ball.position_weight, lead_time)
             needed_radius = max(needed_radius, float(joint_norms.max()))
         elif not stiffness <= NEGLIGIBLE_STIFFNESS:  # without a weight the ball leaves the stiffness out
             return undecided
-        if ball.step is not None:
+        if ball.max_change is not None:
             if self.max_rate_point is None or not stiffness <= (1 + 1e-9) * ball.stiffness:
                 return undecided
-            if self.max_rate_point.rate(self.nominal_inertia) * self.period / (1 + 1e-9) > ball.step:
+            if self.max_rate_point.rate(self.nominal_inertia) * self.period / (1 + 1e-9) > ball.max_change:
                 return undecided
         judgement = ball.judge(needed_radius)
         return judgement if self.robust_term_is_bounded else judgement._replace(verdict=Verdict.INCONCLUSIVE)
@@ -311,7 +311,7 @@ def certify_robot(
         channel = (decoupled_channels(law, computation_delay) if channels is None else channels)[0]
         rate_point = _max_rate_point(plants, law.M, workspace, n_points, seed)
         sampled, candidate, ball = _fit_ball(channel, slope, spread, sampled, rate_point)
-        rate_point = None if candidate.step is None else rate_point
+        rate_point = None if candidate.max_change is None else rate_point
     else:
         channel = coupled_channel(law, computation_delay)
         coupled_loop = LoopMatrices(*channel.closed_loop(0.0)[:3])
@@ -391,8 +391,8 @@ def _worst_points(sampled: SampledPoints, candidate: "BallCandidate") -> WorstPo
     points, uncertainty = sampled.points, sampled.uncertainty
     stiffness_norms = uncertainty.stiffness_norms(candidate.lead_time)
     joint_norms = stiffness_norms
-    if candidate.weight:
-        joint_norms = uncertainty.joint_norms(candidate.centre, candidate.weight, candidate.lead_time)
+    if candidate.position_weight:
+        joint_norms = uncertainty.joint_norms(candidate.centre, candidate.position_weight, candidate.lead_time)
     is_moving = np.array([point.is_moving for point in points])
 
     def worst(is_included: Array, values: Array) -> LinearisedPoint:
@@ -465,18 +465,18 @@ class BallCandidate(NamedTuple):
         Tolerated radius over the needed one.
     needed_radius
         Radius that contains all operating points.
-    weight, lead_time, centre
+    position_weight, lead_time, centre
         η [1/s²], θ [s] and ρ0.
-    step
+    max_change
         Largest change of E⁻¹ in one period; None for any.
     """
 
     radius_over_needed: float
     needed_radius: float
-    weight: float
+    position_weight: float
     lead_time: float
     centre: float
-    step: float | None
+    max_change: float | None
 
 
 NO_CANDIDATE = BallCandidate(0.0, 0.0, 0.0, 0.0, 1.0, None)
@@ -497,15 +497,23 @@ def _fit_ball(
 ) -> tuple[SampledPoints, BallCandidate, Ball]:
     """Return the points with the worst ones added, the best candidate, and its ball."""
     ratios = spread.min_ratio, spread.max_ratio
-    step = None if rate_point is None else channel.period * rate_point.rate(sampled.nominal)
-    centres = {best_centre(UncertainLoop.from_channel(channel, slope, True), ratios, step), sum(ratios) / 2}
+    max_change = None if rate_point is None else channel.period * rate_point.rate(sampled.nominal)
+    centres = {best_centre(UncertainLoop.from_channel(channel, slope, True), ratios, max_change), sum(ratios) / 2}
     sampled = worst_case_points(min(centres), sampled)
-    best, proof, radius = best_ball(channel, slope, centres, sampled.uncertainty, step)
-    if best.weight:  # once more, for this ball
-        sampled = sampled.refine_worst(best.centre, best.weight, best.lead_time)
+    best, proof, radius = best_ball(channel, slope, centres, sampled.uncertainty, max_change)
+    if best.position_weight:  # once more, for this ball
+        sampled = sampled.refine_worst(best.centre, best.position_weight, best.lead_time)
     loop = UncertainLoop.from_channel(channel, slope, True, lead_periods=best.lead_time / channel.period)
     stiffness = float(sampled.uncertainty.stiffness_norms(best.lead_time).max())
-    ball = make_ball(loop, best.centre, radius, proof, weight=best.weight, stiffness=stiffness, step=best.step)
+    ball = make_ball(
+        loop,
+        best.centre,
+        radius,
+        proof,
+        position_weight=best.position_weight,
+        stiffness=stiffness,
+        max_change=best.max_change,
+    )
     return sampled, best, ball
 
 
@@ -523,7 +531,11 @@ def worst_case_points(centre: float, sampled: SampledPoints) -> SampledPoints:
 
 
 def best_ball(
-    channel: Channel, slope: float, centres: Collection[float], uncertainty: UncertaintySamples, step: float | None
+    channel: Channel,
+    slope: float,
+    centres: Collection[float],
+    uncertainty: UncertaintySamples,
+    max_change: float | None,
 ) -> tuple[BallCandidate, RadiusProof, float]:
     """Return the best ball, what proves its radius, and its radius.
 
@@ -539,8 +551,8 @@ def best_ball(
         candidate
         for centre in centres
         for lead_time, loop in loops.items()
-        for bounded_step in {step, None}
-        for candidate in best_weights(loop, centre, uncertainty, lead_time, bounded_step)
+        for change_limit in {max_change, None}
+        for candidate in best_weights(loop, centre, uncertainty, lead_time, change_limit)
     ]
     candidates.sort(reverse=True, key=lambda candidate: candidate.radius_over_needed)
     best, proof, radius = candidates[0], None, -1.0
@@ -548,7 +560,7 @@ def best_ball(
         if candidate.radius_over_needed > radius / best.needed_radius:
             loop, stiffness = loops[candidate.lead_time], float(uncertainty.stiffness_norms(candidate.lead_time).max())
             candidate_proof, candidate_radius = max_radius(
-                loop, candidate.centre, candidate.weight, step=candidate.step, stiffness=stiffness
+                loop, candidate.centre, candidate.position_weight, max_change=candidate.max_change, stiffness=stiffness
             )
             if candidate_radius / candidate.needed_radius > radius / best.needed_radius:
                 best, proof, radius = candidate, candidate_proof, candidate_radius
@@ -556,18 +568,24 @@ def best_ball(
 
 
 def best_weights(
-    loop: UncertainLoop, centre: float, uncertainty: UncertaintySamples, lead_time: float, step: float | None = None
+    loop: UncertainLoop,
+    centre: float,
+    uncertainty: UncertaintySamples,
+    lead_time: float,
+    max_change: float | None = None,
 ) -> list[BallCandidate]:
     """Return the two best weights η, the best first; zero where there is no stiffness.
 
-    With a step E⁻¹ changes by no more than that in one period.
+    With a `max_change` E⁻¹ changes by no more than that in one period.
     """
     responses, stiffness = FrequencyResponses(loop), float(uncertainty.stiffness_norms(lead_time).max())
 
     def tolerated_radius(weight: float) -> float:
-        if step is None:
+        if max_change is None:
             return responses.best_scale(centre, weight)[1]
-        return best_multiplier(loop, centre, step, weight=weight, stiffness=stiffness, responses=responses)[1]
+        return best_multiplier(
+            loop, centre, max_change, position_weight=weight, stiffness=stiffness, responses=responses
+        )[1]
 
     candidates = []
     for weight in uncertainty.candidate_weights(centre, lead_time) or [0.0]:
@@ -575,5 +593,7 @@ def best_weights(
             needed = uncertainty.needed_radius(centre, weight, lead_time)
         else:
             needed = max(uncertainty.needed_radius(centre, np.inf), 0.1 * centre)
-        candidates.append(BallCandidate(tolerated_radius(weight) / needed, needed, weight, lead_time, centre, step))
+        candidates.append(
+            BallCandidate(tolerated_radius(weight) / needed, needed, weight, lead_time, centre, max_change)
+        )
     return sorted(candidates, reverse=True, key=lambda candidate: candidate.radius_over_needed)[:2]

@@ -40,13 +40,13 @@ class Ball:
         The loop, opened at its inertia ratio.
     centre, radius
         ρ0 and δ.
-    weight
+    position_weight
         η, which multiplies the position beside v [1/s²]; zero without stiffness.
     stiffness
         Largest ‖[H, C/θ]‖ of the robot [1/s²].
     scale
         Scale of the slope's block; None without a slope, and with a multiplier.
-    step
+    max_change
         Largest change of E⁻¹ in one period; None for any.
     multiplier
         Proof of the radius where the change is bounded.
@@ -55,10 +55,10 @@ class Ball:
     loop: UncertainLoop
     centre: float
     radius: float
-    weight: float = 0.0
+    position_weight: float = 0.0
     stiffness: float = 0.0
     scale: float | None = None
-    step: float | None = None
+    max_change: float | None = None
     multiplier: Multiplier | None = None
 
     @property
@@ -74,8 +74,8 @@ class Ball:
     def judge(self, needed_radius: float) -> Judgement:
         """Test the radius against the needed one, the loop at the centre, and the norm or the form of the ball."""
         multiplier = self.multiplier
-        numbers = [self.centre, self.radius, needed_radius, self.weight, self.stiffness]
-        numbers += [value for value in (self.scale, self.step) if value is not None]
+        numbers = [self.centre, self.radius, needed_radius, self.position_weight, self.stiffness]
+        numbers += [value for value in (self.scale, self.max_change) if value is not None]
         numbers += [] if multiplier is None else [multiplier.slope, multiplier.stiffness]
         if not np.all(np.isfinite(numbers)) or not self.centre > 0 or self.scale == 0:
             return Judgement(Verdict.INCONCLUSIVE, 0.0)
@@ -87,25 +87,31 @@ class Ball:
 
     def _is_proven(self) -> bool:
         """Return whether the loop at the centre is stable, and the norm or the form shows the radius."""
-        system = self.loop.closed_loop(self.centre, self.weight)
+        system = self.loop.closed_loop(self.centre, self.position_weight)
         if schur_stability(system[0])[0] != "certified":
             return False
-        if self.step is None:
+        if self.max_change is None:
             return hinf_norm(*scaled_system(system, self.radius, self.scale)) < 1
         if self.multiplier is None:
             return False
         return satisfies_iqc(
-            self.loop, self.centre, self.radius, self.step, self.multiplier, self.weight, self.stiffness
+            self.loop, self.centre, self.radius, self.max_change, self.multiplier, self.position_weight, self.stiffness
         )
 
     def gains(self, angles: Array) -> Array:
         """Return what must stay below one at each angle ω [rad]: the weighted gain, or with a multiplier its form."""
-        if self.step is not None and self.multiplier is not None:
+        if self.max_change is not None and self.multiplier is not None:
             A, B, Q, S, R = iqc_matrices(
-                self.loop, self.centre, self.radius, self.step, self.multiplier, self.weight, self.stiffness
+                self.loop,
+                self.centre,
+                self.radius,
+                self.max_change,
+                self.multiplier,
+                self.position_weight,
+                self.stiffness,
             )
             return 1 + fdi_max_eigenvalue(A, B, Q, S, R, angles)
-        system = self.loop.closed_loop(self.centre, self.weight)
+        system = self.loop.closed_loop(self.centre, self.position_weight)
         return max_singular_values(*scaled_system(system, self.radius, self.scale), angles)
 
 
@@ -115,19 +121,19 @@ def make_ball(
     radius: float,
     proof: RadiusProof,
     *,
-    weight: float = 0.0,
+    position_weight: float = 0.0,
     stiffness: float = 0.0,
-    step: float | None = None,
+    max_change: float | None = None,
 ) -> Ball:
     """Return a ball with the proof that `max_radius` gave."""
     return Ball(
         loop=loop,
         centre=centre,
         radius=radius,
-        weight=weight,
+        position_weight=position_weight,
         stiffness=stiffness,
         scale=proof if isinstance(proof, float) else None,
-        step=step,
+        max_change=max_change,
         multiplier=proof if isinstance(proof, Multiplier) else None,
     )
 
@@ -183,7 +189,7 @@ class VaryingRatioEvidence(Evidence):
     @property
     def rate(self) -> float | None:
         """Largest ‖dE⁻¹/dt‖ [1/s]; None for any."""
-        return None if self.ball.step is None else self.ball.step / self.period
+        return None if self.ball.max_change is None else self.ball.max_change / self.period
 
     def judge(self) -> Judgement:
         """Judge the ball against the radius needed."""
@@ -275,15 +281,15 @@ def certify_varying_ratio(
             "joint; give one natural frequency and one damping ratio for all"
         )
     loop = UncertainLoop.from_channel(channels[0], slope, intersample)
-    step = None if rate is None else law.period * check.number("rate", rate, 0)
+    max_change = None if rate is None else law.period * check.number("rate", rate, 0)
     if centre is None and ratio_range is None:
-        centre, proof, radius = _widest_ball(loop, step)
+        centre, proof, radius = _widest_ball(loop, max_change)
     else:
-        centre = best_centre(loop, ratio_range, step) if centre is None else centre
+        centre = best_centre(loop, ratio_range, max_change) if centre is None else centre
         centre = check.number("centre", centre, 0, strict=True)
-        proof, radius = max_radius(loop, centre, step=step)
+        proof, radius = max_radius(loop, centre, max_change=max_change)
     evidence = VaryingRatioEvidence(
-        ball=make_ball(loop, centre, radius, proof, step=step),
+        ball=make_ball(loop, centre, radius, proof, max_change=max_change),
         needed_radius=0.0 if ratio_range is None else max(ratio_range[1] - centre, centre - ratio_range[0]),
         slope=slope,
         period=law.period,
@@ -327,22 +333,27 @@ def _problem(has_slope: bool, has_rate: bool) -> str:
     return "‖[δ T_vv, d δ T_vs; T_sv k/2d, T_ss k/2]‖∞ < 1, k/2 in the loop" if has_slope else "‖T‖∞ δ < 1"
 
 
-def _widest_ball(loop: UncertainLoop, step: float | None) -> tuple[float, RadiusProof, float]:
+def _widest_ball(loop: UncertainLoop, max_change: float | None) -> tuple[float, RadiusProof, float]:
     """Return centre, proof and radius of the ball with the largest quotient of its ends.
 
     The best centre on the grid of frequencies need not be the best at all frequencies, so others are tried.
     """
-    centre = best_centre(loop, None, step)
-    proof, radius = max_radius(loop, centre, step=step)
-    for factor in CENTRE_FACTORS if step is not None else ():
-        other_proof, other_radius = max_radius(loop, factor * centre, step=step)
+    centre = best_centre(loop, None, max_change)
+    proof, radius = max_radius(loop, centre, max_change=max_change)
+    for factor in CENTRE_FACTORS if max_change is not None else ():
+        other_proof, other_radius = max_radius(loop, factor * centre, max_change=max_change)
         if other_radius > factor * radius:
             return factor * centre, other_proof, other_radius
     return centre, proof, radius
 
 
 def max_radius(
-    loop: UncertainLoop, centre: float, weight: float = 0.0, *, step: float | None = None, stiffness: float = 0.0
+    loop: UncertainLoop,
+    centre: float,
+    position_weight: float = 0.0,
+    *,
+    max_change: float | None = None,
+    stiffness: float = 0.0,
 ) -> tuple[RadiusProof, float]:
     """Return the largest radius that is certified, zero for none, and its proof.
 
@@ -352,27 +363,29 @@ def max_radius(
         The loop.
     centre
         ρ0.
-    weight
+    position_weight
         η [1/s²].
-    step
+    max_change
         Largest change of E⁻¹ in one period; None for any.
     stiffness
         Upper bound of the robot's ‖[H, C/θ]‖ [1/s²].
     """
-    if step is None:
-        return max_radius_any_rate(loop, centre, weight)
+    if max_change is None:
+        return max_radius_any_rate(loop, centre, position_weight)
     best = Multiplier(np.zeros(0), np.zeros(0)), 0.0
-    if schur_stability(loop.closed_loop(centre, weight)[0])[0] != "certified":
+    if schur_stability(loop.closed_loop(centre, position_weight)[0])[0] != "certified":
         return best
     responses = FrequencyResponses(loop, centre)
     for factor in RATE_FACTORS:
-        searched_step = factor * max(step, MIN_CHANGE / centre)
+        searched_change = factor * max(max_change, MIN_CHANGE / centre)
         multiplier, radius, _ = best_multiplier(
-            loop, centre, searched_step, weight=weight, stiffness=stiffness, responses=responses
+            loop, centre, searched_change, position_weight=position_weight, stiffness=stiffness, responses=responses
         )
         for reduction in RADIUS_REDUCTIONS:
             trial = radius * (1 - reduction)
-            if trial > best[1] and satisfies_iqc(loop, centre, trial, step, multiplier, weight, stiffness):
+            if trial > best[1] and satisfies_iqc(
+                loop, centre, trial, max_change, multiplier, position_weight, stiffness
+            ):
                 best = multiplier, trial
                 break
         if best[1] > 0.998 * radius:
@@ -380,15 +393,15 @@ def max_radius(
     return best
 
 
-def max_radius_any_rate(loop: UncertainLoop, centre: float, weight: float = 0.0) -> tuple[float | None, float]:
+def max_radius_any_rate(loop: UncertainLoop, centre: float, position_weight: float = 0.0) -> tuple[float | None, float]:
     """Return the scale of the slope's block, None without a slope, and the largest radius that is certified."""
-    system = loop.closed_loop(centre, weight)
+    system = loop.closed_loop(centre, position_weight)
     has_slope = bool(loop.half_slope.item())
     if schur_stability(system[0])[0] != "certified":
         return (1.0 if has_slope else None), 0.0
     if not has_slope:
         return None, (1 - NORM_TOLERANCE) / hinf_norm(*system)
-    scale, radius = FrequencyResponses(loop).best_scale(centre, weight)
+    scale, radius = FrequencyResponses(loop).best_scale(centre, position_weight)
     for reduction in RADIUS_REDUCTIONS[1:]:
         trial = radius * (1 - reduction)
         if trial > 0 and hinf_norm(*scaled_system(system, trial, scale)) < 1:
@@ -396,7 +409,7 @@ def max_radius_any_rate(loop: UncertainLoop, centre: float, weight: float = 0.0)
     return scale, 0.0
 
 
-def best_centre(loop: UncertainLoop, ratio_range: tuple[float, float] | None, step: float | None = None) -> float:
+def best_centre(loop: UncertainLoop, ratio_range: tuple[float, float] | None, max_change: float | None = None) -> float:
     """Return the centre whose ball has the largest quotient of its ends, or contains a range with the largest margin.
 
     Raises
@@ -412,13 +425,13 @@ def best_centre(loop: UncertainLoop, ratio_range: tuple[float, float] | None, st
                 "varying ratio: no inertia ratio makes this loop stable; use a shorter window, a lower natural "
                 "frequency, a smaller slope or less computation delay"
             )
-        if step is not None:  # with a rate the best centre is a little higher
-            best = search.refine(best + np.log([0.8, 1.0, 1.25, 1.5, 1.8]), step, 1e-2)
+        if max_change is not None:  # with a rate the best centre is a little higher
+            best = search.refine(best + np.log([0.8, 1.0, 1.25, 1.5, 1.8]), max_change, 1e-2)
         return float(np.exp(best))
     low, high = ratio_range
     best = search.refine(np.log(np.linspace(low, high, 9) if high > low else np.array([low])), None, 1e-4)
-    if step is not None:
-        best = search.refine(np.sort([best, np.log((low + high) / 2)]), step, 1e-2)
+    if max_change is not None:
+        best = search.refine(np.sort([best, np.log((low + high) / 2)]), max_change, 1e-2)
     return float(np.exp(best))
 
 
@@ -433,32 +446,32 @@ class _CentreSearch(NamedTuple):
     responses: FrequencyResponses
     ratio_range: tuple[float, float] | None
 
-    def value(self, log_centre: float, step: float | None) -> float:
+    def value(self, log_centre: float, max_change: float | None) -> float:
         """Return the radius over the centre, or over the radius that contains the range; negative if unstable."""
         centre = float(np.exp(log_centre))
         spectral_radius = float(np.max(np.abs(np.linalg.eigvals(self.loop.closed_loop(centre)[0]))))
         if spectral_radius >= 1:
             return -spectral_radius
-        if step is None:
+        if max_change is None:
             radius = self.responses.best_scale(centre)[1]
         else:
-            radius = best_multiplier(self.loop, centre, step, responses=self.responses)[1]
+            radius = best_multiplier(self.loop, centre, max_change, responses=self.responses)[1]
         if self.ratio_range is None:
             return radius / centre
         low, high = self.ratio_range
         return radius / max(high - centre, centre - low, 1e-12)
 
-    def refine(self, log_centres: Array, step: float | None, tolerance: float) -> float:
+    def refine(self, log_centres: Array, max_change: float | None, tolerance: float) -> float:
         """Return the best of some log centres, refined between its neighbours."""
         from scipy.optimize import OptimizeResult, minimize_scalar
 
-        values = [self.value(log_centre, step) for log_centre in log_centres]
+        values = [self.value(log_centre, max_change) for log_centre in log_centres]
         top = int(np.argmax(values))
         ends = log_centres[max(top - 1, 0)], log_centres[min(top + 1, len(log_centres) - 1)]
         if ends[0] == ends[1] or values[top] <= NO_BALL:
             return log_centres[top]
         result: OptimizeResult = minimize_scalar(  # pyright: ignore[reportAssignmentType]
-            lambda log_centre: -self.value(log_centre, step),
+            lambda log_centre: -self.value(log_centre, max_change),
             bounds=ends,
             method="bounded",
             options={"xatol": tolerance},

@@ -301,7 +301,7 @@ class LoopMargins:
             self.loop,
             centre,
             self.spec.max_rate * self.period * (1 + self.spec.spread) / (2 * centre),
-            weight=self._weight(number, centre),
+            position_weight=self._weight(number, centre),
             stiffness=self.spec.stiffness,
             responses=self.responses,
             enough=1.0001 * float(self.min_radius_ratios[number]) * centre,

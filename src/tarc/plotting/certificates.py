@@ -124,8 +124,8 @@ def _varying_ratio(certificate: "Certificate") -> Figure:
             left.semilogx(angles / evidence.period, ball.gains(angles), color=COLOURS[0])
         left.axhline(1.0, color="0.5", ls="--", label="limit")
         left.set_xlabel("frequency [rad/s]")
-        slow = ball.step is not None
-        left.set_ylabel("weighted square gain, with the multiplier" if slow else "weighted gain of the loop")
+        has_rate = ball.max_change is not None
+        left.set_ylabel("weighted square gain, with the multiplier" if has_rate else "weighted gain of the loop")
         left.set_ylim(0, 1.1)
         left.legend(fontsize="small")
     if certificate.kind == "robot":
