@@ -23,7 +23,7 @@ NEEDS_NUMPY = {
 INSIDE_FUNCTIONS = PLOT_METHODS | NEEDS_EXTRA | NEEDS_NUMPY
 """Imports of the package inside functions outside `tarc.cli`, which has them so that ``--help`` is fast."""
 
-MAX_SHARE_OF_ANY = 0.015
+MAX_SHARE_OF_ANY = 0.01
 MAX_LINES = 60
 
 
