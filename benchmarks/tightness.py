@@ -1,10 +1,9 @@
 """How much of what is stable the certificates certify: ``python -m benchmarks.tightness [--markdown] [--figure PATH]``.
 
-A sufficient condition that is sound can still be useless. Two are measured here against what is exact: the robust ball,
-which admits a mismatch that changes, against the range of constant ratios; and the conditions on the nominal loop, the
-paper's first theorem and its second one repaired, against the roots of the delay equations. The share of the ball is
-what a mismatch costs that may change, more than what the test gives away: from two joints on, one that turns
-destabilises just outside the ball.
+A sufficient condition that is sound can still be useless. Two are compared here with exact limits. The varying-ratio
+certificate is compared with the range of constant ratios; the difference is mostly the cost of a mismatch that varies,
+because for two joints or more one that rotates destabilises just outside the ball. The conditions on the nominal loop,
+the paper's first theorem and its second one repaired, are compared with the roots of the delay equations.
 """
 
 import argparse
@@ -203,7 +202,7 @@ def figure(found: Measured, path: Path) -> None:
     left.minorticks_off()
     left.set_xlabel("window [periods of 1 ms]")
     left.set_ylabel("share that is certified")
-    left.set_title("ball: ratios that may change, of constant ones (log)", fontsize="medium")
+    left.set_title("varying ratios, of constant ones (log)", fontsize="medium")
     for colour, degree in zip(COLOURS, DEGREES, strict=False):
         shares = [found.windows[degree, delay].share for delay in DELAYS]
         right.semilogx(

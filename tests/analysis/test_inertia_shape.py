@@ -59,7 +59,7 @@ def test_best_shape_is_no_worse_than_any_near_it(diagonal):
 
 @pytest.mark.parametrize(("folder", "file", "known"), [("ur", "ur5_robot", 11.4), ("panda", "panda", 31.3)])
 def test_ratios_that_real_robots_need(folder, file, known):
-    """With rotor inertia 0.1 kg m² a UR5 needs a ratio of about 11, a Panda one of about 31 (theory, robust ball)."""
+    """With rotor inertia 0.1 kg m² a UR5 needs a ratio of about 11, a Panda one of about 31 (theory, varying ratio)."""
     path = next((ROBOTS / f"{folder}_description").rglob(f"{file}.urdf"))
     names = [name for name in MujocoPlant.from_file(path, armature=0.1).joint_names if "finger" not in name]
     robot = MujocoPlant.from_file(path, armature=0.1, joints=names)

@@ -1,4 +1,4 @@
-"""The loop certificate against loops written by hand, simulations, and known limits."""
+"""The constant-ratio certificate against loops written by hand, simulations, and known limits."""
 
 from typing import Any
 

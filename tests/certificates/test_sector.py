@@ -86,7 +86,7 @@ def test_frozen_limit_of_a_third_polynomial():
 
 @pytest.mark.parametrize(("window", "ratio"), [(5, 0.15), (20, 0.03)])
 def test_a_frozen_slope_is_a_frozen_gain(window, ratio):
-    """The loop certificate with the gain at the limit, through the law's own Δu."""
+    """The constant-ratio certificate with the gain at the limit, through the law's own Δu."""
     law = tarc_law(LawParameters(window=window))
     limit = certify_sector(law, ratio).evidence.frozen_limit * law.boundary_layer
     assert certify_constant_ratio(law, ratio, gain=0.999 * limit).certified

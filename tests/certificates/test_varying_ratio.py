@@ -1,4 +1,4 @@
-"""The robust ball against loops written by hand, rotating mismatches and the norm of a finely cut period."""
+"""The varying-ratio certificate against loops by hand, rotating mismatches and the norm of a finely cut period."""
 
 from contextlib import suppress
 

@@ -140,7 +140,7 @@ def test_torque_filter_pairs_with_the_acceleration_estimate(observer):
 
 
 def test_synchronised_with_an_observer_keeps_the_contraction():
-    """The loop certificate sees the same gain in range as with a window."""
+    """The constant-ratio certificate sees the same gain in range as with a window."""
     common = {
         "inertia": 0.1,
         "natural_frequency": 10.0,

@@ -45,7 +45,7 @@ class IVF(TDE):
     Notes
     -----
     Use it against Coulomb friction and stiction, where TDC stops and slips. It has no sliding surface, switching gain
-    or threshold. It is linear, so that the loop certificate covers all of it.
+    or threshold. It is linear, so that the constant-ratio certificate covers all of it.
 
     With perfect time-delay estimation v* = q̇ and Δu = 0. The integral starts from rest and is integrated by forward
     Euler. It stops once the law has given up. The estimate v̂ replaces the measured or differenced velocity of the

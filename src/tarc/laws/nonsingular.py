@@ -43,7 +43,7 @@ class NonsingularTerminal(TDE):
     Notes
     -----
     Use it for a fast and smooth end of a motion. A power below 1 is stiffer for small errors, and amplifies noise more.
-    The boundary layer sets the compromise. Inside it the law is linear, as the loop certificate assumes.
+    The boundary layer sets the compromise. Inside it the law is linear, as the constant-ratio certificate assumes.
 
     For gains that couple the joints the equation of ṡ above does not hold.
 

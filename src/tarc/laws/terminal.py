@@ -43,8 +43,9 @@ class TerminalSliding(TDE):
     Notes
     -----
     Use it for a smaller error near rest than that of a linear law of the same natural frequency. The finite time holds
-    for the ideal equation. Inside ε the error decays as under a linear law; there the loop certificate, which
-    linearises at zero error, decides stability. The robust ball covers that slope alone and not those between.
+    for the ideal equation. Inside ε the error decays as under a linear law; there the constant-ratio certificate, which
+    linearises at zero error, decides stability. The varying-ratio certificate covers that slope alone, and not those
+    between.
 
     For gains that couple the joints the equation of ṡ above does not hold.
 

@@ -94,7 +94,7 @@ def print_certificates(scenario: Scenario, found: dict[str, LawCertification], f
         ball = evidence.ball
         contained = ""
         if ball is not None and ball.radius:
-            contained = f"; the ball that fits best contains {ball.min_ratio:.4g} to {ball.max_ratio:.4g}"
+            contained = f"; the loop tolerates varying ratios from {ball.min_ratio:.4g} to {ball.max_ratio:.4g}"
         spread = f"spread {evidence.ratio_spread:.3g}, from {evidence.samples} postures and local search{contained}"
         console.print(spread, highlight=False)
         if evidence.rate is not None and evidence.max_rate_point is not None:
