@@ -1,7 +1,7 @@
 """How fast it is: ``python -m benchmarks`` measures everything in one run and prints one table.
 
-Every number against another is a ratio of times taken in turns in the same run, so that a machine that is slow or
-shared slows both. Times of calls are the least of several repetitions, ratios the median over the turns.
+Ratios are of times that are taken in turns in the same run. So a slow or shared machine slows both. Times of calls are
+the least of several repetitions, ratios the median over the turns.
 """
 
 import sys

@@ -10,6 +10,7 @@ from rich.table import Table
 
 from benchmarks import certificates, law, robot, simulation, startup
 from benchmarks.measure import Row
+from tarc.core.errors import TarcError
 
 CAPTION = "Times of calls: the least of many. Ratios, against / measured: the median over turns taken in this run."
 BENCHMARKS = (
@@ -24,7 +25,7 @@ BENCHMARKS = (
 
 
 def machine() -> str:
-    """What it ran on."""
+    """Return the machine that it runs on."""
     info = Path("/proc/cpuinfo")
     lines = info.read_text().splitlines() if info.is_file() else []
     models = [line.split(":")[1].strip() for line in lines if line.startswith("model name")]
@@ -35,7 +36,7 @@ def machine() -> str:
 
 
 def main() -> None:
-    """Run them in turn; one that fails says so in its row."""
+    """Run them in turn; a missing library or a refused input is reported in its row."""
     console = Console(width=None if Console().is_terminal else 160)
     console.print(machine(), highlight=False)
     rows: list[Row] = []
@@ -43,7 +44,7 @@ def main() -> None:
         console.print(f"measuring {benchmark.__module__}.{benchmark.__name__} …", style="dim", highlight=False)
         try:
             rows += benchmark()
-        except Exception as error:
+        except (ImportError, TarcError) as error:
             rows.append(Row(f"{benchmark.__module__}.{benchmark.__name__}", f"failed: {error}"))
     table = Table("what", "measured", "against", "ratio", "target", "met", caption=CAPTION)
     for row in rows:

@@ -30,7 +30,7 @@ def law(joints: int) -> tarc.laws.TDC:
 
 
 def one_and_thirty() -> list[Row]:
-    """The loop, the ball and the paper's first theorem: the making of the law, its tracing and all numbers included."""
+    """Measure constant ratio, varying ratio and the paper's first theorem, from making the law on."""
     known = {joints: law(joints) for joints in (1, 30)}
     calls: dict[str, Any] = {
         "constant_ratio": lambda joints: certify_constant_ratio(law(joints), 0.08),

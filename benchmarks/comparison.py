@@ -1,7 +1,7 @@
 """Every law in eight scenarios on equal terms: ``python -m benchmarks.comparison``, or ``make compare``.
 
-Gains are those of `tarc.study.tuned_laws`, found on other scenarios. Writes tables as CSV and as markdown, and what
-`benchmarks.pages` makes the pages of the laws from: the gains that ran, and error and torque over time as netCDF.
+Gains are those of `tarc.study.tuned_laws`, found on other scenarios. It writes tables as CSV and as Markdown. For
+`benchmarks.pages` it writes the gains that ran, and error and torque over time as netCDF.
 """
 
 import argparse
@@ -58,7 +58,7 @@ def cell(comparison: Comparison, law: str, measure: str, scale: float) -> str:
 
 
 def markdown(found: dict[str, Comparison], laws: list[str]) -> str:
-    """The tables for the documentation."""
+    """Return the tables for the documentation."""
     lines = []
     for measure, (label, scale) in MEASURES.items():
         lines += [f"{label}:", "", "| law | " + " | ".join(name.replace("_", " ") for name in found) + " |"]

@@ -1,15 +1,18 @@
-"""What `tarc.design.design_controller` is worth on six arms: ``python -m benchmarks.design``, or ``make bench-design``.
+"""Designs by `tarc.design.design_controller` for six arms: ``python -m benchmarks.design``, or ``make bench-design``.
 
-For each arm of example-robot-data a certified design at 1 kHz with 17-bit encoders, and its time; the runs with the
-greatest payload; the torque noise that was predicted against that of the runs; and hand picks. A hand pick is the
-literal law with the inertia, the window and, where it says so, the natural frequency that a sweep of simulated runs
-found best
-for that very motion, within the torque variation of the design and the processor time that the design took. It is lent
-the design's switching gain, and may do without. The design has the whole workspace in its proof and the sweep one
-motion, so each winner is certified over the workspace as well, and run where its loop is worst; and there is a second
-design that knows the motion too, certified for a tube about it, within the torque variation of the first.
+For each arm of example-robot-data it measures a certified design at 1 kHz with 17-bit encoders, and its time. It runs
+the design with the largest payload and compares predicted and measured torque noise. It compares the design with hand
+picks.
 
-As the sweeps go by time, their numbers change a little from run to run.
+A hand pick is the literal law with the inertia and window that a sweep of simulated runs found best for that motion.
+Some sweeps also vary the natural frequency. A sweep keeps within the torque variation and the processor time of the
+design. It has the design's switching gain, and may do without.
+
+The design is certified on the whole workspace, and the sweep sees one motion. So each hand pick is certified over the
+workspace as well, and run where its loop is worst. A second design is certified for a tube about the motion, within the
+torque variation of the first.
+
+The sweeps are limited by time, so their numbers vary a little from run to run.
 """
 
 import argparse
@@ -36,8 +39,10 @@ from tarc.analysis import Workspace, inertia_spread, stable_intervals
 from tarc.analysis.rest_stability import unstable_posture
 from tarc.certificates import Certificate
 from tarc.certificates.robot import certify_robot
+from tarc.core.errors import InfeasibleDesign
 from tarc.design import Design, assess_candidates, choose_adaptation, design_controller, expected_step
 from tarc.design.candidates import Candidate
+from tarc.design.noise import measurement_deviation
 from tarc.design.robustness import RobustnessSpec
 from tarc.design.selection import MIN_SPREAD_MARGIN
 from tarc.design.writer import BASE_FREQUENCY
@@ -115,9 +120,8 @@ SWEEPS = (
     Sweep("any ωn", ("m I", "m diag"), free=True),
     Sweep("checked", ("m I", "m diag"), free=True, checked=True),
 )
-"""M̂ = m I, one number for all joints; M̂ = m diag of the mean inertia along the motion; these with the natural
-frequency swept
-too; and those among them that are stable at rest in every sampled posture, with and without payload."""
+"""M̂ = m I, one number for all joints. M̂ = m diag of the mean inertia along the motion. Both with the natural frequency
+swept too. Those that are stable at rest in every sampled posture, with and without payload."""
 
 
 class Pick(NamedTuple):
@@ -251,11 +255,10 @@ class Trial:
 
 
 def sweep(which: Sweep, trial: Trial, limit: float, budget: float) -> tuple[Pick, Any]:
-    """The least RMS error on the motion within a torque variation and so much processor time [s], and its law.
+    """Return the pick of least RMS error on the motion within a torque variation and a processor time [s], and its law.
 
-    Points that fill the box of inertia, window and natural frequency evenly, on a logarithmic scale; in the second
-    half of the
-    time they fill the box about the best so far.
+    Points fill the box of inertia, window and natural frequency evenly, on a logarithmic scale. In the second half of
+    the time they fill the box about the best pick.
     """
     made, period, delay = trial.made, trial.made.law.period, trial.scenario.computation_delay
     begin, tried, best, winner = time.process_time(), 0, Pick(which.name, 0), None
@@ -309,9 +312,12 @@ def for_motion(trial: Trial, limit: float, **options: Any) -> tuple[Pick, Any]:
         found = design_controller(
             trial.plant, payload=made.payload, sensor=made.sensor, workspace=tube, progress=False, **options
         )
-    except tarc.TarcError:
+    except InfeasibleDesign:
         return blank, None
-    expected, sigma = expected_step(found.plants, tube), float(np.linalg.norm(made.sensor.step_size)) / 12**0.5
+    expected, sigma = (
+        expected_step(found.plants, tube),
+        float(np.linalg.norm(measurement_deviation(made.sensor, trial.plant.n_joints))),
+    )
 
     def law_of(one: Candidate) -> Any:
         gain = (
@@ -342,7 +348,7 @@ def _spread_out(index: int) -> np.ndarray:
 
 
 def literal(law: Any) -> list[Any]:
-    """The law as in print, with the torque of an instant ago, with its switching gain and without."""
+    """Return the literal law, with its switching gain and without."""
     names = (
         "period",
         "estimator",
@@ -368,8 +374,7 @@ def judged(pick: Pick, law: Any, trial: Trial) -> Pick:
 
 
 def ceilings(made: Design) -> dict[str, float]:
-    """The greatest natural frequency [rad/s] at the window chosen, as each thing that the certificate asks for is
-    left out."""
+    """Return the largest natural frequency [rad/s] at the chosen window, by what is left out of the certificate."""
     chosen = made.candidate
     there = inertia_spread(made.plants, made.shape, made.workspace, samples=SAMPLES)
     full = RobustnessSpec.from_robot(made.plants, made.workspace, made.shape, there)
@@ -401,7 +406,7 @@ def ceilings(made: Design) -> dict[str, float]:
 
 
 def _greatest(test: Callable[[float], bool], start: float) -> float:
-    """The greatest natural frequency [rad/s] that passes, to a hundredth; NaN where none near the start does."""
+    """Return the largest natural frequency [rad/s] that passes, to a hundredth; NaN where none near the start does."""
     low, high = start, 2 * start
     while not test(low) and low > start / 20:
         low, high = low / 1.3, low
@@ -413,6 +418,18 @@ def _greatest(test: Callable[[float], bool], start: float) -> float:
         middle = (low * high) ** 0.5
         low, high = (middle, high) if test(middle) else (low, middle)
     return low
+
+
+def hand_picks(
+    trial: Trial, sweeps: Sequence[Sweep], limit: float, budget: float, done: Callable[[str], object]
+) -> list[Pick]:
+    """Return the best pick of each sweep within a torque variation and a processor time [s]."""
+    picks = []
+    for one in sweeps:
+        pick, law = sweep(one, trial, limit, budget)
+        picks.append(judged(pick, law, trial))
+        done(f"{pick.tried} hand picks, {one.name}")
+    return picks
 
 
 def measure(
@@ -454,11 +471,7 @@ def measure(
         trial = Trial(made, duration)
         run, loaded = trial.run(made.law), trial.run(made.law, loaded=True)
         own, verdict = trial.measures(run), made.certificates["robot"]
-        picks = []
-        for one in sweeps:
-            pick, law = sweep(one, trial, own["torque_variation"], cpu if budget is None else budget)
-            picks.append(judged(pick, law, trial))
-            done(f"{pick.tried} hand picks, {one.name}")
+        picks = hand_picks(trial, sweeps, own["torque_variation"], cpu if budget is None else budget, done)
         if motion:
             picks.append(judged(*for_motion(trial, own["torque_variation"], **options), trial))
             done("designed for the motion")
@@ -501,7 +514,7 @@ def measure_robot(which: Robot, picks: bool = True) -> Result | str:
         return measure(
             which.name, which.plant(), which.payload, sweeps=sweeps, motion=picks, done=done, speed=which.speed()
         )
-    except tarc.TarcError as error:
+    except InfeasibleDesign as error:
         done(f"no design: {error}")
         return str(error)
 
@@ -674,7 +687,7 @@ def verdicts(found: Sequence[Result]) -> list[str]:
 
 
 def markdown(found: Sequence[Result], failures: dict[str, str]) -> str:
-    """The tables for the documentation."""
+    """Return the tables for the documentation."""
     lines = []
     for sheet in sheets(found) if found else ():
         lines += [f"{sheet.title}:", ""]

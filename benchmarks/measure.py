@@ -23,7 +23,7 @@ class Row(NamedTuple):
 
 
 def law(inertia: np.ndarray, window: int, rise: float, limit: np.ndarray | None = None) -> tarc.laws.TARC:
-    """TARC at 1 kHz with a window of so many periods."""
+    """Return TARC at 1 kHz with a window [periods]."""
     estimator = tarc.estimators.Algebraic(window=window * 1e-3, degree=2)
     return tarc.laws.TARC(
         inertia=inertia,
@@ -51,8 +51,8 @@ def best(calls: list[Callable[[], object]], repeat: int, rounds: int = 15) -> li
 class Stopwatch(DivergenceMonitor):
     """Times what an engine simulates: ``times``, a period [s] in each stretch of four looks, without its set-up.
 
-    ``between`` is called after every stretch, off the clock, with where the next one begins: for taking turns, in
-    stretches long enough that what the other left in the caches does not matter.
+    ``between`` is called after every stretch, off the clock, with the number of the next period. It lets two engines
+    take turns, in stretches so long that the state of the caches does not matter.
     """
 
     def __init__(self, plan: SampledInputs, between: Callable[[int], object] = lambda at: None):

@@ -53,7 +53,7 @@ def _rounded(value: Value) -> Value:
 
 
 def spell(value: Value, form: str | None = None) -> str:
-    """Return a value as a page has it: significant digits, or a format of Python; thousands apart from 10 000 on."""
+    """Return a value as a page has it: significant digits, or a format of Python; groups of three from 10 000 on."""
     if isinstance(value, str):
         return value
     digits = form or "4"

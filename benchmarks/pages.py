@@ -1,7 +1,7 @@
 """What is generated in the pages of the laws: ``python -m benchmarks.pages``, after ``make compare``.
 
-Each page, ``docs/laws/NAME.md`` with the name of the class, is written by hand but for two parts between markers, which
-this writes again: the equation, from the docstring, and the benchmark, from ``runs/comparison``, with the figure
+Each page ``docs/laws/NAME.md`` is written by hand, but for two parts between markers that this module writes. They are
+the equation, from the docstring, and the benchmark, from ``runs/comparison``, with the figure
 ``docs/images/laws/NAME.png``. ``docs/images/make.py`` runs the comparison and this.
 """
 
@@ -86,14 +86,14 @@ def equation(kind: type) -> str:
 
 
 def rounded(value: Any) -> Any:
-    """A law as a scenario writes it, with four digits."""
+    """Return a law as a scenario writes it, with four digits."""
     if isinstance(value, dict):
         return {key: rounded(one) for key, one in value.items()}
     return float(f"{value:.4g}") if isinstance(value, float) else value
 
 
 def gains(variants: dict[str, dict[str, Any]]) -> str:
-    """The laws' gains as a scenario writes them."""
+    """Return the laws' gains as a scenario writes them."""
     entries = [{"label": name, **rounded(law)} for name, law in variants.items()]
     text = write_yaml({"law": entries}, width=100)
     return f"```yaml\n{text}```"
@@ -112,7 +112,7 @@ def table(name: str, results: dict[str, Result]) -> str:
 
 
 def cells(name: str, result: Result) -> list[str]:
-    """What the table says of one law in one scenario."""
+    """Return the cells of one law in one scenario."""
     if name not in result.measures:
         return ["–"] * 6
     if not result.measures[name]:
@@ -126,7 +126,7 @@ def cells(name: str, result: Result) -> list[str]:
 
 
 def adapted(name: str, results: dict[str, Result]) -> list[str]:
-    """What a gain that adapts came to on average; empty for a law with a fixed gain or none."""
+    """Return the mean of a gain that adapts; empty for a law with a fixed gain or none."""
     means = [one.traces["gain"].sel(law=name) if one.measures.get(name) else None for one in results.values()]
     known = [float(one) for one in means if one is not None]
     if not known or not np.ptp(known) > 1e-9 * max(known):  # so also for NaN
@@ -141,7 +141,7 @@ def significant(value: float) -> str:
 
 
 def relative(ratio: float) -> str:
-    """A ratio with two decimals, or three digits; a dash for NaN."""
+    """Return a ratio with two decimals, or three digits; a dash for NaN."""
     return "–" if math.isnan(ratio) else f"{ratio:.2f}" if ratio < 10 else significant(ratio)
 
 
@@ -158,7 +158,7 @@ def standing(name: str, results: dict[str, Result]) -> tuple[int, float]:
 
 
 def figure(variants: Iterable[str], results: dict[str, Result], others: Iterable[str]) -> tuple[Figure, str] | None:
-    """The law among the others, and over time against the yardstick; and the scenario, the first that it runs in."""
+    """Draw the law among the others, and over time against the yardstick; return also the first scenario it runs in."""
     names = list(variants)
     places = [*DRAWN, *(name for name in results if name not in DRAWN)]
     scenario = next((one for one in places if any(results[one].measures.get(name) for name in names)), None)
@@ -208,7 +208,7 @@ def draw_plane(axes: Axes, result: Result, colours: dict[str, str], others: Iter
 
 
 def draw_time(panels: Any, result: Result, colours: dict[str, str], span: tuple[float, float]) -> None:
-    """The error's norm over the whole run, and the torque of the strongest joint for a moment of it."""
+    """Draw the error's norm over the whole run, and the torque of the strongest joint for a moment of it."""
     traces = result.traces
     time = traces["time"].values
     errors, torques = panels
@@ -265,7 +265,7 @@ def save(canvas: Figure, target: Path) -> None:
 
 
 def replace(text: str, part: str, content: str) -> str:
-    """A page with one generated part written again."""
+    """Return a page with one generated part written again."""
     pattern = rf"(<!-- begin {part} -->\n).*?(<!-- end {part} -->)"
     new, count = re.subn(pattern, lambda found: f"{found[1]}\n{content}\n\n{found[2]}", text, flags=re.DOTALL)
     if count != 1:
@@ -274,7 +274,7 @@ def replace(text: str, part: str, content: str) -> str:
 
 
 def benchmark(name: str, results: dict[str, Result], used: dict[str, dict[str, Any]]) -> tuple[str, Figure | None]:
-    """The part about the benchmark, and its figure."""
+    """Return the part about the benchmark, and write its figure."""
     variants = {label: law for label, law in used.items() if law["kind"] == name}
     if not variants:
         return "No gains have been searched for yet.", None

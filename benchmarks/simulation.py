@@ -20,7 +20,7 @@ from tarc.simulation.sampled_inputs import initial_conditions, sample_inputs
 def fused(
     arm: TwoLinkArm, substeps: int, between: Callable[[int], object] = lambda at: None, native: bool = False
 ) -> list[float]:
-    """Times of a control period [s]: law, plant and recording; one a stretch."""
+    """Measure a control period [s]: law, plant and recording; one a stretch."""
     drive = DigitalController(tarc.signals.Encoder(), law(0.05 * arm.inertia([0.0, np.pi / 2]), 10, 2000.0))
     reference = tarc.signals.Sinusoid(amplitude=0.6, frequency=[2.0, 2.5])
     plan = sample_inputs(arm, drive.law, reference, 50.0, drive.sensor, [], substeps, 0)
@@ -30,7 +30,7 @@ def fused(
 
 
 def period() -> list[Row]:
-    """What a control period of the default two-link arm costs."""
+    """Measure a control period of the default two-link arm."""
     least = 1e6 * min(fused(TwoLinkArm(), 2))
     machine = 1e6 * min(fused(TwoLinkArm(), 2, native=True))
     what = "two-link arm under TARC, window 10, 1 kHz, 2 RK4 substeps: a control period, virtual machine"
@@ -41,7 +41,7 @@ def period() -> list[Row]:
 
 
 def peer() -> list[Row]:
-    """A step of `opensmc` on its two-link arm; the one controller of it that drives two joints is its PID.
+    """Return a step of `opensmc` on its two-link arm; the one controller of it that drives two joints is its PID.
 
     It takes one Runge–Kutta step a control step; ours is compared at one too, and shown at its default of two.
     """

@@ -1,9 +1,11 @@
 """How much of what is stable the certificates certify: ``python -m benchmarks.tightness [--markdown] [--figure PATH]``.
 
-A sufficient condition that is sound can still be useless. Two are compared here with exact limits. The varying-ratio
-certificate is compared with the range of constant ratios; the difference is mostly the cost of a mismatch that varies,
-because for two joints or more one that rotates destabilises just outside the ball. The conditions on the nominal loop,
-the paper's first theorem and its second one repaired, are compared with the roots of the delay equations.
+A sufficient condition that is sound can still be useless. Two are compared with what is exact. The varying-ratio
+certificate is compared with the range of constant ratios. The conditions on the nominal loop, the
+paper's first theorem and its second one repaired, are compared with the roots of the delay equations.
+
+The share of the ball shows the cost of a varying mismatch more than the conservatism of the test. With two joints or
+more, a rotating mismatch destabilises just outside the ball.
 """
 
 import argparse
@@ -52,7 +54,7 @@ def law(
 
 
 def balls(synchronised: bool, window: int, natural_frequency: float) -> Balls | None:
-    """The widest ball of a design whose mismatch changes at any time; None where no ratio is stable."""
+    """Return the widest ball of a design whose mismatch changes at any time; None where no ratio is stable."""
     design = law(window * PERIOD, natural_frequency=natural_frequency, synchronised=synchronised)
     try:
         stable, found = stable_interval(design), certify_varying_ratio(design)
@@ -62,7 +64,7 @@ def balls(synchronised: bool, window: int, natural_frequency: float) -> Balls | 
 
 
 def exact_window(delay: float, degree: int) -> float:
-    """The shortest window ς at which s² + e^{−sh}(1 + 2 ∫Ω_1(ψ)e^{sψ}dψ) has a root on the imaginary axis.
+    """Return the shortest window ς at which s² + e^{−sh}(1 + 2 ∫Ω_1(ψ)e^{sψ}dψ) has a root on the imaginary axis.
 
     At damping and natural frequency one. Crossings are followed from a scan of the frequencies in which the loop
     gain is one.
@@ -85,7 +87,7 @@ def exact_window(delay: float, degree: int) -> float:
         return (1 + 2 * slope(frequency, window)) * np.exp(-1j * frequency * delay) / (1j * frequency) ** 2
 
     def room(window: float) -> float:
-        """The least angle [rad] that is left before −1 where the loop gain is one; positive where it is stable."""
+        """Return the least angle [rad] left before −1 where the loop gain is one; positive where it is stable."""
         frequencies = np.geomspace(0.05, 60.0, 3000)
         size = np.log(np.abs([loop(one, window) for one in frequencies]))
         least = np.inf
@@ -103,7 +105,7 @@ def exact_window(delay: float, degree: int) -> float:
 
 
 def exact_delay() -> float:
-    """The delay at which s² + (2s + 1) e^{−sh} has a root on the imaginary axis: 0.6474."""
+    """Return the delay at which s² + (2s + 1) e^{−sh} has a root on the imaginary axis: 0.6474."""
     frequency = np.sqrt(2 + np.sqrt(5))
     return float(np.arctan(2 * frequency) / frequency)
 

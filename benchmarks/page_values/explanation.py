@@ -109,6 +109,6 @@ def estimators() -> dict[str, Value]:
 
 
 def grouped(value: float, digits: int = 4) -> str:
-    """Return a number with significant digits, thousands apart from 10 000 on."""
+    """Return a number with significant digits, in groups of three from 10 000 on."""
     rounded = float(f"{value:.{digits}g}")
     return f"{rounded:,.0f}".replace(",", "\N{NO-BREAK SPACE}") if rounded >= 1e4 else f"{rounded:g}"
