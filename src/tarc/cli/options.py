@@ -19,7 +19,8 @@ Set = Annotated[
     ),
 ]
 Out = Annotated[
-    Path | None, typer.Option("--out", "-o", help="Folder for the results. Default: runs/ and the scenario's name.")
+    Path | None,
+    typer.Option("--out", "-o", help="Folder for the results. Default: one in runs/ that is named after the scenario."),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the results as JSON instead of a table.")]
 Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw figures.")]

@@ -13,7 +13,7 @@ Laws = Annotated[str, typer.Option(metavar="A,B", help="Names of laws with comma
 Trials = Annotated[int, typer.Option(help="Number of sets of gains to try per law.")]
 Budget = Annotated[
     float,
-    typer.Option(help="Torque variation allowed, over that of the scenario's own law with a perfect sensor."),
+    typer.Option(help="Largest torque variation, over that of the scenario's own law with a perfect sensor."),
 ]
 Seed = Annotated[int, typer.Option(help="Seed of the search.")]
 GainsFile = Annotated[Path, typer.Option("--out", "-o", help="The file to write.")]

@@ -8,7 +8,8 @@ import numpy as np
 from tarc.analysis.workspace import Workspace
 from tarc.core import validation as check
 from tarc.core.errors import InfeasibleDesign, InvalidParameter, Relaxation
-from tarc.core.formatting import format_vector
+from tarc.core.formatting import format_per_joint, format_vector
+from tarc.core.units import unit_for_joints
 from tarc.design.choice import DesignChoice
 from tarc.design.infeasible import infeasible_design
 from tarc.plants.base import Plant
@@ -234,23 +235,22 @@ def _speed(plant: Plant, workspace: Workspace) -> DesignChoice:
     if speed is None:
         text = "no joint's speed is bounded, so that M(q) may change at any rate; a bound makes better gains possible"
         return DesignChoice(("reference",), "speed", "any", text)
-    unit = "rad/s" if "m" not in plant.units else "rad/s or m/s"
-    value = f"{_join_equal(speed)} {unit}"
+    unit = unit_for_joints("rad/s", plant.units)
+    value = f"{format_per_joint(speed)} {unit}"
     source = "the limits in the robot's file" if own is not None and np.allclose(own, speed) else "as given"
     swift = ""
     if workspace.acceleration is not None and speed.any():
         usual = workspace.with_speed_limits(speed).acceleration
         taken = usual is not None and np.allclose(usual, workspace.acceleration)
-        swift = f", or accelerate by more than {_join_equal(workspace.acceleration)} {unit.replace('/s', '/s²')}"
+        swift = f", or accelerate by more than {format_per_joint(workspace.acceleration)} {unit.replace('/s', '/s²')}"
         swift += ", which reaches this speed in a quarter of a second" if taken else ""
     reason = f"{source}: no joint may move faster{swift}; at a lower speed the loop tolerates more spread"
     return DesignChoice(("reference",), "speed", value, reason)
 
 
 def _torque_limit(plant: Plant, limits: np.ndarray, own: bool) -> DesignChoice:
-    equal = np.ptp(limits[np.isfinite(limits)]) == 0 and np.isfinite(limits).all()
-    unit = "N m" if "m" not in plant.units else "N m or N"
-    value = f"{limits[0]:.4g} {unit}" if equal else f"{format_vector(limits)} {unit}"
+    unit = unit_for_joints("N m", plant.units)
+    value = f"{format_per_joint(limits)} {unit}"
     unknown = [name for name, one in zip(plant.joint_names, limits, strict=True) if not np.isfinite(one)]
     text = "from the robot's file" if own else "as given"
     if unknown:
@@ -272,8 +272,3 @@ def _weight(plant: Plant, load: GravityLoad) -> DesignChoice:
             "would be at its limit, which the certificate excludes: keep away from them"
         )
     return DesignChoice(("law", "torque_limit"), "weight", f"at most {100 * load.load:.3g} % of the torque limit", text)
-
-
-def _join_equal(numbers: np.ndarray) -> str:
-    """Return one number where all are equal."""
-    return f"{numbers[0]:.4g}" if np.ptp(numbers) == 0 else format_vector(numbers)

@@ -14,6 +14,7 @@ from tarc.analysis.workspace import Workspace
 from tarc.certificates.base import Certificate
 from tarc.core.errors import InvalidParameter
 from tarc.core.files import writing
+from tarc.core.formatting import format_per_joint
 from tarc.design.choice import DesignChoice
 from tarc.design.robot_facts import joint_workspace
 from tarc.estimators.base import Estimator
@@ -302,10 +303,10 @@ def certify_options(plant: Plant, workspace: Workspace) -> str:
     """Return the options of ``tarc certify`` that certify a workspace, or the part of it that the scenario uses."""
     limits = ""
     if workspace.speed is not None and workspace.acceleration is not None:
-        limits = f" --speed {_join(workspace.speed)}"
+        limits = f" --speed {_option(workspace.speed)}"
         usual = workspace.with_speed_limits(workspace.speed).acceleration
         if usual is not None and not np.allclose(usual, workspace.acceleration):
-            limits += f" --acceleration {_join(workspace.acceleration)}"
+            limits += f" --acceleration {_option(workspace.acceleration)}"
     if workspace.reference is not None:
         return f"--tube {float(workspace.high[1:].max()):g}{limits}"
     try:
@@ -316,9 +317,9 @@ def certify_options(plant: Plant, workspace: Workspace) -> str:
     return f"--full-range{limits}" if is_whole else f"--tube 0.01{limits}"
 
 
-def _join(values: np.ndarray) -> str:
-    """Return numbers with commas between them, or one number where all are equal."""
-    return ",".join(f"{value:.6g}" for value in (values[:1] if np.ptp(values) == 0 else values))
+def _option(values: np.ndarray) -> str:
+    """Return numbers as an option of a command takes them."""
+    return format_per_joint(values, digits=6).replace(" ", "")
 
 
 def certificates_path(file: Path) -> Path:
