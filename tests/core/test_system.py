@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
+from tarc.core.errors import InvalidParameter
 from tarc.core.tracing import CompiledStep, trace
 from tarc.core.trees import leaves, names, pack, rebuild, unpack
 
@@ -147,7 +148,9 @@ def test_a_state_that_changes_its_shape_is_named() -> None:
     def grow(state: Motion, value: Any) -> tuple[Motion, Any]:
         return Motion(state.position, ca.vertcat(state.velocity, value)), value
 
-    with pytest.raises(ValueError, match=r"growing: state velocity has shape \(2, 1\) before the step and \(3, 1\)"):
+    with pytest.raises(
+        InvalidParameter, match=r"growing: state velocity has shape \(2, 1\) before the step and \(3, 1\)"
+    ):
         trace(grow, Motion(np.zeros(2), np.zeros(2)), np.zeros(1), name="growing")
 
 

@@ -67,3 +67,24 @@ def imports_inside_functions() -> set[tuple[str, str]]:
             elif isinstance(node, ast.Import):
                 pairs |= {(module, alias.name) for alias in node.names if alias.name.split(".")[0] == "tarc"}
     return pairs
+
+
+def raised_classes() -> Iterator[tuple[str, str]]:
+    """Every raised class, with its module's name."""
+    for module, tree in syntax_trees().items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
+                yield module, ast.unparse(node.exc.func)
+
+
+def caught_classes() -> Iterator[tuple[str, str]]:
+    """Every class that a handler or `suppress` catches, with its module's name; empty for one that catches all."""
+    for module, tree in syntax_trees().items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ExceptHandler):
+                classes = node.type.elts if isinstance(node.type, ast.Tuple) else [node.type]
+            elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("suppress"):
+                classes = node.args
+            else:
+                continue
+            yield from ((module, "" if kind is None else ast.unparse(kind)) for kind in classes)

@@ -1,7 +1,16 @@
 """Rules that the source keeps: layers, imports at the top, short functions, annotations that say a type."""
 
 from importlinter import cli
-from source_facts import ROOT, annotations, functions, imports_inside_functions, is_bare_any, n_lines
+from source_facts import (
+    ROOT,
+    annotations,
+    caught_classes,
+    functions,
+    imports_inside_functions,
+    is_bare_any,
+    n_lines,
+    raised_classes,
+)
 
 PLOT_METHODS = {
     ("tarc.certificates.base", "tarc.plotting.certificates"),
@@ -23,6 +32,11 @@ NEEDS_NUMPY = {
 INSIDE_FUNCTIONS = PLOT_METHODS | NEEDS_EXTRA | NEEDS_NUMPY
 """Imports of the package inside functions outside `tarc.cli`, which has them so that ``--help`` is fast."""
 
+BLANKET_HANDLERS = {
+    ("tarc.cli.main", "TarcError"),  # prints the message
+    ("tarc.laws.base", "Exception"),  # of a function that the user gives
+}
+
 MAX_SHARE_OF_ANY = 0.01
 MAX_LINES = 60
 
@@ -36,6 +50,16 @@ def test_imports_inside_functions_are_listed():
     """Else they belong at the top of their modules."""
     inside = {pair for pair in imports_inside_functions() if not pair[0].startswith("tarc.cli")}
     assert inside == INSIDE_FUNCTIONS
+
+
+def test_errors_are_raised_by_their_precise_class():
+    raised = set(raised_classes())
+    assert not {module for module, kind in raised if kind in ("TarcError", "Exception", "RuntimeError")}
+
+
+def test_handlers_catch_precise_classes():
+    blanket = {pair for pair in caught_classes() if pair[1] in ("", "BaseException", "Exception", "TarcError")}
+    assert blanket == BLANKET_HANDLERS
 
 
 def test_few_annotations_are_any():

@@ -6,6 +6,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from tarc.core.errors import InvalidParameter
 from tarc.core.trees import leaves, names, rebuild
 from tarc.core.types import Tree, Vector
 
@@ -47,7 +48,7 @@ def expressions(
     for old, new, label in zip(leaves(state_tree), leaves(next_state), names(state), strict=True):
         new = new if isinstance(new, symbol) else symbol(new)
         if old.shape != new.shape:
-            raise ValueError(f"{name}: state {label} has shape {old.shape} before the step and {new.shape} after")
+            raise InvalidParameter(f"{name}: state {label} has shape {old.shape} before the step and {new.shape} after")
 
     def column(tree: Tree) -> Vector:
         parts = [ca.vec(leaf if isinstance(leaf, symbol) else symbol(leaf)) for leaf in leaves(tree)]
@@ -81,6 +82,11 @@ def trace(
         ``[state, value] -> [next state, output]``, each one column, ordered as `pack` orders them.
     output
         A tree of zeros with the output's structure and shapes, for `unpack`.
+
+    Raises
+    ------
+    InvalidParameter
+        For a step that changes the shape of its state.
     """
     inputs, results = expressions(step, state, value, symbol=symbol, name=name)
     function = ca.Function(name, inputs, results, ["x", "u"], ["x_next", "y"], {"cse": True})
@@ -108,7 +114,7 @@ class PeriodBuffer:
         self, function: ca.Function, state: np.ndarray, periods: int, fixed: dict[str, np.ndarray] | None = None
     ):
         if periods % 2:
-            raise ValueError(f"periods: got {periods}; needs an even number, since two states take turns")
+            raise InvalidParameter(f"periods: got {periods}; needs an even number, since two states take turns")
         fixed = fixed or {}
         sizes = {function.name_in(i): function.nnz_in(i) for i in range(1, function.n_in())}
         sizes |= {function.name_out(i): function.nnz_out(i) for i in range(1, function.n_out())}
