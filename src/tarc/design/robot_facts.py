@@ -251,7 +251,7 @@ def _speed(plant: Plant, workspace: Workspace) -> DesignChoice:
 def _torque_limit(plant: Plant, limits: np.ndarray, own: bool) -> DesignChoice:
     unit = unit_for_joints("N m", plant.units)
     value = f"{format_per_joint(limits)} {unit}"
-    unknown = [name for name, one in zip(plant.joint_names, limits, strict=True) if not np.isfinite(one)]
+    unknown = [name for name, limit in zip(plant.joint_names, limits, strict=True) if not np.isfinite(limit)]
     text = "from the robot's file" if own else "as given"
     if unknown:
         text += f"; none is known for {', '.join(unknown)}"

@@ -22,15 +22,17 @@ def plane(comparison: "Comparison") -> Figure:
     figure = Figure(figsize=(8.5, 5.5), layout="constrained")
     axes = figure.subplots()
     points = {
-        name: (one["torque_variation"], 1e3 * one["rms_error"]) for name, one in comparison.measures.items() if one
+        name: (measures["torque_variation"], 1e3 * measures["rms_error"])
+        for name, measures in comparison.measures.items()
+        if measures
     }
     for i, (name, point) in enumerate(points.items()):
         axes.plot(*point, MARKERS[i % len(MARKERS)], color=COLOURS[i % len(COLOURS)], label=name)
     front = sorted(points[name] for name in comparison.front)
     if front:
         corners = [(front[0][0], front[0][1])]
-        for one, two in pairwise(front):
-            corners += [(two[0], one[1]), two]
+        for point, following in pairwise(front):
+            corners += [(following[0], point[1]), following]
         axes.plot(*np.array(corners).T, color="0.6", lw=1, zorder=0, label="not beaten in both")
     axes.set_xscale("log")
     axes.set_yscale("log")
@@ -64,7 +66,7 @@ def side(comparison: "Comparison") -> Figure:
             axes.margins(x=0)
     grid[0, 0].set_title(f"error [{comparison.columns['rms_error'][2]}]", fontsize="medium")
     grid[0, 1].set_title(f"torque of the strongest joint [{comparison.columns['peak_torque'][2]}]", fontsize="medium")
-    levels = [np.linalg.norm((one.data["position"] - one.data["reference"]).values, axis=1) for one in runs.values()]
+    levels = [np.linalg.norm((run.data["position"] - run.data["reference"]).values, axis=1) for run in runs.values()]
     if levels:
         low = 1e3 * min(float(np.percentile(level, 2)) for level in levels)
         high = 1e3 * float(np.median([level.max() for level in levels]))

@@ -28,32 +28,32 @@ def plot_front(design: Design) -> Figure:
     plant = design.plants[0]
     limit = design.law.torque_limits if design.law.torque_limit is not None else np.full(design.law.n_joints, np.inf)
     shares = 100 * design.torque_noise / limit
-    known = bool(np.any(np.isfinite(limit)))
-    loudest = int(np.argmax(shares if known else design.torque_noise))
-    per_noise = (shares if known else design.torque_noise)[loudest] / design.candidate.noise
+    has_limit = bool(np.any(np.isfinite(limit)))
+    loudest = int(np.argmax(shares if has_limit else design.torque_noise))
+    per_noise = (shares if has_limit else design.torque_noise)[loudest] / design.candidate.noise
     heaviest = int(np.argmax(np.diag(design.shape)))
     per_error = 1e3 / float(design.shape[heaviest, heaviest])
 
     def points(members: list[Candidate]) -> tuple[list[float], list[float]]:
-        return [per_noise * one.noise for one in members], [per_error * one.error for one in members]
+        return [per_noise * loop.noise for loop in members], [per_error * loop.error for loop in members]
 
-    able = [one for one in design.candidates if one.feasible]
+    feasible = [loop for loop in design.candidates if loop.feasible]
     for label, colour, marker, members in (
-        ("literal", COLOURS[1], "s", [one for one in able if not one.synchronised]),
-        ("synchronised", COLOURS[0], "o", [one for one in able if one.synchronised]),
+        ("literal", COLOURS[1], "s", [loop for loop in feasible if not loop.synchronised]),
+        ("synchronised", COLOURS[0], "o", [loop for loop in feasible if loop.synchronised]),
     ):
         if members:
             axes.plot(*points(members), marker, ms=3.5, alpha=0.45, color=colour, ls="", label=label)
     axes.plot(*points(design.front), color="0.4", lw=1, drawstyle="steps-post", label="not beaten in both")
     axes.plot(*points([design.candidate]), label="chosen", **STAR)
-    if design.noise_budget is not None and known:
+    if design.noise_budget is not None and has_limit:
         allowed = 100 * design.noise_budget
         axes.axvline(allowed, color=COLOURS[2], ls="--", label=f"budget, {allowed:.3g} %")
     _log(axes, "x")
     _log(axes, "y")
     axes.set_xlabel(
         f"largest torque noise, {plant.joint_names[loudest]}, RMS "
-        f"[{'% of its limit' if known else plant.torque_units[loudest]}]"
+        f"[{'% of its limit' if has_limit else plant.torque_units[loudest]}]"
     )
     axes.set_ylabel(
         f"RMS error of {plant.joint_names[heaviest]} for one step\nof 1 {plant.torque_units[heaviest]} per second "
@@ -80,21 +80,21 @@ def plot_reach(design: Design) -> Figure:
 def _region(design: Design) -> Figure:
     figure = Figure(figsize=(9.5, 4.4), layout="constrained")
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
-    able = [one for one in design.candidates if one.feasible]
+    feasible = [loop for loop in design.candidates if loop.feasible]
     limited = design.law.torque_limit is not None
     loudest = float(np.max(100 * design.torque_noise / design.law.torque_limits if limited else design.torque_noise))
-    noise = {one: loudest * one.noise / design.candidate.noise for one in able}
+    noise = {loop: loudest * loop.noise / design.candidate.noise for loop in feasible}
     least, most = np.log10(min(noise.values())), np.log10(max(noise.values()))
     drawn: Any = None
     for axes, synchronised in zip(panels, (False, True), strict=True):
         for degree, marker in ((2, "o"), (3, "s")):
             # the quietest scale of M̂ of each loop on top
-            some = [one for one in able if (one.synchronised, one.degree) == (synchronised, degree)]
-            some.sort(key=lambda one: -noise[one])
+            shown = [loop for loop in feasible if (loop.synchronised, loop.degree) == (synchronised, degree)]
+            shown.sort(key=lambda loop: -noise[loop])
             drawn = axes.scatter(
-                [one.window for one in some],
-                [one.natural_frequency for one in some],
-                c=[np.log10(noise[one]) for one in some],
+                [loop.window for loop in shown],
+                [loop.natural_frequency for loop in shown],
+                c=[np.log10(noise[loop]) for loop in shown],
                 vmin=least,
                 vmax=most,
                 cmap="viridis_r",
@@ -117,7 +117,7 @@ def _region(design: Design) -> Figure:
         label=f"largest torque noise, RMS [{'% of its limit' if limited else 'N m or N'}]",
     )
     ticks = np.linspace(least, most, 6)
-    bar.set_ticks(list(ticks), labels=[f"{10**one:.2g}" for one in ticks])
+    bar.set_ticks(list(ticks), labels=[f"{10**tick:.2g}" for tick in ticks])
     figure.suptitle(
         f"{_title(design)}\nloops that tolerate the robot's spread, {design.spread:.3g}, with gravity, motion and "
         "margin; star: chosen",
@@ -128,17 +128,17 @@ def _region(design: Design) -> Figure:
 
 def _grid(design: Design, synchronised: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return windows (w,), natural frequencies (b,) and the largest tolerated spread (b, w) of the first candidates."""
-    found: dict[tuple[int, float], float] = {}
-    for one in design.candidates:
-        if one.synchronised == synchronised and one.degree == _degree(design, synchronised):
-            found[one.window, one.natural_frequency] = max(
-                one.max_spread, found.get((one.window, one.natural_frequency), 1.0)
+    max_spreads: dict[tuple[int, float], float] = {}
+    for loop in design.candidates:
+        if loop.synchronised == synchronised and loop.degree == _degree(design, synchronised):
+            max_spreads[loop.window, loop.natural_frequency] = max(
+                loop.max_spread, max_spreads.get((loop.window, loop.natural_frequency), 1.0)
             )
     # the neighbours of the choice, looked at later, have few windows a natural frequency and few natural frequencies
     # a window
-    speeds = _frequent([speed for _, speed in found])
-    windows = _frequent([window for window, speed in found if speed in speeds])
-    values = np.array([[found.get((int(w), float(s)), 1.0) for w in windows] for s in speeds])
+    speeds = _frequent([speed for _, speed in max_spreads])
+    windows = _frequent([window for window, speed in max_spreads if speed in speeds])
+    values = np.array([[max_spreads.get((int(w), float(s)), 1.0) for w in windows] for s in speeds])
     return windows, speeds, values
 
 
@@ -164,9 +164,15 @@ def _map(design: Design, sides: dict[bool, tuple[np.ndarray, np.ndarray, np.ndar
         if z.min() < level < z.max():
             axes.contour(windows, speeds, z, levels=[level], colors="white", linewidths=2)
             line = True
-        able = [one for one in design.candidates if one.feasible and one.synchronised == synchronised]
-        able = [one for one in able if one.degree == _degree(design, synchronised)]
-        axes.plot([one.window for one in able], [one.natural_frequency for one in able], "o", color="black", ms=2.5)
+        feasible = [loop for loop in design.candidates if loop.feasible and loop.synchronised == synchronised]
+        feasible = [loop for loop in feasible if loop.degree == _degree(design, synchronised)]
+        axes.plot(
+            [loop.window for loop in feasible],
+            [loop.natural_frequency for loop in feasible],
+            "o",
+            color="black",
+            ms=2.5,
+        )
         if design.law.synchronised == synchronised:
             axes.plot(window_periods(design), natural_frequency(design), clip_on=False, **STAR)
         axes.set_facecolor("0.9")
@@ -174,7 +180,7 @@ def _map(design: Design, sides: dict[bool, tuple[np.ndarray, np.ndarray, np.ndar
         axes.set_title(f"{word}, degree {_degree(design, synchronised)}", fontsize="medium")
         axes.set_xlabel("window [periods]")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-        axes.set_xlim(min([windows.min(), *(one.window for one in able)]) - 0.3, windows.max())
+        axes.set_xlim(min([windows.min(), *(loop.window for loop in feasible)]) - 0.3, windows.max())
         axes.set_ylim(speeds.min(), speeds.max())
         _log(axes, "y")
     bar = figure.colorbar(drawn, ax=panels, label="tolerated spread")
@@ -191,22 +197,22 @@ def _map(design: Design, sides: dict[bool, tuple[np.ndarray, np.ndarray, np.ndar
 def _lines(design: Design) -> Figure:
     figure = Figure(figsize=(8.5, 4.4), layout="constrained")
     axes = figure.subplots()
-    able: list[Candidate] = []
+    feasible: list[Candidate] = []
     for synchronised, colour, word in ((False, COLOURS[1], "literal"), (True, COLOURS[0], "synchronised")):
         for degree, style in ((2, "-"), (3, "--")):
             best: dict[int, Candidate] = {}
-            for one in design.candidates:
-                if (one.synchronised, one.degree) == (synchronised, degree):
-                    best[one.window] = max(
-                        one, best.get(one.window, one), key=lambda any: (any.feasible, any.max_spread)
+            for loop in design.candidates:
+                if (loop.synchronised, loop.degree) == (synchronised, degree):
+                    best[loop.window] = max(
+                        loop, best.get(loop.window, loop), key=lambda any: (any.feasible, any.max_spread)
                     )
             windows = sorted(best)
             if not windows:
                 continue
             reach = [float(np.clip(best[window].max_spread, 1.0, 10 * WIDEST)) for window in windows]
             axes.plot(windows, reach, style, color=colour, lw=1.2, label=f"{word}, degree {degree}")
-            able += [one for one in best.values() if one.feasible]
-    axes.plot([one.window for one in able], [one.max_spread for one in able], "o", color="black", ms=3.5)
+            feasible += [loop for loop in best.values() if loop.feasible]
+    axes.plot([loop.window for loop in feasible], [loop.max_spread for loop in feasible], "o", color="black", ms=3.5)
     axes.axhline(design.spread, color="0.4", lw=1.5, label=f"the robot's spread, {design.spread:.3g}")
     axes.plot(window_periods(design), design.candidate.max_spread, label="chosen", **STAR)
     axes.set_xlabel("window [periods]")
@@ -247,9 +253,9 @@ def _log(axes: Axes, which: str) -> None:
     steps = (1,) if width > 3 else (1, 2, 5) if width > 1 else (1, 1.5, 2, 3, 4, 5, 6, 8)
     decades = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
     ticks = [step * 10.0**decade for decade in decades for step in steps]
-    inside = [one for one in ticks if low <= one <= high]
+    inside = [tick for tick in ticks if low <= tick <= high]
     if len(inside) < 3:
-        inside = [one for one in MaxNLocator(5).tick_values(low, high) if low <= one <= high]
+        inside = [tick for tick in MaxNLocator(5).tick_values(low, high) if low <= tick <= high]
     axis.set_major_locator(FixedLocator(inside))
     axis.set_major_formatter("{x:.4g}")
     axis.set_minor_locator(NullLocator())
@@ -264,9 +270,9 @@ MAX_MAP_WINDOW = 20
 
 def design_figures(design: Design) -> dict[str, Figure]:
     """Return all figures of a design by name; that of the law only for a short window."""
-    found = {kind: draw(design) for kind, draw in FIGURES.items()}
+    figures = {kind: draw(design) for kind, draw in FIGURES.items()}
     if window_periods(design) <= MAX_MAP_WINDOW:
-        found["law"] = design_figure(
+        figures["law"] = design_figure(
             LawCertification(
                 law=design.law,
                 channels=decoupled_channels(design.law, design.law.actuation_delay),
@@ -274,4 +280,4 @@ def design_figures(design: Design) -> dict[str, Figure]:
                 computation_delay=design.law.actuation_delay,
             )
         )
-    return found
+    return figures

@@ -41,12 +41,12 @@ SET_BY_SCENARIO = {"period", "estimator"}
 def catalogue(section: str) -> dict[str, Any]:
     """Return the kinds that a section of a scenario may have, by name."""
     module, base = SECTIONS[section]
-    found = {name: getattr(module, name) for name in module.__all__}
+    members = {name: getattr(module, name) for name in module.__all__}
     if section == "disturbance":
-        return {name: found[name] for name in EVENTS}
+        return {name: members[name] for name in EVENTS}
     return {
         name: kind
-        for name, kind in found.items()
+        for name, kind in members.items()
         if inspect.isclass(kind) and issubclass(kind, base) and not inspect.isabstract(kind)
     }
 
@@ -241,13 +241,13 @@ def explain(error: ValidationError, model: type[BaseModel], section: str, label:
         if key in lines:
             continue
         where = f"{prefix}{key}"
-        known = list(model.model_fields)
+        keys = list(model.model_fields)
         if fault["type"] == "extra_forbidden" and len(fault["loc"]) == 1:
-            lines[key] = f"{where}: unknown key; {label} has {', '.join(known)}.{check.did_you_mean(key, known)}"
+            lines[key] = f"{where}: unknown key; {label} has {', '.join(keys)}.{check.did_you_mean(key, keys)}"
         elif fault["type"] == "missing":
             lines[key] = f"{where}: missing; {label} needs it, {_words(model.model_fields[key].annotation)}"
-        elif (key in known and len(fault["loc"]) == 1) or (
-            key in known and typing.get_args(model.model_fields[key].annotation)
+        elif (key in keys and len(fault["loc"]) == 1) or (
+            key in keys and typing.get_args(model.model_fields[key].annotation)
         ):
             given = fault["input"] if len(fault["loc"]) == 1 else error.errors()[0]["input"]
             lines[key] = f"{where}: got {given!r}; needs {_words(model.model_fields[key].annotation)}"

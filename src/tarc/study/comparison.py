@@ -63,8 +63,10 @@ class Comparison:
         result = {}
         for name, run in self.runs.items():
             long_enough = float(run.data["time"].values[-1]) > self.scenario.metrics_start + self.scenario.period
-            found = run.metrics(start_time=self.scenario.metrics_start) if run.status.completed and long_enough else {}
-            result[name] = {key: found[key] for key in COLUMNS if key in found}
+            measures = (
+                run.metrics(start_time=self.scenario.metrics_start) if run.status.completed and long_enough else {}
+            )
+            result[name] = {key: measures[key] for key in COLUMNS if key in measures}
         return result
 
     @property
@@ -77,7 +79,11 @@ class Comparison:
     @property
     def front(self) -> list[str]:
         """Laws that no other beats in both RMS error and torque variation, by error."""
-        points = {name: (one["rms_error"], one["torque_variation"]) for name, one in self.measures.items() if one}
+        points = {
+            name: (measures["rms_error"], measures["torque_variation"])
+            for name, measures in self.measures.items()
+            if measures
+        }
         best = [
             name
             for name, (error, variation) in points.items()
@@ -104,8 +110,8 @@ class Comparison:
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(["law", "status", *COLUMNS])
-        for name, found in self.measures.items():
-            writer.writerow([name, self.runs[name].status, *(found.get(key, "") for key in COLUMNS)])
+        for name, measures in self.measures.items():
+            writer.writerow([name, self.runs[name].status, *(measures.get(key, "") for key in COLUMNS)])
         for name, reason in self.failures.items():
             writer.writerow([name, f"failed: {reason}", *("" for _ in COLUMNS)])
         return text.getvalue()
@@ -115,8 +121,10 @@ class Comparison:
         heads = " & ".join(["law", *(f"{label} [{unit}]" for label, _, unit in self.columns.values())])
         rules = [r"\begin{tabular}{l" + "r" * len(COLUMNS) + "}", r"\toprule"]
         lines = [*rules, heads.replace("%", r"\%") + r" \\", r"\midrule"]
-        for name, found in self.measures.items():
-            cells = [f"{scale * found[key]:.4g}" if key in found else "--" for key, (_, scale, _) in COLUMNS.items()]
+        for name, measures in self.measures.items():
+            cells = [
+                f"{scale * measures[key]:.4g}" if key in measures else "--" for key, (_, scale, _) in COLUMNS.items()
+            ]
             lines.append(" & ".join([name, *cells]).replace("_", r"\_") + r" \\")
         return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
 
@@ -201,23 +209,23 @@ def compare(
     parts = _chosen(scenario, laws)
     count = check.integer("jobs", min(os.cpu_count() or 1, len(parts)) if jobs is None else jobs, 1)
     tasks = {name: (scenario.model_dump(), name, part) for name, part in parts.items()}
-    found: dict[str, Run | str] = {}
+    results: dict[str, Run | str] = {}
     with Progress(f"comparing {len(tasks)} laws", len(tasks), progress) as bar:
         if count == 1:
             for name, task in tasks.items():
-                found[name] = run_one(*task)
+                results[name] = run_one(*task)
                 bar.advance()
         else:
             with ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool:
                 futures = {pool.submit(run_one, *task): name for name, task in tasks.items()}
                 for future in as_completed(futures):
                     try:
-                        found[futures[future]] = future.result()
+                        results[futures[future]] = future.result()
                     except BrokenProcessPool:
-                        found[futures[future]] = "its process was killed, perhaps for lack of memory; use fewer jobs"
+                        results[futures[future]] = "its process was killed, perhaps for lack of memory; use fewer jobs"
                     bar.advance()
-    runs = {name: run for name in parts if isinstance(run := found[name], Run)}
-    return Comparison(scenario, runs, {name: why for name in parts if isinstance(why := found[name], str)})
+    runs = {name: run for name in parts if isinstance(run := results[name], Run)}
+    return Comparison(scenario, runs, {name: why for name in parts if isinstance(why := results[name], str)})
 
 
 def _chosen(scenario: Scenario, laws: Iterable[str] | dict[str, dict[str, Any]] | None) -> dict[str, dict[str, Any]]:
@@ -225,13 +233,13 @@ def _chosen(scenario: Scenario, laws: Iterable[str] | dict[str, dict[str, Any]] 
         return scenario.laws
     if isinstance(laws, dict):
         return laws
-    known = {**tuned_laws(), **scenario.laws}
+    laws_by_name = {**tuned_laws(), **scenario.laws}
     names = list(dict.fromkeys(laws))
     for name in names:
-        check.one_of("laws", name, known)
+        check.one_of("laws", name, laws_by_name)
     if not names:
-        raise InvalidParameter(f"laws: got none; known are {', '.join(known)}")
-    return {name: known[name] for name in names}
+        raise InvalidParameter(f"laws: got none; known are {', '.join(laws_by_name)}")
+    return {name: laws_by_name[name] for name in names}
 
 
 def run_one(content: dict[str, Any], name: str, part: dict[str, Any]) -> Run | str:

@@ -38,14 +38,14 @@ class SearchSpace:
 
     def values(self, law: dict[str, Any]) -> dict[str, float]:
         """Return the values of a law that are free here: the reverse of `law`."""
-        found: dict[str, Any] = {}
+        values: dict[str, Any] = {}
         for key in self.free:
             node: Any = law
             for step in key.split("."):
                 node = node.get(step) if isinstance(node, dict) else None
             if node is not None:
-                found[key] = float(node)
-        return found
+                values[key] = float(node)
+        return values
 
 
 INERTIA = {"inertia.fraction": (0.02, 1.5)}

@@ -115,7 +115,7 @@ def tune(
     def score(trial: "optuna.Trial") -> float:
         values = {key: trial.suggest_float(key, low, high, log=True) for key, (low, high) in space.free.items()}
         part = space.law(values, period)
-        return float(np.mean([objective(one, part, limit) for one, limit in pairs]))
+        return float(np.mean([objective(scenario, part, limit) for scenario, limit in pairs]))
 
     sampler = optuna.samplers.TPESampler(seed=seed, n_startup_trials=max(trials // 3, 1))
     study = optuna.create_study(sampler=sampler)
@@ -168,34 +168,34 @@ def tune_all(
     InvalidParameter
         For an unknown name, and for a process that was killed.
     """
-    known = default_search_spaces()
+    spaces = default_search_spaces()
     for name in names:
-        check.one_of("laws", name, known)
+        check.one_of("laws", name, spaces)
     contents = [scenario.model_dump() for scenario in scenarios]
-    found: dict[str, tuple[dict[str, Any], float]] = {}
-    order = dict.fromkeys(base for name in names if (base := known[name].extends))
-    rounds = [[*order, *(n for n in names if not known[n].extends and n not in order)]]
-    rounds.append([name for name in names if known[name].extends])
+    tuned: dict[str, tuple[dict[str, Any], float]] = {}
+    order = dict.fromkeys(base for name in names if (base := spaces[name].extends))
+    rounds = [[*order, *(n for n in names if not spaces[n].extends and n not in order)]]
+    rounds.append([name for name in names if spaces[name].extends])
     total = sum(map(len, rounds))
     count = check.integer("jobs", min(os.cpu_count() or 1, len(names)) if jobs is None else jobs, 1)
     with (
         ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool,
         Progress(f"tuning {total} laws, {trials} trials each", total, progress) as bar,
     ):
-        for some in rounds:
+        for group in rounds:
             futures = {}
-            for name in some:
-                warm_start = found[known[name].extends][0] if known[name].extends else None
+            for name in group:
+                warm_start = tuned[spaces[name].extends][0] if spaces[name].extends else None
                 futures[pool.submit(_tune_one, name, contents, list(limits), trials, seed, warm_start)] = name
             for future in as_completed(futures):
                 try:
-                    found[futures[future]] = future.result()
+                    tuned[futures[future]] = future.result()
                 except BrokenProcessPool:
                     raise InvalidParameter(
                         "jobs: a process was killed, perhaps for lack of memory; use fewer jobs"
                     ) from None
                 bar.advance()
-    return {name: found[name] for name in names}
+    return {name: tuned[name] for name in names}
 
 
 def _tune_one(

@@ -43,44 +43,46 @@ def _findings(certificate: Certificate) -> dict[str, Any]:
     return {key: None if value in ("inf", "-inf", "nan") else value for key, value in flat.items()}
 
 
-def certificate_summary(scenario: Scenario, found: dict[str, LawCertification], files: list[Path]) -> dict[str, Any]:
+def certificate_summary(
+    scenario: Scenario, certifications: dict[str, LawCertification], files: list[Path]
+) -> dict[str, Any]:
     """Return certificates as plain data, ready for JSON; their matrices are in the files."""
     laws = {
         name: {
             kind: {
-                "claim": one.claim,
-                "verdict": one.verdict,
-                "margin": one.margin if math.isfinite(one.margin) else None,
-                "margin_meaning": one.margin_meaning,
-                "proof_grade": one.proof_grade,
-                "findings": _findings(one),
-                "witness": one.to_dict()["witness"],
-                "assumptions": list(one.assumptions),
+                "claim": certificate.claim,
+                "verdict": certificate.verdict,
+                "margin": certificate.margin if math.isfinite(certificate.margin) else None,
+                "margin_meaning": certificate.margin_meaning,
+                "proof_grade": certificate.proof_grade,
+                "findings": _findings(certificate),
+                "witness": certificate.to_dict()["witness"],
+                "assumptions": list(certificate.assumptions),
             }
-            for kind, one in certification.certificates.items()
+            for kind, certificate in certification.certificates.items()
         }
-        for name, certification in found.items()
+        for name, certification in certifications.items()
     }
     return {"name": scenario.name, "certificates": laws, "files": [str(file) for file in files]}
 
 
-def print_certificates(scenario: Scenario, found: dict[str, LawCertification], files: list[Path]) -> None:
+def print_certificates(scenario: Scenario, certifications: dict[str, LawCertification], files: list[Path]) -> None:
     """Print a table per law, its worst postures and, where it is not certified, what to change."""
     console = Console()
-    for name, certification in found.items():
+    for name, certification in certifications.items():
         table = Table(title=f"{scenario.name}: {name}", title_justify="left")
         wide = console.width >= WIDE
         for column in ("certificate", "verdict", "margin", *(["which is"] if wide else []), "decided in"):
             table.add_column(column, justify="right" if column == "margin" else "left")
-        for kind, one in certification.certificates.items():
+        for kind, certificate in certification.certificates.items():
             if kind == "lemma1":
                 table.add_section()
             table.add_row(
                 CERTIFICATES[kind],
-                f"[{VERDICT_COLOURS[one.verdict]}]{one.verdict_in_words}[/]",
-                f"{one.margin:.3g}",
-                *([one.margin_meaning] if wide else []),
-                "ball arithmetic" if one.proof_grade else "floating point",
+                f"[{VERDICT_COLOURS[certificate.verdict]}]{certificate.verdict_in_words}[/]",
+                f"{certificate.margin:.3g}",
+                *([certificate.margin_meaning] if wide else []),
+                "ball arithmetic" if certificate.proof_grade else "floating point",
             )
         console.print(table)
         verdict = certification.verdict

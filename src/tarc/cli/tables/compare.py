@@ -20,9 +20,9 @@ def comparison_summary(comparison: Comparison, files: list[Path]) -> dict[str, A
     laws = {
         name: {
             "status": str(comparison.runs[name].status),
-            "measures": {key: value if math.isfinite(value) else None for key, value in found.items()},
+            "measures": {key: value if math.isfinite(value) else None for key, value in measures.items()},
         }
-        for name, found in comparison.measures.items()
+        for name, measures in comparison.measures.items()
     }
     return {
         "name": comparison.scenario.name,
@@ -41,15 +41,17 @@ def print_comparison(comparison: Comparison, files: list[Path]) -> None:
         title=f"{scenario.name}, {scenario.duration:g} s, after {scenario.metrics_start:g} s", title_justify="left"
     )
     table.add_column("law")
-    shown = {key: one for key, one in comparison.columns.items() if console.width >= WIDE or key in NARROW_COLUMNS}
+    shown = {
+        key: column for key, column in comparison.columns.items() if console.width >= WIDE or key in NARROW_COLUMNS
+    }
     for label, _, unit in shown.values():
         table.add_column(f"{label} [{unit}]", justify="right")
     table.add_column("status")
     front = comparison.front
     measures = comparison.measures
     for name in sorted(measures, key=lambda name: measures[name].get("rms_error", math.inf)):
-        found = measures[name]
-        cells = [f"{scale * found[key]:.4g}" if key in found else "–" for key, (_, scale, _) in shown.items()]
+        values = measures[name]
+        cells = [f"{scale * values[key]:.4g}" if key in values else "–" for key, (_, scale, _) in shown.items()]
         status = comparison.runs[name].status
         ended = str(status) if status.completed else f"[red]{status}[/red]"
         table.add_row(f"{name} *" if name in front else name, *cells, ended)

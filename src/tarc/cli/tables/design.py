@@ -24,12 +24,13 @@ def design_summary(design: Design, files: list[Path], limits: dict[str, StressLi
         "margin": verdict.margin,
         "margin_meaning": verdict.margin_meaning,
         "spread": design.spread,
-        "choices": {one.label: {"value": one.value, "reason": one.reason} for one in design.choices},
+        "choices": {choice.label: {"value": choice.value, "reason": choice.reason} for choice in design.choices},
         "law": content["law"],
         "estimator": content["estimator"],
         "torque_noise": {name: {"rms": rms, "share": share} for name, rms, share in _noise(design)},
         "stress_limits": {
-            name: {"value": one.value, "unit": one.unit, "explanation": one.explain()} for name, one in limits.items()
+            name: {"value": limit.value, "unit": limit.unit, "explanation": limit.explain()}
+            for name, limit in limits.items()
         },
         "files": [str(file) for file in files],
     }
@@ -37,8 +38,8 @@ def design_summary(design: Design, files: list[Path], limits: dict[str, StressLi
 
 def _noise(design: Design) -> list[tuple[str, float, float | None]]:
     """Return each joint, its predicted RMS torque noise, and that over its limit, None where it has none."""
-    known = np.inf if design.law.torque_limit is None else np.asarray(design.law.torque_limit, dtype=float)
-    shares = [float(one) or None for one in design.torque_noise / known]
+    torque_limits = np.inf if design.law.torque_limit is None else np.asarray(design.law.torque_limit, dtype=float)
+    shares = [float(share) or None for share in design.torque_noise / torque_limits]
     return list(zip(design.plants[0].joint_names, design.torque_noise.tolist(), shares, strict=True))
 
 
@@ -50,9 +51,9 @@ def print_design(design: Design, files: list[Path]) -> None:
     table.add_column("choice", width=17)
     table.add_column("value", max_width=22)
     table.add_column("reason")
-    for one in design.choices:
-        style = "yellow" if one.reason.startswith("WARNING") else None
-        table.add_row(*(escape(text) for text in (one.label, one.value, one.reason)), style=style)
+    for choice in design.choices:
+        style = "yellow" if choice.reason.startswith("WARNING") else None
+        table.add_row(*(escape(text) for text in (choice.label, choice.value, choice.reason)), style=style)
     console.print(table)
     verdict = design.certificates["robot"]
     console.print(f"[{VERDICT_COLOURS[verdict.verdict]}]{verdict.verdict}[/]: {escape(verdict.claim)}", highlight=False)
@@ -84,5 +85,5 @@ def print_limits(limits: dict[str, StressLimit]) -> None:
     """Print the limits of a design, one line per quantity."""
     console = Console()
     console.print("\nlimits of each quantity by itself, with the gains unchanged:")
-    for one in limits.values():
-        console.print(escape(one.explain()), highlight=False)
+    for limit in limits.values():
+        console.print(escape(limit.explain()), highlight=False)

@@ -61,10 +61,10 @@ def _defaults(kind: Any) -> dict[str, Any]:
 
 def print_kind(name: str, as_json: bool) -> None:
     """Print one kind: its documentation, and its parameters with defaults."""
-    found = {key: kind for kinds in _entries().values() for key, kind in kinds.items()}
+    kinds_by_name = {key: kind for kinds in _entries().values() for key, kind in kinds.items()}
     # their parameters are those of every law on them
-    found |= {name: getattr(tarc.laws, name) for name in ("TDE", "PolePlacement", "Law")}
-    names = {key.lower(): key for key in found}
+    kinds_by_name |= {name: getattr(tarc.laws, name) for name in ("TDE", "PolePlacement", "Law")}
+    names = {key.lower(): key for key in kinds_by_name}
     if name.lower().removesuffix(".xml") in (file.removesuffix(".xml") for file in shipped_robots()):
         print_robot(name.lower(), as_json)
         return
@@ -72,11 +72,12 @@ def print_kind(name: str, as_json: bool) -> None:
         print(find_scenario(name).read_text(encoding="utf-8"), end="")
         return
     name = names.get(name.lower(), name)
-    if name not in found:
+    if name not in kinds_by_name:
         raise InvalidParameter(
-            f"show: nothing is called {name!r}; there are {', '.join(found)}.{check.did_you_mean(name, found)}"
+            f"show: nothing is called {name!r}; there are {', '.join(kinds_by_name)}."
+            f"{check.did_you_mean(name, kinds_by_name)}"
         )
-    kind = found[name]
+    kind = kinds_by_name[name]
     if as_json:
         print(
             json.dumps({"name": name, "about": _first_line(kind), "parameters": _defaults(kind)}, indent=2, default=str)
