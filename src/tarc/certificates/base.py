@@ -152,7 +152,7 @@ class Certificate(Generic[E]):
             return self.verdict == Verdict.INCONCLUSIVE
         try:
             return self.evidence.judge().verdict == self.verdict
-        except (ValueError, IndexError, np.linalg.LinAlgError, UnsupportedLaw):  # shapes that do not fit together
+        except (ValueError, np.linalg.LinAlgError, UnsupportedLaw):  # shapes that do not fit together
             return False
 
     def explain(self) -> str:

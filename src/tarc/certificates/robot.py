@@ -498,12 +498,15 @@ def _fit_ball(
     """Return the points with the worst ones added, the best candidate, and its ball."""
     ratios = spread.min_ratio, spread.max_ratio
     max_change = None if rate_point is None else channel.period * rate_point.rate(sampled.nominal)
-    centres = {best_centre(UncertainLoop.from_channel(channel, slope, True), ratios, max_change), sum(ratios) / 2}
+    centres = {
+        best_centre(UncertainLoop.from_channel(channel, slope, intersample=True), ratios, max_change),
+        sum(ratios) / 2,
+    }
     sampled = worst_case_points(min(centres), sampled)
     best, proof, radius = best_ball(channel, slope, centres, sampled.uncertainty, max_change)
     if best.position_weight:  # once more, for this ball
         sampled = sampled.refine_worst(best.centre, best.position_weight, best.lead_time)
-    loop = UncertainLoop.from_channel(channel, slope, True, lead_periods=best.lead_time / channel.period)
+    loop = UncertainLoop.from_channel(channel, slope, intersample=True, lead_periods=best.lead_time / channel.period)
     stiffness = float(sampled.uncertainty.stiffness_norms(best.lead_time).max())
     ball = make_ball(
         loop,
@@ -544,7 +547,7 @@ def best_ball(
     """
     lead_times = dict.fromkeys(factor * uncertainty.lead_time() for factor in LEAD_FACTORS)
     loops = {
-        lead_time: UncertainLoop.from_channel(channel, slope, True, lead_periods=lead_time / channel.period)
+        lead_time: UncertainLoop.from_channel(channel, slope, intersample=True, lead_periods=lead_time / channel.period)
         for lead_time in lead_times
     }
     candidates = [
