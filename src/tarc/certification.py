@@ -195,7 +195,7 @@ class LawCertification:
     def ratios(self) -> dict[str, float]:
         """Return the smallest, mean and largest inertia ratio of the robot, by name."""
         low, high = self.verdict.evidence.min_ratio, self.verdict.evidence.max_ratio
-        return {"least ratio": low, "mean": float(np.sqrt(low * high)), "greatest ratio": high}
+        return {"smallest ratio": low, "mean": float(np.sqrt(low * high)), "largest ratio": high}
 
     @cached_property
     def eigenvalues(self) -> dict[str, Array]:
