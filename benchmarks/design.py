@@ -83,9 +83,9 @@ class Robot(NamedTuple):
     joints: Sequence[str] | None = None
     fastest: float = SPEED
 
-    def plant(self) -> tarc.plants.MujocoPlant:
+    def plant(self) -> tarc.plants.Plant:
         file = Path(sysconfig.get_path("purelib")) / DATA / self.file
-        return tarc.plants.MujocoPlant.from_file(file, joints=self.joints, armature=self.armature)
+        return tarc.plants.load_robot(file, joints=self.joints, armature=self.armature)
 
     def speed(self) -> np.ndarray:
         """Greatest speed of each joint [rad/s]."""

@@ -11,7 +11,7 @@ from tarc import certify_law
 from tarc.analysis import Workspace, best_inertia_shape
 from tarc.certificates import certify_robot
 
-plants = [tarc.plants.MujocoPlant.from_file("ur5e", armature=0.1, payload=mass) for mass in (0.0, 5.0)]
+plants = [tarc.plants.load_robot("ur5e", armature=0.1, payload=mass) for mass in (0.0, 5.0)]
 reference = tarc.Scenario.load("ur5e").build_reference()
 workspace = Workspace.from_reference(reference, 20.0, tube=0.01)
 shape, spread = best_inertia_shape(plants, workspace)

@@ -7,7 +7,7 @@ The figure shows all loops that were assessed for the slowest one.
 
 import tarc
 
-arm = tarc.plants.MujocoPlant.from_file("ur5e", armature=0.1)
+arm = tarc.plants.load_robot("ur5e", armature=0.1)
 designs = {}
 for speed in (float("inf"), 2.0, 0.5):
     made = tarc.design.design_controller(arm, payload=(0.0, 5.0), sensor=tarc.signals.Encoder(bits=17), speed=speed)

@@ -60,7 +60,7 @@ def _rates(designed) -> str:
 def _shapes(shipped: dict[str, str]) -> str:
     data = Path(sysconfig.get_path("purelib"), "cmeel.prefix", "share")
     file = data / "example-robot-data/robots/ur_description/urdf/ur5_robot.urdf"
-    plant = tarc.plants.MujocoPlant.from_file(file, armature=0.1)
+    plant = tarc.plants.load_robot(file, armature=0.1)
     _, ratio = best_inertia_shape(plant, Workspace.from_joint_limits(plant))
     rows = [
         ("UR5, from the URDF of `example-robot-data`", f"{ratio:.1f}"),

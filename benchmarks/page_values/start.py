@@ -64,7 +64,7 @@ def z1_file() -> Path:
 @long_source
 def your_robot() -> dict[str, Value]:
     """Designs for the Unitree Z1, each simulated, and the error of the command where none can be certified."""
-    arm = tarc.plants.MujocoPlant.from_file(z1_file(), joints=Z1_JOINTS, armature=0.1)
+    arm = tarc.plants.load_robot(z1_file(), joints=Z1_JOINTS, armature=0.1)
     values: dict[str, Value] = {}
     rows = []
     for name, (label, changes) in Z1_CHANGES.items():

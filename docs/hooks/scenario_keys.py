@@ -7,7 +7,7 @@ from typing import Any
 from griffe import Docstring, DocstringSectionKind
 from mkdocs.structure.files import File, Files
 
-from tarc.plants import MujocoPlant
+from tarc.plants import load_robot
 from tarc.scenario.model import Scenario
 from tarc.scenario.schema import SECTIONS, catalogue, parameters
 
@@ -49,7 +49,7 @@ def section_parts(section: str) -> list[str]:
     if section in NOTES:
         parts.append(NOTES[section])
     if section == "robot":
-        parts += [f"### {FILE_HEADING}", kind_table(MujocoPlant.from_file)]
+        parts += [f"### {FILE_HEADING}", kind_table(load_robot)]
     if section != "law":
         shared = set()
     elif shared:

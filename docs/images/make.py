@@ -17,7 +17,7 @@ from PIL import Image
 
 from tarc import Scenario
 from tarc.design import design_controller
-from tarc.plants import MujocoPlant
+from tarc.plants import load_robot
 from tarc.plotting.certificates import design_figure
 from tarc.plotting.runs import run_figure
 from tarc.signals import Encoder
@@ -98,7 +98,7 @@ def certified_demo() -> None:
 def first_robot() -> None:
     """Design for the tutorial's robot, and run the design."""
     data = Path(sysconfig.get_path("purelib"), "cmeel.prefix", "share")
-    arm = MujocoPlant.from_file(
+    arm = load_robot(
         data / "example-robot-data/robots/z1_description/urdf/z1.urdf",
         joints=[f"joint{i}" for i in range(1, 7)],
         armature=0.1,

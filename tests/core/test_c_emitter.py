@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from law_catalogue import ESTIMATORS, concrete_laws, make_law
-from tarc import estimators
+from tarc import estimators, laws
 from tarc.core.c_emitter import ARITHMETIC, COMPARISONS, LOGICAL, emit
 from tarc.core.codegen import CompiledLoop, compiled, compiler
 from tarc.core.errors import InvalidParameter
@@ -97,6 +97,19 @@ def test_functions_within_functions_are_called():
     whole = ca.Function("whole", [x], [outer(outer(x))])
     assert emit(whole, "f").count("static void inner(") == 1
     assert_equal_to_the_bit(np.array(compiled(whole)([0.3, -0.4])), np.array(whole([0.3, -0.4])))
+
+
+@pytest.mark.parametrize("joints", [4, 9, 10])
+def test_windows_as_long_as_there_are_joints(joints):
+    check_law(make_law(laws.TARC, joints))
+
+
+def test_called_matrix_functions_are_products():
+    x = ca.MX.sym("x", 2)
+    inner = ca.Function("inner", [x], [ca.sin(x)], {"never_inline": True})
+    y = ca.SX.sym("y", 2)
+    with pytest.raises(InvalidParameter, match="inner: it is called, and is no product with a constant matrix"):
+        emit(ca.Function("outer", [y], [inner(y)]), "f")
 
 
 def test_inputs_and_outputs_that_casadi_leaves_out():

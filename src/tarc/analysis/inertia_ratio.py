@@ -13,7 +13,7 @@ from tarc.core.types import Array
 from tarc.core.validation import Matrix
 from tarc.numerics.local_search import local_maximum
 from tarc.plants.base import Plant
-from tarc.plants.euler_lagrange import EulerLagrange
+from tarc.plants.symbolic import SymbolicPlant
 
 MIN_CONDITION = 1e-12
 """Smallest to largest eigenvalue of an inertia matrix below which it counts as singular."""
@@ -264,9 +264,8 @@ def inertia_matrices(plant: Plant, postures: Array) -> Array:
     InvalidParameter
         For an M(q) that is singular or not finite.
     """
-    n = plant.n_joints
-    if isinstance(plant, EulerLagrange):  # one call of CasADi costs as much as a thousand postures
-        M = plant.evaluate("inertia", postures.T).T.reshape(-1, n, n)
+    if isinstance(plant, SymbolicPlant):  # one call of CasADi costs as much as a thousand postures
+        M = plant.inertia_matrices(postures.T)
     else:
         M = np.array([plant.inertia(posture) for posture in postures])
     is_finite = np.array([np.isfinite(matrix).all() for matrix in M])

@@ -95,9 +95,9 @@ def design(
     from tarc.design import design_controller
     from tarc.design import stress_test as find_limits
     from tarc.design.writer import check_writable
-    from tarc.plants import MujocoPlant
+    from tarc.plants import load_robot
 
-    plant = MujocoPlant.from_file(
+    plant = load_robot(
         robot,
         joints=names_of(joints) or None,
         armature=numbers_of("--armature", armature),

@@ -198,10 +198,13 @@ def _call(k: int, callee: ca.Function, values: list[str], n_outputs: int) -> lis
 def _product_body(function: ca.Function) -> list[str]:
     """Return the body of a function that multiplies its one input (n, m) by a constant matrix (m, p) on the right."""
     operations = [function.instruction_id(k) for k in range(function.n_instructions())]
+    if sorted(operations) != sorted([ca.OP_CONST, ca.OP_CONST, ca.OP_INPUT, ca.OP_MTIMES, ca.OP_OUTPUT]):
+        raise InvalidParameter(f"{function.name()}: it is called, and is no product with a constant matrix")
+    _, _, register = function.instruction_input(operations.index(ca.OP_MTIMES))
     (constant,) = [
-        matrix
+        function.instruction_MX(k).to_DM()
         for k, operation in enumerate(operations)
-        if operation == ca.OP_CONST and (matrix := function.instruction_MX(k).to_DM()).shape[0] == function.size2_in(0)
+        if operation == ca.OP_CONST and function.instruction_output(k) == [register]
     ]
     rows, columns = constant.shape
     height = function.size1_in(0)

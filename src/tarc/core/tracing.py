@@ -8,7 +8,7 @@ import numpy as np
 
 from tarc.core.errors import InvalidParameter
 from tarc.core.trees import leaves, names, rebuild
-from tarc.core.types import Tree, Vector
+from tarc.core.types import Array, Tree, Vector
 
 Step = Callable[[Tree, Tree], tuple[Tree, Tree]]
 """Pure function (state, value) -> (next state, output)."""
@@ -92,6 +92,42 @@ def trace(
     function = ca.Function(name, inputs, results, ["x", "u"], ["x_next", "y"], {"cse": True})
     _, example = step(state, value)
     return function, rebuild(example, [np.zeros(np.shape(leaf)) for leaf in leaves(example)])
+
+
+def n_instructions(function: ca.Function) -> int:
+    """Return the number of scalar instructions of a call, those of called functions included."""
+    callees = function.find_functions(0)
+    if not callees:
+        return function.n_instructions()
+    longest = max(n_instructions(callee) for callee in callees)
+    n_calls = sum(function.instruction_id(k) == ca.OP_CALL for k in range(function.n_instructions()))
+    return function.n_instructions() + n_calls * longest
+
+
+class FixedCall:
+    """A function of one output over fixed memory, a microsecond or so each call.
+
+    Attributes
+    ----------
+    inputs
+        Arrays to write the inputs into, by number, each the column of its elements.
+    """
+
+    def __init__(self, function: ca.Function):
+        self._shape = function.size_out(0)
+        self.inputs = [np.zeros(function.nnz_in(i)) for i in range(function.n_in())]
+        self._output = np.zeros(function.nnz_out(0))
+        buffer: Any
+        buffer, self._call = function.buffer()
+        for i, array in enumerate(self.inputs):
+            buffer.set_arg(i, array.data)
+        buffer.set_res(0, self._output.data)
+        self._keep = function, buffer
+
+    def __call__(self) -> Array:
+        """Return the output as a new array."""
+        self._call()
+        return self._output.reshape(self._shape, order="F").copy()
 
 
 class PeriodBuffer:

@@ -16,7 +16,7 @@ from tarc.core.types import Tree, Vector
 from tarc.core.validation import Numbers
 from tarc.laws.base import ControlInput, Law
 from tarc.plants.base import Plant
-from tarc.plants.euler_lagrange import EulerLagrange
+from tarc.plants.symbolic import SymbolicPlant
 
 if TYPE_CHECKING:
     from tarc.plants.mujoco import MujocoPlant
@@ -64,7 +64,7 @@ def inertia_and_bias(model: Plant, position: Vector, velocity: Vector) -> tuple[
     CasADi calls MuJoCo for a robot from a file. A call takes some 30 µs and cannot be compiled; derivatives are finite
     differences. Its bias has no dry friction, which is a constraint in MuJoCo.
     """
-    if isinstance(model, EulerLagrange):
+    if isinstance(model, SymbolicPlant):
         return model.evaluate("inertia", position), model.evaluate("bias", position, velocity)
     M, N = _called(model)(position, velocity)
     return (M, N) if ops.symbolic(position, velocity) else (np.array(M), np.array(N)[:, 0])

@@ -7,11 +7,14 @@ from tarc.core.lazy import lazy_attributes
 if TYPE_CHECKING:
     from tarc.plants.base import Plant
     from tarc.plants.euler_lagrange import EulerLagrange
+    from tarc.plants.load import load_robot
     from tarc.plants.mass_spring_damper import MassSpringDamper
     from tarc.plants.mujoco import MujocoPlant
     from tarc.plants.pendulum import Pendulum
     from tarc.plants.planar import NLinkArm, TwoLinkArm
+    from tarc.plants.rigid_body import RigidBody
     from tarc.plants.robot_file import find_robot, shipped_robots
+    from tarc.plants.symbolic import SymbolicPlant
     from tarc.plants.wheeled import WheeledMobileRobot
 
 __all__ = [
@@ -21,9 +24,12 @@ __all__ = [
     "NLinkArm",
     "Pendulum",
     "Plant",
+    "RigidBody",
+    "SymbolicPlant",
     "TwoLinkArm",
     "WheeledMobileRobot",
     "find_robot",
+    "load_robot",
     "shipped_robots",
 ]
 
@@ -36,9 +42,12 @@ __getattr__, __dir__, _ = lazy_attributes(
         "NLinkArm": "tarc.plants.planar",
         "Pendulum": "tarc.plants.pendulum",
         "Plant": "tarc.plants.base",
+        "RigidBody": "tarc.plants.rigid_body",
+        "SymbolicPlant": "tarc.plants.symbolic",
         "TwoLinkArm": "tarc.plants.planar",
         "WheeledMobileRobot": "tarc.plants.wheeled",
         "find_robot": "tarc.plants.robot_file",
+        "load_robot": "tarc.plants.load",
         "shipped_robots": "tarc.plants.robot_file",
     },
 )

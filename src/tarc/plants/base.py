@@ -63,7 +63,7 @@ class Plant(ABC):
 
     @property
     def file_options(self) -> Mapping[str, object]:
-        """Return the arguments of `tarc.plants.MujocoPlant.from_file` that give this robot; empty without a file."""
+        """Return the arguments of `load_robot` that read this robot again; empty for no file."""
         return {}
 
     @property

@@ -2,20 +2,17 @@
 
 from abc import abstractmethod
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
 from types import SimpleNamespace
 from typing import Any, Self
 
 import casadi as ca
 import numpy as np
 
-from tarc.core import array_ops as ops
 from tarc.core import validation as check
 from tarc.core.component import Component
 from tarc.core.errors import InvalidParameter
 from tarc.core.types import Vector
-from tarc.core.validation import Numbers
-from tarc.plants.base import Plant
+from tarc.plants.symbolic import Equations, SymbolicPlant
 
 
 def joint_friction(dq: Vector, p: SimpleNamespace) -> Vector:
@@ -24,7 +21,7 @@ def joint_friction(dq: Vector, p: SimpleNamespace) -> Vector:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class EulerLagrange(Component, Plant):
+class EulerLagrange(Component, SymbolicPlant):
     """A plant given by kinetic energy T, potential energy V and further forces F and G.
 
         d/dt ∂T/∂q̇ − ∂T/∂q + ∂V/∂q + G(q, q̇) q̇ + F(q, q̇) = τ
@@ -73,40 +70,20 @@ class EulerLagrange(Component, Plant):
         """Return the numeric fields."""
         return {field.name: np.array(getattr(self, field.name), dtype=float) for field in fields(self)}
 
-    @cached_property
-    def _model(self) -> dict[str, ca.Function]:
+    def equations(self) -> Equations:
+        """Return the equations of motion, by differentiation of the energies."""
         n = self.n_joints
-        q, dq, ddq, tau = (ca.SX.sym(name, n) for name in ("q", "dq", "ddq", "tau"))
-        symbols = [ca.SX.sym(name, max(value.size, 1)) for name, value in self.parameters.items()]
-        p = SimpleNamespace(**dict(zip(self.parameters, symbols, strict=True)))
-        T, V = self.kinetic_energy(q, dq, p), self.potential_energy(q, p)
+        q = ca.SX.sym("q", n)
+        dq = ca.SX.sym("dq", n)
+        symbols = {name: ca.SX.sym(name, max(value.size, 1)) for name, value in self.parameters.items()}
+        p = SimpleNamespace(**symbols)
+        T = self.kinetic_energy(q, dq, p)
+        V = self.potential_energy(q, p)
         M = ca.densify(ca.hessian(T, dq)[0])
-        slopes = [ca.reshape(ca.jacobian(ca.vec(M), q[k]), n, n) for k in range(n)]
-        C = ca.SX(n, n)
-        for i in range(n):
-            for j in range(n):
-                C[i, j] = sum((slopes[k][i, j] + slopes[j][i, k] - slopes[i][j, k]) * dq[k] for k in range(n)) / 2
-        coriolis = C + self.gyroscopic(q, dq, p)
-        gravity = ca.gradient(V, q)
+        coriolis = _christoffel(M, q, dq) + self.gyroscopic(q, dq, p)
         friction = self.dissipation(q, dq, p)
-        N = coriolis @ dq + gravity + friction
-        D, L, order = ca.ldl(M)
-        acceleration = ca.ldl_solve(tau - N, D, L, order)
-        tangent = ca.horzcat(M, ca.jacobian(N, dq), ca.jacobian(M @ ddq + N, q))
-
-        def function(name: str, inputs: list[Any], output: Vector) -> ca.Function:
-            return ca.Function(name, [*inputs, *symbols], [ca.densify(output)], {"cse": True})
-
-        return {
-            "inertia": function("inertia", [q], M),
-            "coriolis": function("coriolis", [q, dq], coriolis),
-            "bias": function("bias", [q, dq], N),
-            "gravity": function("gravity", [q], gravity),
-            "friction": function("friction", [q, dq], friction),
-            "energy": function("energy", [q, dq], T + V),
-            "acceleration": function("acceleration", [q, dq, tau], acceleration),
-            "tangent": function("tangent", [q, dq, ddq], tangent),
-        }
+        N = coriolis @ dq + ca.gradient(V, q) + friction
+        return Equations(q, dq, symbols, M, N, friction, {"coriolis": coriolis, "energy": T + V})
 
     def with_parameters(self, values: dict[str, Any]) -> Self:
         """Return the same plant with other fields."""
@@ -114,65 +91,18 @@ class EulerLagrange(Component, Plant):
             check.one_of("parameters", name, self.parameters)
         return replace(self, **values)
 
-    def evaluate(self, quantity: str, *arguments: Vector, parameters: dict[str, Any] | None = None) -> Vector:
-        """Evaluate one of the model's functions, on arrays or on CasADi symbols.
-
-        Parameters
-        ----------
-        quantity
-            ``inertia`` M(q), ``coriolis`` C + G (q, q̇), ``bias`` N(q, q̇), ``gravity`` ∂V/∂q (q), ``friction``
-            F(q, q̇), ``energy`` T + V (q, q̇), ``acceleration`` q̈(q, q̇, τ), ``tangent`` [M, ∂N/∂q̇, ∂(M q̈ + N)/∂q]
-            (q, q̇, q̈).
-        arguments
-            As in brackets, each of shape (n,).
-        parameters
-            Values that replace the plant's own, by name.
-        """
-        check.one_of("quantity", quantity, self._model)
-        for name in parameters or {}:
-            check.one_of("parameters", name, self.parameters)
-        values = {**self.parameters, **(parameters or {})}
-        result = self._model[quantity](*arguments, *values.values())
-        if ops.symbolic(*arguments, *values.values()):
-            return result
-        numbers = np.array(result)
-        return (
-            numbers
-            if quantity in ("inertia", "coriolis", "tangent")
-            else numbers[:, 0]
-            if quantity != "energy"
-            else numbers.item()
-        )
-
-    def inertia(self, position: Numbers) -> np.ndarray:
-        """Return M(q) [kg m² or kg], shape (n, n)."""
-        return self.evaluate("inertia", self._position(position))
-
-    def bias(self, position: Numbers, velocity: Numbers) -> np.ndarray:
-        """Return N(q, q̇) without dry friction [N m or N], shape (n,)."""
-        return self.evaluate("bias", self._position(position), self._position(velocity), parameters=self._smooth)
-
-    def linearised(
-        self, position: Numbers, velocity: Numbers | None = None, acceleration: Numbers | None = None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return M, D and G of M δq̈ + D δq̇ + G δq = δτ, the linearisation about a motion without dry friction."""
-        motion = self._motion(position, velocity, acceleration)
-        M, D, G = np.hsplit(self.evaluate("tangent", *motion, parameters=self._smooth), 3)
-        return M, D, G
-
-    @property
-    def _smooth(self) -> dict[str, np.ndarray] | None:
-        """Return the parameters without dry friction."""
-        return {"coulomb": 0 * self.parameters["coulomb"]} if "coulomb" in self.parameters else None
-
-    def gravity_torque(self, position: Vector) -> Vector:
-        """Return ∂V/∂q [N m or N], shape (n,); accepts CasADi symbols."""
-        return self.evaluate("gravity", position if ops.symbolic(position) else self._position(position))
-
     def spread(self, name: str, low: float = -np.inf, *, strict: bool = False) -> None:
         """Check a field that has one number per joint; one number stands for all."""
         numbers = check.vector(name, getattr(self, name), self.n_joints, low, strict=strict)
         object.__setattr__(self, name, tuple(numbers.tolist()))
 
-    def _position(self, position: Numbers) -> np.ndarray:
-        return check.vector("position", position, self.n_joints)
+
+def _christoffel(M: ca.SX, q: ca.SX, dq: ca.SX) -> ca.SX:
+    """Return Christoffel's C(q, q̇), which makes Ṁ − 2C skew-symmetric."""
+    n = q.shape[0]
+    slopes = [ca.reshape(ca.jacobian(ca.vec(M), q[k]), n, n) for k in range(n)]
+    C = ca.SX(n, n)
+    for i in range(n):
+        for j in range(n):
+            C[i, j] = sum((slopes[k][i, j] + slopes[j][i, k] - slopes[i][j, k]) * dq[k] for k in range(n)) / 2
+    return C

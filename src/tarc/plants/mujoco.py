@@ -60,7 +60,7 @@ class MujocoPlant(Plant):
             [home.get(name, middle) for name, middle in zip(self.joint_names, self._middles(), strict=True)]
         )
         self._scratch = mujoco.MjData(self.model)
-        self._payload_body = self.model.body("tarc_payload").id
+        self.payload_body = self.model.body("tarc_payload").id
         limited, ranges = self.model.jnt_actfrclimited.astype(bool), np.abs(self.model.jnt_actfrcrange)
         self._torque_limits = np.where(limited, ranges.min(axis=1), np.inf)
         self._velocity_limits = np.full(self.n_joints, np.inf)
@@ -198,6 +198,21 @@ class MujocoPlant(Plant):
         return self._locked
 
     @property
+    def needs_mujoco(self) -> str:
+        """Return what only MuJoCo simulates, in words; empty for a robot whose equations can be written down."""
+        model = self.model
+        reasons = {
+            "contacts": not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT,
+            "equality constraints": model.neq > 0,
+            "tendons": model.ntendon > 0,
+            "gravity compensation": bool(np.any(model.body_gravcomp)),
+            "a fluid around it": bool(model.opt.density or model.opt.viscosity),
+            "damping that is not linear": bool(np.any(model.dof_damping.reshape(self.n_joints, -1)[:, 1:])),
+            "springs that are not linear": bool(np.any(model.jnt_stiffness.reshape(self.n_joints, -1)[:, 1:])),
+        }
+        return " and ".join(name for name, applies in reasons.items() if applies)
+
+    @property
     def payload_place(self) -> str:
         """Return the body or site that carries the payload, for messages."""
         return f"at {self.carrier}"
@@ -222,7 +237,7 @@ class MujocoPlant(Plant):
         """Return the payload [kg], and armature, viscous and Coulomb friction of each joint."""
         model = self.model
         return {
-            "payload": np.array(model.body_mass[self._payload_body]),
+            "payload": np.array(model.body_mass[self.payload_body]),
             "armature": model.dof_armature.copy(),
             "viscous": model.dof_damping.copy().reshape(self.n_joints, -1)[:, 0],
             "coulomb": model.dof_frictionloss.copy(),
@@ -245,8 +260,8 @@ class MujocoPlant(Plant):
         """Write parameters, as `parameters` names them, into a model of this robot."""
         if "payload" in values:
             mass = float(np.squeeze(values["payload"]))
-            model.body_mass[self._payload_body] = mass
-            model.body_inertia[self._payload_body] = 0.4 * mass * PAYLOAD_RADIUS**2
+            model.body_mass[self.payload_body] = mass
+            model.body_inertia[self.payload_body] = 0.4 * mass * PAYLOAD_RADIUS**2
         if "armature" in values:
             model.dof_armature[:] = values["armature"]
         if "viscous" in values:

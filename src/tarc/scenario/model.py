@@ -73,7 +73,7 @@ class Scenario(BaseModel):
     name
         Name of the folder of the results.
     robot
-        ``file`` (MJCF, URDF or a shipped robot) with the options of `tarc.plants.MujocoPlant.from_file`, or ``kind``
+        ``file`` (MJCF, URDF or a shipped robot) with the options of `tarc.plants.load_robot`, or ``kind``
         (a class of `tarc.plants`) with its parameters.
     law
         ``kind`` and parameters, or a list of them, to be run side by side. ``inertia`` may be one number for all
@@ -109,7 +109,7 @@ class Scenario(BaseModel):
     computation_delay: int = 0
     substeps: int | None = None
     seed: int = 0
-    native: bool = False
+    native: bool | None = None
     divergence_threshold: float = 5.0
 
     @classmethod

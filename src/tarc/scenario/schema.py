@@ -17,7 +17,7 @@ import tarc.plants
 import tarc.signals
 from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter, ScenarioError
-from tarc.plants.mujoco import MujocoPlant
+from tarc.plants.load import load_robot
 
 SECTIONS: dict[str, tuple[types.ModuleType, type]] = {
     "robot": (tarc.plants, tarc.plants.EulerLagrange),
@@ -73,7 +73,7 @@ class Parameter:
 def parameters(kind: Any) -> dict[str, Parameter]:
     """Return the parameters that a scenario may give to a kind: a class, or a function such as a robot from a file."""
     hints = typing.get_type_hints(kind)
-    if inspect.ismethod(kind):
+    if not inspect.isclass(kind):
         hints["file"] = hints.pop("path")  # a scenario says "file: ur5e.urdf"
         defaults = {"file": ...} | {
             p.name: p.default for p in inspect.signature(kind).parameters.values() if p.name != "path"
@@ -187,9 +187,9 @@ def check_component(section: str, part: dict[str, Any], path: str = "") -> Compo
     """
     path = path or section
     if section == "robot" and "file" in part:
-        options = _checked_options(MujocoPlant.from_file, part, path, "a robot from a file")
+        options = _checked_options(load_robot, part, path, "a robot from a file")
         options["path"] = options.pop("file")
-        return Component(path, MujocoPlant.from_file, options)
+        return Component(path, load_robot, options)
     kinds = catalogue(section)
     name = part.get("kind")
     if name is None:

@@ -6,7 +6,8 @@ import casadi as ca
 import numpy as np
 
 from tarc.core.codegen import CompiledLoop
-from tarc.core.tracing import BUFFER_PERIODS, PeriodBuffer, trace
+from tarc.core.errors import CompilationError, MissingTool
+from tarc.core.tracing import BUFFER_PERIODS, PeriodBuffer, n_instructions, trace
 from tarc.core.trees import pack
 from tarc.core.types import Array
 from tarc.simulation.closed_loop import ClosedLoop, LoopInput
@@ -14,13 +15,16 @@ from tarc.simulation.monitor import DIVERGENCE_CHECK_INTERVAL, DivergenceMonitor
 from tarc.simulation.record import Record
 from tarc.simulation.sampled_inputs import InitialConditions, SampledInputs
 
+LONG_RUN = 1e8
+"""Instructions, half a second of the virtual machine, from which a run is compiled by default."""
+
 
 def run_casadi(
     loop: ClosedLoop,
     initial: InitialConditions,
     inputs: SampledInputs,
     monitor: DivergenceMonitor,
-    native: bool = False,
+    native: bool | None = None,
 ) -> Record:
     """Trace the whole loop into one CasADi function; step it by CasADi's virtual machine, or in machine code."""
     n = loop.plant.n_joints
@@ -29,7 +33,7 @@ def run_casadi(
     zero = np.zeros(n)
     value = LoopInput(zero, zero, zero, zero, np.zeros((n, loop.substeps)), parameters)
     function, example = trace(loop.step, state, value, name="period")
-    advance = _compiled(function, pack(state)) if native else _interpreted(function, pack(state))
+    advance = _engine(function, pack(state), len(inputs.times), native)
     n_periods = len(inputs.times)
     columns = _input_rows(inputs)
     rows = np.empty((n_periods, function.nnz_out(1)))
@@ -41,6 +45,18 @@ def run_casadi(
             if not monitor.update(start, rows[start:stop, :n]):
                 break
     return Record.from_rows(example, rows[: monitor.valid_rows(stop)])
+
+
+def _engine(function: ca.Function, state: Array, n_periods: int, native: bool | None) -> Callable[[Array], Array]:
+    """Return what steps the loop: in machine code if asked for, by default if the run is long and it compiles."""
+    if native is None:
+        if n_instructions(function) * n_periods < LONG_RUN:
+            return _interpreted(function, state)
+        try:
+            return _compiled(function, state)
+        except (MissingTool, CompilationError):
+            return _interpreted(function, state)
+    return _compiled(function, state) if native else _interpreted(function, state)
 
 
 def _compiled(function: ca.Function, state: Array) -> Callable[[Array], Array]:

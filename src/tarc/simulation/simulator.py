@@ -14,13 +14,14 @@ from tarc.core.errors import DesignWarning, InvalidParameter
 from tarc.core.validation import Numbers
 from tarc.laws.base import Law
 from tarc.plants.base import Plant
-from tarc.plants.euler_lagrange import EulerLagrange
 from tarc.plants.mujoco import MujocoPlant
+from tarc.plants.symbolic import SymbolicPlant
 from tarc.signals.references import Reference
 from tarc.signals.sensors import Encoder
 from tarc.simulation.casadi_backend import run_casadi
 from tarc.simulation.closed_loop import ClosedLoop
 from tarc.simulation.dataset import dataset
+from tarc.simulation.integration import Integration, choose_integration, integration_error, max_error
 from tarc.simulation.monitor import DivergenceMonitor
 from tarc.simulation.mujoco_backend import run_mujoco
 from tarc.simulation.run import Run
@@ -32,6 +33,9 @@ from tarc.simulation.sampled_inputs import (
     sample_inputs,
     scheduled_plants,
 )
+
+PILOT_PERIODS = 512
+"""Periods at the start of a run on which the steps of the integration are chosen."""
 
 
 def simulate(
@@ -49,7 +53,7 @@ def simulate(
     substeps: int | None = None,
     divergence_threshold: float = 5.0,
     seed: int = 0,
-    native: bool = False,
+    native: bool | None = None,
     progress: bool | None = None,
 ) -> Run:
     """Run a law on a robot along a reference.
@@ -80,14 +84,17 @@ def simulate(
         ``actuation_delay``, pairs its estimates with the torques that acted. A law that does not model it is stable
         only for a smaller M̂.
     substeps
-        Plant steps per period; None for 2 with Runge–Kutta and 1 with MuJoCo.
+        Runge–Kutta steps of the plant per period, or steps of MuJoCo. None for one with MuJoCo, else for the cheapest
+        method whose error per period is below a fiftieth of the encoder's step, or 1e-9 rad or m without one. It is
+        tried on the first 512 periods. The run's attributes say what was chosen, and its error over the whole run.
     divergence_threshold
         Error [rad or m] beyond which the run ends as diverged.
     seed
         Seed of all noise.
     native
         Compile the traced functions to machine code with a C compiler. The first run compiles for about one second;
-        later ones reuse the result. The numbers are the same.
+        later ones reuse the result. The numbers are the same. None compiles long runs of robots in symbols, where a
+        compiler is found.
     progress
         Show a progress bar when the run takes more than two seconds; None for when standard error is a terminal.
 
@@ -112,26 +119,44 @@ def simulate(
     events = list(disturbance) if isinstance(disturbance, Sequence) else [disturbance]
     check.integer("seed", seed, 0, 2**63 - 1)
     check_compatible(plant, law, reference, sensor)
-    if not isinstance(plant, EulerLagrange | MujocoPlant):
+    if not isinstance(plant, SymbolicPlant | MujocoPlant):
         raise InvalidParameter(
             f"plant: got {plant!r}; only a robot from energies (tarc.plants.EulerLagrange) or from a file "
-            "(tarc.plants.MujocoPlant) can be simulated"
+            "(tarc.plants.load_robot) can be simulated"
         )
     controller = DigitalController(
         sensor, _with_limits(law, plant), check.integer("computation_delay", computation_delay, 0)
     )
-    default_substeps = 2 if isinstance(plant, EulerLagrange) else 1
-    substeps = check.integer("substeps", default_substeps if substeps is None else substeps, 1)
-    inputs = sample_inputs(plant, law, reference, duration, sensor, events, substeps, seed)
+    if substeps is not None:
+        check.integer("substeps", substeps, 1)
+
+    def sample(n_substeps: int, seconds: float) -> SampledInputs:
+        return sample_inputs(plant, law, reference, seconds, sensor, events, n_substeps, seed)
+
+    inputs = sample(substeps or 1, duration)
     initial = initial_conditions(plant, inputs, initial_position, initial_velocity, initial_torque)
     warn_if_unstable(plant, controller.law, inputs, computation_delay)
+    if isinstance(plant, MujocoPlant):
+        monitor = DivergenceMonitor(inputs, divergence_threshold, progress)
+        record = run_mujoco(plant, controller, initial, inputs, monitor, bool(native))
+        data = dataset(plant, controller, reference, inputs, record, monitor.divergence_index, seed)
+        return Run(data.assign_attrs(integrator="MuJoCo", integration_error=np.nan))
 
-    monitor = DivergenceMonitor(inputs, divergence_threshold, progress)
-    if isinstance(plant, EulerLagrange):
-        record = run_casadi(ClosedLoop(plant, controller, substeps), initial, inputs, monitor, native)
+    def run(method: Integration, seconds: float, show: bool | None) -> tuple[Run, float]:
+        sampled = sample(method.substeps, seconds)
+        monitor = DivergenceMonitor(sampled, divergence_threshold, show)
+        loop = ClosedLoop(plant, controller, method.substeps, method.integrator)
+        record = run_casadi(loop, initial, sampled, monitor, native)
+        error = integration_error(plant, record, sampled.disturbance[:, :, 0], law.period, method)
+        data = dataset(plant, controller, reference, sampled, record, monitor.divergence_index, seed)
+        return Run(data.assign_attrs(integrator=method.integrator, integration_error=error)), error
+
+    if substeps is None:
+        pilot = min(duration, PILOT_PERIODS * law.period)
+        method = choose_integration(lambda method: run(method, pilot, False)[1], max_error(sensor))
     else:
-        record = run_mujoco(plant, controller, initial, inputs, monitor, native)
-    return Run(dataset(plant, controller, reference, inputs, record, monitor.divergence_index, seed))
+        method = Integration("Runge–Kutta", substeps)
+    return run(method, duration, progress)[0]
 
 
 def warn_if_unstable(

@@ -11,7 +11,7 @@ from rich.table import Table
 import tarc.laws
 from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter
-from tarc.plants.mujoco import MujocoPlant
+from tarc.plants.load import load_robot
 from tarc.plants.robot_file import shipped_robots
 from tarc.scenario.loader import find_scenario, shipped_scenarios
 from tarc.scenario.schema import SECTIONS, catalogue, parameters
@@ -19,7 +19,7 @@ from tarc.scenario.schema import SECTIONS, catalogue, parameters
 
 def _entries() -> dict[str, dict[str, Any]]:
     entries: dict[str, dict[str, Any]] = {section: dict(catalogue(section)) for section in SECTIONS}
-    entries["robot"] = {"file": MujocoPlant.from_file, **entries["robot"]}
+    entries["robot"] = {"file": load_robot, **entries["robot"]}
     return entries
 
 
@@ -96,7 +96,7 @@ def print_kind(name: str, as_json: bool) -> None:
 
 def print_robot(name: str, as_json: bool) -> None:
     """Print the joints of a shipped robot: names, units and limits."""
-    plant = MujocoPlant.from_file(name)
+    plant = load_robot(name)
     rows = [
         {"joint": joint, "unit": unit, "torque_limit": float(torque), "velocity_limit": float(velocity)}
         for joint, unit, torque, velocity in zip(

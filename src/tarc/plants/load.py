@@ -1,0 +1,78 @@
+"""Robots from files, in symbols or in MuJoCo."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from tarc.core import validation as check
+from tarc.core.validation import Numbers
+from tarc.plants.mujoco import MujocoPlant
+from tarc.plants.rigid_body import RigidBody
+
+BACKENDS = ("auto", "symbolic", "mujoco")
+
+
+def load_robot(
+    path: str | Path,
+    *,
+    joints: Sequence[str] | None = None,
+    armature: Numbers | None = None,
+    viscous: Numbers | None = None,
+    coulomb: Numbers | None = None,
+    payload: float = 0.0,
+    tool: str | None = None,
+    contact: bool = False,
+    backend: str = "auto",
+) -> RigidBody | MujocoPlant:
+    """Read an MJCF or URDF file, or one of the shipped robots by name (``"ur5e"``, ``"panda"``).
+
+    Of a URDF the kinematics and inertias are read and the meshes are not needed; joints that mimic another are
+    locked at zero, as are all joints that are not listed.
+
+    Parameters
+    ----------
+    path
+        The file.
+    joints
+        Names of the joints to control; None for all hinges and slides. The plant's own order is the file's.
+    armature, viscous, coulomb
+        Rotor inertia [kg m²], viscous [N m s/rad] and Coulomb friction [N m], one number or one per joint in the
+        order of ``joints`` (of the file, if that is None); None keeps what the file has.
+    payload
+        Mass at the tool [kg].
+    tool
+        Body or site that carries the payload; None for a site named ``tool``, else the last body, which may be
+        a finger.
+    contact
+        Compute contacts, which needs MuJoCo.
+    backend
+        ``"symbolic"`` for equations of motion in CasADi, which are compiled and differentiated exactly.
+        ``"mujoco"`` for MuJoCo, step by step. ``"auto"`` for the first where the robot permits it.
+
+    Returns
+    -------
+    RigidBody or MujocoPlant
+        The robot.
+
+    Raises
+    ------
+    RobotFileError
+        For a file that is missing or does not read, free or ball joints that are not locked, an inertia matrix
+        that is singular, and a robot that only MuJoCo simulates where the backend is ``"symbolic"``.
+    InvalidParameter
+        For joints or a tool that the file does not have, negative parameters, and an unknown backend.
+    """
+    check.one_of("backend", backend, BACKENDS)
+    plant = MujocoPlant.from_file(
+        path,
+        joints=joints,
+        armature=armature,
+        viscous=viscous,
+        coulomb=coulomb,
+        payload=payload,
+        tool=tool,
+        contact=contact,
+    )
+    if backend != "auto":
+        plant._file_options["backend"] = backend
+    uses_mujoco = backend == "mujoco" or (backend == "auto" and bool(plant.needs_mujoco))
+    return plant if uses_mujoco else RigidBody(plant)

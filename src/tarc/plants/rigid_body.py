@@ -1,0 +1,163 @@
+"""Robots from MJCF or URDF files in symbols."""
+
+from tarc.core.optional import require
+
+require("robots", "tarc.plants.RigidBody")
+
+import copy
+from collections.abc import Mapping
+from typing import Any, Self
+
+import casadi as ca
+import numpy as np
+
+from tarc.core import validation as check
+from tarc.core.errors import RobotFileError
+from tarc.core.types import Array
+from tarc.plants.mujoco import PAYLOAD_RADIUS, MujocoPlant
+from tarc.plants.mujoco_equations import rigid_body_equations, rotation_matrix
+from tarc.plants.symbolic import Equations, SymbolicPlant
+
+COULOMB_WIDTH = 0.01
+"""Speed [rad/s or m/s] at which smoothed dry friction has reached tanh 1 = 76 % of its size."""
+
+
+class RigidBody(SymbolicPlant):
+    """A robot from a file as CasADi expressions. Made by `load_robot`.
+
+        M(q) q̈ + C(q, q̇) q̇ + g(q) + D q̇ + F tanh(q̇/w) + K (q − q_s) = τ
+
+    M includes the rotor inertia. Springs K with rest position q_s are those of the file. The stops of the joints are
+    not simulated.
+
+    Attributes
+    ----------
+    mujoco
+        The same robot in MuJoCo, which gives the file's facts and is an independent check of the equations.
+
+    Raises
+    ------
+    RobotFileError
+        For a robot that needs MuJoCo, with the reason.
+    """
+
+    def __init__(self, mujoco: MujocoPlant):
+        reason = mujoco.needs_mujoco
+        if reason:
+            raise RobotFileError(f"{mujoco.label}: it has {reason}, which only MuJoCo simulates; use backend='mujoco'")
+        self.mujoco = mujoco
+        model = mujoco.model
+        self._links = [body for body in range(1, model.nbody) if body != mujoco.payload_body]
+        self._parameters = {
+            **mujoco.parameters,
+            "coulomb_width": np.full(model.nv, COULOMB_WIDTH),
+            "masses": model.body_mass[self._links].copy(),
+        }
+
+    def __repr__(self) -> str:
+        return f"RigidBody({self.label!r}, joints={self.n_joints})"
+
+    def equations(self) -> Equations:
+        """Return the equations of motion, by composite rigid bodies and recursive Newton–Euler."""
+        model, n = self.mujoco.model, self.n_joints
+        q = ca.SX.sym("q", n)
+        dq = ca.SX.sym("dq", n)
+        p = {name: ca.SX.sym(name, value.size) for name, value in self._parameters.items()}
+        masses = dict(zip(self._links, ca.vertsplit(p["masses"]), strict=True)) | {
+            self.mujoco.payload_body: p["payload"]
+        }
+        inertias = {body: self._inertia_about_centre(body, mass) for body, mass in masses.items()}
+        M, bias = rigid_body_equations(model, q, dq, masses, inertias)
+        friction = p["viscous"] * dq + p["coulomb"] * ca.tanh(dq / p["coulomb_width"])
+        spring = model.jnt_stiffness.reshape(n, -1)[:, 0] * (q - model.qpos_spring)
+        return Equations(q, dq, p, M + ca.diag(p["armature"]), bias + spring + friction, friction, {})
+
+    def _inertia_about_centre(self, body: int, mass: ca.SX) -> ca.SX:
+        """Return the inertia of a body about its centre of mass, in the axes of its frame [kg m²], shape (3, 3)."""
+        model = self.mujoco.model
+        if body == self.mujoco.payload_body:
+            return 0.4 * PAYLOAD_RADIUS**2 * mass * ca.SX.eye(3)
+        axes = rotation_matrix(model.body_iquat[body])
+        inertia = axes @ np.diag(model.body_inertia[body]) @ axes.T
+        nominal = ca.SX(ca.sparsify(ca.DM((inertia + inertia.T) / 2)))
+        return mass / model.body_mass[body] * nominal if model.body_mass[body] > 0 else nominal
+
+    @property
+    def parameters(self) -> dict[str, Array]:
+        """Payload and link masses [kg], rotor inertia, viscous and dry friction, and the width of dry friction.
+
+        A link's inertia is in proportion to its mass.
+        """
+        return dict(self._parameters)
+
+    def with_parameters(self, values: dict[str, Any]) -> Self:
+        """Return the same robot with other `parameters`, by name."""
+        functions = self._functions  # their inputs include the parameters
+        plant = copy.copy(self)
+        plant.__dict__["_functions"] = functions
+        plant._parameters = dict(self._parameters)
+        for name, value in values.items():
+            check.one_of("parameters", name, self._parameters)
+            size = self._parameters[name].size
+            plant._parameters[name] = check.vector(name, value, size, 0).reshape(self._parameters[name].shape)
+        known = {name: value for name, value in values.items() if name in self.mujoco.parameters}
+        plant.mujoco = self.mujoco.with_parameters(known)
+        return plant
+
+    @property
+    def n_joints(self) -> int:
+        """Return the number of joints n."""
+        return self.mujoco.n_joints
+
+    @property
+    def label(self) -> str:
+        """Return the file's name."""
+        return self.mujoco.label
+
+    @property
+    def file_options(self) -> Mapping[str, object]:
+        """Return the arguments of `load_robot` that read this robot again; empty where no arguments do."""
+        model = self.mujoco.model
+        as_read = np.all(self._parameters["masses"] == model.body_mass[self._links])
+        has_width = np.all(self._parameters["coulomb_width"] == COULOMB_WIDTH)
+        return self.mujoco.file_options if as_read and has_width else {}
+
+    @property
+    def joint_names(self) -> list[str]:
+        """Return the names of the file."""
+        return self.mujoco.joint_names
+
+    @property
+    def units(self) -> list[str]:
+        """Return ``m`` for slides and ``rad`` for hinges."""
+        return self.mujoco.units
+
+    @property
+    def torque_limits(self) -> Array:
+        """Return the torque limits of the file [N m or N], shape (n,), infinite where it has none."""
+        return self.mujoco.torque_limits
+
+    @property
+    def velocity_limits(self) -> Array:
+        """Return the velocity limits of a URDF [rad/s or m/s], shape (n,), infinite where it has none."""
+        return self.mujoco.velocity_limits
+
+    @property
+    def position_limits(self) -> Array:
+        """Return the joint ranges of the file [rad or m], shape (n, 2), infinite where it has none."""
+        return self.mujoco.position_limits
+
+    @property
+    def home(self) -> Array:
+        """Return the keyframe ``home`` of the file, else a posture within the ranges, shape (n,)."""
+        return self.mujoco.home
+
+    @property
+    def locked(self) -> dict[str, str]:
+        """Return why each locked joint of the file is locked, by the joint's name."""
+        return self.mujoco.locked
+
+    @property
+    def payload_place(self) -> str:
+        """Return the body or site that carries the payload, for messages."""
+        return self.mujoco.payload_place

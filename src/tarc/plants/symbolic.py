@@ -1,0 +1,194 @@
+"""Plants whose equations of motion are CasADi expressions."""
+
+from abc import abstractmethod
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from tarc.core import array_ops as ops
+from tarc.core import validation as check
+from tarc.core.tracing import FixedCall
+from tarc.core.types import Array, Vector
+from tarc.core.validation import Numbers
+from tarc.plants.base import Plant
+
+MAX_INLINED = 1000
+"""Instructions up to which a function becomes part of what calls it; longer ones stay calls, which compile sooner."""
+
+MATRICES = ("inertia", "coriolis", "damping", "tangent")
+
+
+class Equations(NamedTuple):
+    """Symbols and expressions of M(q) q̈ + N(q, q̇) = τ.
+
+    Attributes
+    ----------
+    q, dq
+        Symbols of position and velocity, each (n, 1).
+    parameters
+        Symbols of the physical parameters, by name.
+    inertia
+        M(q), (n, n).
+    bias
+        N(q, q̇), (n, 1), with all friction.
+    friction
+        Part of N that is friction of the joints.
+    extra
+        Further expressions of q, q̇ and the parameters, by name.
+    """
+
+    q: ca.SX
+    dq: ca.SX
+    parameters: dict[str, ca.SX]
+    inertia: ca.SX
+    bias: ca.SX
+    friction: ca.SX
+    extra: dict[str, ca.SX]
+
+
+class _Functions:
+    """Functions of the equations of motion, each made when it is first needed."""
+
+    def __init__(self, equations: Equations):
+        q, dq, parameters, M, N, friction, extra = equations
+        ddq = ca.SX.sym("ddq", q.shape[0])
+        torque = ca.SX.sym("torque", q.shape[0])
+        self._parameters = list(parameters.values())
+        self._functions: dict[str, ca.Function] = {}
+        self._outputs: dict[str, tuple[list[ca.SX], Callable[[], ca.SX]]] = {
+            "inertia": ([q], lambda: M),
+            "bias": ([q, dq], lambda: N),
+            "gravity": ([q], lambda: ca.substitute(N - friction, dq, ca.SX.zeros(*dq.shape))),
+            "friction": ([q, dq], lambda: friction),
+            "acceleration": ([q, dq, torque], lambda: _solve(M, torque - N)),
+            "damping": ([q, dq], lambda: ca.jacobian(N, dq)),
+            "tangent": ([q, dq, ddq], lambda: ca.horzcat(M, ca.jacobian(N, dq), ca.jacobian(M @ ddq + N, q))),
+        }
+        for name, expression in extra.items():
+            self._outputs[name] = ([q, dq], lambda expression=expression: expression)
+        self.names = list(self._outputs)
+
+    def get(self, name: str) -> ca.Function:
+        if name not in self._functions:
+            inputs, output = self._outputs[name]
+            expression = ca.densify(output())
+            self._functions[name] = ca.Function(name, [*inputs, *self._parameters], [expression], {"cse": True})
+        return self._functions[name]
+
+
+def _solve(M: ca.SX, right: ca.SX) -> ca.SX:
+    """Return M⁻¹ times a column, for a positive definite M."""
+    D, L, order = ca.ldl(ca.densify(M))
+    return ca.ldl_solve(right, D, L, order)
+
+
+class SymbolicPlant(Plant):
+    """A robot M(q) q̈ + N(q, q̇) = τ given by CasADi expressions.
+
+    Its equations are fused with a law's into one function, compiled, and differentiated exactly. The parameters are
+    inputs of all functions, so that other values need no new equations.
+    """
+
+    @abstractmethod
+    def equations(self) -> Equations:
+        """Return the equations of motion."""
+
+    @cached_property
+    def _functions(self) -> "_Functions":
+        return _Functions(self.equations())
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy or another process needs; it makes the functions again."""
+        return {name: value for name, value in self.__dict__.items() if name not in ("_functions", "_calls")}
+
+    def evaluate(self, quantity: str, *arguments: Vector, parameters: dict[str, Vector] | None = None) -> Any:
+        """Evaluate one of the plant's functions, on arrays or on CasADi symbols.
+
+        Parameters
+        ----------
+        quantity
+            ``inertia`` M(q), ``bias`` N(q, q̇), ``gravity`` N(q, 0) without friction, ``friction`` F(q, q̇),
+            ``acceleration`` q̈(q, q̇, τ), ``damping`` ∂N/∂q̇ (q, q̇) or ``tangent`` [M, ∂N/∂q̇, ∂(M q̈ + N)/∂q]
+            (q, q̇, q̈). Plants from energies have ``coriolis`` C + G (q, q̇) and ``energy`` T + V (q, q̇) too.
+        arguments
+            As in brackets, each of shape (n,), or (n, k) for k states at once.
+        parameters
+            Values that replace the plant's own, by name.
+
+        Raises
+        ------
+        InvalidParameter
+            For unknown names.
+        """
+        check.one_of("quantity", quantity, self._functions.names)
+        for name in parameters or {}:
+            check.one_of("parameters", name, self.parameters)
+        values = {**self.parameters, **(parameters or {})}
+        function = self._functions.get(quantity)
+        if ops.symbolic(*arguments, *values.values()):
+            (result,) = function.call([*arguments, *values.values()], False, function.n_instructions() > MAX_INLINED)
+            return result
+        return _as_documented(quantity, np.array(function(*arguments, *values.values())))
+
+    def inertia(self, position: Numbers) -> Array:
+        """Return M(q) with rotor inertia [kg m² or kg], shape (n, n)."""
+        return self._smooth("inertia", self._checked("position", position))
+
+    def inertia_matrices(self, positions: Array) -> Array:
+        """Return M(q) at the columns of positions (n, k), shape (k, n, n)."""
+        n = self.n_joints
+        return self.evaluate("inertia", positions).T.reshape(-1, n, n)
+
+    def bias(self, position: Numbers, velocity: Numbers) -> Array:
+        """Return N(q, q̇) without dry friction [N m or N], shape (n,)."""
+        return self._smooth("bias", self._checked("position", position), self._checked("velocity", velocity))
+
+    def linearised(
+        self, position: Numbers, velocity: Numbers | None = None, acceleration: Numbers | None = None
+    ) -> tuple[Array, Array, Array]:
+        """Return M, D and G of M δq̈ + D δq̇ + G δq = δτ, the linearisation about a motion without dry friction."""
+        M, D, G = np.hsplit(self._smooth("tangent", *self._motion(position, velocity, acceleration)), 3)
+        return M, D, G
+
+    def damping(self, position: Numbers, velocity: Numbers | None = None) -> Array:
+        """Return D = ∂N/∂q̇ without dry friction [N m s/rad or N s/m], shape (n, n); at rest by default."""
+        q, v, _ = self._motion(position, velocity, None)
+        return self._smooth("damping", q, v)
+
+    def gravity_torque(self, position: Vector) -> Vector:
+        """Return N(q, 0) without friction [N m or N], shape (n,); accepts CasADi symbols."""
+        if ops.symbolic(position):
+            return self.evaluate("gravity", position)
+        return self._smooth("gravity", self._checked("position", position))
+
+    @cached_property
+    def _calls(self) -> dict[str, FixedCall]:
+        """Calls with this plant's parameters and no dry friction, by quantity."""
+        return {}
+
+    def _smooth(self, quantity: str, *arguments: Array) -> Array:
+        """Evaluate a function at numbers, without dry friction."""
+        call = self._calls.get(quantity)
+        if call is None:
+            call = self._calls[quantity] = FixedCall(self._functions.get(quantity))
+            values = {name: 0 * value if name == "coulomb" else value for name, value in self.parameters.items()}
+            for array, value in zip(call.inputs[len(arguments) :], values.values(), strict=True):
+                array[:] = np.ravel(value)
+        for array, argument in zip(call.inputs, arguments, strict=False):
+            array[:] = argument
+        return _as_documented(quantity, call())
+
+    def _checked(self, name: str, vector: Numbers) -> Array:
+        return check.vector(name, vector, self.n_joints)
+
+
+def _as_documented(quantity: str, numbers: Array) -> Array | float:
+    """Return a matrix, a vector or a number, as `SymbolicPlant.evaluate` documents it."""
+    if quantity in MATRICES:
+        return numbers
+    if quantity == "energy":
+        return numbers.item()
+    return numbers[:, 0] if numbers.shape[1] == 1 else numbers
