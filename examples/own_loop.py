@@ -10,7 +10,7 @@ import numpy as np
 
 import tarc
 
-robot = tarc.plants.load_robot("panda", armature=0.1, viscous=1.0, coulomb=1.0)
+robot = tarc.plants.MujocoPlant.from_file("panda", armature=0.1, viscous=1.0, coulomb=1.0)
 model, home = robot.copy_model(), robot.home
 data = mujoco.MjData(model)
 data.qpos[:] = home

@@ -21,7 +21,8 @@ def distributions(extra: str) -> set[str]:
     names = set()
     for requirement in EXTRAS[extra]:
         name, inner = re.match(r"([\w.-]+)(?:\[([\w,-]+)\])?", requirement).groups()  # pyright: ignore[reportOptionalMemberAccess]
-        names |= set.union(*(distributions(part) for part in inner.split(","))) if inner else {name}
+        own = inner.split(",") if name == "tarc-control" else []
+        names |= set.union(*(distributions(part) for part in own)) if own else {name}
     return names
 
 

@@ -25,18 +25,18 @@ def load_robot(
 ) -> RigidBody | MujocoPlant:
     """Read an MJCF or URDF file, or one of the shipped robots by name (``"ur5e"``, ``"panda"``).
 
-    Of a URDF the kinematics and inertias are read and the meshes are not needed; joints that mimic another are
-    locked at zero, as are all joints that are not listed.
+    Of a URDF the kinematics and inertias are read; the meshes are not needed. Joints that mimic another are locked at
+    zero, as are all joints that are not listed.
 
     Parameters
     ----------
     path
         The file.
     joints
-        Names of the joints to control; None for all hinges and slides. The plant's own order is the file's.
+        Names of the joints to control; None for all hinges and slides. The plant's joints keep the order of the file.
     armature, viscous, coulomb
-        Rotor inertia [kg m²], viscous [N m s/rad] and Coulomb friction [N m], one number or one per joint in the
-        order of ``joints`` (of the file, if that is None); None keeps what the file has.
+        Rotor inertia [kg m²], viscous [N m s/rad] and Coulomb friction [N m]: one number, or one per joint in the
+        order of ``joints`` or of the file. None keeps the values of the file.
     payload
         Mass at the tool [kg].
     tool
@@ -56,8 +56,8 @@ def load_robot(
     Raises
     ------
     RobotFileError
-        For a file that is missing or does not read, free or ball joints that are not locked, an inertia matrix
-        that is singular, and a robot that only MuJoCo simulates where the backend is ``"symbolic"``.
+        For a file that is missing or does not read, free or ball joints that are not locked, and an inertia matrix
+        that is singular. Also for a robot that only MuJoCo simulates where the backend is ``"symbolic"``.
     InvalidParameter
         For joints or a tool that the file does not have, negative parameters, and an unknown backend.
     """

@@ -1,8 +1,12 @@
 """Equations of motion of a MuJoCo model as CasADi expressions, by the algorithms of ``adam-robotics``.
 
-Only the algorithms are adam's. Its readers of files lose joints without a word, so the links and joints come from the
-compiled MuJoCo model: the world is the root link, and each joint of a body has a link of its own.
+Only the algorithms are adam's: its readers of files lose joints without a word. Links and joints come from the compiled
+MuJoCo model instead. The world is the root link, and each joint of a body has a link of its own.
 """
+
+# adam gives CasADi's matrices the types of NumPy's:
+# pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportReturnType=false
+# pyright: reportIncompatibleMethodOverride=false, reportIncompatibleVariableOverride=false
 
 from tarc.core.optional import require
 

@@ -94,7 +94,7 @@ class RigidBody(SymbolicPlant):
         """Return the same robot with other `parameters`, by name."""
         functions = self._functions  # their inputs include the parameters
         plant = copy.copy(self)
-        plant.__dict__["_functions"] = functions
+        vars(plant)["_functions"] = functions
         plant._parameters = dict(self._parameters)
         for name, value in values.items():
             check.one_of("parameters", name, self._parameters)

@@ -185,7 +185,7 @@ class SymbolicPlant(Plant):
         return check.vector(name, vector, self.n_joints)
 
 
-def _as_documented(quantity: str, numbers: Array) -> Array | float:
+def _as_documented(quantity: str, numbers: Array) -> Any:
     """Return a matrix, a vector or a number, as `SymbolicPlant.evaluate` documents it."""
     if quantity in MATRICES:
         return numbers

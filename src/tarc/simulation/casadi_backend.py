@@ -48,7 +48,7 @@ def run_casadi(
 
 
 def _engine(function: ca.Function, state: Array, n_periods: int, native: bool | None) -> Callable[[Array], Array]:
-    """Return what steps the loop: in machine code if asked for, by default if the run is long and it compiles."""
+    """Return what steps the loop: machine code if ``native``, by default for a long run that compiles."""
     if native is None:
         if n_instructions(function) * n_periods < LONG_RUN:
             return _interpreted(function, state)

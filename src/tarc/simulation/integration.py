@@ -68,10 +68,10 @@ def integration_error(
     is_finite = np.all(np.isfinite(q[:, chosen] + dq[:, chosen] + torque[:, chosen]), axis=0)
     if not np.any(is_finite):
         return float("nan")
-    states = [array[:, chosen[is_finite]] for array in (q, dq, torque)]
-    end, end_velocity = _hold(plant, *states, period, integration)
+    q, dq, torque = (array[:, chosen[is_finite]] for array in (q, dq, torque))
+    end, end_velocity = _hold(plant, q, dq, torque, period, integration)
     finer = Integration("Runge–Kutta", REFINEMENT * integration.substeps)
-    true_end, true_velocity = _hold(plant, *states, period, finer)
+    true_end, true_velocity = _hold(plant, q, dq, torque, period, finer)
     return float(np.max(np.abs(end - true_end) + period * np.abs(end_velocity - true_velocity)))
 
 

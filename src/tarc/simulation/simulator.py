@@ -84,9 +84,9 @@ def simulate(
         ``actuation_delay``, pairs its estimates with the torques that acted. A law that does not model it is stable
         only for a smaller M̂.
     substeps
-        Runge–Kutta steps of the plant per period, or steps of MuJoCo. None for one with MuJoCo, else for the cheapest
-        method whose error per period is below a fiftieth of the encoder's step, or 1e-9 rad or m without one. It is
-        tried on the first 512 periods. The run's attributes say what was chosen, and its error over the whole run.
+        Runge–Kutta steps of the plant per period, or steps of MuJoCo. None is one step with MuJoCo. In symbols it is
+        the cheapest method whose error per period is small, tried on the first 512 periods. Small is a fiftieth of
+        the encoder's step, or 1e-9 rad or m without one. The run's attributes have method, steps and error.
     divergence_threshold
         Error [rad or m] beyond which the run ends as diverged.
     seed
