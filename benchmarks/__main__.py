@@ -18,6 +18,7 @@ BENCHMARKS = (
     simulation.peer,
     law.step,
     robot.closed_loop,
+    robot.symbolic,
     certificates.one_and_thirty,
     certificates.command,
     startup.startup,

@@ -8,6 +8,9 @@ import numpy as np
 import tarc
 from benchmarks.measure import Row, Stopwatch, law
 from tarc.control.digital_controller import DigitalController
+from tarc.simulation.casadi_backend import run_casadi
+from tarc.simulation.closed_loop import ClosedLoop
+from tarc.simulation.integration import Integration, integration_error
 from tarc.simulation.mujoco_backend import run_mujoco
 from tarc.simulation.sampled_inputs import initial_conditions, sample_inputs
 
@@ -57,3 +60,43 @@ def _closed_loop(native: bool) -> Row:
     what += "compiled" if native else "virtual machine"
     against = f"bare Python loop of mj_step: {1e6 * min(bare):.2f} µs"
     return Row(what, f"{1e6 * min(watch.times):.2f} µs", against, ratio, "≥ 0.8×", ratio >= 0.8)
+
+
+def symbolic() -> list[Row]:
+    """Compare a control period of the UR5e as expressions and in MuJoCo, in turns, and give the error of a period."""
+    stepped = tarc.plants.MujocoPlant.from_file("ur5e", viscous=1.0, armature=0.1)
+    arm = tarc.plants.RigidBody(stepped)
+    n = arm.n_joints
+    drive = DigitalController(tarc.signals.Encoder(bits=17), law(np.full(n, 0.1), 10, 50.0, arm.torque_limits))
+    reference = tarc.signals.Sinusoid(amplitude=0.2, frequency=np.linspace(1.0, 2.0, n), offset=arm.home)
+    plan = sample_inputs(arm, drive.law, reference, 10.0, drive.sensor, [], 1, 0)
+    begin = initial_conditions(arm, plan, None, 0.0, "rest")
+    rows = []
+    for integrator in ("midpoint", "Runge–Kutta"):
+        loop = ClosedLoop(arm, drive, 1, integrator)
+        for native in (True, False):
+            times: dict[str, list[float]] = {"ours": [], "theirs": []}
+            for _ in range(5):
+                watch = Stopwatch(plan)
+                record = run_casadi(loop, begin, plan, watch, native)
+                times["ours"].append(min(watch.times))
+                watch = Stopwatch(plan)
+                run_mujoco(stepped, drive, begin, plan, watch, native)
+                times["theirs"].append(min(watch.times))
+            ratio = float(np.median(np.divide(times["theirs"], times["ours"])))
+            method = Integration(integrator, 1)
+            error = integration_error(arm, record, plan.disturbance[:, :, 0], drive.law.period, method)
+            engine = "compiled" if native else "virtual machine"
+            what = f"UR5e in symbols, one step of {integrator}, {engine}; a period adds {error:.0e} rad"
+            least = 3.0 if native else 1.0
+            rows.append(
+                Row(
+                    what,
+                    f"{1e6 * min(times['ours']):.2f} µs",
+                    f"the MuJoCo loop, {engine}: {1e6 * min(times['theirs']):.2f} µs",
+                    ratio,
+                    f"≥ {least:g}×",
+                    ratio >= least,
+                )
+            )
+    return rows
