@@ -4,7 +4,7 @@ import inspect
 import types
 import typing
 from collections.abc import Callable, Sequence
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any, Union
@@ -73,7 +73,7 @@ class Parameter:
 def parameters(kind: Any) -> dict[str, Parameter]:
     """Return the parameters that a scenario may give to a kind: a class, or a function such as a robot from a file."""
     hints = typing.get_type_hints(kind)
-    if not inspect.isclass(kind):
+    if not is_dataclass(kind):
         hints["file"] = hints.pop("path")  # a scenario says "file: ur5e.urdf"
         defaults = {"file": ...} | {
             p.name: p.default for p in inspect.signature(kind).parameters.values() if p.name != "path"
