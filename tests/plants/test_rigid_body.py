@@ -4,6 +4,7 @@ import copy
 import pickle
 import sysconfig
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -45,6 +46,13 @@ PUBLIC = [
 ]
 
 
+def symbolic(file: str | Path, **options: Any) -> RigidBody:
+    """Read a robot that needs no MuJoCo."""
+    robot = load_robot(file, **options)
+    assert isinstance(robot, RigidBody)
+    return robot
+
+
 def assert_equal_to_mujoco(robot: RigidBody, seed: int, tolerance: float = 1e-9) -> None:
     """M, N, gravity and accelerations at random states, by the size of what is compared."""
     random = np.random.default_rng(seed)
@@ -62,15 +70,13 @@ def assert_equal_to_mujoco(robot: RigidBody, seed: int, tolerance: float = 1e-9)
 
 @pytest.mark.parametrize("name", shipped_robots())
 def test_shipped_robots(name):
-    robot = load_robot(name, armature=0.1, viscous=0.3, coulomb=0.5, payload=2.0)
-    assert isinstance(robot, RigidBody)
+    robot = symbolic(name, armature=0.1, viscous=0.3, coulomb=0.5, payload=2.0)
     assert_equal_to_mujoco(robot, 0)
 
 
 @pytest.mark.parametrize("name", PUBLIC, ids=lambda name: Path(name).stem)
 def test_public_robots(name):
-    robot = load_robot(DATA / name, armature=0.01, payload=0.5)
-    assert isinstance(robot, RigidBody)
+    robot = symbolic(DATA / name, armature=0.01, payload=0.5)
     assert_equal_to_mujoco(robot, 1)
 
 
@@ -112,13 +118,12 @@ def test_generated_trees(seed, tmp_path):
     random = np.random.default_rng(seed)
     file = tmp_path / "tree.xml"
     file.write_text(random_tree(random, 2 + seed % 6))
-    robot = load_robot(file, payload=0.7)
-    assert isinstance(robot, RigidBody)
+    robot = symbolic(file, payload=0.7)
     assert_equal_to_mujoco(robot, seed)
 
 
 def test_linearisation_is_that_of_finite_differences():
-    robot = load_robot("panda", armature=0.1, viscous=1.0, coulomb=2.0)
+    robot = symbolic("panda", armature=0.1, viscous=1.0, coulomb=2.0)
     random = np.random.default_rng(3)
     q, dq, ddq = random.uniform(-1, 1, (3, 7))
     for exact, differences in zip(robot.linearised(q, dq, ddq), robot.mujoco.linearised(q, dq, ddq), strict=True):
@@ -127,7 +132,7 @@ def test_linearisation_is_that_of_finite_differences():
 
 
 def test_dry_friction_is_smoothed_over_a_stated_width():
-    robot = load_robot("ur5e", armature=0.1, coulomb=2.0)
+    robot = symbolic("ur5e", armature=0.1, coulomb=2.0)
     assert robot.parameters["coulomb_width"] == pytest.approx(np.full(6, 0.01))
     friction = robot.evaluate("friction", robot.home, np.full(6, 0.01))
     np.testing.assert_allclose(friction, 2.0 * np.tanh(1.0))
@@ -135,7 +140,7 @@ def test_dry_friction_is_smoothed_over_a_stated_width():
 
 @pytest.mark.parametrize("name", ["payload", "armature", "viscous", "coulomb", "masses"])
 def test_parameters_are_inputs_of_the_equations(name):
-    robot = load_robot("ur5e", armature=0.1, payload=1.0)
+    robot = symbolic("ur5e", armature=0.1, payload=1.0)
     value = robot.parameters[name] * 1.5 + 0.1
     changed = robot.with_parameters({name: value})
     assert changed._functions is robot._functions, "no new equations"
@@ -147,7 +152,7 @@ def test_parameters_are_inputs_of_the_equations(name):
 
 
 def test_masses_scale_the_inertia_of_their_links():
-    robot = load_robot("ur5e")
+    robot = symbolic("ur5e")
     q = robot.home
     doubled = robot.with_parameters({"masses": 2 * robot.parameters["masses"]})
     np.testing.assert_allclose(doubled.inertia(q), 2 * robot.inertia(q), rtol=1e-12)
@@ -156,21 +161,21 @@ def test_masses_scale_the_inertia_of_their_links():
 
 def test_run_agrees_with_mujoco_in_the_limit():
     """Semi-implicit Euler of MuJoCo is of first order: its error against ours halves with its steps."""
-    options = {"armature": 0.1, "viscous": 1.0}
-    symbolic, stepped = load_robot("ur5e", **options), MujocoPlant.from_file("ur5e", **options)
+    robot = symbolic("ur5e", armature=0.1, viscous=1.0)
     law = tarc.laws.TDC(
-        inertia=0.05 * np.diag(symbolic.inertia(symbolic.home)),
+        inertia=0.05 * np.diag(robot.inertia(robot.home)),
         natural_frequency=8.0,
         period=2e-3,
         estimator=tarc.estimators.Algebraic(window=0.02, degree=2),
         synchronised=True,
     )
-    reference = tarc.signals.Sinusoid(amplitude=0.2, frequency=2.0, offset=symbolic.home)
-    ours = tarc.simulate(symbolic, law, reference, 0.4, initial_torque="rest").data["position"]
+    reference = tarc.signals.Sinusoid(amplitude=0.2, frequency=2.0, offset=robot.home)
+    ours = tarc.simulate(robot, law, reference, 0.4, initial_torque="rest").data["position"]
     errors = [
         float(
             np.abs(
-                tarc.simulate(stepped, law, reference, 0.4, initial_torque="rest", substeps=k).data["position"] - ours
+                tarc.simulate(robot.mujoco, law, reference, 0.4, initial_torque="rest", substeps=k).data["position"]
+                - ours
             ).max()
         )
         for k in (4, 8)
@@ -180,7 +185,7 @@ def test_run_agrees_with_mujoco_in_the_limit():
 
 
 def test_copies_and_pickles():
-    robot = load_robot("ur5e", armature=0.1)
+    robot = symbolic("ur5e", armature=0.1)
     q = robot.home
     expected = robot.inertia(q)
     for other in (copy.copy(robot), pickle.loads(pickle.dumps(robot))):
@@ -199,7 +204,7 @@ def test_backends():
 
 
 def test_a_law_has_its_model_and_compiles():
-    robot = load_robot("ur5e", armature=0.1)
+    robot = symbolic("ur5e", armature=0.1)
     law = tarc.laws.ComputedTorque(
         model=robot, natural_frequency=10.0, period=1e-3, estimator=tarc.estimators.Algebraic(window=0.01, degree=2)
     )
