@@ -89,14 +89,17 @@ def save_certificates(certifications: dict[str, "LawCertification"], folder: Pat
 
 
 def save_figures(certifications: dict[str, "LawCertification"], folder: Path) -> list[Path]:
-    """Write the figure of each law and of each certificate into a folder; return the files."""
-    from tarc.plotting.certificates import design_figure
+    """Write the figures of each law into a folder: its design, its certificates, the conditions of the paper."""
+    from tarc.plotting.certificates import FIGURES, conditions_figure, design_figure
 
     files = []
     with drawing_figures(), writing("--out", folder):
         for name, certification in certifications.items():
+            certificates = certification.certificates
             figures = {"design": design_figure(certification)}
-            figures |= {kind: certificate.plot() for kind, certificate in certification.certificates.items()}
+            figures |= {kind: certificate.plot() for kind, certificate in certificates.items() if kind in FIGURES}
+            conditions = [certificate for kind, certificate in certificates.items() if kind not in FIGURES]
+            figures["paper"] = conditions_figure(conditions)
             for kind, figure in figures.items():
                 files.append(folder / f"{file_stem(name)}-{kind}.png")
                 figure.savefig(files[-1], dpi=110)

@@ -1,12 +1,13 @@
 """Figures of certificates."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+from matplotlib.patches import Patch
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from tarc.plotting.runs import COLOURS
 
@@ -31,7 +32,9 @@ VERDICT_COLOURS = {"certified": COLOURS[2], "refuted": COLOURS[1], "inconclusive
 
 def certificate_figure(certificate: "Certificate") -> Figure:
     """Draw the evidence of one certificate."""
-    return FIGURES.get(certificate.kind, _forms)(certificate)
+    if certificate.kind in FIGURES:
+        return FIGURES[certificate.kind](certificate)
+    return conditions_figure([certificate])
 
 
 def _finish(figure: Figure, certificate: "Certificate") -> Figure:
@@ -142,21 +145,41 @@ def _varying_ratio(certificate: "Certificate") -> Figure:
     return _finish(figure, certificate)
 
 
-def _forms(certificate: "Certificate") -> Figure:
-    """Draw eigenvalues of the forms that must be positive definite, their diagonals scaled to one."""
-    figure = Figure(figsize=(6, 3.8), layout="constrained")
+def conditions_figure(certificates: Sequence["Certificate"]) -> Figure:
+    """Draw the smallest eigenvalue of each matrix that must be positive definite, its diagonal scaled to one."""
+    labels: list[str] = []
+    eigenvalues: list[float] = []
+    colours: list[str] = []
+    for certificate in certificates:
+        for name, form in certificate.evidence.forms().items():
+            scale = 1 / np.sqrt(np.maximum(np.abs(np.diag(form)), 1e-300))
+            labels.append(f"{TITLES[certificate.kind]}, {name}")
+            eigenvalues.append(float(np.linalg.eigvalsh(form * scale * scale[:, None])[0]))
+            colours.append(VERDICT_COLOURS[certificate.verdict])
+    figure = Figure(figsize=(8, 1.2 + 0.32 * len(labels)), layout="constrained")
     axes = figure.subplots()
-    forms = certificate.evidence.forms()
-    for colour, (label, form) in zip(COLOURS, forms.items(), strict=False):
-        scale = 1 / np.sqrt(np.maximum(np.abs(np.diag(form)), 1e-300))
-        values = np.sort(np.linalg.eigvalsh(form * scale * scale[:, None]))
-        axes.plot(np.arange(1, len(values) + 1), values, "o-", color=colour, lw=0.8, label=label)
-    axes.axhline(0.0, color="0.4", lw=0.8)
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set_xlabel("number of the eigenvalue")
-    axes.set_ylabel("eigenvalue, diagonal scaled to one")
-    axes.legend(fontsize="small")
-    return _finish(figure, certificate)
+    rows = np.arange(len(labels))[::-1]
+    axes.barh(rows, eigenvalues, height=0.6, color=colours)
+    axes.axvline(0.0, color="0.3", lw=0.8)
+    axes.set_yticks(rows, labels)
+    axes.margins(x=0.15)
+    for row, value in zip(rows, eigenvalues, strict=True):
+        offset = 4 if value >= 0 else -4
+        axes.annotate(
+            f"{value:.3g}",
+            (value, row),
+            (offset, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize="small",
+            ha="left" if value >= 0 else "right",
+        )
+    axes.set_xlabel("smallest eigenvalue, diagonal scaled to one; above zero is positive definite")
+    axes.grid(axis="x", alpha=0.3)
+    verdicts = {str(certificate.verdict): VERDICT_COLOURS[certificate.verdict] for certificate in certificates}
+    handles = [Patch(color=colour, label=verdict) for verdict, colour in verdicts.items()]
+    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), fontsize="small")
+    return figure
 
 
 FIGURES: dict[str, Callable[[Any], Figure]] = {
