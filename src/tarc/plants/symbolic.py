@@ -18,6 +18,9 @@ from tarc.plants.base import Plant
 MAX_INLINED = 1000
 """Instructions up to which a function becomes part of what calls it; longer ones stay calls, which compile sooner."""
 
+FEW_STATES = 16
+"""States up to which single calls over fixed memory are faster than one call of CasADi for all."""
+
 MATRICES = ("inertia", "coriolis", "damping", "tangent")
 
 
@@ -140,6 +143,8 @@ class SymbolicPlant(Plant):
     def inertia_matrices(self, positions: Array) -> Array:
         """Return M(q) at the columns of positions (n, k), shape (k, n, n)."""
         n = self.n_joints
+        if positions.shape[1] <= FEW_STATES:
+            return np.array([self._smooth("inertia", position) for position in positions.T])
         return self.evaluate("inertia", positions).T.reshape(-1, n, n)
 
     def bias(self, position: Numbers, velocity: Numbers) -> Array:

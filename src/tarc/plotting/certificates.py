@@ -40,6 +40,7 @@ def certificate_figure(certificate: "Certificate") -> Figure:
 def _finish(figure: Figure, certificate: "Certificate") -> Figure:
     for axes in figure.axes:
         axes.grid(alpha=0.3)
+        axes.minorticks_off()  # those of logarithmic axes take most of the drawing time
     figure.suptitle(
         f"{TITLES[certificate.kind]}: {certificate.verdict}",
         fontsize="medium",
@@ -210,6 +211,7 @@ def design_figure(certification: "LawCertification") -> Figure:
         axes.set_ylabel(label)
         axes.legend(fontsize="small")
         axes.grid(alpha=0.3)
+        axes.minorticks_off()
     figure.suptitle(
         f"{type(law).__name__}: {verdict.verdict_in_words}",
         fontsize="large",
