@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from tarc import analysis, certificates, design, estimators, laws, paper, plants, signals, study
     from tarc.certification import certify_law
     from tarc.control.controller import Controller
-    from tarc.core.errors import DesignWarning, MissingTool, TarcError
+    from tarc.core.errors import DesignWarning, MissingTool, RobotFileWarning, TarcError
     from tarc.core.version import __version__
     from tarc.scenario.model import Scenario
     from tarc.simulation.run import Run, Status
@@ -22,6 +22,7 @@ __all__ = [
     "Controller",
     "DesignWarning",
     "MissingTool",
+    "RobotFileWarning",
     "Run",
     "Scenario",
     "Status",
@@ -45,6 +46,7 @@ __getattr__, __dir__, _ = lazy_attributes(
     {
         "Controller": "tarc.control.controller",
         "DesignWarning": "tarc.core.errors",
+        "RobotFileWarning": "tarc.core.errors",
         "MissingTool": "tarc.core.errors",
         "Run": "tarc.simulation.run",
         "Scenario": "tarc.scenario.model",

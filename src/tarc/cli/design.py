@@ -54,6 +54,14 @@ Tool = Annotated[
         rich_help_panel=PANEL,
     ),
 ]
+BalanceInertia = Annotated[
+    bool,
+    typer.Option(
+        "--balance-inertia",
+        help="Replace the moments of an inertia that no body has by their mean, and say of which links.",
+        rich_help_panel=PANEL,
+    ),
+]
 StressTest = Annotated[
     bool,
     typer.Option(
@@ -73,6 +81,7 @@ def design(
     viscous: Viscous = "",
     coulomb: Coulomb = "",
     tool: Tool = "",
+    balance_inertia: BalanceInertia = False,
     stress_test: StressTest = False,
     as_json: Json = False,
     figures: Figures = True,
@@ -104,6 +113,7 @@ def design(
         viscous=numbers_of("--viscous", viscous),
         coulomb=numbers_of("--coulomb", coulomb),
         tool=tool or None,
+        balance_inertia=balance_inertia,
     )
     required = requirements_of(requirements)
     file = check_writable(out, "--out")

@@ -107,3 +107,7 @@ class ControllerNotReset(TarcError, RuntimeError):
 
 class DesignWarning(UserWarning):
     """A run begins with a design that is shown to be unstable: the message says where, how fast, and what to do."""
+
+
+class RobotFileWarning(UserWarning):
+    """A robot is not as its file has it: the message says what was replaced."""

@@ -21,6 +21,7 @@ def load_robot(
     payload: float = 0.0,
     tool: str | None = None,
     contact: bool = False,
+    balance_inertia: bool = False,
     backend: str = "auto",
 ) -> RigidBody | MujocoPlant:
     """Read an MJCF or URDF file, or one of the shipped robots by name (``"ur5e"``, ``"panda"``).
@@ -44,6 +45,9 @@ def load_robot(
         a finger.
     contact
         Compute contacts, which needs MuJoCo.
+    balance_inertia
+        Replace the moments of an inertia that no body has by their mean, with a `RobotFileWarning`. Links that are
+        fixed to each other are judged by their sum.
     backend
         ``"symbolic"`` for equations of motion in CasADi, which are compiled and differentiated exactly.
         ``"mujoco"`` for MuJoCo, step by step. ``"auto"`` for the first where the robot permits it.
@@ -56,8 +60,9 @@ def load_robot(
     Raises
     ------
     RobotFileError
-        For a file that is missing or does not read, free or ball joints that are not locked, and an inertia matrix
-        that is singular. Also for a robot that only MuJoCo simulates where the backend is ``"symbolic"``.
+        For a file that is missing or does not read, and free or ball joints that are not locked. For links with an
+        inertia that no body has, and for an inertia matrix that is singular. Also for a robot that only MuJoCo
+        simulates where the backend is ``"symbolic"``.
     InvalidParameter
         For joints or a tool that the file does not have, negative parameters, and an unknown backend.
     """
@@ -71,6 +76,7 @@ def load_robot(
         payload=payload,
         tool=tool,
         contact=contact,
+        balance_inertia=balance_inertia,
     )
     if backend != "auto":
         plant._file_options["backend"] = backend

@@ -17,6 +17,7 @@ from tarc.core import validation as check
 from tarc.core.errors import RobotFileError
 from tarc.core.validation import Numbers
 from tarc.plants.base import Plant
+from tarc.plants.link_inertia import merge_rigid_links
 from tarc.plants.robot_file import (
     check_links,
     choose_joints,
@@ -96,6 +97,7 @@ class MujocoPlant(Plant):
         payload: float = 0.0,
         tool: str | None = None,
         contact: bool = False,
+        balance_inertia: bool = False,
     ) -> "MujocoPlant":
         """Read an MJCF or URDF file, or one of the shipped robots by name (``"ur5e"``, ``"panda"``).
 
@@ -119,12 +121,14 @@ class MujocoPlant(Plant):
             a finger.
         contact
             Compute contacts.
+        balance_inertia
+            Replace the moments of an inertia that no body has by their mean, with a warning.
 
         Raises
         ------
         RobotFileError
-            For a file that is missing or does not read, free or ball joints that are not locked, and an inertia matrix
-            that is singular.
+            For a file that is missing or does not read, and free or ball joints that are not locked. For links with an
+            inertia that no body has, and for an inertia matrix that is singular.
         InvalidParameter
             For joints or a tool that the file does not have, and for negative parameters.
         """
@@ -134,6 +138,7 @@ class MujocoPlant(Plant):
         names = [joints] if isinstance(joints, str) else joints
         check_links(spec, file.name)
         home, locked = choose_joints(spec, names, file.name)
+        merge_rigid_links(spec, file.name, balance_inertia)
         controlled = {joint.name: joint for joint in spec.joints}
         for name, value in (("armature", armature), ("viscous", viscous), ("coulomb", coulomb)):
             if value is not None:
@@ -151,6 +156,7 @@ class MujocoPlant(Plant):
             "payload": payload or None,
             "tool": tool,
             "contact": contact or None,
+            "balance_inertia": balance_inertia or None,
         }
         plant._locked = locked
         speeds = speed_limits(file)

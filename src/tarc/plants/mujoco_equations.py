@@ -21,6 +21,7 @@ from adam.core.constants import Representations
 from adam.model import Joint, Link, Model, ModelFactory
 
 from tarc.core.types import Array
+from tarc.plants.robot_file import rotation_matrix
 
 _WORLD = "world"
 
@@ -190,13 +191,6 @@ def _name(body: int) -> str:
 
 def _sparse(matrix: Array) -> ca.SX:
     return ca.SX(ca.sparsify(ca.DM(matrix)))
-
-
-def rotation_matrix(quaternion: Array) -> Array:
-    """Return the rotation matrix (3, 3) of a unit quaternion."""
-    matrix = np.zeros(9)
-    mujoco.mju_quat2Mat(matrix, quaternion)
-    return matrix.reshape(3, 3)
 
 
 def _spatial_inertia(mass: ca.SX, centre: Array, about_centre: ca.SX) -> ca.SX:

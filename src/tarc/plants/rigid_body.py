@@ -15,7 +15,8 @@ from tarc.core import validation as check
 from tarc.core.errors import RobotFileError
 from tarc.core.types import Array
 from tarc.plants.mujoco import PAYLOAD_RADIUS, MujocoPlant
-from tarc.plants.mujoco_equations import rigid_body_equations, rotation_matrix
+from tarc.plants.mujoco_equations import rigid_body_equations
+from tarc.plants.robot_file import rotation_matrix
 from tarc.plants.symbolic import Equations, SymbolicPlant
 
 COULOMB_WIDTH = 0.01

@@ -1,6 +1,5 @@
 """Robot files: finding, reading and trimming MJCF and URDF to the joints that a law drives."""
 
-from tarc.core.formatting import format_vector
 from tarc.core.optional import require
 
 require("robots", "tarc.plants.MujocoPlant")
@@ -57,55 +56,21 @@ def compile_model(spec: mujoco.MjSpec, label: str) -> mujoco.MjModel:
         return spec.compile()
     except ValueError as error:
         if "mjMINVAL" not in str(error):
-            raise RobotFileError(_refused(spec, label, error)) from None
+            raise RobotFileError(f"{label}: MuJoCo refuses the model: {_line(error)}") from None
     spec.compiler.boundmass, spec.compiler.boundinertia = 1e-9, 1e-12
     try:
         return spec.compile()
     except ValueError as error:
-        raise RobotFileError(_refused(spec, label, error)) from None
-
-
-def _refused(spec: mujoco.MjSpec, label: str, error: ValueError) -> str:
-    """Return why a model is refused: the link with an impossible inertia, else MuJoCo's own message."""
-    for body in spec.bodies:
-        a, b, c = moments = _moments(body)
-        if a + b < c and not spec.compiler.balanceinertia:
-            return (
-                f"{label}: the inertia of link {body.name!r} is that of no body: of its principal moments "
-                f"{format_vector(moments, 4)} kg m² the greatest is more than the sum of the others. {_INERTIA}"
-            )
-    return f"{label}: MuJoCo refuses the model: {_line(error)}"
-
-
-_INERTIA = (
-    "Correct its <inertial>: moments are taken about the centre of mass, in kg m²; a rod of mass m and length l has "
-    "m l²/12 about two axes"
-)
-
-
-def _moments(body: mujoco.MjsBody) -> np.ndarray:
-    """Return the principal moments of inertia that a body states [kg m²], ascending; zero where it states none."""
-    if not body.explicitinertial:
-        return np.zeros(3)
-    if np.isnan(body.fullinertia[0]):
-        return np.sort(np.asarray(body.inertia, dtype=float))
-    xx, yy, zz, xy, xz, yz = body.fullinertia
-    return np.linalg.eigvalsh(np.nan_to_num([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], nan=0.0))
+        raise RobotFileError(f"{label}: MuJoCo refuses the model: {_line(error)}") from None
 
 
 def check_links(spec: mujoco.MjSpec, label: str) -> None:
-    """Refuse masses and inertias below zero and reversed ranges, which MuJoCo accepts."""
+    """Refuse masses below zero and reversed ranges, which MuJoCo accepts."""
     for body in spec.bodies:
         if body.explicitinertial and not (np.isfinite(body.mass) and body.mass >= 0):
             raise RobotFileError(
                 f"{label}: link {body.name!r} has the mass {body.mass:g} kg; needs a number of at least 0. Correct its "
                 "<inertial>"
-            )
-        moments = _moments(body)
-        if moments[0] < -1e-9 * moments[-1] or moments[-1] < 0:
-            raise RobotFileError(
-                f"{label}: the inertia of link {body.name!r} is that of no body: its principal moments are "
-                f"{format_vector(moments, 4)} kg m² and none may be below 0. {_INERTIA}"
             )
     for joint in spec.joints:
         if joint.range[0] > joint.range[1]:
@@ -113,6 +78,15 @@ def check_links(spec: mujoco.MjSpec, label: str) -> None:
                 f"{label}: the range of joint {joint.name!r} goes from {joint.range[0]:g} to {joint.range[1]:g}; needs "
                 "the lower end first"
             )
+
+
+def rotation_matrix(quaternion: np.ndarray) -> np.ndarray:
+    """Return the rotation matrix (3, 3) of a quaternion."""
+    unit = np.array(quaternion, dtype=float)
+    mujoco.mju_normalize4(unit)
+    matrix = np.zeros(9)
+    mujoco.mju_quat2Mat(matrix, unit)
+    return matrix.reshape(3, 3)
 
 
 def _line(error: Exception) -> str:
