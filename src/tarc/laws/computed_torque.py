@@ -30,9 +30,9 @@ class ComputedTorque(ModelBased):
     Notes
     -----
     It shows the value of a model. With the true robot as the model, its error is a lower bound for laws without one. It
-    has no integral: a load that the model lacks leaves an offset. A robot from a file is evaluated by MuJoCo, in some
-    30 µs per period and without dry friction; such a law cannot be compiled. No certificate covers the law, since it
-    has no constant M̂.
+    has no integral: a load that the model lacks leaves an offset. A robot in symbols becomes part of the law and
+    is compiled with it. A `tarc.plants.MujocoPlant` is called, in some 30 µs per period and without dry friction; such
+    a law cannot be compiled. No certificate covers the law, since it has no constant M̂.
 
     Raises
     ------

@@ -61,8 +61,9 @@ class ModelBased(Law):
 def inertia_and_bias(model: Plant, position: Vector, velocity: Vector) -> tuple[Vector, Vector]:
     """Return M(q), shape (n, n), and N(q, q̇), shape (n,), of a robot at numbers or at CasADi symbols.
 
-    CasADi calls MuJoCo for a robot from a file. A call takes some 30 µs and cannot be compiled; derivatives are finite
-    differences. Its bias has no dry friction, which is a constraint in MuJoCo.
+    A robot in symbols becomes part of the law. A `tarc.plants.MujocoPlant` is called by CasADi: a call takes some 30 µs
+    and cannot be compiled; derivatives are finite differences. Its bias has no dry friction, which is a constraint in
+    MuJoCo.
     """
     if isinstance(model, SymbolicPlant):
         return model.evaluate("inertia", position), model.evaluate("bias", position, velocity)
