@@ -41,8 +41,8 @@ class StressRun:
     status
         In words.
     rms_error
-        Over all joints [rad or m], without the first quarter of the run or its first second; NaN where it did not
-        complete.
+        Over all joints [rad or m], without the first quarter of the run or its first second. The larger of the two
+        where revolute and prismatic joints mix; NaN where the run did not complete.
     torque_noise
         RMS of the torque without its slow part, a parabola over 51 periods, shape (n,) [N m or N]; NaN as above.
     saturation_share
@@ -159,7 +159,9 @@ class StressCase:
         torque = run.data["torque"].values
         error, noise = np.nan, np.full(torque.shape[1], np.nan)
         if run.status.completed:
-            error, noise = run.metrics(min(1.0, duration / 4))["rms_error"], _fast_part(torque)
+            measures = run.metrics(min(1.0, duration / 4))
+            error = max(value for name, value in measures.items() if name.startswith("rms_error"))
+            noise = _fast_part(torque)
         saturation = float(np.mean(np.abs(torque) > self.law.torque_limits))
         return StressRun(value, bool(error <= max_error), str(run.status), error, noise, saturation)
 

@@ -53,6 +53,7 @@ def dataset(
     coordinates = {
         "time": ("time", inputs.times[:n_samples], {"units": "s", "long_name": "time"}),
         "joint": ("joint", plant.joint_names),
+        "joint_unit": ("joint", plant.units, {"long_name": "unit of the joint's position"}),
     }
     attributes = {
         "title": f"{type(controller.law).__name__} on {plant.label}",

@@ -1,6 +1,9 @@
 """Names, labels and units of the recorded variables and of the measures of a run."""
 
+from collections.abc import Iterable
 from typing import NamedTuple
+
+from tarc.core.units import unit_for_joints
 
 VARIABLES = {
     "position": ("true position", "rad"),
@@ -32,7 +35,7 @@ class Measure(NamedTuple):
     unit: str
 
 
-MEASURES = {
+_MEASURES = {
     "rms_error": Measure("RMS error", "RMS error", 1e3, "mrad"),
     "peak_error": Measure("peak error", "peak error", 1e3, "mrad"),
     "torque_variation": Measure("torque variation", "torque variation", 1.0, "N m/s"),
@@ -45,4 +48,44 @@ MEASURES = {
     "overestimation": Measure("gain rises while ‖s‖ falls", "overestimation", 100.0, "%"),
     "underestimation": Measure("gain falls while ‖s‖ rises", "underestimation", 100.0, "%"),
 }
-"""Every measure of `Run.metrics`, in the order of the tables."""
+
+SUMMED_OVER_JOINTS = (
+    "rms_error",
+    "peak_error",
+    "torque_variation",
+    "high_frequency_share",
+    "peak_torque",
+    "rms_tde_error",
+)
+"""Measures that join several joints, and so have no meaning where revolute and prismatic joints mix."""
+
+JOINT_KINDS = {"rad": "revolute", "m": "prismatic"}
+"""Kind of a joint by the unit of its position."""
+
+
+def _all_measures() -> dict[str, Measure]:
+    measures = {}
+    for key, measure in _MEASURES.items():
+        measures[key] = measure
+        if key in SUMMED_OVER_JOINTS:
+            for unit, kind in JOINT_KINDS.items():
+                measures[f"{key}_{kind}"] = Measure(
+                    f"{measure.label}, {kind}",
+                    f"{measure.short_label}, {kind}",
+                    measure.scale,
+                    unit_for_joints(measure.unit, [unit]),
+                )
+    return measures
+
+
+MEASURES = _all_measures()
+"""Every measure of `Run.metrics`, in the order of the tables.
+
+Those of `SUMMED_OVER_JOINTS` end in ``_revolute`` and ``_prismatic`` for a robot with joints of both kinds.
+"""
+
+
+def measure_unit(key: str, joint_units: Iterable[str]) -> str:
+    """Return the unit in which a measure is shown, for joints of these units."""
+    unit = MEASURES[key].unit
+    return unit if key.endswith(tuple(JOINT_KINDS.values())) else unit_for_joints(unit, joint_units)

@@ -12,8 +12,7 @@ import xarray as xr
 from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter
 from tarc.core.files import file_in_folder, writing
-from tarc.core.units import unit_for_joints
-from tarc.simulation.quantities import MEASURES
+from tarc.simulation.quantities import JOINT_KINDS, MEASURES, measure_unit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -79,9 +78,15 @@ class Run:
 
     @property
     def joint_units(self) -> tuple[str, ...]:
-        """Return the units of the joints: ``("rad",)``, ``("m",)`` or both."""
-        unit = str(self.data["position"].attrs.get("units", "rad"))
-        return ("rad", "m") if " or " in unit else (unit,)
+        """Return the different units of the joints: ``("rad",)``, ``("m",)`` or both."""
+        return tuple(dict.fromkeys(self._unit_of_each_joint))
+
+    @property
+    def _unit_of_each_joint(self) -> list[str]:
+        """Units in the order of the joints; that of the position where the data has no unit per joint."""
+        if "joint_unit" in self.data.coords:
+            return self.data["joint_unit"].values.tolist()
+        return [str(self.data["position"].attrs.get("units", "rad"))] * self.data.sizes["joint"]
 
     def metrics(
         self, start_time: float = 0.0, frequency: float = 50.0, averaging_time: float = 0.0
@@ -102,9 +107,11 @@ class Run:
         Returns
         -------
         dict
-            ``rms_error`` and ``peak_error`` are over all joints [rad or m]. ``torque_variation`` is Σ|Δτ| of all joints
-            per second [N m/s], and ``high_frequency_share`` a share of the torque's energy about its mean. The others
-            are ``peak_torque`` [N m], the ``saturated`` share of samples, and ``rms_tde_error`` [rad/s²]. Laws with a
+            ``rms_error`` and ``peak_error`` are over all joints [rad or m]. Where revolute and prismatic joints mix,
+            each measure over joints is there twice: ``rms_error_revolute``, ``rms_error_prismatic`` and so on.
+            ``torque_variation`` is Σ|Δτ| of all joints per second [N m/s], and ``high_frequency_share`` a share of the
+            torque's energy about its mean. The others are ``peak_torque`` [N m], the ``saturated`` share of samples,
+            and ``rms_tde_error`` [rad/s²]. Laws with a
             gain have ``mean_gain`` and ``peak_gain`` [rad/s²] too. ``overestimation`` is the share of time in which the
             gain rises while ‖s‖ falls. ``underestimation`` is that in which the gain falls while ‖s‖ rises. Both use
             the noise-free ‖s‖.
@@ -119,23 +126,15 @@ class Run:
         period = float(self.data.attrs["period"])
         check.number("frequency", frequency, 0)
         n_averaged = self._averaged_samples(averaging_time, period, data.sizes["time"])
-        error = (data["position"] - data["reference"]).values
-        torque = data["torque"].values
-        measures = {
-            "rms_error": float(np.sqrt(np.mean(error**2))),
-            "peak_error": float(np.max(np.abs(error))),
-            "torque_variation": float(np.sum(np.abs(np.diff(torque, axis=0))) / (period * (len(torque) - 1))),
-            "high_frequency_share": _energy_share_above(torque, period, frequency),
-            "peak_torque": float(np.max(np.abs(torque))),
-            "saturated": _saturated_share(data),
-        }
-        if "tde_error" in data:
-            tde_error = data["tde_error"].values
-            tde_error = tde_error[~np.isnan(tde_error)]
-            measures["rms_tde_error"] = float(np.sqrt(np.mean(tde_error**2))) if tde_error.size else np.nan
+        measures = {"saturated": _saturated_share(data)}
+        units = np.array(self._unit_of_each_joint)
+        for unit in self.joint_units:
+            suffix = f"_{JOINT_KINDS[unit]}" if len(self.joint_units) > 1 else ""
+            summed = _summed_measures(data.isel(joint=np.flatnonzero(units == unit)), period, frequency)
+            measures |= {f"{name}{suffix}": value for name, value in summed.items()}
         if "gain" in data:
             measures |= _gain_measures(data, n_averaged)
-        return measures
+        return {name: measures[name] for name in MEASURES if name in measures}
 
     def metrics_or_none(self, start_time: float = 0.0) -> dict[str, float]:
         """Compute `metrics`; return an empty dictionary for a run that ended before the start time."""
@@ -200,15 +199,16 @@ class Run:
     def __repr__(self) -> str:
         measures = self.metrics_or_none()
         text = f"<Run of {self.title}: {self.data.sizes['time']} samples, {self.status}"
-        if "rms_error" in measures:
-            unit = unit_for_joints(MEASURES["rms_error"].unit, self.joint_units)
-            text += f", RMS error {MEASURES['rms_error'].scale * measures['rms_error']:.4g} {unit}"
+        for key in measures:
+            if key.startswith("rms_error"):
+                unit = measure_unit(key, self.joint_units)
+                text += f", {MEASURES[key].label} {MEASURES[key].scale * measures[key]:.4g} {unit}"
         return f"{text}>"
 
     def _repr_html_(self) -> str:
         rows = [
             f"<tr><td>{escape(MEASURES[key].label)}</td><td>{MEASURES[key].scale * value:.4g}</td>"
-            f"<td>{escape(unit_for_joints(MEASURES[key].unit, self.joint_units))}</td></tr>"
+            f"<td>{escape(measure_unit(key, self.joint_units))}</td></tr>"
             for key, value in self.metrics_or_none().items()
         ]
         heading = f"<b>{escape(self.title)}</b>, {self.data.sizes['time']} samples, {escape(str(self.status))}"
@@ -248,6 +248,24 @@ def _gain_measures(data: xr.Dataset, n_averaged: int) -> dict[str, float]:
         gain_change = gain[n_averaged:] - gain[:-n_averaged]
         measures["overestimation"] = float(np.mean((gain_change > 0) & (sliding_change < 0)))
         measures["underestimation"] = float(np.mean((gain_change < 0) & (sliding_change > 0)))
+    return measures
+
+
+def _summed_measures(data: xr.Dataset, period: float, frequency: float) -> dict[str, float]:
+    """Return the measures that join all joints of the data, which have the same unit."""
+    error = (data["position"] - data["reference"]).values
+    torque = data["torque"].values
+    measures = {
+        "rms_error": float(np.sqrt(np.mean(error**2))),
+        "peak_error": float(np.max(np.abs(error))),
+        "torque_variation": float(np.sum(np.abs(np.diff(torque, axis=0))) / (period * (len(torque) - 1))),
+        "high_frequency_share": _energy_share_above(torque, period, frequency),
+        "peak_torque": float(np.max(np.abs(torque))),
+    }
+    if "tde_error" in data:
+        tde_error = data["tde_error"].values
+        tde_error = tde_error[~np.isnan(tde_error)]
+        measures["rms_tde_error"] = float(np.sqrt(np.mean(tde_error**2))) if tde_error.size else np.nan
     return measures
 
 

@@ -23,7 +23,7 @@ from tarc.core.progress import Progress
 from tarc.core.units import unit_for_joints
 from tarc.scenario.model import Scenario
 from tarc.scenario.yaml_text import read_yaml
-from tarc.simulation.quantities import MEASURES
+from tarc.simulation.quantities import JOINT_KINDS, MEASURES
 from tarc.simulation.run import Run
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ MEASURES_WITHOUT_COLUMN = ("rms_tde_error", "mean_gain", "peak_gain")
 COLUMNS = {
     key: (measure.short_label, measure.scale, measure.unit)
     for key, measure in MEASURES.items()
-    if key not in MEASURES_WITHOUT_COLUMN
+    if key not in MEASURES_WITHOUT_COLUMN and not key.endswith(tuple(JOINT_KINDS.values()))
 }
 """Label, scale and unit of each measure of a comparison."""
 
@@ -206,6 +206,7 @@ def compare(
     InvalidParameter
         For an unknown law, and for an empty list.
     """
+    check_comparable(scenario)
     parts = _chosen(scenario, laws)
     count = check.integer("jobs", min(os.cpu_count() or 1, len(parts)) if jobs is None else jobs, 1)
     tasks = {name: (scenario.model_dump(), name, part) for name, part in parts.items()}
@@ -226,6 +227,28 @@ def compare(
                     bar.advance()
     runs = {name: run for name in parts if isinstance(run := results[name], Run)}
     return Comparison(scenario, runs, {name: why for name in parts if isinstance(why := results[name], str)})
+
+
+def check_comparable(scenario: Scenario) -> None:
+    """Check that one error and one torque variation stand for all joints.
+
+    Raises
+    ------
+    InvalidParameter
+        For a robot with revolute and prismatic joints, whose errors have no sum.
+    """
+    plant = scenario.build_plant()
+    kinds = {
+        unit: [name for name, own in zip(plant.joint_names, plant.units, strict=True) if own == unit]
+        for unit in plant.units
+    }
+    if len(kinds) > 1:
+        listing = " and ".join(f"{', '.join(names)} in {unit}" for unit, names in kinds.items())
+        raise InvalidParameter(
+            f"robot: its joints are {listing}, so that their errors have no sum to rank laws by; drive joints of one "
+            "kind (joints), or compare the measures of each kind by tarc run",
+            "robot",
+        )
 
 
 def _chosen(scenario: Scenario, laws: Iterable[str] | dict[str, dict[str, Any]] | None) -> dict[str, dict[str, Any]]:

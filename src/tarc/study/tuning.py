@@ -15,6 +15,7 @@ from tarc.core.errors import DesignWarning, InvalidParameter
 from tarc.core.optional import require
 from tarc.core.progress import Progress
 from tarc.scenario.model import Scenario
+from tarc.study.comparison import check_comparable
 from tarc.study.search_space import SPACES, SearchSpace
 
 FAILURE_SCORE = 20.0
@@ -102,6 +103,8 @@ def tune(
     if not scenarios or len(limits) != len(scenarios):
         raise InvalidParameter(f"limits: got {len(limits)} for {len(scenarios)} scenarios; needs one each")
     check.integer("trials", trials, 1)
+    for scenario in scenarios:
+        check_comparable(scenario)
     fits = [_fits(space, scenario) for scenario in scenarios]
     if not any(fits):
         raise InvalidParameter(f"scenarios: {space.fixed['kind']} cannot run in any of the scenarios")

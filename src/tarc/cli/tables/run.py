@@ -8,9 +8,8 @@ from rich.console import Console
 from rich.table import Table
 
 from tarc.cli.tables.console import print_written
-from tarc.core.units import unit_for_joints
 from tarc.scenario.model import Scenario
-from tarc.simulation.quantities import MEASURES
+from tarc.simulation.quantities import MEASURES, measure_unit
 from tarc.simulation.run import Run
 
 
@@ -40,10 +39,10 @@ def print_runs(scenario: Scenario, runs: dict[str, Run], files: list[Path]) -> N
     table.add_column("unit")
     results = {name: run.metrics_or_none(scenario.metrics_start) for name, run in runs.items()}
     joint_units = next(iter(runs.values())).joint_units
-    for key, (label, _, scale, unit) in MEASURES.items():
+    for key, (label, _, scale, _) in MEASURES.items():
         if any(key in result for result in results.values()):
             cells = [f"{scale * result[key]:.4g}" if key in result else "–" for result in results.values()]
-            table.add_row(label, *cells, unit_for_joints(unit, joint_units))
+            table.add_row(label, *cells, measure_unit(key, joint_units))
     table.add_section()
     statuses = [str(run.status) for run in runs.values()]
     table.add_row("status", *[s if s.startswith("completed") else f"[bold red]{s}[/bold red]" for s in statuses], "")
