@@ -95,11 +95,11 @@ def test_a_free_base_alone():
         (link("upper", mass="nan"), "link 'upper' has the mass nan kg"),
         (
             link("upper", moments=(0.02, -0.02, 0.02)),
-            "inertia of link 'upper' .* principal moments are -0.02, 0.02, 0.02 kg m² and none may be below 0. Correct",
+            "no body has the inertia of these links: upper with -0.02, 0.02, 0.02 kg m².*must not be below 0",
         ),
         (
             link("upper", moments=(0.02, 0.5, 0.02)),
-            "inertia of link 'upper' .* 0.02, 0.02, 0.5 kg m² the greatest is more than the sum of the others. Correct",
+            "these links: upper with 0.02, 0.02, 0.5 kg m².*nor one more than the sum of the others. Correct",
         ),
     ],
 )
@@ -170,6 +170,12 @@ def test_noise_without_any_torque_limit():
         (["--joints", "elbow,wirst"], r"no hinge or slide 'wirst'; it has shoulder, elbow"),
         (["--encoder-bits", 0], r"--encoder-bits: got 0; needs a whole number from 1 to 52"),
         (["--encoder-bits", 99], r"--encoder-bits: got 99; needs a whole number from 1 to 52"),
+        (
+            ["--encoder-bits", 18, "--encoder-resolution", "1e-5"],
+            r"--encoder-bits, --encoder-resolution: both are given",
+        ),
+        (["--encoder-resolution", "1e-5,1e-5,1e-5"], r"sensor: its resolution has 3 numbers; needs one, or "),
+        (["--encoder-resolution", "fine"], r"--encoder-resolution: got 'fine'; needs one number, or one per joint"),
         (["--speed", "-1"], r"speed: got \[-1.0, -1.0\]; each must be at least 0"),
         (["--speed", "1,2,3"], r"speed: got shape \(3,\); needs one number or 2 of them"),
         (["--speed", "nan"], r"speed: "),

@@ -9,6 +9,7 @@ import typer
 
 from tarc.cli.options import numbers_of
 from tarc.core.docstrings import parameter_texts
+from tarc.core.errors import InvalidParameter
 from tarc.design.requirements import DEFAULT_ENCODER_BITS, LAWS, DesignRequirements
 
 PANEL = "What the design must meet"
@@ -24,28 +25,35 @@ def requirement_options(command: Callable[..., None]) -> Callable[..., None]:
     signature = inspect.signature(command)
     own = [part for part in signature.parameters.values() if part.kind is not inspect.Parameter.VAR_KEYWORD]
     texts = parameter_texts(DesignRequirements)
-    options = [_option(field, texts[field.name]) for field in fields(DesignRequirements) if field.init]
-    signature = signature.replace(parameters=[*own, *(option for option in options if option is not None)])
+    options = [
+        option
+        for field in fields(DesignRequirements)
+        if field.init and field.name not in WITHOUT_OPTION
+        for option in _options(field, texts[field.name])
+    ]
+    signature = signature.replace(parameters=[*own, *options])
     command.__signature__ = signature  # pyright: ignore[reportFunctionMemberAccess]
     return command
 
 
-def _option(field: Field, text: str) -> inspect.Parameter | None:
-    """Return the option of a requirement: the period as a rate, the encoder by its bits."""
+def _options(field: Field, text: str) -> list[inspect.Parameter]:
+    """Return the options of a requirement: the period as a rate, the encoder by its bits or its resolution."""
     text = text.replace("``", "").replace("[", "\\[")
-    if field.name in WITHOUT_OPTION:
-        return None
     if field.name == "period":
-        return _parameter(
-            "control_rate", float, 1 / DesignRequirements.period, "Number of control periods per second \\[Hz]."
-        )
+        text = "Number of control periods per second \\[Hz]."
+        return [_parameter("control_rate", float, 1 / DesignRequirements.period, text)]
     if field.name == "sensor":
-        return _parameter("encoder_bits", int, DEFAULT_ENCODER_BITS, "Resolution of the encoders \\[bits per turn].")
+        bits = "Resolution of the encoders \\[bits per turn, or per 2π m of a linear scale]."
+        step = "Step of the encoders \\[rad or m], one number or one per joint, instead of the bits."
+        return [
+            _parameter("encoder_bits", int, DEFAULT_ENCODER_BITS, bits),
+            _parameter("encoder_resolution", str, "", step, metavar="NUMBERS", show_default=False),
+        ]
     if field.type == NUMBERS:
-        return _parameter(field.name, str, "", text, metavar="NUMBERS", show_default=False)
+        return [_parameter(field.name, str, "", text, metavar="NUMBERS", show_default=False)]
     default = None if field.default is MISSING else field.default
     names = [f"--{field.name}"] if field.type is bool else []
-    return _parameter(field.name, field.type, default, text, *names, metavar=METAVARS.get(field.name))
+    return [_parameter(field.name, field.type, default, text, *names, metavar=METAVARS.get(field.name))]
 
 
 def _parameter(name: str, kind: Any, default: object, text: str, *names: str, **more: Any) -> inspect.Parameter:
@@ -67,10 +75,16 @@ def requirements_of(options: dict[str, Any]) -> DesignRequirements:
     kinds = {field.name: field.type for field in fields(DesignRequirements)}
     values = dict(options)
     rate, bits = values.pop("control_rate"), values.pop("encoder_bits")
+    resolution = numbers_of("--encoder-resolution", values.pop("encoder_resolution"))
     for name, value in values.items():
         if kinds[name] == NUMBERS:
             values[name] = numbers_of(f"--{name.replace('_', '-')}", value)
     values["law"] = values["law"].upper()
     period = 1 / check.number("--control-rate", rate, 0, strict=True)
-    sensor = Encoder(bits=check.integer("--encoder-bits", bits, 1, 52))
+    if resolution is None:
+        sensor = Encoder(bits=check.integer("--encoder-bits", bits, 1, 52))
+    elif bits == DEFAULT_ENCODER_BITS:
+        sensor = Encoder(resolution=resolution)
+    else:
+        raise InvalidParameter("--encoder-bits, --encoder-resolution: both are given; give one of them")
     return DesignRequirements(period=period, sensor=sensor, **values)

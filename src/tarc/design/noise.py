@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from tarc.core.errors import InvalidParameter
 from tarc.signals.sensors import Encoder
 
 
@@ -11,7 +12,16 @@ def measurement_deviation(sensor: Encoder, n_joints: int) -> np.ndarray:
         σ² = σ_noise² + step²/12
 
     The second term is that of rounding to the nearest step.
+
+    Raises
+    ------
+    InvalidParameter
+        For an encoder whose resolution has not one number per joint.
     """
+    if sensor.step_size.size not in (1, n_joints):
+        raise InvalidParameter(
+            f"sensor: its resolution has {sensor.step_size.size} numbers; needs one, or {n_joints}, one per joint"
+        )
     sigma = np.sqrt(np.asarray(sensor.noise) ** 2 + np.asarray(sensor.step_size) ** 2 / 12)
     return np.broadcast_to(sigma, (n_joints,))
 

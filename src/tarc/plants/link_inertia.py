@@ -76,16 +76,15 @@ def merge_rigid_links(spec: mujoco.MjSpec, label: str, balance: bool) -> None:
         _merge_below(body, None, impossible, balance)
     if not impossible:
         return
-    listing = "\n  ".join(impossible)
+    listing = "; ".join(impossible)
     if balance:
-        message = f"{label}: the moments of these links were replaced by their mean:\n  {listing}"
+        message = f"{label}: the moments of these links were replaced by their mean: {listing}"
         warnings.warn(message, RobotFileWarning, stacklevel=4)
         return
     raise RobotFileError(
-        f"{label}: these inertias are those of no body:\n  {listing}\n"
-        "Principal moments about the centre of mass must not be below 0, nor one more than the sum of the others. "
-        "Correct the <inertial> of these links, or give balance_inertia=True (--balance-inertia), which replaces the "
-        "moments by their mean"
+        f"{label}: no body has the inertia of these links: {listing}. Principal moments about the centre of mass must "
+        "not be below 0, nor one more than the sum of the others. Correct the <inertial> of these links, in kg m²; or "
+        "give balance_inertia=True (--balance-inertia), which replaces the moments by their mean"
     )
 
 
@@ -133,7 +132,7 @@ def _merge(
     tolerance = ROUNDING * largest + ZERO
     if moments[0] < -tolerance or moments[0] + moments[1] < moments[2] - tolerance:
         names = ", ".join(link.name for link, _, _ in stated)
-        impossible.append(f"{names}: {format_vector(moments, 4)} kg m²")
+        impossible.append(f"{names} with {format_vector(moments, 4)} kg m²")
         if balance:
             moments = np.full(3, max(float(np.mean(moments)), 0.0))
     moments = np.maximum(moments, 0.0)

@@ -58,6 +58,13 @@ def print_design(design: Design, files: list[Path]) -> None:
     verdict = design.certificates["robot"]
     console.print(f"[{VERDICT_COLOURS[verdict.verdict]}]{verdict.verdict}[/]: {escape(verdict.claim)}", highlight=False)
     console.print(f"margin {verdict.margin:.3g}, {escape(verdict.margin_meaning)}", highlight=False)
+    plant = design.plants[0]
+    steps = np.broadcast_to(design.sensor.step_size, (plant.n_joints,))
+    steps_by_joint = [
+        f"{escape(name)} {1e3 * step:.3g} m{unit}"
+        for name, step, unit in zip(plant.joint_names, steps, plant.units, strict=True)
+    ]
+    console.print(f"step of the encoders: {', '.join(steps_by_joint)}", highlight=False)
     noise = [
         f"{escape(name)} {rms:.3g} {unit}" + ("" if share is None else f" ({100 * share:.2g} %)")
         for (name, rms, share), unit in zip(_noise(design), design.plants[0].torque_units, strict=True)

@@ -1,0 +1,31 @@
+"""Options of `tarc design` become requirements."""
+
+import inspect
+
+import numpy as np
+
+from tarc.cli.design import design
+from tarc.cli.design_options import requirements_of
+
+
+def options(**given):
+    """Every option at its default, but the given ones."""
+    parameters = inspect.signature(design).parameters.values()
+    own = ("robot", "out", "joints", "armature", "viscous", "coulomb", "tool", "stress_test", "as_json", "figures")
+    defaults = {p.name: p.default for p in parameters if p.name not in (*own, "balance_inertia", "home")}
+    return {**defaults, **given}
+
+
+def test_the_encoder_is_given_by_bits_or_by_its_step_per_joint():
+    assert requirements_of(options()).sensor.bits == 17
+    assert requirements_of(options(encoder_bits=20)).sensor.bits == 20
+    sensor = requirements_of(options(encoder_resolution="5e-6,2e-5")).sensor
+    assert sensor.bits is None
+    np.testing.assert_array_equal(sensor.step_size, [5e-6, 2e-5])
+
+
+def test_numbers_per_joint_and_the_rate():
+    requirements = requirements_of(options(speed="1,2", control_rate=500.0, payload=(0.0, 2.0), law="tdc"))
+    assert requirements.speed == [1.0, 2.0]
+    assert requirements.period == 0.002
+    assert requirements.law == "TDC"
