@@ -182,7 +182,7 @@ def test_each_choice_stands_above_its_key(designed_folder):
     }
     for key, label in expected.items():
         assert label in above[key], key
-    assert "locked at zero: finger (mimics elbow)" in above["robot.file"]
+    assert "locked at home: finger (mimics elbow)" in above["robot.file"]
     assert "no range is known for shoulder, which is taken to ±π" in above["reference"]
     assert content["robot"] == {"file": "arm.urdf", "armature": 0.1, "payload": 0.0}
     assert content["law"]["damping_ratio"] == 1.0

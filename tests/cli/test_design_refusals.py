@@ -295,7 +295,7 @@ def test_what_the_file_leaves_open_is_said(folder):
         for choice in assumptions([plant], box, plant.torque_limits, None, own=True)
     }
     assert found["robot"][0] == "arm.urdf, 2 joints"
-    assert "driven: shoulder, elbow; locked at zero: finger (mimics elbow)" in found["robot"][1]
+    assert "driven: shoulder, elbow; locked at home: finger (mimics elbow)" in found["robot"][1]
     assert "no rotor inertia is known" in found["robot"][1]
     assert found["workspace"][0] == "all that the joints reach"
     assert "shoulder -3.142 to 3.142; elbow -2 to 2" in found["workspace"][1]

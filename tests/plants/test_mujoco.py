@@ -157,13 +157,13 @@ def test_armature_and_friction_are_set_joint_by_joint(robot: MujocoPlant) -> Non
     assert np.array_equal(changed.parameters["coulomb"], 3 * rotor)
 
 
-def test_joints_that_are_not_listed_are_locked_at_zero() -> None:
+def test_joints_that_are_not_listed_are_locked_at_home() -> None:
     robot = SHIPPED["ur5e"]
     arm = MujocoPlant.from_file("ur5e", joints=["elbow_joint", "shoulder_lift_joint"])
     free = [1, 2]  # in the order of the file
     assert arm.joint_names == [robot.joint_names[i] for i in free]
     assert np.array_equal(arm.home, robot.home[free])
-    q = np.zeros(6)
+    q = robot.home
     q[free] = 0.4, -1.1
     assert np.allclose(arm.inertia(q[free]), robot.inertia(q)[np.ix_(free, free)], rtol=1e-10)
     assert np.allclose(arm.gravity_torque(q[free]), robot.gravity_torque(q)[free], rtol=1e-10)

@@ -26,6 +26,15 @@ Joints = Annotated[
     str,
     typer.Option(metavar="A,B", help="Joints to drive; the others are locked. Default: all.", rich_help_panel=PANEL),
 ]
+Home = Annotated[
+    str,
+    typer.Option(
+        metavar="NUMBERS",
+        help="Home posture \\[rad or m], one number per joint with commas between. Default: the keyframe home of the "
+        "file, else zero or the middle of a joint's range.",
+        rich_help_panel=PANEL,
+    ),
+]
 Armature = Annotated[
     str,
     typer.Option(
@@ -77,6 +86,7 @@ def design(
     robot: Robot,
     out: DesignFile = Path("design.yaml"),
     joints: Joints = "",
+    home: Home = "",
     armature: Armature = "",
     viscous: Viscous = "",
     coulomb: Coulomb = "",
@@ -109,6 +119,7 @@ def design(
     plant = load_robot(
         robot,
         joints=names_of(joints) or None,
+        home=numbers_of("--home", home),
         armature=numbers_of("--armature", armature),
         viscous=numbers_of("--viscous", viscous),
         coulomb=numbers_of("--coulomb", coulomb),

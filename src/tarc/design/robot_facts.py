@@ -142,7 +142,7 @@ def _too_heavy(plants: Sequence[Plant], home: np.ndarray, limits: np.ndarray) ->
     joint = int(np.argmax(torque / limits))
     relaxations = [
         Relaxation("torque_limits", float(torque[joint]), f"a torque limit above {torque[joint]:.3g}"),
-        Relaxation("home", None, "another home posture in the file (MJCF, keyframe home)"),
+        Relaxation("home", None, "another home posture (home in Python, --home, or the keyframe home of an MJCF)"),
     ]
     largest = _largest_payload(plant, home, limits) if mass else None
     if largest is not None:
@@ -196,7 +196,7 @@ def assumptions(
 def _robot(plant: Plant) -> DesignChoice:
     text = f"driven: {', '.join(plant.joint_names)}"
     if plant.locked:
-        text += "; locked at zero: " + ", ".join(f"{joint} ({reason})" for joint, reason in plant.locked.items())
+        text += "; locked at home: " + ", ".join(f"{joint} ({reason})" for joint, reason in plant.locked.items())
     rotor = np.asarray(plant.parameters.get("armature", 1.0), dtype=float)
     if not np.all(rotor > 0):
         text += (

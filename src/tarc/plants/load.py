@@ -5,6 +5,7 @@ from pathlib import Path
 
 from tarc.core import validation as check
 from tarc.core.validation import Numbers
+from tarc.plants.home_posture import Home
 from tarc.plants.mujoco import MujocoPlant
 from tarc.plants.rigid_body import RigidBody
 
@@ -15,6 +16,7 @@ def load_robot(
     path: str | Path,
     *,
     joints: Sequence[str] | None = None,
+    home: Home | None = None,
     armature: Numbers | None = None,
     viscous: Numbers | None = None,
     coulomb: Numbers | None = None,
@@ -26,8 +28,8 @@ def load_robot(
 ) -> RigidBody | MujocoPlant:
     """Read an MJCF or URDF file, or one of the shipped robots by name (``"ur5e"``, ``"panda"``).
 
-    Of a URDF the kinematics and inertias are read; the meshes are not needed. Joints that mimic another are locked at
-    zero, as are all joints that are not listed.
+    Of a URDF the kinematics and inertias are read; the meshes are not needed. Joints that mimic another are locked in
+    the home posture, as are all joints that are not listed.
 
     Parameters
     ----------
@@ -35,6 +37,10 @@ def load_robot(
         The file.
     joints
         Names of the joints to control; None for all hinges and slides. The plant's joints keep the order of the file.
+    home
+        Home posture [rad or m]: one number per joint in the order of ``joints`` or of the file, or numbers by name.
+        A name may also be that of a locked joint. None for the keyframe ``home``, else zero, or the middle of a range
+        without zero.
     armature, viscous, coulomb
         Rotor inertia [kg m²], viscous [N m s/rad] and Coulomb friction [N m]: one number, or one per joint in the
         order of ``joints`` or of the file. None keeps the values of the file.
@@ -64,12 +70,14 @@ def load_robot(
         inertia that no body has, and for an inertia matrix that is singular. Also for a robot that only MuJoCo
         simulates where the backend is ``"symbolic"``.
     InvalidParameter
-        For joints or a tool that the file does not have, negative parameters, and an unknown backend.
+        For joints or a tool that the file does not have, negative parameters, and an unknown backend. Also for a home
+        posture outside the ranges.
     """
     check.one_of("backend", backend, BACKENDS)
     plant = MujocoPlant.from_file(
         path,
         joints=joints,
+        home=home,
         armature=armature,
         viscous=viscous,
         coulomb=coulomb,

@@ -17,6 +17,7 @@ from tarc.core import validation as check
 from tarc.core.errors import RobotFileError
 from tarc.core.validation import Numbers
 from tarc.plants.base import Plant
+from tarc.plants.home_posture import Home, compile_kinematics, home_posture, lock_joints
 from tarc.plants.link_inertia import merge_rigid_links
 from tarc.plants.robot_file import (
     check_links,
@@ -24,6 +25,7 @@ from tarc.plants.robot_file import (
     compile_model,
     find_robot,
     read_specification,
+    reduce_to_joints,
     set_joint,
     speed_limits,
     tool_body,
@@ -57,9 +59,7 @@ class MujocoPlant(Plant):
         self.model: mujoco.MjModel = compile_model(spec, label)
         self._label = label
         self._file_options: dict[str, object] = {}
-        self._home = np.array(
-            [home.get(name, middle) for name, middle in zip(self.joint_names, self._middles(), strict=True)]
-        )
+        self._home = np.array([home[name] for name in self.joint_names])
         self._scratch = mujoco.MjData(self.model)
         self.payload_body = self.model.body("tarc_payload").id
         limited, ranges = self.model.jnt_actfrclimited.astype(bool), np.abs(self.model.jnt_actfrcrange)
@@ -76,12 +76,6 @@ class MujocoPlant(Plant):
                 "armature=0.1, or one number per joint, or correct the link's <inertial>"
             )
 
-    def _middles(self) -> np.ndarray:
-        """Return zero where the joint's range contains it, else the middle of the range."""
-        low, high = self.model.jnt_range.T
-        outside = self.model.jnt_limited.astype(bool) & ~((low < 0) & (high > 0))
-        return np.where(outside, (low + high) / 2, 0.0)
-
     def __repr__(self) -> str:
         return f"MujocoPlant({self.label!r}, joints={self.n_joints})"
 
@@ -91,6 +85,7 @@ class MujocoPlant(Plant):
         path: str | Path,
         *,
         joints: Sequence[str] | None = None,
+        home: Home | None = None,
         armature: Numbers | None = None,
         viscous: Numbers | None = None,
         coulomb: Numbers | None = None,
@@ -102,7 +97,7 @@ class MujocoPlant(Plant):
         """Read an MJCF or URDF file, or one of the shipped robots by name (``"ur5e"``, ``"panda"``).
 
         Of a URDF the kinematics and inertias are read; the meshes are not needed. Joints that mimic another are locked
-        at zero, as are all joints that are not listed.
+        in the home posture, as are all joints that are not listed.
 
         Parameters
         ----------
@@ -111,6 +106,10 @@ class MujocoPlant(Plant):
         joints
             Names of the joints to control; None for all hinges and slides. The plant's joints keep the order of the
             file.
+        home
+            Home posture [rad or m]: one number per joint in the order of ``joints`` or of the file, or numbers by name.
+            A name may also be that of a locked joint. None for the keyframe ``home``, else zero, or the middle of a
+            range without zero.
         armature, viscous, coulomb
             Rotor inertia [kg m²], viscous [N m s/rad] and Coulomb friction [N m]: one number, or one per joint in the
             order of ``joints`` or of the file. None keeps the values of the file.
@@ -130,14 +129,19 @@ class MujocoPlant(Plant):
             For a file that is missing or does not read, and free or ball joints that are not locked. For links with an
             inertia that no body has, and for an inertia matrix that is singular.
         InvalidParameter
-            For joints or a tool that the file does not have, and for negative parameters.
+            For joints or a tool that the file does not have, and for negative parameters. Also for a home posture
+            outside the ranges.
         """
         file = find_robot(path)
         with without_log_file():
             spec = read_specification(file)
         names = [joints] if isinstance(joints, str) else joints
         check_links(spec, file.name)
-        home, locked = choose_joints(spec, names, file.name)
+        selected, locked = choose_joints(spec, names, file.name)
+        kinematics = compile_kinematics(spec, file.name)
+        posture = home_posture(spec, kinematics, selected, home, file.name)
+        reduce_to_joints(spec)
+        lock_joints(spec, kinematics, selected, posture)
         merge_rigid_links(spec, file.name, balance_inertia)
         controlled = {joint.name: joint for joint in spec.joints}
         for name, value in (("armature", armature), ("viscous", viscous), ("coulomb", coulomb)):
@@ -147,9 +151,11 @@ class MujocoPlant(Plant):
         if not contact:
             spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
         spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-        plant = cls(spec, home, tool or "", check.number("payload", payload, 0), file.name)
+        start = {name: float(posture[name][0]) for name in selected}
+        plant = cls(spec, start, tool or "", check.number("payload", payload, 0), file.name)
         options = {
             "joints": None if names is None else list(names),
+            "home": dict(home) if isinstance(home, Mapping) else home,
             "armature": armature,
             "viscous": viscous,
             "coulomb": coulomb,
@@ -235,7 +241,7 @@ class MujocoPlant(Plant):
 
     @property
     def home(self) -> np.ndarray:
-        """Return the keyframe ``home`` of the file, else zero, shape (n,)."""
+        """Return the home posture [rad or m], shape (n,): given, the keyframe ``home``, or within the ranges."""
         return self._home.copy()
 
     @property

@@ -150,7 +150,7 @@ class RigidBody(SymbolicPlant):
 
     @property
     def home(self) -> Array:
-        """Return the keyframe ``home`` of the file, else a posture within the ranges, shape (n,)."""
+        """Return the home posture [rad or m], shape (n,): given, the keyframe ``home``, or within the ranges."""
         return self.mujoco.home
 
     @property

@@ -212,10 +212,11 @@ def _without_missing_meshes(spec: mujoco.MjSpec, file: Path) -> mujoco.MjSpec:
     return spec
 
 
-def choose_joints(
-    spec: mujoco.MjSpec, selected: Sequence[str] | None, label: str
-) -> tuple[dict[str, float], dict[str, str]]:
-    """Lock all joints but the selected; return the home posture and the reasons of locking, both by joint."""
+def choose_joints(spec: mujoco.MjSpec, selected: Sequence[str] | None, label: str) -> tuple[list[str], dict[str, str]]:
+    """Return the joints to drive, in the order given or of the file, and why the others are locked, by name.
+
+    Joints without a name get one.
+    """
     for number, joint in enumerate(spec.joints):
         joint.name = joint.name or f"joint{number + 1}"
     plain = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
@@ -252,24 +253,25 @@ def choose_joints(
     if not selected:
         raise RobotFileError(f"{label}: it has no hinge or slide joint to control")
     locked = {joint.name: _why_locked(joint, leaders, plain) for joint in spec.joints if joint.name not in selected}
-    posture = _home(spec)
+    return list(selected), locked
+
+
+def reduce_to_joints(spec: mujoco.MjSpec) -> None:
+    """Remove keyframes, constraints, sensors, tendons and actuators; joints keep the limits of their actuators."""
     for group in (spec.keys, spec.equalities, spec.sensors, spec.tendons):
         for element in list(group):
             spec.delete(element)
-    limits = {}
+    limits: dict[str, float] = {}
     for actuator in spec.actuators:
         limit = _largest_torque(actuator)
         if limit is not None:
             limits[actuator.target] = limits.get(actuator.target, 0.0) + limit
     for actuator in list(spec.actuators):
         spec.delete(actuator)
-    for joint in list(spec.joints):
-        if joint.name not in selected:
-            spec.delete(joint)
-        elif joint.name in limits and joint.actfrcrange[1] <= 0:
+    for joint in spec.joints:
+        if joint.name in limits and joint.actfrcrange[1] <= 0:
             joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_TRUE
             joint.actfrcrange = [-limits[joint.name], limits[joint.name]]
-    return posture, locked
 
 
 def _why_locked(joint: mujoco.MjsJoint, leaders: dict[str, str], plain: tuple[Any, ...]) -> str:
@@ -278,16 +280,6 @@ def _why_locked(joint: mujoco.MjsJoint, leaders: dict[str, str], plain: tuple[An
     if joint.name in leaders:
         return f"mimics {leaders[joint.name]}" if leaders[joint.name] else "held by the file"
     return "not listed"
-
-
-def _home(spec: mujoco.MjSpec) -> dict[str, float]:
-    """Return the joint positions of the keyframe ``home``, by name; empty without one, and for joints that are not all
-    simple."""
-    key = next((key for key in spec.keys if key.name == "home"), None)
-    joints = list(spec.joints)
-    if key is None or len(key.qpos) != len(joints):
-        return {}
-    return {joint.name: float(q) for joint, q in zip(joints, key.qpos, strict=True)}
 
 
 def _largest_torque(actuator: mujoco.MjsActuator) -> float | None:

@@ -3,7 +3,7 @@
 import inspect
 import types
 import typing
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cache
 from pathlib import Path
@@ -97,6 +97,8 @@ def _allowed(hint: Any) -> Any:
             result.append(str)
         elif origin in (list, tuple, Sequence) or (origin is not None and issubclass(origin, Sequence)):
             result.append(list[typing.get_args(member)[0]] if typing.get_args(member) else list)
+        elif origin in (dict, Mapping):
+            result.append(dict[typing.get_args(member)])
         elif member in (float, int, bool, str, type(None), Any):
             result.append(member)
     return Union[tuple(dict.fromkeys(result))] if result else Any  # noqa: UP007
