@@ -81,6 +81,80 @@ def test_misuse_is_refused():
         Controller(laws.TDC)  # type: ignore[arg-type]
 
 
+def drive(controller, n_periods=3000, speed=4.0, wrap=lambda position: position, glitch=0.0):
+    """Errors and torques of a joint of 0.1 kg m² that turns at a speed; one sample in the middle is off by a glitch."""
+    position = velocity = 0.0
+    controller.reset([wrap(position)])
+    errors, torques = [], []
+    for k in range(n_periods):
+        goal = speed * k * 1e-3
+        reading = wrap(position + (glitch if k == n_periods // 2 else 0.0))
+        torque = controller.step([reading], [wrap(goal)], [speed], [0.0])[0]
+        velocity += 1e-3 * torque / 0.1
+        position += 1e-3 * velocity
+        errors.append(position - goal)
+        torques.append(torque)
+    return np.array(errors), np.array(torques)
+
+
+def one_joint_law(**options):
+    return make_law(laws.TDC, 1, inertia=[0.005], torque_limit=[5.0], **options)
+
+
+@pytest.mark.parametrize("low", [0.0, -np.pi])
+@pytest.mark.parametrize("native", [False, True])
+def test_positions_and_references_that_wrap_are_unwrapped(low, native, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    plain = drive(Controller(one_joint_law()))
+    wrapping = Controller(one_joint_law(), native, span=2 * np.pi)
+    wrapped = drive(wrapping, wrap=lambda position: (position - low) % (2 * np.pi) + low)
+    for expected, found in zip(plain, wrapped, strict=True):
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)
+
+
+def test_turns_start_at_the_reset_and_go_on_after_missing_samples():
+    controller = Controller(make_law(laws.TDC), span=[1.0, np.inf])
+    plain = Controller(make_law(laws.TDC))
+    zero = np.zeros(2)
+    for face in (controller, plain):
+        face.reset([7.9, 0.0])
+    for reading, true in (([0.95, 0.0], 7.95), ([np.nan, np.nan], np.nan), ([0.05, 0.0], 8.05), ([0.15, 3.0], 8.15)):
+        torque = controller.step(reading, [0.9, 0.0], zero, zero)
+        expected = plain.step([true, reading[1]], [7.9, 0.0], zero, zero)
+        np.testing.assert_allclose(torque, expected, rtol=0, atol=1e-8)
+        assert controller.missing == plain.missing
+
+
+def test_a_sample_that_jumps_counts_as_missing():
+    _, torques = drive(Controller(one_joint_law()), glitch=0.5)
+    assert np.max(np.abs(torques[1000:])) == 5.0
+    errors, torques = drive(Controller(one_joint_law(), max_step=0.05), glitch=0.5)
+    assert np.max(np.abs(torques[1000:])) < 1e-3
+    assert np.ptp(errors[1000:]) < 1e-3
+
+
+def test_a_position_that_stays_away_is_a_fault(caplog):
+    controller = Controller(one_joint_law(max_missing=3), max_step=0.05)
+    controller.reset([0.0])
+    for k in range(1, 6):
+        controller.step([0.2], [0.0], [0.0], [0.0])
+        assert (controller.missing, controller.fault) == (k, k > 3)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"span": 0.0}, "span: got 0.0; needs one number above 0"),
+        ({"span": [1.0] * 3}, "Controller: span: got 3 numbers; needs one number or 2 of them"),
+        ({"max_step": [0.1] * 3}, "Controller: max_step: got 3 numbers; needs one number or 2 of them"),
+        ({"span": 1.0, "max_step": 0.6}, "max_step: got 0.6 with a span of 1.0; needs less than half the span"),
+    ],
+)
+def test_bad_spans_are_refused(options, message):
+    with pytest.raises(InvalidParameter, match=message):
+        Controller(make_law(laws.TDC), **options)
+
+
 @pytest.mark.parametrize("short", [0.1, [0.1], None, "1", np.zeros((2, 2))])
 def test_nothing_is_broadcast(controller, short):
     """A truncated packet does not move the robot."""

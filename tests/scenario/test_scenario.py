@@ -143,6 +143,19 @@ def test_bad_files(tmp_path, text, message):
         Scenario.load(tmp_path / "bad.yaml")
 
 
+def test_sensors_wrap_and_drop_jumps_from_yaml():
+    reference = {"kind": "Sinusoid", "amplitude": [8.0, 0.2], "frequency": 8.0, "phase": 1.5708}
+    torques = []
+    for sensor in ({}, {"span": [6.283185307179586, float("inf")], "max_step": 0.5}):
+        text = write_yaml(scenario_content(reference=reference, sensor=sensor))
+        torques.append(Scenario.parse(read_yaml(text, "a.yaml")).run()["TDC"].data["torque"])
+    np.testing.assert_array_equal(*torques)
+    with pytest.raises(InvalidParameter, match=r"sensor.span: got 3 numbers; needs one number or 2 of them"):
+        Scenario.parse(scenario_content(sensor={"span": [1.0, 1.0, 1.0]})).run()
+    with pytest.raises(InvalidParameter, match=r"sensor.max_step: got -1.0; needs one number above 0"):
+        Scenario.parse(scenario_content(sensor={"max_step": -1.0})).run()
+
+
 def test_missing_file_says_where_it_looked(tmp_path):
     with pytest.raises(TarcError, match=rf"not found; looked for {tmp_path}/none.yaml and among the shipped scenarios"):
         Scenario.load(tmp_path / "none.yaml")

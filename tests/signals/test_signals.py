@@ -30,6 +30,7 @@ from tarc.signals import (
     Sinusoid,
     StepDisturbance,
 )
+from tarc.signals.readings import ReadingCheck
 from tarc.signals.sensors import EncoderInput
 
 sampled = settings(deadline=None, max_examples=50)
@@ -246,7 +247,58 @@ def test_encoder_noise_has_its_standard_deviation_and_follows_the_seed() -> None
     assert not np.any(noise == encoder.sample_noise(2, 100_000, np.random.default_rng(8)))
 
 
-@pytest.mark.parametrize("encoder", [Encoder(), Encoder(bits=12), Encoder(resolution=0.02, delay=3)], ids=repr)
+@pytest.mark.parametrize("noise_share", [0.0, 0.4])
+@pytest.mark.parametrize("offset", [0.0, np.pi])
+def test_wrapped_readings_become_the_continuous_position(offset: float, noise_share: float) -> None:
+    """Whether the encoder reads 0 … 2π or −π … π, over several turns and lost samples."""
+    check = ReadingCheck(span=2 * np.pi)
+    rng = np.random.default_rng(2)
+    true = 9.0 + np.cumsum(rng.uniform(-0.3, 0.5, (2, 400)), axis=1)
+    readings = (true + offset) % (2 * np.pi) - offset
+    readings[rng.random(readings.shape) < noise_share] = np.nan
+    last = true[:, 0]
+    for reading, position in zip(readings.T, true.T, strict=True):
+        last, unwrapped = check.step(last, reading)
+        assert np.array_equal(np.isnan(unwrapped), np.isnan(reading))
+        assert np.allclose(unwrapped, np.where(np.isnan(reading), np.nan, position), rtol=0, atol=1e-12, equal_nan=True)
+    assert true[0, -1] > 6 * np.pi
+
+
+def test_encoder_that_wraps_gives_the_positions_of_one_that_does_not() -> None:
+    times = np.linspace(0, 3, 300)
+    positions = np.array([8 * np.sin(3 * times), 0.4 * np.sin(3 * times)])
+    plain = encoder_readings(Encoder(bits=12, delay=1), positions)
+    for span in (2 * np.pi, [2 * np.pi, np.inf]):
+        assert np.array_equal(encoder_readings(Encoder(bits=12, delay=1, span=span), positions), plain)
+
+
+def test_bits_cover_the_span_of_each_joint() -> None:
+    assert np.array_equal(Encoder(bits=10, span=[0.5, np.inf]).step_size, np.array([0.5, 2 * np.pi]) / 1024)
+
+
+def test_a_motion_of_more_than_half_a_span_between_samples_gets_the_nearest_turn() -> None:
+    readings = encoder_readings(Encoder(span=0.1), np.array([[0.0, 0.04, 0.12]]))
+    assert np.allclose(readings, [[0.0, 0.04, 0.02]])
+
+
+def test_a_sample_that_jumps_is_missing_and_the_next_good_one_is_not() -> None:
+    positions = np.array([[0.0, 0.01, 0.51, 0.02, 0.02], [0.0, 0.5, 1.0, 1.5, 2.0]])
+    readings = encoder_readings(Encoder(max_step=[0.1, np.inf]), positions)
+    assert np.array_equal(readings[0], [0.0, 0.01, np.nan, 0.02, 0.02], equal_nan=True)
+    assert np.array_equal(readings[1], positions[1])
+
+
+@pytest.mark.parametrize(
+    "encoder",
+    [
+        Encoder(),
+        Encoder(bits=12),
+        Encoder(resolution=0.02, delay=3),
+        Encoder(span=2.0),
+        Encoder(bits=8, span=[2.0, np.inf], max_step=[0.7, 2.0], delay=1),
+    ],
+    ids=repr,
+)
 def test_encoder_traced_step_is_the_numpy_step_lost_samples_included(encoder: Encoder) -> None:
     rng = np.random.default_rng(5)
     positions, noise = rng.uniform(-3, 3, (2, 12)), rng.normal(0, 0.1, (2, 12))
@@ -327,7 +379,7 @@ def test_resolution_may_differ_from_joint_to_joint() -> None:
 
 def test_what_is_under_way_at_the_start_is_quantised_too() -> None:
     encoder = Encoder(resolution=0.5, delay=2)
-    assert np.all(encoder.init(np.array([0.3])) == 0.5)
+    assert np.all(encoder.init(np.array([0.3])).delay_line == 0.5)
 
 
 @pytest.mark.parametrize(
@@ -421,6 +473,12 @@ def test_payload_is_a_schedule_of_the_payload() -> None:
         (lambda: Encoder(bits=0), "bits: got 0"),
         (lambda: Encoder(resolution=-1.0), "resolution: got -1.0; needs numbers above 0"),
         (lambda: Encoder(dropout=1.0), "dropout: got 1; .* at most 0.99"),
+        (lambda: Encoder(span=-1.0), "span: got -1.0; needs one number above 0"),
+        (lambda: Encoder(span="wide"), "span: got 'wide'; needs numbers"),  # pyright: ignore[reportArgumentType]
+        (lambda: Encoder(max_step=[0.1, 0.0]), r"max_step: got \[0.1, 0.0\]; needs one number above 0"),
+        (lambda: Encoder(max_step=np.nan), "max_step: got nan; needs one number above 0"),
+        (lambda: Encoder(span=1.0, max_step=0.5), "max_step: got 0.5 with a span of 1.0; needs less than half"),
+        (lambda: Encoder(span=[1.0, 1.0], max_step=[0.1] * 3), "span, max_step: got 2 and 3 numbers"),
         (lambda: Encoder(delay=-1), "delay: got -1; needs a whole number"),
         (lambda: Encoder(delay=1.5), "delay: got 1.5"),  # pyright: ignore[reportArgumentType]
         (lambda: StepDisturbance(amplitude=np.inf), "amplitude: .* not NaN or infinity"),

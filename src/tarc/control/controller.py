@@ -4,9 +4,11 @@ import logging
 from collections.abc import Sequence
 from dataclasses import fields
 from html import escape
+from typing import NamedTuple
 
 import numpy as np
 
+from tarc.core import array_ops as ops
 from tarc.core.codegen import compiled
 from tarc.core.errors import ControllerNotReset, InvalidParameter
 from tarc.core.tracing import CompiledStep, trace
@@ -14,12 +16,21 @@ from tarc.core.trees import pack
 from tarc.core.types import Vector
 from tarc.core.validation import Numbers
 from tarc.estimators.oracle import TrueDerivatives
-from tarc.laws.base import Law
+from tarc.laws.base import Law, LawInput, LawOutput, LawState
+from tarc.signals.readings import ReadingCheck
 
 log = logging.getLogger("tarc")
 
 Samples = Sequence[float] | np.ndarray
 """One number per joint."""
+
+
+class _CheckedState(NamedTuple):
+    """Last valid position and last reference, each (n,) and unwrapped, and the state of the law."""
+
+    position: Vector
+    reference: Vector
+    law: LawState
 
 
 class Controller:
@@ -34,6 +45,14 @@ class Controller:
         Any law of `tarc.laws`.
     native
         Compile the step to machine code, with the C compiler that is found.
+    span
+        Travel after which the position that you pass repeats [rad or m], one number or one per joint, such as 2π for
+        continuous joints with absolute encoders. None or infinity for positions that never repeat. Each position is
+        taken in the turn nearest to the last valid one, and each reference in the turn nearest to the last one. At
+        `reset` both start in the turn of the initial position. No step of the reference is then above half a span.
+    max_step
+        Largest distance of a position from the last valid one [rad or m], one number or one per joint; None for any. A
+        sample farther away counts as missing. After missing samples the joint must still be that close.
 
     Attributes
     ----------
@@ -46,7 +65,8 @@ class Controller:
     Raises
     ------
     InvalidParameter
-        For something else than a law, and for a law with the oracle as its estimator.
+        For something else than a law, and for a law with the oracle as its estimator. For a span or largest step that
+        is not positive, or has another size than 1 or n.
     MissingTool, CompilationError, UnsupportedLaw
         With ``native``: without a C compiler, where it fails, and for a law that has no C.
 
@@ -61,7 +81,7 @@ class Controller:
     array([0.1, 0.1])
     """
 
-    def __init__(self, law: Law, native: bool = False):
+    def __init__(self, law: Law, native: bool = False, *, span: Numbers | None = None, max_step: Numbers | None = None):
         if not isinstance(law, Law):
             raise InvalidParameter(f"law: got {law!r}; needs one of tarc.laws, constructed")
         if isinstance(law.estimator, TrueDerivatives):
@@ -70,8 +90,13 @@ class Controller:
                 "positions, such as tarc.estimators.Algebraic(window=0.010)"
             )
         self.law = law
+        self._check = ReadingCheck(span, max_step)
+        self._check.check_joints(law.n_joints, "Controller: ")
         state, value = law.example()
-        function, example = trace(law.step, state, value)
+        if self._check.is_needed:
+            function, example = trace(self._checked_step, self._checked_state(state), value)
+        else:
+            function, example = trace(law.step, state, value)
         self._call = CompiledStep(compiled(function) if native else function)
         n = law.n_joints
         self._sizes = n, n, n, n
@@ -86,6 +111,19 @@ class Controller:
         self.signals = {name: output[place] for name, place in places.items()}
         self._warned = False
         self._ready = False
+
+    @staticmethod
+    def _checked_state(law: LawState) -> "_CheckedState":
+        """Return the state at reset: position and reference start in the turn of the initial position."""
+        return _CheckedState(law.position, law.position, law)
+
+    def _checked_step(self, state: "_CheckedState", value: LawInput) -> tuple["_CheckedState", LawOutput]:
+        """Unwrap position and reference, drop a position that jumps, and step the law."""
+        last_position, position = self._check.step(state.position, value.position)
+        reference = self._check.unwrap(state.reference, value.reference)
+        last_reference = ops.where(ops.finite(reference), reference, state.reference)
+        law, output = self.law.step(state.law, value._replace(position=position, reference=reference))
+        return _CheckedState(last_position, last_reference, law), output
 
     @property
     def _status(self) -> str:
@@ -112,7 +150,8 @@ class Controller:
         InvalidParameter
             For a position that is not finite: wait for a valid sample first.
         """
-        self._call.reset(pack(self.law.init(initial_position, initial_torque)))
+        state = self.law.init(initial_position, initial_torque)
+        self._call.reset(pack(self._checked_state(state) if self._check.is_needed else state))
         self._call.output[:] = 0
         self._warned, self._ready = False, True
 

@@ -11,7 +11,7 @@ from tarc.core.types import Array, Vector
 from tarc.core.validation import Numbers
 from tarc.estimators.oracle import TrueDerivatives
 from tarc.laws.base import Law, LawInput, LawState
-from tarc.signals.sensors import Encoder, EncoderInput
+from tarc.signals.sensors import Encoder, EncoderInput, EncoderState
 
 
 class ControllerInput(NamedTuple):
@@ -27,7 +27,7 @@ class ControllerInput(NamedTuple):
 class ControllerState(NamedTuple):
     """States of sensor and law, and delayed torques, shape (n, delay + 1)."""
 
-    sensor: Vector
+    sensor: EncoderState
     law: LawState
     torque_delay_line: Vector
 
@@ -51,7 +51,7 @@ class DigitalController(System):
     def init(self, position: Array, torque: Numbers = 0.0, noise: Array | float = 0.0) -> ControllerState:
         """Return the state at rest at a position (n,), first read with this noise, with a torque (n,) applied."""
         sensor = self.sensor.init(position + noise)
-        law = self.law.init(sensor[:, 0], torque)
+        law = self.law.init(sensor.delay_line[:, 0], torque)
         return ControllerState(sensor, law, np.repeat(law.torque[:, :1], self.computation_delay + 1, axis=1))
 
     def step(self, state: ControllerState, value: ControllerInput) -> tuple[ControllerState, ControllerOutput]:

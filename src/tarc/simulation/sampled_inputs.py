@@ -78,10 +78,7 @@ def check_compatible(plant: Plant, law: Law, reference: Reference, sensor: Encod
         )
     if not isinstance(sensor, Encoder):
         raise InvalidParameter(f"sensor: got {sensor!r}; needs a tarc.signals.Encoder, constructed")
-    if sensor.step_size.size not in (1, plant.n_joints):
-        raise InvalidParameter(
-            f"sensor: its resolution has {sensor.step_size.size} numbers; the plant has {plant.n_joints} joints"
-        )
+    sensor.check_joints(plant.n_joints)
     if not plant.n_joints == law.n_joints == reference.n_joints:
         raise InvalidParameter(
             f"joints: the plant has {plant.n_joints}, the law {law.n_joints} (the size of its inertia), the reference "
