@@ -66,8 +66,9 @@ def load_robot(
     Raises
     ------
     RobotFileError
-        For a file that is missing or does not read, and free or ball joints that are not locked. For links with an
-        inertia that no body has, and for an inertia matrix that is singular. Also for a robot that only MuJoCo
+        For a file that is missing or does not read, and free or ball joints that are not locked. For closed loops, and
+        for tendons that act on the driven joints. For links with an inertia that no body has, and for an inertia
+        matrix that is singular. Also for a robot that only MuJoCo
         simulates where the backend is ``"symbolic"``.
     InvalidParameter
         For joints or a tool that the file does not have, negative parameters, and an unknown backend. Also for a home

@@ -17,6 +17,7 @@ from tarc.core import validation as check
 from tarc.core.errors import RobotFileError
 from tarc.core.validation import Numbers
 from tarc.plants.base import Plant
+from tarc.plants.constraints import refuse_constraints
 from tarc.plants.home_posture import Home, compile_kinematics, home_posture, lock_joints
 from tarc.plants.link_inertia import merge_rigid_links
 from tarc.plants.robot_file import (
@@ -126,8 +127,9 @@ class MujocoPlant(Plant):
         Raises
         ------
         RobotFileError
-            For a file that is missing or does not read, and free or ball joints that are not locked. For links with an
-            inertia that no body has, and for an inertia matrix that is singular.
+            For a file that is missing or does not read, and free or ball joints that are not locked. For closed
+            loops, and for tendons that act on the driven joints. For links with an inertia that no body has, and for
+            an inertia matrix that is singular.
         InvalidParameter
             For joints or a tool that the file does not have, and for negative parameters. Also for a home posture
             outside the ranges.
@@ -138,6 +140,7 @@ class MujocoPlant(Plant):
         names = [joints] if isinstance(joints, str) else joints
         check_links(spec, file.name)
         selected, locked = choose_joints(spec, names, file.name)
+        refuse_constraints(spec, selected, file.name)
         kinematics = compile_kinematics(spec, file.name)
         posture = home_posture(spec, kinematics, selected, home, file.name)
         reduce_to_joints(spec)

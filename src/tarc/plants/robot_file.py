@@ -222,7 +222,9 @@ def choose_joints(spec: mujoco.MjSpec, selected: Sequence[str] | None, label: st
     plain = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
     movable = [joint.name for joint in spec.joints if joint.type in plain]
     leaders = {
-        equality.name1: equality.name2 for equality in spec.equalities if equality.type == mujoco.mjtEq.mjEQ_JOINT
+        equality.name1: equality.name2
+        for equality in spec.equalities
+        if equality.type == mujoco.mjtEq.mjEQ_JOINT and equality.active
     }
     if selected is None:
         unsupported = [joint.name for joint in spec.joints if joint.type not in plain]

@@ -1,0 +1,105 @@
+"""What couples joints beyond the tree of bodies: refused by name, or without effect."""
+
+import numpy as np
+import pytest
+
+from tarc.core.errors import RobotFileError
+from tarc.plants import load_robot
+
+ROD = '<geom type="capsule" fromto="0 0 0 0 0 0.2" size="0.01" mass="0.2"/>'
+FIVE_BAR = f"""<mujoco><worldbody>
+  <body name="left" pos="-0.1 0 0"><joint name="motor_left" axis="0 1 0"/>{ROD}<site name="near" pos="0 0 0.1"/>
+    <body name="left_fore" pos="0 0 0.2"><joint name="elbow_left" axis="0 1 0"/>{ROD}<site name="tip" pos="0 0 0.2"/>
+      <body name="plate"/></body></body>
+  <body name="right" pos="0.1 0 0"><joint name="motor_right" axis="0 1 0"/>{ROD}
+    <body name="right_fore" pos="0 0 0.2"><joint name="elbow_right" axis="0 1 0"/>{ROD}<site name="top"/></body></body>
+  </worldbody>"""
+
+
+@pytest.fixture
+def read(tmp_path):
+    def load(more: str, **options):
+        file = tmp_path / "bars.xml"
+        file.write_text(f"{FIVE_BAR}{more}</mujoco>")
+        return load_robot(file, **options)
+
+    return load
+
+
+@pytest.mark.parametrize(
+    ("constraint", "message"),
+    [
+        (
+            '<connect name="hinge" body1="left_fore" body2="right_fore" anchor="0.1 0 0.2"/>',
+            "bars.xml: the connect constraint 'hinge' holds the bodies 'left_fore' and 'right_fore' together.*"
+            "Closed loops are not supported. List in joints",
+        ),
+        ('<connect site1="tip" site2="top"/>', "connect constraint holds the bodies 'left_fore' and 'right_fore'"),
+        ('<weld body1="left_fore"/>', "weld constraint holds the bodies 'left_fore' and 'world'"),
+        ('<weld body1="left" body2="plate"/>', "weld constraint holds the bodies 'left' and 'plate'"),
+    ],
+)
+def test_closed_loops_are_refused_by_name(constraint, message, read):
+    with pytest.raises(RobotFileError, match=message):
+        read(f"<equality>{constraint}</equality>")
+
+
+@pytest.mark.parametrize(
+    "constraint",
+    [
+        '<weld body1="left_fore" body2="plate"/>',
+        '<connect body1="left_fore" body2="right_fore" anchor="0.1 0 0.2" active="false"/>',
+    ],
+)
+def test_constraints_without_effect_go(constraint, read):
+    expected = read("")
+    robot = read(f"<equality>{constraint}</equality>")
+    q = np.array([0.1, 0.2, 0.3, 0.4])
+    np.testing.assert_array_equal(robot.inertia(q), expected.inertia(q))
+    assert not robot.mujoco.model.neq
+
+
+def test_a_loop_of_locked_joints_goes(read):
+    weld = '<equality><weld body1="left" body2="left_fore"/></equality>'
+    robot = read(weld, joints=["motor_left", "motor_right"])
+    assert robot.joint_names == ["motor_left", "motor_right"]
+    with pytest.raises(RobotFileError, match="'left' and 'left_fore'"):
+        read(weld, joints=["motor_left", "elbow_left"])
+
+
+def test_a_joint_that_mimics_another_is_locked_and_not_driven(read):
+    coupling = '<equality><joint joint1="elbow_right" joint2="elbow_left" polycoef="0 1 0 0 0"/></equality>'
+    robot = read(coupling)
+    assert robot.locked == {"elbow_right": "mimics elbow_left"}
+    with pytest.raises(RobotFileError, match="position of the driven joint 'elbow_right' from that of 'elbow_left'"):
+        read(coupling, joints=["elbow_right", "elbow_left"])
+    assert read(coupling.replace("joint1", 'active="false" joint1')).n_joints == 4
+
+
+TENDON = '<tendon><fixed name="belt" {}><joint joint="elbow_left" coef="1"/></fixed></tendon>'
+STRING = '<tendon><spatial name="string" {}><site site="{}"/><site site="top"/></spatial></tendon>'
+
+
+@pytest.mark.parametrize(
+    ("tendon", "message"),
+    [
+        (TENDON.format('stiffness="20"'), "tendon 'belt' has stiffness, and"),
+        (TENDON.format('range="0 1"'), "tendon 'belt' has limits"),
+        (TENDON.format('damping="1" frictionloss="2"'), "tendon 'belt' has damping and friction"),
+        (STRING.format('stiffness="20"', "tip"), "tendon 'string' has stiffness"),
+        (
+            f'{TENDON.format("")}<equality><tendon name="hold" tendon1="belt"/></equality>',
+            "tendon constraint 'hold' holds the tendon 'belt'",
+        ),
+    ],
+)
+def test_tendons_that_act_are_refused_by_name(tendon, message, read):
+    with pytest.raises(RobotFileError, match=message):
+        read(tendon)
+
+
+def test_tendons_without_effect_go(read):
+    for tendon in (TENDON.format(""), STRING.format("", "near")):
+        assert read(tendon).n_joints == 4
+    assert read(TENDON.format('stiffness="20"'), joints=["motor_left"]).n_joints == 1
+    assert read(STRING.format('stiffness="20"', "near"), joints=["elbow_left"]).n_joints == 1
