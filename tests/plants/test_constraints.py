@@ -103,3 +103,59 @@ def test_tendons_without_effect_go(read):
         assert read(tendon).n_joints == 4
     assert read(TENDON.format('stiffness="20"'), joints=["motor_left"]).n_joints == 1
     assert read(STRING.format('stiffness="20"', "near"), joints=["elbow_left"]).n_joints == 1
+
+
+CART = f"""<mujoco><worldbody><body name="cart"><joint name="rail" type="slide" axis="1 0 0" range="-2 2"/>{ROD}
+  <body name="pole"><joint name="pivot" axis="0 1 0"/>{ROD}</body></body></worldbody>{{}}</mujoco>"""
+MOTOR = '<actuator><motor joint="rail" ctrlrange="-20 20"/></actuator>'
+BELT = '<tendon><fixed name="belt"><joint joint="{}" coef="1"/></fixed></tendon>'
+
+
+@pytest.fixture
+def read_cart(tmp_path):
+    def load(more: str, **options):
+        file = tmp_path / "cart.xml"
+        file.write_text(CART.format(more))
+        return load_robot(file, **options)
+
+    return load
+
+
+def test_joints_without_an_actuator_are_not_driven_in_silence(read_cart):
+    with pytest.raises(
+        RobotFileError,
+        match=r"cart.xml: no actuator of the file drives joint pivot, .* List in joints .*locked in the home posture: "
+        r"joints=\['rail'\], on the command line --joints rail\. Or add actuators",
+    ):
+        read_cart(MOTOR)
+    robot = read_cart(MOTOR, joints=["rail"])
+    assert robot.torque_limits.tolist() == [20.0]
+    assert robot.locked == {"pivot": "not listed"}
+    assert read_cart(MOTOR, joints=["rail", "pivot"]).n_joints == 2
+
+
+def test_a_tendon_s_actuator_is_not_a_joint_s(read_cart):
+    more = f'{BELT.format("pivot")}<actuator><motor joint="rail"/><motor tendon="belt"/></actuator>'
+    with pytest.raises(RobotFileError, match="drives joint pivot"):
+        read_cart(more)
+    with pytest.raises(RobotFileError, match="drives the joints rail, pivot, .*home posture. Or add"):
+        read_cart(f'{BELT.format("pivot")}<actuator><motor tendon="belt"/></actuator>')
+
+
+def test_a_file_without_actuators_of_joints_drives_all(read_cart):
+    assert read_cart("").n_joints == 2
+    assert read_cart('<actuator><adhesion body="pole" ctrlrange="0 1"/></actuator>').n_joints == 2
+
+
+def test_a_joint_that_mimics_another_needs_no_actuator(read_cart):
+    coupling = '<equality><joint joint1="pivot" joint2="rail"/></equality>'
+    assert read_cart(MOTOR + coupling).joint_names == ["rail"]
+
+
+def test_joints_beside_a_free_body_that_are_proposed_have_actuators(tmp_path):
+    file = tmp_path / "cart.xml"
+    file.write_text(
+        CART.format(MOTOR).replace('<body name="cart">', f'<body><freejoint/>{ROD}</body><body name="cart">')
+    )
+    with pytest.raises(RobotFileError, match=r"free or a ball.*joints=\['rail'\]"):
+        load_robot(file)

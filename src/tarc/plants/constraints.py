@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from tarc.core.errors import RobotFileError
+from tarc.plants.robot_file import actuated_joints
 
 KINDS = {
     mujoco.mjtEq.mjEQ_CONNECT: "connect",
@@ -57,7 +58,10 @@ def refuse_constraints(spec: mujoco.MjSpec, selected: Collection[str], label: st
             first, second = (parts.get((tag, end)) for end in (equality.name1, equality.name2 or "world"))
             if first is None or second is None or first[0] == second[0]:
                 continue
-            what = f"holds the bodies {first[1]!r} and {second[1]!r} together, which the driven joints move apart"
+            what = (
+                f"holds the bodies {first[1]!r} and {second[1]!r} together, which the driven joints move relative to "
+                "each other"
+            )
         elif equality.type == mujoco.mjtEq.mjEQ_JOINT:
             if equality.name1 not in selected:
                 continue
@@ -77,16 +81,6 @@ def refuse_constraints(spec: mujoco.MjSpec, selected: Collection[str], label: st
                 f"{label}: the tendon {name!r} has {' and '.join(effects)}, and the driven joints change its length. "
                 f"Such tendons are not supported. {WAY_OUT}"
             )
-
-
-def actuated_joints(spec: mujoco.MjSpec) -> set[str] | None:
-    """Return the names of the joints with an actuator; None where the file has no actuators of joints or tendons."""
-    direct = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
-    indirect = (mujoco.mjtTrn.mjTRN_TENDON, mujoco.mjtTrn.mjTRN_SLIDERCRANK)
-    actuators = [actuator for actuator in spec.actuators if actuator.trntype in (*direct, *indirect)]
-    if not actuators:
-        return None
-    return {actuator.target for actuator in actuators if actuator.trntype in direct}
 
 
 def refuse_passive_joints(spec: mujoco.MjSpec, driven: Collection[str], label: str) -> None:

@@ -36,7 +36,8 @@ def load_robot(
     path
         The file.
     joints
-        Names of the joints to control; None for all hinges and slides. The plant's joints keep the order of the file.
+        Names of the joints to control; None for all hinges and slides. In a file with actuators each of these needs
+        one. The plant's joints keep the order of the file.
     home
         Home posture [rad or m]: one number per joint in the order of ``joints`` or of the file, or numbers by name.
         A name may also be that of a locked joint. None for the keyframe ``home``, else zero, or the middle of a range
@@ -66,10 +67,10 @@ def load_robot(
     Raises
     ------
     RobotFileError
-        For a file that is missing or does not read, and free or ball joints that are not locked. For closed loops, and
-        for tendons that act on the driven joints. For links with an inertia that no body has, and for an inertia
-        matrix that is singular. Also for a robot that only MuJoCo
-        simulates where the backend is ``"symbolic"``.
+        For a file that is missing or does not read, and free or ball joints that are not locked. For joints without
+        an actuator that are not listed, closed loops, and tendons that act on driven joints. For links with an inertia
+        that no body has, and for an inertia matrix that is singular. Also for a robot that only MuJoCo simulates where
+        the backend is ``"symbolic"``.
     InvalidParameter
         For joints or a tool that the file does not have, negative parameters, and an unknown backend. Also for a home
         posture outside the ranges.

@@ -17,7 +17,7 @@ from tarc.core import validation as check
 from tarc.core.errors import RobotFileError
 from tarc.core.validation import Numbers
 from tarc.plants.base import Plant
-from tarc.plants.constraints import refuse_constraints
+from tarc.plants.constraints import refuse_constraints, refuse_passive_joints
 from tarc.plants.home_posture import Home, compile_kinematics, home_posture, lock_joints
 from tarc.plants.link_inertia import merge_rigid_links
 from tarc.plants.robot_file import (
@@ -105,8 +105,8 @@ class MujocoPlant(Plant):
         path
             The file.
         joints
-            Names of the joints to control; None for all hinges and slides. The plant's joints keep the order of the
-            file.
+            Names of the joints to control; None for all hinges and slides. In a file with actuators each of these needs
+            one. The plant's joints keep the order of the file.
         home
             Home posture [rad or m]: one number per joint in the order of ``joints`` or of the file, or numbers by name.
             A name may also be that of a locked joint. None for the keyframe ``home``, else zero, or the middle of a
@@ -127,9 +127,9 @@ class MujocoPlant(Plant):
         Raises
         ------
         RobotFileError
-            For a file that is missing or does not read, and free or ball joints that are not locked. For closed
-            loops, and for tendons that act on the driven joints. For links with an inertia that no body has, and for
-            an inertia matrix that is singular.
+            For a file that is missing or does not read, and free or ball joints that are not locked. For joints
+            without an actuator that are not listed, closed loops, and tendons that act on driven joints. For links
+            with an inertia that no body has, and for an inertia matrix that is singular.
         InvalidParameter
             For joints or a tool that the file does not have, and for negative parameters. Also for a home posture
             outside the ranges.
@@ -141,6 +141,8 @@ class MujocoPlant(Plant):
         check_links(spec, file.name)
         selected, locked = choose_joints(spec, names, file.name)
         refuse_constraints(spec, selected, file.name)
+        if names is None:
+            refuse_passive_joints(spec, selected, file.name)
         kinematics = compile_kinematics(spec, file.name)
         posture = home_posture(spec, kinematics, selected, home, file.name)
         reduce_to_joints(spec)

@@ -230,6 +230,8 @@ def choose_joints(spec: mujoco.MjSpec, selected: Sequence[str] | None, label: st
         unsupported = [joint.name for joint in spec.joints if joint.type not in plain]
         drivable = [name for name in movable if name not in leaders]
         if unsupported and drivable:
+            actuated = actuated_joints(spec)
+            drivable = [name for name in drivable if actuated is None or name in actuated] or drivable
             raise RobotFileError(
                 f"{label}: joint {unsupported[0]!r} is free or a ball; a law drives hinges and slides. List the "
                 f"joints to control, the others are locked: joints={drivable}, on the command line --joints "
@@ -282,6 +284,16 @@ def _why_locked(joint: mujoco.MjsJoint, leaders: dict[str, str], plain: tuple[An
     if joint.name in leaders:
         return f"mimics {leaders[joint.name]}" if leaders[joint.name] else "held by the file"
     return "not listed"
+
+
+def actuated_joints(spec: mujoco.MjSpec) -> set[str] | None:
+    """Return the names of the joints with an actuator; None where the file has no actuators of joints or tendons."""
+    direct = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+    indirect = (mujoco.mjtTrn.mjTRN_TENDON, mujoco.mjtTrn.mjTRN_SLIDERCRANK)
+    actuators = [actuator for actuator in spec.actuators if actuator.trntype in (*direct, *indirect)]
+    if not actuators:
+        return None
+    return {actuator.target for actuator in actuators if actuator.trntype in direct}
 
 
 def _largest_torque(actuator: mujoco.MjsActuator) -> float | None:
