@@ -143,6 +143,25 @@ def test_bad_files(tmp_path, text, message):
         Scenario.load(tmp_path / "bad.yaml")
 
 
+def test_columns_of_a_record_are_matched_from_yaml(tmp_path):
+    t = np.arange(0, 1, 0.01)
+    table = np.column_stack([5.0 + t, 0.2 + 0 * t, 0.1 + 0 * t])
+    np.savetxt(tmp_path / "path.csv", table, delimiter=",", header="time,elbow,shoulder", comments="")
+
+    def scenario(**options):
+        reference = {"kind": "RecordedReference", "path": "path.csv", **options}
+        (tmp_path / "a.yaml").write_text(write_yaml(scenario_content(reference=reference)))
+        return Scenario.load(tmp_path / "a.yaml")
+
+    with pytest.raises(InvalidParameter, match="the robot's joints are joint1, joint2"):
+        scenario().run()
+    names = ["shoulder", "elbow"]
+    run = scenario(joint_names=names).run()["TDC"]
+    np.testing.assert_allclose(run.data["reference"].values[-1], [0.1, 0.2])
+    with pytest.raises(InvalidParameter, match="lasts from 5 s to 5.99 s, the run from 0 to 0.2 s"):
+        scenario(joint_names=names, starts_at_zero=False).run()
+
+
 def test_sensors_wrap_and_drop_jumps_from_yaml():
     reference = {"kind": "Sinusoid", "amplitude": [8.0, 0.2], "frequency": 8.0, "phase": 1.5708}
     torques = []

@@ -168,7 +168,8 @@ def test_recorded_reproduces_a_smooth_trajectory_from_any_file(
 ) -> None:
     t = np.linspace(0.5, 2.5, 201)
     table = np.vstack([t, SINUSOID.sample(t)[0]]).T
-    reference = RecordedReference(path=write_table(tmp_path / name, table, header, delimiter))
+    path = write_table(tmp_path / name, table, header, delimiter)
+    reference = RecordedReference(path=path, starts_at_zero=False)
     assert reference.n_joints == 2
     between = np.linspace(0.5, 2.5, 333)
     errors = [np.max(np.abs(a - b)) for a, b in zip(reference.sample(between), SINUSOID.sample(between), strict=True)]
@@ -188,6 +189,88 @@ def test_recorded_converges_and_holds_its_ends(tmp_path: Path) -> None:
     position, velocity, _ = RecordedReference(path=tmp_path / "81.npy").sample([-1.0, 3.0])
     assert np.allclose(position, SINUSOID.sample([0.0, 2.0])[0])
     assert not velocity.any()
+
+
+def record_file(tmp_path: Path, header: str | None, start: float = 0.0, joints: int = 2) -> Path:
+    """A record whose joint k stays at k + 1, for one second."""
+    times = start + np.linspace(0, 1, 11)
+    table = np.column_stack([times, *(np.full(11, k + 1.0) for k in range(joints))])
+    return write_table(tmp_path / "record.csv", table, header, ",")
+
+
+@pytest.mark.parametrize(
+    ("header", "expected"),
+    [
+        ("time,shoulder,elbow", [1.0, 2.0]),
+        ("time,elbow,shoulder", [2.0, 1.0]),
+        ('"time [s]", "elbow [rad]", "shoulder [m]"', [2.0, 1.0]),
+        ("# time, elbow, shoulder", [2.0, 1.0]),
+        ("\ufefftime,elbow,shoulder", [2.0, 1.0]),
+        ("# made by hand, on Monday\n# t,elbow,shoulder", [2.0, 1.0]),
+        ("# no header, a remark", [1.0, 2.0]),
+        ("time,q1,q2", [1.0, 2.0]),
+        ("t,q[0],q[1]", [1.0, 2.0]),
+        (None, [1.0, 2.0]),
+    ],
+)
+def test_columns_follow_the_names_of_the_joints(header: str | None, expected: list[float], tmp_path: Path) -> None:
+    reference = RecordedReference(path=record_file(tmp_path, header)).for_run(["shoulder", "elbow"], 1.0)
+    assert np.allclose(reference.sample([0.5])[0][:, 0], expected)
+    again = reference.for_run(["shoulder", "elbow"], 1.0)
+    assert np.allclose(again.sample([0.5])[0][:, 0], expected)
+
+
+def test_numbered_joints_of_the_robot_are_names_too(tmp_path: Path) -> None:
+    reference = RecordedReference(path=record_file(tmp_path, "time,joint2,joint1"))
+    assert np.allclose(reference.for_run(["joint1", "joint2"], 1.0).sample([0.5])[0][:, 0], [2.0, 1.0])
+
+
+def test_given_names_are_the_order_of_the_robot(tmp_path: Path) -> None:
+    reference = RecordedReference(path=record_file(tmp_path, "time,a,b"), joint_names=["b", "a"])
+    assert np.allclose(reference.for_run(["shoulder", "elbow"], 1.0).sample([0.5])[0][:, 0], [2.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("header", "message"),
+    [
+        ("time,elbow,sholder", r"columns elbow, sholder; .* joints are shoulder, elbow. Did you mean 'shoulder'\?"),
+        ("time,elbow,elbow", "columns elbow, elbow; the robot's joints are shoulder, elbow"),
+        ("time,q2,q1", "columns q2, q1; .* q1, q2, … for the robot's order"),
+        ("time,q1 [deg],q2 [deg]", r"columns q1 \[deg\], q2 \[deg\]; the robot's joints are"),
+    ],
+)
+def test_columns_of_other_joints_are_refused(header: str, message: str, tmp_path: Path) -> None:
+    reference = RecordedReference(path=record_file(tmp_path, header))
+    with pytest.raises(InvalidParameter, match=message):
+        reference.for_run(["shoulder", "elbow"], 1.0)
+
+
+@pytest.mark.parametrize(
+    ("header", "names", "message"),
+    [
+        ("time,a,b", ["a", "c"], "joint_names: got a, c; .*record.csv has the columns a, b; needs the name of every"),
+        (None, ["a", "b"], "joint_names: got a, b; .*record.csv has no header"),
+        ("time,a", None, r"header of .* has 2 names \(time, a\), its rows 3 numbers"),
+    ],
+)
+def test_names_at_fault_are_refused(header: str | None, names: Any, message: str, tmp_path: Path) -> None:
+    with pytest.raises(InvalidParameter, match=message):
+        RecordedReference(path=record_file(tmp_path, header), joint_names=names)
+
+
+def test_one_column_means_the_one_joint(tmp_path: Path) -> None:
+    reference = RecordedReference(path=record_file(tmp_path, "time,angle", joints=1))
+    assert reference.for_run(["joint1"], 1.0) is reference
+
+
+def test_times_count_from_the_first_stamp(tmp_path: Path) -> None:
+    t = np.linspace(0, 2, 201)
+    table = np.vstack([1.7e9 + t, SINUSOID.sample(t)[0]]).T
+    path = write_table(tmp_path / "stamps.npy", table, None, "")
+    sampled = RecordedReference(path=path).for_run(["a", "b"], 2.0).sample([0.3, 1.2])
+    assert np.allclose(sampled[0], SINUSOID.sample([0.3, 1.2])[0], rtol=0, atol=1e-5)  # stamps have steps of 0.24 µs
+    with pytest.raises(InvalidParameter, match="from 1.7e[+]09 s to .*, the run from 0 to 2 s; they do not overlap"):
+        RecordedReference(path=path, starts_at_zero=False).for_run(["a", "b"], 2.0)
 
 
 def encoder_readings(encoder: Encoder, positions: np.ndarray, noise: Any = None) -> np.ndarray:

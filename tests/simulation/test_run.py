@@ -369,3 +369,19 @@ class BarePlant(plants.Plant):
 def test_a_plant_that_cannot_be_integrated_is_refused():
     with pytest.raises(InvalidParameter, match="plant: got .*; only a robot from energies .* or from a file"):
         simulate(BarePlant(), pendulum_law(), REFERENCE, 0.1)
+
+
+def test_columns_of_a_record_drive_the_joints_of_their_names(tmp_path):
+    times = np.arange(0, 1, 0.02)
+    table = np.column_stack([1.7e9 + times, 0.9 + 0 * times, 0.1 + 0 * times])
+    np.savetxt(tmp_path / "a.csv", table, delimiter=",", header="stamp,joint2,joint1", comments="", fmt="%.6f")
+    law = laws.TDC(
+        inertia=[0.15, 0.05], natural_frequency=10.0, period=1e-3, estimator=estimators.Algebraic(window=0.01)
+    )
+    reference = signals.RecordedReference(path=tmp_path / "a.csv")
+    run = simulate(plants.TwoLinkArm(), law, reference, 0.2, initial_torque="rest")
+    np.testing.assert_allclose(run.data["position"].values[0], [0.1, 0.9])
+    np.testing.assert_allclose(run.data["reference"].values[-1], [0.1, 0.9])
+    stamps = signals.RecordedReference(path=tmp_path / "a.csv", starts_at_zero=False)
+    with pytest.raises(InvalidParameter, match="do not overlap"):
+        simulate(plants.TwoLinkArm(), law, stamps, 0.2)

@@ -199,7 +199,8 @@ class Scenario(BaseModel):
         RobotFileError
             For a robot file that cannot be read.
         """
-        plant, reference = self.build_plant(), self.build_reference()
+        plant = self.build_plant()
+        reference = self.build_reference().for_run(plant.joint_names, self.duration)
         events = [part.build() for part in self.sections.disturbances]
         laws = self.build_laws(plant, reference)
         return Setup(plant, reference, self.sections.sensor.build(), events, laws)

@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from tarc.core import validation as check
 from tarc.core.component import Component
 from tarc.core.errors import InvalidParameter
 from tarc.core.validation import Numbers, Table
+from tarc.signals.trajectory_file import Record, are_numbered, read_record
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -26,6 +27,16 @@ class Reference(Component):
     @abstractmethod
     def sample(self, times: Numbers) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return position, velocity and acceleration [rad or m, /s, /s²] at the times (k,), each of shape (n, k)."""
+
+    def for_run(self, joint_names: Sequence[str], duration: float) -> "Reference":
+        """Return the reference for a robot with these joints and a run of a duration [s]; by default itself.
+
+        Raises
+        ------
+        InvalidParameter
+            For a reference that does not fit the robot or the run.
+        """
+        return self
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -238,55 +249,91 @@ def _sample_spline(
 class RecordedReference(Reference):
     """Trajectory from a file: a quintic spline through its samples gives the derivatives.
 
+    `tarc.simulate` and scenarios match a header that names joints with the joints of the robot. Names such as ``q1``,
+    ``q2``, … and a file without a header mean the order of the robot's joints.
+
     Parameters
     ----------
     path
         CSV with a header or without, or a NumPy ``.npy`` array: the first column time [s], then one per joint
         [rad or m]. At least six rows.
+    starts_at_zero
+        Whether times count from the first stamp, which is then time 0 of the run. False takes the stamps as times of
+        the run.
+    joint_names
+        Names of the columns in the order of the robot's joints, where they differ from the robot's own names. None
+        takes the robot's.
     """
 
     path: str | Path
+    starts_at_zero: bool = True
+    joint_names: Sequence[str] | None = None
 
     def __post_init__(self) -> None:
         _ = self._curve
 
     @cached_property
-    def _table(self) -> np.ndarray:
-        path = Path(self.path)
-        if not path.is_file():
-            raise InvalidParameter(f"path: no trajectory file {str(self.path)!r}; looked in {path.resolve().parent}")
-        try:
-            if path.suffix == ".npy":
-                table = np.load(path)
-            else:
-                with path.open() as lines:
-                    head = lines.readline()
-                skip = 1 if any(c.isalpha() and c not in "eE" for c in head) else 0
-                table = np.loadtxt(path, delimiter="," if "," in head else None, skiprows=skip, ndmin=2)
-        except (ValueError, EOFError, OSError) as error:
-            raise InvalidParameter(
-                f"path: {path} does not read as numbers ({error}); needs columns time, q1, q2, …"
-            ) from None
-        table = check.array(f"path ({path})", table)
-        if table.ndim != 2 or table.shape[0] < 6 or table.shape[1] < 2:
-            raise InvalidParameter(
-                f"path: {path} has shape {table.shape}; needs six rows or more, columns time, q1, q2, …"
-            )
-        if np.any(np.diff(table[:, 0]) <= 0):
-            raise InvalidParameter(f"path: the times in {path} do not increase")
-        return table
+    def _record(self) -> Record:
+        return read_record(self.path)
+
+    @cached_property
+    def _times(self) -> np.ndarray:
+        times = self._record.table[:, 0]
+        return times - times[0] if self.starts_at_zero else times
 
     @cached_property
     def _curve(self) -> Callable[..., np.ndarray]:
         from scipy.interpolate import make_interp_spline
 
-        return make_interp_spline(self._table[:, 0], self._table[:, 1:], k=5)
+        positions = self._record.table[:, 1:]
+        columns = self._record.columns
+        if self.joint_names is not None:
+            names = list(self.joint_names)
+            if columns is None or sorted(names) != sorted(columns):
+                raise InvalidParameter(
+                    f"joint_names: got {', '.join(map(str, names))}; {self.path} has "
+                    f"{'no header' if columns is None else 'the columns ' + ', '.join(columns)}; "
+                    "needs the name of every column once",
+                    "joint_names",
+                )
+            positions = positions[:, [columns.index(name) for name in names]]
+        return make_interp_spline(self._times, positions, k=5)
 
     @property
     def n_joints(self) -> int:
         """Return the number of joints n."""
-        return self._table.shape[1] - 1
+        return self._record.table.shape[1] - 1
+
+    def for_run(self, joint_names: Sequence[str], duration: float) -> Reference:
+        """Return the reference with its columns in the order of the robot's joints.
+
+        Raises
+        ------
+        InvalidParameter
+            For a header that names other joints, and for a record that lies outside the run.
+        """
+        first, last = self._times[0], self._times[-1]
+        if last <= 0 or first >= duration:
+            raise InvalidParameter(
+                f"reference: the record {self.path} lasts from {first:g} s to {last:g} s, the run from 0 to "
+                f"{duration:g} s; they do not overlap. Use starts_at_zero: true, which counts from the first stamp",
+                "reference",
+            )
+        columns = self._record.columns
+        if columns is None or self.joint_names is not None or columns == list(joint_names):
+            return self
+        if sorted(columns) == sorted(joint_names):
+            return replace(self, joint_names=tuple(joint_names))
+        if len(columns) == 1 or are_numbered(columns):
+            return self
+        unknown = next((name for name in columns if name not in joint_names), columns[0])
+        raise InvalidParameter(
+            f"reference: {self.path} has the columns {', '.join(columns)}; the robot's joints are "
+            f"{', '.join(joint_names)}.{check.did_you_mean(unknown, joint_names)} Name each column as its joint, or "
+            "q1, q2, … for the robot's order. Or give joint_names: the columns' names in the robot's order",
+            "reference",
+        )
 
     def sample(self, times: Numbers) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return position, velocity and acceleration, each of shape (n, k); held before and after the record."""
-        return _sample_spline(self._curve, np.asarray(times, dtype=float), self._table[0, 0], self._table[-1, 0])
+        return _sample_spline(self._curve, np.asarray(times, dtype=float), self._times[0], self._times[-1])

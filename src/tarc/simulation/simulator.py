@@ -119,11 +119,8 @@ def simulate(
     events = list(disturbance) if isinstance(disturbance, Sequence) else [disturbance]
     check.integer("seed", seed, 0, 2**63 - 1)
     check_compatible(plant, law, reference, sensor)
-    if not isinstance(plant, SymbolicPlant | MujocoPlant):
-        raise InvalidParameter(
-            f"plant: got {plant!r}; only a robot from energies (tarc.plants.EulerLagrange) or from a file "
-            "(tarc.plants.load_robot) can be simulated"
-        )
+    plant = _simulable(plant)
+    reference = reference.for_run(plant.joint_names, check.number("duration", duration))
     controller = DigitalController(
         sensor, _with_limits(law, plant), check.integer("computation_delay", computation_delay, 0)
     )
@@ -174,6 +171,16 @@ def warn_if_unstable(
     worst = max(filter(None, witnesses), key=lambda witness: witness.growth_rate, default=None)
     if worst:
         warnings.warn(describe_instability(law, worst, computation_delay), DesignWarning, stacklevel=3)
+
+
+def _simulable(plant: Plant) -> SymbolicPlant | MujocoPlant:
+    """Return the plant itself, or refuse one that cannot be simulated."""
+    if not isinstance(plant, SymbolicPlant | MujocoPlant):
+        raise InvalidParameter(
+            f"plant: got {plant!r}; only a robot from energies (tarc.plants.EulerLagrange) or from a file "
+            "(tarc.plants.load_robot) can be simulated"
+        )
+    return plant
 
 
 def _with_limits(law: Law, plant: Plant) -> Law:
