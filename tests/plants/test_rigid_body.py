@@ -74,6 +74,7 @@ def test_shipped_robots(name):
     assert_equal_to_mujoco(robot, 0)
 
 
+@pytest.mark.filterwarnings("ignore::tarc.core.errors.RobotFileWarning")
 @pytest.mark.parametrize("name", PUBLIC, ids=lambda name: Path(name).stem)
 def test_public_robots(name):
     robot = symbolic(DATA / name, armature=0.01, payload=0.5)

@@ -110,4 +110,4 @@ class DesignWarning(UserWarning):
 
 
 class RobotFileWarning(UserWarning):
-    """A robot is not as its file has it: the message says what was replaced."""
+    """A robot is not as its file has it: the message says what was replaced, or taken as unknown."""

@@ -28,10 +28,10 @@ from tarc.plants.robot_file import (
     read_specification,
     reduce_to_joints,
     set_joint,
-    speed_limits,
     tool_body,
     without_log_file,
 )
+from tarc.plants.urdf_limits import velocity_limits
 
 PAYLOAD_RADIUS = 0.05
 """Radius [m] of the homogeneous ball that a payload is."""
@@ -170,8 +170,7 @@ class MujocoPlant(Plant):
             "balance_inertia": balance_inertia or None,
         }
         plant._locked = locked
-        speeds = speed_limits(file)
-        plant._velocity_limits = np.array([speeds.get(joint, np.inf) for joint in plant.joint_names])
+        plant._velocity_limits = velocity_limits(file, plant.joint_names, file.name)
         plant._file_options = {"file": str(path), **{key: value for key, value in options.items() if value is not None}}
         return plant
 

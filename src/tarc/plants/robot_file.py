@@ -94,7 +94,7 @@ def _line(error: Exception) -> str:
     return " ".join(str(error).split())
 
 
-def _parsed(file: Path) -> ET.Element:
+def parse_robot(file: Path) -> ET.Element:
     """Parse the file and return its root, MJCF or URDF."""
     needs = "needs MJCF or URDF"
     try:
@@ -151,7 +151,7 @@ def _check_tree(root: ET.Element, file: Path) -> None:
 
 def read_specification(file: Path) -> mujoco.MjSpec:
     """Read the file as a MuJoCo specification, without the meshes of a URDF."""
-    root = _parsed(file)
+    root = parse_robot(file)
     try:
         if root.tag == "mujoco":
             return _without_missing_meshes(mujoco.MjSpec.from_file(str(file)), file)
@@ -165,21 +165,6 @@ def read_specification(file: Path) -> mujoco.MjSpec:
         return mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
     except ValueError as error:
         raise RobotFileError(f"robot file: MuJoCo cannot read {file}: {_line(error)}") from None
-
-
-def speed_limits(file: Path) -> dict[str, float]:
-    """Return the velocity limits of a URDF's joints [rad/s or m/s], by name; MuJoCo drops them, MJCF has none."""
-    root = _parsed(file)
-    limits = {}
-    for joint in root.findall("joint") if root.tag == "robot" else ():
-        limit = joint.find("limit")
-        try:
-            value = float("0" if limit is None else limit.get("velocity", "0"))
-        except ValueError:
-            continue
-        if value > 0:
-            limits[joint.get("name", "")] = value
-    return limits
 
 
 def _without_missing_meshes(spec: mujoco.MjSpec, file: Path) -> mujoco.MjSpec:
