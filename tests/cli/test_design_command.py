@@ -104,6 +104,13 @@ def test_the_table_fits_a_terminal_and_tells_each_choice(designed_folder):
     assert "certified: TARC keeps the robot stable" in printed
     assert re.search(r"margin 0\.\d+, radius over the one needed", printed)
     assert re.search(r"predicted torque noise, .*: shoulder [\d.]+ N m \([\d.]+ %\), elbow", printed.replace("\n", " "))
+    assert re.search(r"step of the encoders: shoulder [\d.]+ mrad, elbow", printed)
+    tried = re.search(
+        r"tried in simulation: completed, RMS error [\d.e-]+ mrad, torque noise at most ([\d.]+) of",
+        " ".join(printed.split()),
+    )
+    assert tried
+    assert float(tried[1]) < 2
 
 
 def test_the_scenario_runs_from_anywhere(designed_folder, tmp_path, monkeypatch):
@@ -212,6 +219,8 @@ def test_json_and_a_part_of_the_workspace(designed_folder, tmp_path):
     assert found["law"]["kind"] == "TDC"
     assert found["choices"]["workspace"]["value"] == "a part of what the joints reach"
     assert set(found["torque_noise"]) == {"shoulder", "elbow"}
+    assert found["trial"]["status"] == "completed"
+    assert found["trial"]["saturation_share"] == 0
     assert found["files"] == ["design.yaml", "design-certificates.json"]
     content = read_yaml((tmp_path / "design.yaml").read_text(), "design.yaml")
     assert content["robot"]["file"] == str(folder / "arm.urdf")  # not in the folder of the scenario

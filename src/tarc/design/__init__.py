@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from tarc.design.result import Design
     from tarc.design.robot_identification import identify
     from tarc.design.robustness import RobustnessSpec
-    from tarc.design.stress import StressLimit, stress_test
+    from tarc.design.stress import StressLimit, stress_test, try_design
     from tarc.design.stress_case import StressRun
     from tarc.design.synthesis import design_controller
 
@@ -46,6 +46,7 @@ __all__ = [
     "inertia_from_file",
     "pareto_front",
     "stress_test",
+    "try_design",
 ]
 
 __getattr__, __dir__, _ = lazy_attributes(
@@ -73,5 +74,6 @@ __getattr__, __dir__, _ = lazy_attributes(
         "inertia_from_file": "tarc.design.identification",
         "pareto_front": "tarc.design.candidates",
         "stress_test": "tarc.design.stress",
+        "try_design": "tarc.design.stress",
     },
 )

@@ -13,6 +13,7 @@ from tarc.core.progress import Progress
 from tarc.design.noise import torque_noise
 from tarc.design.result import Design
 from tarc.design.stress_case import MAX_ERROR_RATIO, StressCase, StressRun
+from tarc.design.writer import DURATION
 from tarc.signals.sensors import Encoder
 
 QUESTIONS = {"payload": "kg", "bits": "bits", "rate": "Hz", "computation_delay": "periods", "speed": "rad/s"}
@@ -83,6 +84,24 @@ class StressLimit:
         )
         parts += [f"simulated at {run.value:.4g}: {run}" for run in self.beyond_runs]
         return "; ".join([*parts, self.note] if self.note else parts)
+
+
+def try_design(design: Design, duration: float = DURATION) -> StressRun:
+    """Simulate a design as it is, along the motion of its own scenario, with the torque limits lifted.
+
+    Parameters
+    ----------
+    design
+        The design.
+    duration
+        Of the simulation [s].
+
+    Returns
+    -------
+    StressRun
+        Error, torque noise, and the share of the torques beyond their limits, to compare with what was predicted.
+    """
+    return StressCase.from_design(design).simulate(np.nan, duration)
 
 
 def stress_test(
