@@ -89,10 +89,7 @@ def demo() -> None:
 
 def certified_demo() -> None:
     """Certify the demo's TARC."""
-    scenario = Scenario.load("ur5e")
-    plant, reference = scenario.build_plant(), scenario.build_reference()
-    law = scenario.build_laws(plant, reference)["TARC"]
-    draw(design_figure(law, scenario.certify()["TARC"]), "design.png")
+    draw(design_figure(Scenario.load("ur5e").certify()["TARC"]), "design.png")
 
 
 def first_robot() -> None:
