@@ -1,5 +1,9 @@
-"""Measure everything and print one table: ``python -m benchmarks``. It reports, so it always exits with 0."""
+"""Measure everything and print one table: ``python -m benchmarks [NAME …]``, all benchmarks without a name.
 
+It reports, so that it exits with 0 whatever the times are.
+"""
+
+import argparse
 import os
 import platform
 from importlib.metadata import version
@@ -13,16 +17,19 @@ from benchmarks.measure import Row
 from tarc.core.errors import TarcError
 
 CAPTION = "Times of calls: the least of many. Ratios, against / measured: the median over turns taken in this run."
-BENCHMARKS = (
-    simulation.period,
-    simulation.peer,
-    law.step,
-    robot.closed_loop,
-    robot.symbolic,
-    certificates.one_and_thirty,
-    certificates.command,
-    startup.startup,
-)
+BENCHMARKS = {
+    f"{benchmark.__module__.removeprefix('benchmarks.')}.{benchmark.__name__}": benchmark
+    for benchmark in (
+        simulation.period,
+        simulation.peer,
+        law.step,
+        robot.closed_loop,
+        robot.symbolic,
+        certificates.one_and_thirty,
+        certificates.command,
+        startup.startup,
+    )
+}
 
 
 def machine() -> str:
@@ -38,15 +45,20 @@ def machine() -> str:
 
 def main() -> None:
     """Run them in turn; a missing library or a refused input is reported in its row."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"some of {', '.join(BENCHMARKS)}")
+    names = parser.parse_args().names or list(BENCHMARKS)
+    if unknown := set(names) - set(BENCHMARKS):
+        parser.error(f"no benchmark {', '.join(sorted(unknown))}; there are {', '.join(BENCHMARKS)}")
     console = Console(width=None if Console().is_terminal else 160)
     console.print(machine(), highlight=False)
     rows: list[Row] = []
-    for benchmark in BENCHMARKS:
-        console.print(f"measuring {benchmark.__module__}.{benchmark.__name__} …", style="dim", highlight=False)
+    for name in names:
+        console.print(f"measuring {name} …", style="dim", highlight=False)
         try:
-            rows += benchmark()
+            rows += BENCHMARKS[name]()
         except (ImportError, TarcError) as error:
-            rows.append(Row(f"{benchmark.__module__}.{benchmark.__name__}", f"failed: {error}"))
+            rows.append(Row(name, f"failed: {error}"))
     table = Table("what", "measured", "against", "ratio", "target", "met", caption=CAPTION)
     for row in rows:
         met = {None: "", True: "[green]yes[/green]", False: "[red]no[/red]"}[row.met]

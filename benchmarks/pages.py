@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 from PIL import Image
@@ -197,14 +198,19 @@ def draw_plane(axes: Axes, result: Result, colours: dict[str, str], others: Iter
     corners = np.array([*shown, *near])
     low, high = corners.min(axis=0), corners.max(axis=0)
     axes.set(xscale="log", yscale="log", xlim=(low[0] / 1.2, high[0] * 1.2), ylim=(low[1] / 1.4, high[1] * 1.4))
-    for axis in (axes.xaxis, axes.yaxis):
-        decades = np.ptp(np.log10(axis.get_view_interval()))
-        axis.set_major_locator(LogLocator(subs=(1, 2, 3, 5) if decades < 1 else (1, 2, 5) if decades < 2.5 else (1,)))
-        axis.set_major_formatter("{x:g}")
-        axis.set_minor_formatter(NullFormatter())
+    round_ticks(axes.xaxis)
+    round_ticks(axes.yaxis)
     axes.set_xlabel(f"torque variation [{result.traces.attrs['torque_variation']}]", fontsize="small")
     axes.set_ylabel(f"RMS error [{result.traces.attrs['rms_error']}]", fontsize="small")
     finish(axes)
+
+
+def round_ticks(axis: Axis) -> None:
+    """Label round numbers alone on a logarithmic axis, more of them where it is short."""
+    decades = np.ptp(np.log10(axis.get_view_interval()))
+    axis.set_major_locator(LogLocator(subs=(1, 2, 3, 5) if decades < 1 else (1, 2, 5) if decades < 2.5 else (1,)))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(NullFormatter())
 
 
 def draw_time(panels: Any, result: Result, colours: dict[str, str], span: tuple[float, float]) -> None:
@@ -227,7 +233,7 @@ def draw_time(panels: Any, result: Result, colours: dict[str, str], span: tuple[
     measured = measured[np.isfinite(measured)]
     if measured.size:
         errors.set_ylim(measured.min() / 1.5, measured.max() * 1.5)
-    errors.yaxis.set_major_formatter("{x:g}")
+    round_ticks(errors.yaxis)
     errors.set_ylabel(f"error ‖e‖ [m{traces['error'].attrs['units']}]", fontsize="small")
     torques.set_ylabel(f"torque [{traces['torque'].attrs['units']}]", fontsize="small")
     torques.set_title(f"{traces['torque'].attrs['joint']}", fontsize="small", loc="left", pad=3)

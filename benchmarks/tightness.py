@@ -203,8 +203,8 @@ def figure(found: Measured, path: Path) -> None:
     left.set_xticks(WINDOWS, [f"{window}" for window in WINDOWS])
     left.minorticks_off()
     left.set_xlabel("window [periods of 1 ms]")
-    left.set_ylabel("share that is certified")
-    left.set_title("varying ratios, of constant ones (log)", fontsize="medium")
+    left.set_ylabel("certified share")
+    left.set_title("certified for a varying ratio / stable for a constant one (log)", fontsize="medium")
     for colour, degree in zip(COLOURS, DEGREES, strict=False):
         shares = [found.windows[degree, delay].share for delay in DELAYS]
         right.semilogx(
@@ -216,7 +216,7 @@ def figure(found: Measured, path: Path) -> None:
     right.set_xticks(DELAYS, [f"{delay:g}" for delay in DELAYS])
     right.minorticks_off()
     right.set_xlabel("delay $\\omega_n h$")
-    right.set_title("nominal loop: certified, of what its roots allow", fontsize="medium")
+    right.set_title("nominal loop: certified / largest stable", fontsize="medium")
     for axes in (left, right):
         axes.set_ylim(0, 1)
         axes.yaxis.set_major_formatter("{x:.0%}")

@@ -107,6 +107,16 @@ def first_robot() -> None:
     draw(run_figure(made.scenario().run()), "z1-tracking.png")
 
 
+def tightness() -> None:
+    """Measure how much of the stable ranges the certificates cover."""
+    module = "benchmarks.tightness"
+    with tempfile.TemporaryDirectory() as folder:
+        picture = Path(folder) / "tightness.png"
+        program = [sys.executable, "-m", module, "--figure", str(picture)]
+        subprocess.run(program, cwd=ROOT, check=True)
+        shrink(picture, IMAGES / picture.name)
+
+
 def law_pages() -> None:
     """Compare all laws; write figures and numbers into the laws' pages."""
     for module in ("benchmarks.comparison", "benchmarks.pages"):
@@ -124,6 +134,7 @@ FIGURES: dict[str, Callable[[], None]] = {
     ),
     "first-run": lambda: run_page("start/first-run.md", "tracking.png"),
     "claims": lambda: run_page("explanation/claims.md", "gain_moves.png"),
+    "tightness": tightness,
     "laws": law_pages,
 }
 LONG = {"laws"}

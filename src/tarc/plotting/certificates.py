@@ -57,7 +57,9 @@ def _eigenvalues(axes: Axes, loops: dict[str, np.ndarray]) -> None:
         axes.plot(np.real(values), np.imag(values), marker, color=colour, label=label)
     axes.set_aspect("equal")
     axes.set_title("eigenvalues", fontsize="medium")
-    axes.legend(fontsize="small", loc="upper left")
+    axes.set_xlabel("real part")
+    axes.set_ylabel("imaginary part")
+    axes.legend(fontsize="small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
     axes.grid(alpha=0.3)
 
 

@@ -33,7 +33,7 @@ def plane(comparison: "Comparison") -> Figure:
         corners = [(front[0][0], front[0][1])]
         for point, following in pairwise(front):
             corners += [(following[0], point[1]), following]
-        axes.plot(*np.array(corners).T, color="0.6", lw=1, zorder=0, label="not beaten in both")
+        axes.plot(*np.array(corners).T, color="0.6", lw=1, zorder=0, label="Pareto front")
     axes.set_xscale("log")
     axes.set_yscale("log")
     for axis in (axes.xaxis, axes.yaxis):

@@ -44,7 +44,7 @@ def plot_front(design: Design) -> Figure:
     ):
         if members:
             axes.plot(*points(members), marker, ms=3.5, alpha=0.45, color=colour, ls="", label=label)
-    axes.plot(*points(design.front), color="0.4", lw=1, drawstyle="steps-post", label="not beaten in both")
+    axes.plot(*points(design.front), color="0.4", lw=1, drawstyle="steps-post", label="Pareto front")
     axes.plot(*points([design.candidate]), label="chosen", **STAR)
     if design.noise_budget is not None and has_limit:
         allowed = 100 * design.noise_budget

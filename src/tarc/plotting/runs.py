@@ -152,7 +152,7 @@ def _gain(axes: Axes, runs: dict[str, "Run"], line: float) -> None:
     time, gain = run.data["time"].values, run.data["gain"].values
     change = np.diff(gain, append=gain[-1])
     high = float(gain.max()) or 1.0
-    for sign, colour, label in ((1, COLOURS[1], "rises"), (-1, COLOURS[0], "falls")):
+    for sign, colour, label in ((1, COLOURS[1], "ĉ rises"), (-1, COLOURS[0], "ĉ falls")):
         axes.fill_between(time, -0.16 * high, -0.06 * high, where=sign * change > 0, color=colour, lw=0, label=label)
     axes.set_ylim(-0.2 * high, 1.05 * high)
     axes.set_ylabel("gain ĉ [" + str(run.data["gain"].attrs["units"]) + "]")
