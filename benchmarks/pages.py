@@ -82,7 +82,7 @@ def equation(kind: type) -> str:
     text = inspect.cleandoc(kind.__doc__ or "").split("\n\n", 1)[1]
     text = re.split(r"\n(?:Parameters|Notes|References|Raises)\n---", text)[0].strip("\n")
     text = re.sub(r"[ \n]?Takes the\s+parameters of\s[^.:]*(?:, and:|\.)[ ]?", "", text)
-    blocks = re.sub(r"((?:^    .+\n?)+)", lambda block: f"{to_latex(block[1])}\n", text, flags=re.M)
+    blocks = re.sub(r"((?:^    .+\n?)+)", lambda block: f"{to_latex(block[1])}\n\n", text, flags=re.M)
     return re.sub(r"\n{3,}", "\n\n", blocks).strip()
 
 

@@ -133,7 +133,5 @@ def test_bad_parameters(options, message):
 
 def test_a_model_from_a_file_has_no_machine_code():
     law = make_law(laws.ComputedTorque, joints=6, model=plants.MujocoPlant.from_file("ur5e"))
-    with pytest.raises(
-        UnsupportedLaw, match="native: the law calls rigid_body, .* or give the law a model from energies"
-    ):
+    with pytest.raises(UnsupportedLaw, match="native: the law calls rigid_body, .* or give the law a model in symbols"):
         Controller(law, native=True)

@@ -73,14 +73,14 @@ def emit(function: ca.Function, name: str) -> str:
     InvalidParameter
         For an instruction that has no counterpart in C.
     UnsupportedLaw
-        For a call of a library, such as that of MuJoCo by a law with the model of a robot from a file.
+        For a call of a library, such as that of MuJoCo by a law with a `MujocoPlant` as its model.
     """
     parts = ["#include <math.h>", "#include <stdbool.h>", "#include <string.h>", ""]
     for callee in _callees(function):
         if not callee.is_a("SXFunction") and not callee.is_a("MXFunction"):
             raise UnsupportedLaw(
                 f"native: the law calls {callee.name()}, which a library evaluates and which has no C; leave native "
-                "out, or give the law a model from energies"
+                "out, or give the law a model in symbols"
             )
         body = _scalar_body(callee) if callee.is_a("SXFunction") else _product_body(callee)
         parts += [f"static void {_signature(callee.name())}", *body, ""]

@@ -16,7 +16,7 @@ from tarc.estimators.base import WindowedEstimator
 class Algebraic(WindowedEstimator):
     """Derivatives at the newest sample of the polynomial that fits the window best.
 
-    In continuous time q̂^(j)(t) = ∫_{−ς}^0 Ω_j(ψ) q(t+ψ) dψ with the kernel of `kernel`. In discrete time it has the
+    In continuous time q̂^(j)(t) = ∫_{−ς}^0 Ω_j(ψ) q(t+ψ) dψ with the kernel Ω_j of `kernel`. In discrete time it has the
     exact least-squares weights over the N + 1 newest samples, ς = N T. They tend to the kernel as N grows. Both are
     exact on polynomials up to the degree Λ. The window is itself a low-pass filter.
 

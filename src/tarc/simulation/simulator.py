@@ -59,8 +59,8 @@ def simulate(
     """Run a law on a robot along a reference.
 
     The law is called once per period with the measured position and the reference. Its torque is held until the next
-    call while the plant is integrated in substeps. Plants from energies run with the law in one CasADi function,
-    robots from files step by step in MuJoCo. The equations are the same.
+    call while the plant is integrated in substeps. A plant in symbols, also a robot from a file as `RigidBody`, runs
+    with the law in one CasADi function. A `MujocoPlant` runs step by step in MuJoCo.
 
     Parameters
     ----------

@@ -2,8 +2,12 @@
 
 import inspect
 import json
+import re
+import textwrap
+from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -24,7 +28,47 @@ def _entries() -> dict[str, dict[str, Any]]:
 
 
 def _first_line(kind: object) -> str:
-    return (inspect.getdoc(kind) or "").split("\n\n")[0].replace("\n", " ")
+    return _plain(inspect.getdoc(kind) or "").split("\n\n")[0].replace("\n", " ")
+
+
+def _plain(text: str) -> str:
+    """Return a docstring without the backticks of its markup."""
+    return text.replace("`", "")
+
+
+def _paragraphs(text: str) -> Iterator[tuple[str, bool]]:
+    """Yield the paragraphs of a docstring, and whether each may be wrapped; equations and examples may not."""
+    joined = ""
+    section = ""
+    for line in text.splitlines():
+        if re.fullmatch("-+", line):
+            section = joined
+        is_fixed = section == "Examples" or (not section and line.startswith("    "))
+        starts_anew = is_fixed or not line.strip() or re.match(r"-|\s*- ", line) is not None
+        if joined and not starts_anew and _indent(line) == _indent(joined):
+            joined += f" {line.strip()}"
+            continue
+        if joined:
+            yield joined, True
+        joined = "" if starts_anew else line
+        if starts_anew:
+            yield line, not is_fixed
+    if joined:
+        yield joined, True
+
+
+def _indent(line: str) -> str:
+    return line[: len(line) - len(line.lstrip())]
+
+
+def _wrap(text: str, width: int) -> str:
+    """Wrap a docstring to a width, each paragraph at its own indent."""
+    lines: list[str] = []
+    for paragraph, may_wrap in _paragraphs(text):
+        indent = _indent(paragraph)
+        wrapped = textwrap.wrap(paragraph.strip(), width, initial_indent=indent, subsequent_indent=indent)
+        lines += wrapped if may_wrap and wrapped else [paragraph]
+    return "\n".join(lines)
 
 
 def print_catalogue(as_json: bool) -> None:
@@ -44,7 +88,7 @@ def print_catalogue(as_json: bool) -> None:
         table.add_column("kind", no_wrap=True, style="cyan")
         table.add_column("what")
         for name, kind in kinds.items():
-            text = "parameters: " + ", ".join(parameters(kind)) if parameters(kind) else ""
+            text = "parameters: " + (", ".join(parameters(kind)) or "none")
             table.add_row(name, f"{escape(_first_line(kind))}\n[dim]{escape(text)}[/dim]")
         console.print(table)
     robots = ", ".join(name.removesuffix(".xml") for name in shipped_robots())
@@ -85,8 +129,8 @@ def print_kind(name: str, as_json: bool) -> None:
         return
     console = Console()
     console.print(f"[bold]{name}[/bold]\n")
-    console.print(escape(inspect.getdoc(kind) or ""), highlight=False)
-    table = Table(title="parameters in a scenario", title_justify="left")
+    console.print(escape(_wrap(_plain(inspect.getdoc(kind) or ""), console.width)), highlight=False)
+    table = Table(title="\nparameters in a scenario", title_justify="left")
     for column in ("name", "default", "allowed"):
         table.add_column(column)
     for parameter in parameters(kind).values():
@@ -110,7 +154,8 @@ def print_robot(name: str, as_json: bool) -> None:
     for column in ("joint", "unit", "torque limit [N m or N]", "velocity limit [1/s]"):
         table.add_column(column)
     for row in rows:
-        table.add_row(row["joint"], row["unit"], f"{row['torque_limit']:g}", f"{row['velocity_limit']:g}")
+        limits = [row[key] for key in ("torque_limit", "velocity_limit")]
+        table.add_row(row["joint"], row["unit"], *("none" if np.isinf(limit) else f"{limit:g}" for limit in limits))
     console = Console()
     console.print(table)
     console.print(f"In a scenario: robot: {{file: {name}}}; tarc show file lists its options", highlight=False)
