@@ -1,4 +1,4 @@
-"""The errors that the package raises, and the one warning."""
+"""The errors that the package raises, and its warnings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -107,6 +107,10 @@ class ControllerNotReset(TarcError, RuntimeError):
 
 class DesignWarning(UserWarning):
     """A run begins with a design that is shown to be unstable: the message says where, how fast, and what to do."""
+
+
+class JointRangeWarning(UserWarning):
+    """A run leaves the range of a joint by its reference or its start: the message has joint, range, value and time."""
 
 
 class RobotFileWarning(UserWarning):

@@ -22,6 +22,7 @@ from tarc.simulation.casadi_backend import run_casadi
 from tarc.simulation.closed_loop import ClosedLoop
 from tarc.simulation.dataset import dataset
 from tarc.simulation.integration import Integration, choose_integration, integration_error, max_error
+from tarc.simulation.joint_range import warn_if_beyond_range
 from tarc.simulation.monitor import DivergenceMonitor
 from tarc.simulation.mujoco_backend import run_mujoco
 from tarc.simulation.run import Run
@@ -114,6 +115,9 @@ def simulate(
     -----
     DesignWarning
         When the loop is unstable at rest in a posture of the reference; the run goes on all the same.
+    JointRangeWarning
+        When the reference or the initial position leaves the range of a joint; the run goes on all the same. Robots in
+        symbols do not simulate the stops at the ends of the ranges.
     """
     sensor = Encoder() if sensor is None else sensor
     events = list(disturbance) if isinstance(disturbance, Sequence) else [disturbance]
@@ -132,6 +136,7 @@ def simulate(
 
     inputs = sample(substeps or 1, duration)
     initial = initial_conditions(plant, inputs, initial_position, initial_velocity, initial_torque)
+    warn_if_beyond_range(plant, inputs, initial, has_stops=isinstance(plant, MujocoPlant))
     warn_if_unstable(plant, controller.law, inputs, computation_delay)
     if isinstance(plant, MujocoPlant):
         monitor = DivergenceMonitor(inputs, divergence_threshold, progress)
