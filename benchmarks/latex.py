@@ -77,7 +77,7 @@ SIGNS = {
 }
 FUNCTIONS = {"sin", "cos", "tan", "arctan", "exp", "log", "max", "min", "det", "sup", "inf"}
 OPERATORS = {"sgn", "sig", "diag", "cov", "tanh", "trace", "blockdiag"}
-WORDS = r"if|otherwise|for|from|to|over|with|on|the|all|and|or|where|at|of|projected|every|which"
+WORDS = r"if|otherwise|for|from|to|over|with|on|the|all|and|or|where|at|of|projected|every|which|unknown"
 PHRASE = rf"(?:(?:{WORDS})|(?<=  )[a-z]{{3,}})\b(?: (?!{'|'.join(sorted(FUNCTIONS | OPERATORS))})[a-z]{{2,}}\b)*"
 """Plain words within an equation; other runs of letters are parameters or products of symbols."""
 MAX_WIDTH = 100

@@ -97,7 +97,7 @@ def spelling(parameter: Any, command: Any) -> str:
         f"`{name}`" for name in [*parameter.opts, *parameter.secondary_opts]
     )
     kind = parameter.metavar or value_kind(parameter, command)
-    return f"{words} `{kind}`".replace("|", "\\|") if kind else words
+    return f"{words} `{kind}`" if kind else words
 
 
 def value_kind(option: Any, command: Any) -> str:

@@ -22,6 +22,7 @@ def test_page_has_the_values_that_were_computed(page):
     assert fill(text, load()) == text, "run python -m benchmarks.numbers --write-only"
     for kind in ("number", "block"):
         assert text.count(f"<!-- {kind}: ") == text.count(f"<!-- /{kind} -->")
+    assert "\n<!-- number: " not in text, "a marker at the start of a line ends the paragraph on the site"
 
 
 def test_every_kept_value_has_a_source():
