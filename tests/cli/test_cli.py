@@ -83,6 +83,8 @@ def test_show(tmp_path):
         assert word.strip(", ") in everything
     one = run_tarc("show", "TARC", cwd=tmp_path).stdout
     assert "rise_rate" in one
+    assert "neither a bound on the uncertainty" in " ".join(one.split())
+    assert "`" not in one
     assert "required" in one
     assert run_tarc("show", "tarc", cwd=tmp_path).stdout == one
     assert "shoulder_pan_joint" in run_tarc("show", "UR5e", cwd=tmp_path).stdout

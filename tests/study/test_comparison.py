@@ -132,6 +132,7 @@ def test_command(tmp_path):
     call = [TARC, "compare", *arguments, "--out", "here", "--jobs", "1"]
     done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True, check=True)
     assert "tarc *" in done.stdout or "tdc *" in done.stdout
+    assert "[mrad]" in done.stdout
     assert (tmp_path / "here" / "comparison.tex").is_file()
     plain = subprocess.run([*call, "--json", "--no-figures"], cwd=tmp_path, capture_output=True, text=True, check=True)
     content = json.loads(plain.stdout)

@@ -45,7 +45,7 @@ def print_comparison(comparison: Comparison, files: list[Path]) -> None:
         key: column for key, column in comparison.columns.items() if console.width >= WIDE or key in NARROW_COLUMNS
     }
     for label, _, unit in shown.values():
-        table.add_column(f"{label} [{unit}]", justify="right")
+        table.add_column(escape(f"{label} [{unit}]"), justify="right")
     table.add_column("status")
     front = comparison.front
     measures = comparison.measures

@@ -77,11 +77,10 @@ def print_design(design: Design, trial: StressRun, files: list[Path]) -> None:
     console.print(f"margin {verdict.margin:.3g}, {escape(verdict.margin_meaning)}", highlight=False)
     plant = design.plants[0]
     steps = np.broadcast_to(design.sensor.step_size, (plant.n_joints,))
-    steps_by_joint = [
-        f"{escape(name)} {1e3 * step:.3g} m{unit}"
-        for name, step, unit in zip(plant.joint_names, steps, plant.units, strict=True)
-    ]
-    console.print(f"step of the encoders: {', '.join(steps_by_joint)}", highlight=False)
+    texts = [f"{1e3 * step:.3g} m{unit}" for step, unit in zip(steps, plant.units, strict=True)]
+    by_joint = ", ".join(f"{escape(name)} {text}" for name, text in zip(plant.joint_names, texts, strict=True))
+    text = f"{texts[0]} on every joint" if len(set(texts)) == 1 else by_joint
+    console.print(f"step of the encoders: {text}", highlight=False)
     noise = [
         f"{escape(name)} {rms:.3g} {unit}" + ("" if share is None else f" ({100 * share:.2g} %)")
         for (name, rms, share), unit in zip(_noise(design), design.plants[0].torque_units, strict=True)
