@@ -144,6 +144,7 @@ def test_a_reach_stands_in_for_a_range_that_is_missing(folder):
     assert box.low.tolist() == [-0.3, -0.3]
 
 
+@pytest.mark.filterwarnings("ignore::tarc.core.errors.RobotFileWarning")
 @pytest.mark.parametrize("limit", [EFFORTLESS, '<limit lower="-2" upper="2" velocity="3" effort="0"/>'])
 def test_torque_limits_missing(limit):
     text = arm(elbow=joint("elbow", "upper", "fore", inside=limit))

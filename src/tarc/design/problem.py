@@ -58,6 +58,11 @@ class DesignProblem:
         """Standard deviation of the measured position [rad or m], shape (n,)."""
         return measurement_deviation(self.requirements.sensor, self.plants[0].n_joints)
 
+    @property
+    def has_own_speed(self) -> bool:
+        """Whether the speed is that of the robot's file, or unknown: nobody requires it."""
+        return self.requirements.speed is None and self.requirements.workspace is None
+
     def noise_ratio(self, candidate: Candidate, shape: np.ndarray) -> float:
         """Return the largest torque noise over the torque limit, of all joints, for M̂ of a shape X [kg m² or kg]."""
         return float(np.max(torque_noise(candidate.noise, shape, self.requirements.sensor) / self.torque_limits))

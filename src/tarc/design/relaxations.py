@@ -5,10 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tarc.analysis.inertia_ratio import inertia_spread
+from tarc.analysis.inertia_ratio import InertiaSpread, inertia_spread
 from tarc.analysis.inertia_shape import best_inertia_shape
 from tarc.analysis.workspace import Workspace
 from tarc.core.errors import NotConverged, Relaxation
+from tarc.core.formatting import format_per_joint
+from tarc.core.units import unit_for_joints
 from tarc.design.assessment import assess_candidates
 from tarc.design.candidates import Candidate, enumerate_candidates
 from tarc.design.problem import DesignProblem
@@ -21,6 +23,12 @@ FREQUENCY_RATIO = 1.5
 """Ratio of consecutive natural frequencies that are tried."""
 MAX_CANDIDATES = 50
 """Most loops assessed again per relaxed requirement."""
+MAX_SPEED = 100.0
+"""Speed [rad/s or m/s] below which one is sought where none is given."""
+MIN_SPEED_EXPONENT = -6
+"""Power of ten of the lowest share of the speed that is tried."""
+SPEED_REDUCTIONS = (1.0, 0.9, 0.75, 0.5, 0.25, 0.1)
+"""Factors on the speed found on samples, of which the first that is confirmed is taken."""
 SAMPLES = 200
 """Postures sampled per relaxed requirement."""
 
@@ -34,6 +42,8 @@ def suggest_changes(
 ) -> list[Relaxation]:
     """Return the single requirements of which one relaxed admits a certified loop, each with its value.
 
+    A speed that the robot's file states, or that nobody states, comes first.
+
     Parameters
     ----------
     problem, shape, spec, candidates
@@ -42,12 +52,14 @@ def suggest_changes(
         Least margin of the tolerated spread over the robot's.
     """
     robots = RelaxedRobots(problem, shape, candidates, min_margin)
-    relaxations: list[Relaxation | None] = []
+    speed = robots.speed()
+    relaxations: list[Relaxation | None] = [speed] if problem.has_own_speed else []
     frequency = problem.requirements.natural_frequency
     if frequency is not None and candidates:
         loops = RelaxedLoops(candidates[0], spec, frequency, min_margin)
         relaxations += [loops.natural_frequency(), loops.period()]
-    relaxations += [robots.speed(), robots.payload(), robots.armature(), robots.workspace()]
+    relaxations += [] if problem.has_own_speed else [speed]
+    relaxations += [robots.payload(), robots.armature(), robots.workspace()]
     return [relaxation for relaxation in relaxations if relaxation is not None]
 
 
@@ -148,27 +160,54 @@ class RelaxedRobots:
     min_margin: float
 
     def speed(self) -> Relaxation | None:
-        """Return the largest speeds, all in proportion, at which a loop is feasible."""
-        plants, workspace, candidates = self.problem.plants, self.problem.workspace, self.candidates
-        if workspace.speed is None or not candidates:
+        """Return the largest speeds, all in proportion, at which a loop is feasible.
+
+        Where the speed is not bounded, they are a share of `MAX_SPEED`.
+        """
+        workspace = self.problem.workspace
+        if workspace.speed is None:
+            workspace = workspace.with_speed_limits(MAX_SPEED)
+        if workspace.speed is None or not np.any(workspace.speed) or not self.candidates:
             return None
+        share = self._largest_speed_share(workspace)
+        if share is None:
+            return None
+        speeds = [round_down(share * speed) for speed in workspace.speed]
+        unit = unit_for_joints("rad/s", self.problem.plants[0].units)
+        numbers = format_per_joint(speeds)
+        text = f"at most {numbers} {unit} (--speed {numbers.replace(' ', '')})"
+        bounded = self.problem.workspace.speed is not None
+        text = f"{100 * share:g} % of the speed, {text}" if bounded else f"a speed of {text}"
+        return Relaxation("speed", speeds, text)
+
+    def _largest_speed_share(self, workspace: Workspace) -> float | None:
+        """Return the largest share of a workspace's speed at which a loop is feasible; None for none.
+
+        It is found on samples and confirmed with the search for worse postures, as a design has it.
+        """
+        plants, candidates, requirements = self.problem.plants, self.candidates, self.problem.requirements
         ratio = candidates[0].robust_slope / candidates[0].natural_frequency ** 2
-        spread = inertia_spread(plants, self.shape, workspace, samples=SAMPLES)
         trials = [replace(trial, inertia_scale=0.0, spread_margin=0.0) for trial in thin_out(candidates)]
+        few, many = (
+            inertia_spread(plants, self.shape, workspace, samples=samples, seed=requirements.seed)
+            for samples in (SAMPLES, requirements.samples)
+        )
 
-        def is_feasible(log: float) -> bool:
+        def is_feasible(log: float, spread: InertiaSpread = few, search: bool = False) -> bool:
             slower = workspace.scale_speed(float(np.exp(log)))
-            spec = RobustnessSpec.from_robot(plants, slower, self.shape, spread, search=False)
-            assessed = assess_candidates(trials, spec, min_margin=self.min_margin, slope_ratio=ratio)
-            return any(candidate.feasible for candidate in assessed)
+            spec = RobustnessSpec.from_robot(plants, slower, self.shape, spread, seed=requirements.seed, search=search)
+            return any_feasible(trials, spec, self.min_margin, ratio)
 
-        low = np.log(0.01)
-        if not is_feasible(low):
+        decades = np.log(10.0) * np.arange(0, MIN_SPEED_EXPONENT - 1, -1)
+        good = next((number for number, log in enumerate(decades) if number and is_feasible(float(log))), None)
+        if good is None:
             return None
-        percent = round_down(100 * float(np.exp(bisect(is_feasible, low, 0.0))), 2)
-        if not percent:
-            return None
-        return Relaxation("speed", (percent / 100 * workspace.speed).tolist(), f"{percent:g} % of the speed")
+        largest = bisect(is_feasible, float(decades[good]), float(decades[good - 1]))
+        for reduction in SPEED_REDUCTIONS:
+            share = round_down(reduction * float(np.exp(largest)), 2)
+            if is_feasible(float(np.log(share)), many, True):
+                return share
+        return None
 
     def payload(self) -> Relaxation | None:
         """Return the largest payload with which a loop is feasible."""
