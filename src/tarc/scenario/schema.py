@@ -98,7 +98,8 @@ def _allowed(hint: Any) -> Any:
         elif origin in (list, tuple, Sequence) or (origin is not None and issubclass(origin, Sequence)):
             result.append(list[typing.get_args(member)[0]] if typing.get_args(member) else list)
         elif origin in (dict, Mapping):
-            result.append(dict[typing.get_args(member)])
+            key, value = typing.get_args(member)
+            result.append(dict[key, value])
         elif member in (float, int, bool, str, type(None), Any):
             result.append(member)
     return Union[tuple(dict.fromkeys(result))] if result else Any  # noqa: UP007
