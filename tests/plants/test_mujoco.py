@@ -320,7 +320,8 @@ def test_tdc_runs_on_real_urdfs(file: Path) -> None:
     run = tarc.simulate(robot, synchronised_tdc(robot.inertia(middle)), reference, 0.3, initial_torque="rest")
     assert run.status.completed
     assert run.status.saturated == 0
-    assert run.metrics()["peak_error"] < 5e-3  # a tenth of what the arm moves
+    errors = [value for name, value in run.metrics().items() if name.startswith("peak_error")]
+    assert max(errors) < 5e-3  # a tenth of what the arm moves
 
 
 def test_a_urdf_without_joints_says_so() -> None:
