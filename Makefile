@@ -43,7 +43,7 @@ figures: .venv/dev ## draw the figures of the documentation again
 numbers: .venv/dev ## write the numbers of README and documentation again, in minutes
 	$(BIN)/python -m benchmarks.numbers
 
-numbers-all: .venv/dev ## the same with the numbers that take half an hour
+numbers-all: .venv/dev ## the same with the numbers that take hours
 	$(BIN)/python -m benchmarks.numbers --all
 
 docs: .venv/dev ## build the documentation into site/

@@ -113,7 +113,7 @@ def main() -> None:
     parser.add_argument(
         "sources", nargs="*", metavar="SOURCE", help=f"some of {', '.join(SOURCES)}; default the short ones"
     )
-    parser.add_argument("--all", action="store_true", help="the long ones too, which take half an hour")
+    parser.add_argument("--all", action="store_true", help="the long ones too, of which soundness takes hours")
     parser.add_argument("--write-only", action="store_true", help="fill the pages from the values that are kept")
     options = parser.parse_args()
     unknown = set(options.sources) - set(SOURCES)

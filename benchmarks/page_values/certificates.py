@@ -79,6 +79,10 @@ def _slopes(designed) -> str:
     return table(["loop", "circle criterion", "frozen limit", "a switching slope that diverged"], rows)
 
 
+THEOREM1_LABELS = (r"Theorem 1, longest $\omega_{n}$ h", "Theorem 1 without its $D^{-1}$ term")
+"""Labels of the limits of Theorem 1, with its term in D and without."""
+
+
 @long_source
 def tightness() -> dict[str, Value]:
     """Shares of the exact limits that the certificates cover."""
@@ -88,15 +92,17 @@ def tightness() -> dict[str, Value]:
         for window in shares.WINDOWS:
             pairs = [measured.balls[synchronised, window, frequency] for frequency in shares.BANDWIDTHS]
             balls.append((_kind(synchronised), f"{window}", *map(_share, pairs)))
-    heads = ["loop", "window [periods]", *(f"{frequency:g} rad/s" for frequency in shares.BANDWIDTHS)]
-    limits = [
-        ("repaired Theorem 2, longest ωn ς", f"{degree}", f"{delay:g}", *_limit(share, 3))
-        for (degree, delay), share in measured.windows.items()
-    ]
-    limits += [(f"{name}, longest ωn h", "–", "–", *_limit(share, 4)) for name, share in measured.delays.items()]
+    first, *others = (f"{frequency:g} rad/s" for frequency in shares.BANDWIDTHS)
+    heads = ["loop", "window [periods]", f"natural frequency {first}", *others]
+    limits = []
+    for (degree, delay), share in measured.windows.items():
+        label = "" if limits else r"repaired Theorem 2, longest $\omega_{n} \varsigma$"
+        limits.append((label, f"{degree}", f"{delay:g}", *_limit(share, 3)))
+    for label, share in zip(THEOREM1_LABELS, measured.delays.values(), strict=True):
+        limits.append((label, "–", "–", *_limit(share, 4)))
     return {
         "balls": table(heads, balls),
-        "nominal": table(["condition", "degree", "ωn h", "certified", "exact", "share"], limits),
+        "nominal": table(["condition", "degree", r"$\omega_{n}$ h", "certified", "exact", "share"], limits),
     }
 
 
