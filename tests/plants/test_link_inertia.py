@@ -156,3 +156,16 @@ def test_merging_changes_no_motion(name):
     q = np.random.default_rng(0).uniform(-1, 1, robot.n_joints)
     np.testing.assert_allclose(robot.inertia(q), unmerged.inertia(q), rtol=0, atol=1e-9)
     np.testing.assert_allclose(robot.gravity_torque(q), unmerged.gravity_torque(q), rtol=0, atol=1e-9)
+
+
+def test_links_within_a_frame_keep_their_inertia(tmp_path):
+    """Their places are relative to the frame, so they are not merged."""
+    file = tmp_path / "arm.xml"
+    file.write_text(
+        """<mujoco><worldbody><body name="l1"><joint name="j1" axis="0 1 0"/>
+        <inertial pos="0.1 0 0" mass="1" diaginertia="0.001 0.01 0.01"/>
+        <frame pos="0 0 0.5"><body name="tip" pos="0.3 0 0">
+        <inertial pos="0 0 0" mass="0.1" diaginertia="1e-4 1e-4 1e-4"/></body></frame></body></worldbody></mujoco>"""
+    )
+    inertia = load_robot(file).inertia([0.2])[0, 0]
+    assert inertia == pytest.approx(0.01 + 0.1**2 + 1e-4 + 0.1 * (0.3**2 + 0.5**2), rel=1e-9)

@@ -92,7 +92,8 @@ def _merge_below(body: mujoco.MjsBody, root: mujoco.MjsBody | None, impossible: 
     """Merge the links from a body on; the root is the moving link that the parent belongs to."""
     if list(body.joints):
         links = list(_fixed_links(body, np.zeros(3), np.eye(3)))
-        if all(_states_inertia(link) for link, _, _ in links):
+        is_placed = all(link is body or link.frame is None for link, _, _ in links)  # a frame moves what is in it
+        if is_placed and all(_states_inertia(link) for link, _, _ in links):
             _merge(body, links, impossible, balance)
         root = body
     elif root is None and _states_inertia(body):
