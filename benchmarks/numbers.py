@@ -124,7 +124,7 @@ def main() -> None:
     if not options.write_only:
         default = [name for name, source in SOURCES.items() if options.all or not source.long]
         compute(options.sources or default, values)
-    for page in write(values):
+    for page in write(load()):  # as they are kept, so that a second time writes the same
         print(f"written: {page.relative_to(ROOT)}")
 
 
