@@ -169,11 +169,12 @@ class _MujocoFactory(ModelFactory):
         if joint is not None:
             self.moving.append(connection.move(model, joint))
 
+    # adam's own readers make links and joints one by one by these two; here all are made from the model at once
     def build_link(self) -> _Link:
-        raise NotImplementedError
+        raise NotImplementedError("the links are made from the MuJoCo model, all at once")
 
     def build_joint(self) -> _Joint:
-        raise NotImplementedError
+        raise NotImplementedError("the joints are made from the MuJoCo model, all at once")
 
     def get_links(self) -> list[_Link]:
         return self._links
