@@ -597,7 +597,7 @@ def test_bad_input_is_refused_with_the_remedy(attempt: Any, message: str) -> Non
     ("text", "message"),
     [
         ("time,q1\n" + "now,later\n" * 6, "does not read as numbers .* needs columns time, q1"),
-        ("0,1\n1,2\n2,3\n", r"has shape \(3, 2\); needs six rows or more"),
+        ("0,1\n1,2\n2,3\n", r"has shape \(3, 2\); needs 6 rows or more"),
         ("\n".join(str(k) for k in range(9)), r"has shape \(9, 1\)"),
         ("\n".join(f"{k % 4},1" for k in range(9)), "do not increase"),
         ("\n".join(f"{k},{'nan' if k == 5 else 1}" for k in range(9)), "needs finite numbers"),

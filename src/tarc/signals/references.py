@@ -12,7 +12,7 @@ from tarc.core import validation as check
 from tarc.core.component import Component
 from tarc.core.errors import InvalidParameter
 from tarc.core.validation import Numbers, Table
-from tarc.signals.trajectory_file import Record, are_numbered, read_record
+from tarc.signals.trajectory_file import Record, are_numbered, check_overlap, read_record
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -234,12 +234,13 @@ class Quintic(Reference):
 
     def sample(self, times: Numbers) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return position, velocity and acceleration, each of shape (n, k)."""
-        return _sample_spline(self._curve, np.asarray(times, dtype=float), self.times[0], self.times[-1])
+        return sample_curve(self._curve, np.asarray(times, dtype=float), self.times[0], self.times[-1])
 
 
-def _sample_spline(
+def sample_curve(
     curve: Callable[..., np.ndarray], t: np.ndarray, first: float, last: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return a curve and its first two derivatives at times (k,), each (n, k), held outside its range."""
     inside = np.clip(t, first, last)
     moving = ((t >= first) & (t <= last)).astype(float)
     return curve(inside).T, curve(inside, 1).T * moving, curve(inside, 2).T * moving
@@ -256,7 +257,7 @@ class RecordedReference(Reference):
     ----------
     path
         CSV with a header or without, or a NumPy ``.npy`` array: the first column time [s], then one per joint
-        [rad or m]. At least six rows.
+        [rad or m]. At least 6 rows.
     starts_at_zero
         Whether times count from the first stamp, which is then time 0 of the run. False takes the stamps as times of
         the run.
@@ -312,13 +313,7 @@ class RecordedReference(Reference):
         InvalidParameter
             For a header that names other joints, and for a record that lies outside the run.
         """
-        first, last = self._times[0], self._times[-1]
-        if last <= 0 or first >= duration:
-            raise InvalidParameter(
-                f"reference: the record {self.path} lasts from {first:g} s to {last:g} s, the run from 0 to "
-                f"{duration:g} s; they do not overlap. Use starts_at_zero: true, which counts from the first stamp",
-                "reference",
-            )
+        check_overlap(self.path, self._times[0], self._times[-1], duration)
         columns = self._record.columns
         if columns is None or self.joint_names is not None or columns == list(joint_names):
             return self
@@ -336,4 +331,4 @@ class RecordedReference(Reference):
 
     def sample(self, times: Numbers) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return position, velocity and acceleration, each of shape (n, k); held before and after the record."""
-        return _sample_spline(self._curve, np.asarray(times, dtype=float), self._times[0], self._times[-1])
+        return sample_curve(self._curve, np.asarray(times, dtype=float), self._times[0], self._times[-1])

@@ -18,8 +18,8 @@ class Record(NamedTuple):
     columns: list[str] | None
 
 
-def read_record(given: str | Path) -> Record:
-    """Read a trajectory file.
+def read_record(given: str | Path, min_rows: int = 6) -> Record:
+    """Read a trajectory file with at least ``min_rows`` rows.
 
     Raises
     ------
@@ -36,8 +36,10 @@ def read_record(given: str | Path) -> Record:
             f"path: {path} does not read as numbers ({error}); needs columns time, q1, q2, …"
         ) from None
     table = check.array(f"path ({path})", table)
-    if table.ndim != 2 or table.shape[0] < 6 or table.shape[1] < 2:
-        raise InvalidParameter(f"path: {path} has shape {table.shape}; needs six rows or more, columns time, q1, q2, …")
+    if table.ndim != 2 or table.shape[0] < min_rows or table.shape[1] < 2:
+        raise InvalidParameter(
+            f"path: {path} has shape {table.shape}; needs {min_rows} rows or more, columns time, q1, q2, …"
+        )
     if np.any(np.diff(table[:, 0]) <= 0):
         raise InvalidParameter(f"path: the times in {path} do not increase")
     names = _column_names(header)
@@ -49,6 +51,16 @@ def read_record(given: str | Path) -> Record:
             "numbers; needs one name per column, or no header"
         )
     return Record(table, None)
+
+
+def check_overlap(path: str | Path, first: float, last: float, duration: float) -> None:
+    """Refuse a record from a first to a last time [s] that lies outside a run of a duration [s]."""
+    if last <= 0 or first >= duration:
+        raise InvalidParameter(
+            f"reference: the record {path} lasts from {first:g} s to {last:g} s, the run from 0 to {duration:g} s; "
+            "they do not overlap. Use starts_at_zero: true, which counts from the first stamp",
+            "reference",
+        )
 
 
 def _read_text(path: Path) -> tuple[np.ndarray, str]:
@@ -64,7 +76,7 @@ def _read_text(path: Path) -> tuple[np.ndarray, str]:
 
 def _column_names(header: str) -> list[str]:
     """Return the names in a header, without their units."""
-    text = re.sub(r"[\[(]\s*(rad|m|s)\s*[\])]", "", header.lstrip(" #"))
+    text = re.sub(r"[\[(]\s*(rad|m|s)(/s(\^2|²|2)?)?\s*[\])]", "", header.lstrip(" #"))
     return [name.strip(" \t\"'") for name in (text.split(",") if "," in text else text.split())]
 
 
