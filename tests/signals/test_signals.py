@@ -278,7 +278,7 @@ def encoder_readings(encoder: Encoder, positions: np.ndarray, noise: Any = None)
     noise = np.zeros(positions.shape) if noise is None else noise
     state, readings = encoder.init(positions[:, 0]), []
     for position, disturbance in zip(positions.T, noise.T, strict=True):
-        state, reading = encoder.step(state, EncoderInput(position, disturbance))
+        state, reading = encoder.step(state, EncoderInput(position, 0 * position, disturbance))
         readings.append(reading)
     return np.array(readings).T
 
@@ -308,6 +308,33 @@ def test_encoder_delays_by_whole_periods(delay: int, positions: np.ndarray) -> N
     readings = encoder_readings(Encoder(delay=delay), positions)
     assert np.array_equal(readings[:, delay:], positions[:, : 5 - delay])
     assert np.array_equal(readings[:, :delay], np.repeat(positions[:, :1], delay, axis=1))
+
+
+@pytest.mark.parametrize("period", [1e-2, 5e-3])
+def test_a_fractional_delay_reads_the_continuous_position(period: float) -> None:
+    """Of a sine, to the error of cubic Hermite interpolation: T⁴/384 of the largest fourth derivative."""
+    delays, frequency = np.array([0.0, 0.25, 0.5, 1.75, 3.0]), 40.0
+    times = period * np.arange(60)
+    positions = np.tile(np.sin(frequency * times), (5, 1))
+    travels = period * frequency * np.tile(np.cos(frequency * times), (5, 1))
+    encoder = Encoder(delay=delays)
+    state, readings = encoder.init(positions[:, 0]), []
+    for position, travel in zip(positions.T, travels.T, strict=True):
+        state, reading = encoder.step(state, EncoderInput(position, travel, np.zeros(5)))
+        readings.append(reading)
+    true = np.sin(frequency * (times - period * delays[:, None]))
+    error = np.abs(np.transpose(readings) - true)[:, 5:].max(axis=1)
+    bound = (period * frequency) ** 4 / 384
+    assert np.all(error <= bound * (1 + 1e-6) + 1e-12)
+    assert error[2] > 0.7 * bound
+
+
+def test_bits_and_noise_may_differ_from_joint_to_joint() -> None:
+    encoder = Encoder(bits=[10, 12], noise=[1e-3, 0.0], span=[1.0, np.inf])
+    assert np.array_equal(encoder.step_size, [1 / 1024, 2 * np.pi / 4096])
+    noise = encoder.sample_noise(2, 50_000, np.random.default_rng(0))
+    assert noise[0].std() == pytest.approx(1e-3, rel=0.02)
+    assert not np.any(noise[1])
 
 
 def test_encoder_loses_the_given_share_of_samples_and_never_the_first() -> None:
@@ -379,6 +406,8 @@ def test_a_sample_that_jumps_is_missing_and_the_next_good_one_is_not() -> None:
         Encoder(resolution=0.02, delay=3),
         Encoder(span=2.0),
         Encoder(bits=8, span=[2.0, np.inf], max_step=[0.7, 2.0], delay=1),
+        Encoder(bits=[8, 12], delay=[1.3, 3]),
+        Encoder(resolution=[0.02, 0.0], delay=[0.0, 2]),
     ],
     ids=repr,
 )
@@ -387,11 +416,11 @@ def test_encoder_traced_step_is_the_numpy_step_lost_samples_included(encoder: En
     positions, noise = rng.uniform(-3, 3, (2, 12)), rng.normal(0, 0.1, (2, 12))
     noise[0, 4] = noise[:, 7] = np.nan
     state = encoder.init(positions[:, 0])
-    zero = EncoderInput(np.zeros(2), np.zeros(2))
+    zero = EncoderInput(np.zeros(2), np.zeros(2), np.zeros(2))
     function, _ = trace(encoder.step, state, zero, symbol=ca.SX)
     packed, traced = pack(state), []
     for k in range(12):
-        packed, reading = function(packed, np.concatenate([positions[:, k], noise[:, k]]))
+        packed, reading = function(packed, np.concatenate([positions[:, k], np.zeros(2), noise[:, k]]))
         traced.append(np.array(reading).ravel())
     assert np.allclose(
         np.transpose(traced), encoder_readings(encoder, positions, noise), rtol=0, atol=1e-12, equal_nan=True
@@ -456,7 +485,7 @@ def test_band_noise_keeps_its_size_on_a_record_shorter_than_its_waves() -> None:
 def test_resolution_may_differ_from_joint_to_joint() -> None:
     encoder = Encoder(resolution=[0.1, 0.25])
     state = encoder.init(np.zeros(2))
-    _, measured = encoder.step(state, EncoderInput(np.array([0.33, 0.33]), np.zeros(2)))
+    _, measured = encoder.step(state, EncoderInput(np.array([0.33, 0.33]), np.zeros(2), np.zeros(2)))
     assert np.allclose(measured, [0.3, 0.25])
 
 
@@ -483,7 +512,7 @@ def test_what_is_under_way_at_the_start_is_quantised_too() -> None:
             "stop_time: got 1.0; needs a time after start_time = 2",
         ),
         (lambda: Encoder(bits=12.5), "bits: got 12.5; needs a whole number from 1 to 52"),  # type: ignore[arg-type]
-        (lambda: Encoder(delay="a"), "delay: got 'a'; needs a whole number"),  # type: ignore[arg-type]
+        (lambda: Encoder(delay="a"), "delay: got 'a'; needs numbers"),  # type: ignore[arg-type]
     ],
 )
 def test_bad_numbers_are_refused(schedule: Callable[[], object], message: str) -> None:
@@ -554,7 +583,7 @@ def test_payload_is_a_schedule_of_the_payload() -> None:
         (lambda: Quintic(points=[[0.0], [1.0]], times=[1.0, 0.5]), r"times: got \[1.0, 0.5\]; must increase"),
         (lambda: Encoder(bits=12, resolution=1e-3), "bits, resolution: both are given"),
         (lambda: Encoder(bits=0), "bits: got 0"),
-        (lambda: Encoder(resolution=-1.0), "resolution: got -1.0; needs numbers above 0"),
+        (lambda: Encoder(resolution=-1.0), "resolution: got -1.0; needs one number of at least 0"),
         (lambda: Encoder(dropout=1.0), "dropout: got 1; .* at most 0.99"),
         (lambda: Encoder(span=-1.0), "span: got -1.0; needs one number above 0"),
         (lambda: Encoder(span="wide"), "span: got 'wide'; needs numbers"),  # pyright: ignore[reportArgumentType]
@@ -562,8 +591,9 @@ def test_payload_is_a_schedule_of_the_payload() -> None:
         (lambda: Encoder(max_step=np.nan), "max_step: got nan; needs one number above 0"),
         (lambda: Encoder(span=1.0, max_step=0.5), "max_step: got 0.5 with a span of 1.0; needs less than half"),
         (lambda: Encoder(span=[1.0, 1.0], max_step=[0.1] * 3), "span, max_step: got 2 and 3 numbers"),
-        (lambda: Encoder(delay=-1), "delay: got -1; needs a whole number"),
-        (lambda: Encoder(delay=1.5), "delay: got 1.5"),  # pyright: ignore[reportArgumentType]
+        (lambda: Encoder(delay=-1), "delay: got -1; needs one number of at least 0"),
+        (lambda: Encoder(noise=[1e-3, -1.0]), r"noise: got \[0.001, -1.0\]; needs one number of at least 0"),
+        (lambda: Encoder(bits=[12, 60]), "bits: got 60; needs a whole number from 1 to 52"),
         (lambda: StepDisturbance(amplitude=np.inf), "amplitude: .* not NaN or infinity"),
         (
             lambda: disturbance_torque(StepDisturbance(amplitude=[1.0, 2.0, 3.0])),

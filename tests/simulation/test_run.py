@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.interpolate import CubicHermiteSpline
 
 from tarc import Run, estimators, laws, plants, signals, simulate
 from tarc.core.errors import InvalidParameter
@@ -385,3 +386,17 @@ def test_columns_of_a_record_drive_the_joints_of_their_names(tmp_path):
     stamps = signals.RecordedReference(path=tmp_path / "a.csv", starts_at_zero=False)
     with pytest.raises(InvalidParameter, match="do not overlap"):
         simulate(plants.TwoLinkArm(), law, stamps, 0.2)
+
+
+@pytest.mark.parametrize("backend", ["symbolic", "mujoco"])
+@pytest.mark.parametrize("fraction", [0.3, 0.8])
+def test_the_age_of_a_sample_counts_from_the_true_motion(backend: str, fraction: float) -> None:
+    """The reading is the position of the simulated motion between two instants, in symbols and in MuJoCo alike."""
+    arm = plants.load_robot("ur5e", joints=["shoulder_pan_joint"], armature=0.1, backend=backend)
+    sensor = signals.Encoder(delay=1 + fraction)
+    run = simulate(arm, pendulum_law(), REFERENCE, 0.3, sensor=sensor, initial_torque="rest").data
+    time, period = run["time"].values, run.attrs["period"]
+    motion = CubicHermiteSpline(time, run["position"].values[:, 0], run["velocity"].values[:, 0])
+    expected = motion(time - (1 + fraction) * period)
+    error = run["measured_position"].values[3:, 0] - expected[3:]
+    assert np.max(np.abs(error)) < 1e-13

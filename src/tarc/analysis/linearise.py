@@ -214,7 +214,8 @@ def _jacobian_at_rest(law: PolePlacement, gain: float) -> tuple[Array, int]:
     symbols = {i: ca.SX.sym("x", *(*np.shape(values[i]), 1, 1)[:2]) for i in varying}
     position, acceleration = ca.SX.sym("q", law.n_joints), ca.SX.sym("a", law.n_joints)
     symbolic_state = rebuild(state, [symbols.get(i, value) for i, value in enumerate(values)])
-    next_state, output = controller.step(symbolic_state, ControllerInput(position, zero, zero, acceleration, zero))
+    value = ControllerInput(position, zero, zero, zero, acceleration, zero)
+    next_state, output = controller.step(symbolic_state, value)
     x = ca.vertcat(*(_column(symbol) for symbol in symbols.values())) if symbols else ca.SX(0, 1)
     rows = [_column(leaf) for i, leaf in enumerate(leaves(next_state)) if i in symbols]
     slopes = ca.jacobian(ca.vertcat(*rows, output.torque), ca.vertcat(x, position, acceleration))

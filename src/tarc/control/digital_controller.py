@@ -15,9 +15,10 @@ from tarc.signals.sensors import Encoder, EncoderInput, EncoderState
 
 
 class ControllerInput(NamedTuple):
-    """True position, reference with two derivatives, sensor noise, each of shape (n,)."""
+    """True position and velocity, reference with two derivatives, sensor noise, each of shape (n,)."""
 
     position: Vector
+    velocity: Vector
     reference: Vector
     velocity_reference: Vector
     acceleration_reference: Vector
@@ -50,13 +51,14 @@ class DigitalController(System):
 
     def init(self, position: Array, torque: Numbers = 0.0, noise: Array | float = 0.0) -> ControllerState:
         """Return the state at rest at a position (n,), first read with this noise, with a torque (n,) applied."""
-        sensor = self.sensor.init(position + noise)
+        sensor = self.sensor.init(position, noise)
         law = self.law.init(sensor.delay_line[:, 0], torque)
         return ControllerState(sensor, law, np.repeat(law.torque[:, :1], self.computation_delay + 1, axis=1))
 
     def step(self, state: ControllerState, value: ControllerInput) -> tuple[ControllerState, ControllerOutput]:
         """Measure, compute, apply."""
-        sensor, measured = self.sensor.step(state.sensor, EncoderInput(value.position, value.noise))
+        travel = self.law.period * value.velocity
+        sensor, measured = self.sensor.step(state.sensor, EncoderInput(value.position, travel, value.noise))
         reference = value.reference, value.velocity_reference, value.acceleration_reference
         law, output = self.law.step(state.law, LawInput(measured, *reference))
         delay_line = ops.shift_in(state.torque_delay_line, output.torque)

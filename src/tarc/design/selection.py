@@ -90,7 +90,8 @@ class LoopSelection:
             Relaxation("noise_budget", float(f"{1.005 * ratio:.3g}"), f"a noise_budget of {1.005 * ratio:.3g}")
         ]
         if requirements.sensor.bits is not None:
-            bits = requirements.sensor.bits + int(np.ceil(np.log2(ratio / requirements.noise_target)))
+            more = int(np.ceil(np.log2(ratio / requirements.noise_target)))
+            bits = (np.asarray(requirements.sensor.bits) + more).tolist()
             relaxations.append(Relaxation("sensor", bits, f"an encoder of {bits} bits"))
         frequency = requirements.natural_frequency
         where = "" if frequency is None else f" at {frequency:g} rad/s"

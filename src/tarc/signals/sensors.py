@@ -1,9 +1,11 @@
 """Sensors between the robot's position and the law."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
+import casadi as ca
 import numpy as np
 
 from tarc.core import array_ops as ops
@@ -15,26 +17,45 @@ from tarc.core.types import Vector
 from tarc.core.validation import Numbers
 from tarc.signals.readings import ReadingCheck
 
+SAME_INSTANT = 1e-9
+"""Fraction of a period below which a delay counts as whole periods."""
+
 
 class EncoderInput(NamedTuple):
-    """True position and noise of this instant, each of shape (n,); a NaN in the noise is a lost sample."""
+    """True position, velocity times the period, and noise of this instant, each of shape (n,).
+
+    A NaN in the noise is a lost sample.
+    """
 
     position: Vector
+    travel: Vector
     noise: Vector
 
 
 class EncoderState(NamedTuple):
-    """Delayed readings, shape (n, delay + 1), and the last valid one, (n,), or (0,) where no reading is checked."""
+    """Past readings and the motion one period ago.
+
+    Readings have shape (n, delay + 1), newest first. The last valid one has shape (n,), or (0,) where no reading is
+    checked. Position and travel one period ago have shape (n,), or (0,) where no delay has a fraction.
+    """
 
     delay_line: Vector
     last_valid: Vector
+    past_position: Vector
+    past_travel: Vector
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Encoder(Component, System):
-    """Position encoder: noise, quantisation to the nearest step, wrapping, delay, lost samples, in that order.
+    """Position encoder: delay within a period, noise, quantisation, wrapping, whole periods of delay, in that order.
 
-    Without arguments it is perfect. All randomness comes from the simulation's seed.
+        r(t_k) = [q(t_k − δT) + noise] to the nearest step
+
+    Without arguments it is perfect. All randomness comes from the simulation's seed. Every number but the dropout is
+    one for all joints, or one per joint.
+
+    Between two sampling instants the true position is the cubic (Hermite) polynomial through the positions and
+    velocities at both. It is off by T⁴/384 of the largest fourth derivative. Before the start the robot is at rest.
 
     An absolute encoder repeats its reading after a span, whether it reads 0 … span or −span/2 … span/2. The sensor
     takes each reading in the turn that is nearest to the last valid one, so that no position jumps. At the start it
@@ -46,42 +67,44 @@ class Encoder(Component, System):
     bits
         Resolution as bits over the span: steps of span / 2^bits.
     resolution
-        The step itself [rad or m], instead, one number or one per joint.
+        The step itself [rad or m], instead; 0 for a joint without quantisation.
     span
-        Travel that 2^bits steps cover and after which the reading repeats [rad or m], one number or one per joint, such
-        as 2π for continuous joints. None or infinity for a reading that never repeats; its bits then cover 2π.
+        Travel that 2^bits steps cover and after which the reading repeats [rad or m], such as 2π for continuous joints.
+        None or infinity for a reading that never repeats; its bits then cover 2π.
     noise
         Standard deviation of white Gaussian noise before quantisation [rad or m].
     delay
-        Delay of a sample, in periods.
+        δ, the age of a sample in periods, also a fraction such as 0.4.
     dropout
         Probability that a joint's sample is lost; it reaches the law as NaN.
     max_step
-        Largest distance of a sample from the last valid one [rad or m], one number or one per joint; None for any. A
-        sample farther away counts as missing. After missing samples the joint must still be that close.
+        Largest distance of a sample from the last valid one [rad or m]; None for any. A sample farther away counts as
+        missing. After missing samples the joint must still be that close.
     """
 
-    bits: int | None = None
+    bits: int | Sequence[int] | None = None
     resolution: Numbers | None = None
     span: Numbers | None = None
-    noise: float = 0.0
-    delay: int = 0
+    noise: Numbers = 0.0
+    delay: Numbers = 0.0
     dropout: float = 0.0
     max_step: Numbers | None = None
 
     def __post_init__(self) -> None:
         if self.bits is not None and self.resolution is not None:
             raise InvalidParameter("bits, resolution: both are given; give one of them")
-        check.number("noise", self.noise, 0)
         _ = self.reading_check
         check.number("dropout", self.dropout, 0, high=0.99)
         if self.bits is not None:
-            check.integer("bits", self.bits, 1, 52)
-        if self.resolution is not None and np.any(check.array("resolution", self.resolution) <= 0):
+            for bits in np.ravel(np.asarray(self.bits, dtype=object)):
+                check.integer("bits", bits, 1, 52)
+        for name in ("resolution", "noise", "delay"):
+            if getattr(self, name) is not None:
+                numbers_of_at_least_zero(name, getattr(self, name))
+        if self.resolution is not None and not np.any(self.step_size > 0):
             raise InvalidParameter(
-                f"resolution: got {self.resolution!r}; needs numbers above 0, or None for no quantisation"
+                f"resolution: got {self.resolution!r}; needs a number above 0, or None for no quantisation"
             )
-        check.integer("delay", self.delay)
 
     @cached_property
     def reading_check(self) -> ReadingCheck:
@@ -97,46 +120,101 @@ class Encoder(Component, System):
             For a resolution, a span or a largest step of another size than 1 or n.
         """
         self.reading_check.check_joints(n_joints, "sensor.")
-        if self.step_size.size not in (1, n_joints):
-            raise InvalidParameter(
-                f"sensor: its resolution has {self.step_size.size} numbers; the plant has {n_joints} joints"
-            )
+        sizes = {"resolution": self.step_size.size, "noise": np.size(self.noise), "delay": np.size(self.delay)}
+        for name, size in sizes.items():
+            if size not in (1, n_joints):
+                raise InvalidParameter(f"sensor: its {name} has {size} numbers; the plant has {n_joints} joints")
 
     @property
     def step_size(self) -> np.ndarray:
         """Return the step [rad or m], one number or one per joint; 0 for none."""
         if self.bits is not None:
             spans = check.float_array("span", np.inf if self.span is None else self.span)
-            return np.where(np.isfinite(spans), spans, 2 * np.pi) / 2.0**self.bits
+            return np.where(np.isfinite(spans), spans, 2 * np.pi) / 2.0 ** np.asarray(self.bits)
         return np.array(0.0 if self.resolution is None else self.resolution, dtype=float)
 
     def sample_noise(self, n_joints: int, count: int, rng: np.random.Generator) -> np.ndarray:
         """Draw the noise of a whole run, shape (n, count), NaN where a sample is lost; the first one never is."""
-        noise = self.noise * rng.standard_normal((n_joints, count))
+        noise = np.reshape(self.noise, (-1, 1)) * rng.standard_normal((n_joints, count))
         if self.dropout:
             lost = rng.random((n_joints, count)) < self.dropout
             lost[:, 0] = False
             noise[lost] = np.nan
         return noise
 
+    @cached_property
+    def _whole_delay(self) -> np.ndarray:
+        """Whole periods of the delay, one number or one per joint."""
+        return np.floor(np.asarray(self.delay, dtype=float) + SAME_INSTANT).astype(int)
+
+    @cached_property
+    def _fraction(self) -> np.ndarray:
+        """Fraction of a period by which a sample is older than its whole periods, one number or one per joint."""
+        return np.maximum(np.asarray(self.delay, dtype=float) - self._whole_delay, 0.0)
+
+    @property
+    def _has_fraction(self) -> bool:
+        return bool(np.any(self._fraction > SAME_INSTANT))
+
     def quantise(self, position: Vector) -> Vector:
         """Round to the nearest step."""
-        if not np.all(self.step_size > 0):
+        steps = self.step_size
+        if np.all(steps > 0):
+            return steps * ops.floor(position / steps + 0.5)
+        if not np.any(steps > 0):
             return position
-        return self.step_size * ops.floor(position / self.step_size + 0.5)
+        divisors = np.where(steps > 0, steps, 1.0)
+        return ops.where(steps > 0, steps * ops.floor(position / divisors + 0.5), position)
 
-    def init(self, position: Numbers) -> EncoderState:
-        """Return the state after the first reading, which fills the delay line."""
-        reading = self.quantise(check.array("position", position))
-        last_valid = reading if self.reading_check.is_needed else np.zeros(0)
-        return EncoderState(np.repeat(reading[:, None], self.delay + 1, axis=1), last_valid)
+    def init(self, position: Numbers, noise: Numbers = 0.0) -> EncoderState:
+        """Return the state at rest at a position (n,), after a first reading with noise, which fills the delay line."""
+        position = check.array("position", position)
+        reading = self.quantise(position + check.array("noise", noise))
+        nothing = np.zeros(0)
+        delay_line = np.repeat(reading[:, None], int(np.max(self._whole_delay)) + 1, axis=1)
+        last_valid = reading if self.reading_check.is_needed else nothing
+        if self._has_fraction:
+            return EncoderState(delay_line, last_valid, position, 0 * position)
+        return EncoderState(delay_line, last_valid, nothing, nothing)
 
     def step(self, state: EncoderState, value: EncoderInput) -> tuple[EncoderState, Vector]:
         """Return the next state and the measured position, shape (n,)."""
-        reading = self.quantise(value.position + value.noise)
+        position = value.position
+        if self._has_fraction:
+            position = self._earlier(state, value)
+        reading = self.quantise(position + value.noise)
         last_valid = state.last_valid
         if self.reading_check.is_needed:
             # the readings 0 … span, −span/2 … span/2 and without end differ by whole turns, so they unwrap to the same
             last_valid, reading = self.reading_check.step(last_valid, reading)
         delay_line = ops.shift_in(state.delay_line, reading)
-        return EncoderState(delay_line, last_valid), delay_line[:, -1]
+        past = (value.position, value.travel) if self._has_fraction else (state.past_position, state.past_travel)
+        return EncoderState(delay_line, last_valid, *past), self._delayed(delay_line)
+
+    def _earlier(self, state: EncoderState, value: EncoderInput) -> Vector:
+        """Return the true position a fraction of a period before this instant, by cubic Hermite interpolation."""
+        s = 1 - self._fraction
+        return (
+            (1 + 2 * s) * (1 - s) ** 2 * state.past_position
+            + s * (1 - s) ** 2 * state.past_travel
+            + s**2 * (3 - 2 * s) * value.position
+            - s**2 * (1 - s) * value.travel
+        )
+
+    def _delayed(self, delay_line: Vector) -> Vector:
+        """Return each joint's reading after its whole periods of delay."""
+        n = delay_line.shape[0]
+        delays = np.broadcast_to(self._whole_delay, (n,))
+        if np.all(delays == delays[0]):
+            return delay_line[:, -1]
+        if ops.symbolic(delay_line):
+            return ca.vertcat(*[delay_line[joint, int(delay)] for joint, delay in enumerate(delays)])
+        return delay_line[np.arange(n), delays]
+
+
+def numbers_of_at_least_zero(name: str, value: object) -> np.ndarray:
+    """Return one number of at least 0, or one per joint."""
+    result = check.array(name, value)
+    if result.ndim > 1 or result.size == 0 or np.any(result < 0):
+        raise InvalidParameter(f"{name}: got {value!r}; needs one number of at least 0, or one per joint", name)
+    return result

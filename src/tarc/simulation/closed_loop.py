@@ -66,7 +66,7 @@ class ClosedLoop(System):
         """Measure and compute at t_k; hold the torque and integrate to t_k + T."""
         q: Vector = state.position
         dq: Vector = state.velocity
-        controller, output = self.controller.step(state.controller, ControllerInput(q, *value[:4]))
+        controller, output = self.controller.step(state.controller, ControllerInput(q, dq, *value[:4]))
         dt = self.controller.law.period / self.substeps
         torque = output.torque
         first_acceleration: Vector = None

@@ -23,9 +23,8 @@ from tarc.simulation.sampled_inputs import InitialConditions, SampledInputs
 
 
 class _Measurement(NamedTuple):
-    """True velocity and acceleration, each (n,), and the inputs of the controller."""
+    """True acceleration (n,), and the inputs of the controller."""
 
-    velocity: Vector
     acceleration: Vector
     value: ControllerInput
 
@@ -62,7 +61,7 @@ class _MujocoLoop:
 
         state = controller.init(initial.position, initial.torque, inputs.noise[:, 0])
         zero = np.zeros(n)
-        value = _Measurement(zero, zero, ControllerInput(zero, zero, zero, zero, zero))
+        value = _Measurement(zero, ControllerInput(*[zero] * 6))
         function, self.example = trace(_step_with_true_derivatives(controller), state, value, name="controller")
         function = _with_simulator_arrays(function, n)
         shared = {
@@ -147,7 +146,8 @@ def _step_with_true_derivatives(
     """Return the controller's step, with the true derivatives for the oracle among its inputs."""
 
     def step(state: ControllerState, value: _Measurement) -> tuple[ControllerState, ControllerOutput]:
-        return controller.step(controller.with_true_derivatives(state, value.velocity, value.acceleration), value.value)
+        state = controller.with_true_derivatives(state, value.value.velocity, value.acceleration)
+        return controller.step(state, value.value)
 
     return step
 
@@ -156,7 +156,7 @@ def _with_simulator_arrays(controller: ca.Function, n: int) -> ca.Function:
     """Split the controller's input by the simulator's arrays; join its outputs, and what is recorded, in one row."""
     x, outside = ca.SX.sym("x", controller.nnz_in(0)), ca.SX.sym("outside", 5 * n)
     q, v, a, last = (ca.SX.sym(name, n) for name in ("q", "v", "a", "last"))
-    x_next, y = controller(x, ca.vertcat(v, last, q, outside[:-n]))
+    x_next, y = controller(x, ca.vertcat(last, q, v, outside[:-n]))
     torque = y[n : 2 * n] + outside[-n:]
     names = ["x", "q", "v", "a", "last", "outside"], ["x_next", "torque", "row"]
     return ca.Function("controller", [x, q, v, a, last, outside], [x_next, torque, ca.vertcat(q, v, a, y)], *names)
