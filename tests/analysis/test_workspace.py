@@ -222,3 +222,21 @@ assert (workspace.low, workspace.high) == (-1.0, 2.0)
 assert "mujoco" not in sys.modules
 """
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_workspace_about_a_record_follows_the_joints_by_name(tmp_path: Path) -> None:
+    times = np.linspace(0, 1, 11)
+    rows = {"joint1": 0.3 * times, "joint2": 1.5 * np.cos(times)}
+    files = {}
+    for order in (["joint1", "joint2"], ["joint2", "joint1"]):
+        table = np.column_stack([times, *(rows[name] for name in order)])
+        files[order[0]] = tmp_path / f"{order[0]}.csv"
+        np.savetxt(files[order[0]], table, delimiter=",", header=",".join(["time", *order]), comments="")
+    spreads = [
+        inertia_spread(ARM, MIXED, Workspace.from_reference(signals.RecordedReference(path=file), 1.0), samples=50)
+        for file in files.values()
+    ]
+    assert spreads[0].min_ratio == spreads[1].min_ratio
+    assert np.array_equal(spreads[0].min_posture, spreads[1].min_posture)
+    with pytest.raises(InvalidParameter, match="has the columns joint2, joint1; the robot's joints are a, b"):
+        Workspace.from_reference(signals.RecordedReference(path=files["joint2"]), 1.0).for_joints(["a", "b"])

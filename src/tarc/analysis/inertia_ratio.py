@@ -208,7 +208,7 @@ class PostureSamples:
             raise InvalidParameter(
                 f"workspace: it has {workspace.n_joints} joints and the robot {plants[0].n_joints}; give as many"
             )
-        self.workspace = workspace
+        self.workspace = workspace.for_joints(plants[0].joint_names)
         self.free = np.flatnonzero(workspace.high > workspace.low)
         self.units = workspace.unit_samples(samples, seed)[:, self.free]
         self.inertias = [inertia_matrices(plant, self.postures_at(self.units)) for plant in plants]

@@ -1,5 +1,6 @@
 """The postures for which a robot is certified, and how fast they may change."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -183,6 +184,19 @@ class Workspace:
         if self.speed is None or self.acceleration is None:
             return self
         return self.with_speed_limits(factor * self.speed, factor * self.acceleration)
+
+    def for_joints(self, joint_names: Sequence[str]) -> "Workspace":
+        """Return the same for a robot with these joints: the columns of a record follow them by name.
+
+        Raises
+        ------
+        InvalidParameter
+            For a record of other joints.
+        """
+        if self.reference is None:
+            return self
+        reference = self.reference.for_run(joint_names, max(float(self.high[0]), np.finfo(float).tiny))
+        return self if reference is self.reference else replace(self, reference=reference)
 
     @property
     def n_joints(self) -> int:

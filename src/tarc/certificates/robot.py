@@ -302,6 +302,7 @@ def certify_robot(
     _refuse_model(law)
     plants = as_plants(plant)
     spread = inertia_spread(plants, law.M, workspace, samples=samples, seed=seed)
+    workspace = workspace.for_joints(plants[0].joint_names)
     n_points = min(samples, MAX_STIFFNESS_SAMPLES)
     sampled = SampledPoints.from_robot(plants, spread, law.M, workspace, n_points, seed)
     is_bounded = bool(np.isfinite(law.robust_slope_bound))

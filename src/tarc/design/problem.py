@@ -102,6 +102,7 @@ def _workspace(plant: Plant, requirements: DesignRequirements) -> Workspace:
     workspace = requirements.workspace
     if workspace is None:
         workspace = joint_workspace(plant, requirements.joint_range).with_speed_limits(velocity_limits(plant))
+    workspace = workspace.for_joints(plant.joint_names)
     if requirements.speed is None and requirements.acceleration is None:
         return workspace
     speed = workspace.speed if requirements.speed is None else requirements.speed

@@ -12,6 +12,7 @@ from tarc.core import validation as check
 from tarc.core.component import Component
 from tarc.core.errors import InvalidParameter
 from tarc.core.validation import Numbers, Table
+from tarc.signals.smoothing import smoothing_curve
 from tarc.signals.trajectory_file import Record, are_numbered, check_overlap, read_record
 
 
@@ -248,7 +249,7 @@ def sample_curve(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RecordedReference(Reference):
-    """Trajectory from a file: a quintic spline through its samples gives the derivatives.
+    """Trajectory from a file: a quintic spline through its samples gives the derivatives, or a smoothing spline.
 
     `tarc.simulate` and scenarios match a header that names joints with the joints of the robot. Names such as ``q1``,
     ``q2``, … and a file without a header mean the order of the robot's joints.
@@ -264,11 +265,15 @@ class RecordedReference(Reference):
     joint_names
         Names of the columns in the order of the robot's joints, where they differ from the robot's own names. None
         takes the robot's.
+    cutoff
+        Frequency [Hz] at which smoothing leaves 1/√2 of an amplitude (−3 dB), for records with noise. None passes
+        through every sample. See `smoothing_curve`.
     """
 
     path: str | Path
     starts_at_zero: bool = True
     joint_names: Sequence[str] | None = None
+    cutoff: float | None = None
 
     def __post_init__(self) -> None:
         _ = self._curve
@@ -298,6 +303,8 @@ class RecordedReference(Reference):
                     "joint_names",
                 )
             positions = positions[:, [columns.index(name) for name in names]]
+        if self.cutoff is not None:
+            return smoothing_curve(self._times, positions, self.cutoff)
         return make_interp_spline(self._times, positions, k=5)
 
     @property
