@@ -287,7 +287,7 @@ def as_plants(plant: Plant | Sequence[Plant]) -> list[Plant]:
     Raises
     ------
     InvalidParameter
-        For an empty list, for anything else than robots, and for numbers of joints that differ.
+        For an empty list, for anything else than robots, for numbers of joints that differ, and for passive joints.
     """
     plants = list(plant) if isinstance(plant, Sequence) else [plant]
     if not plants or not all(isinstance(robot, Plant) for robot in plants):
@@ -296,4 +296,6 @@ def as_plants(plant: Plant | Sequence[Plant]) -> list[Plant]:
     counts = [robot.n_joints for robot in plants]
     if len(set(counts)) > 1:
         raise InvalidParameter(f"plant: got robots of {counts} joints; needs as many in each")
+    for robot in plants:
+        robot.require_fully_driven("a certificate")
     return plants

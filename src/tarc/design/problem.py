@@ -45,8 +45,9 @@ class DesignProblem:
         Raises
         ------
         InvalidParameter
-            For a payload that the robot cannot carry, a missing torque limit, and a budget without noise or limit.
+            For passive joints, a payload that the robot cannot carry, a missing torque limit, and a budget without noise or limit.
         """
+        plant.require_fully_driven("a design")
         plants = _with_payloads(plant, requirements.payload)
         workspace = _workspace(plant, requirements)
         problem = cls(requirements, plants, workspace, _torque_limits(plant, requirements.torque_limits))

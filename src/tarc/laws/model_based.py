@@ -40,6 +40,7 @@ class ModelBased(Law):
     def __post_init__(self) -> None:
         if not isinstance(self.model, Plant):
             raise InvalidParameter(f"model: got {self.model!r}; needs one of tarc.plants, such as the robot itself")
+        self.model.require_fully_driven(f"the model of {type(self).__name__}")
         super().__post_init__()
         _ = self.omega
 

@@ -14,12 +14,92 @@ from tarc.core.validation import Numbers, Table
 
 
 class Plant(ABC):
-    """A robot M(q) q̈ + N(q, q̇) = τ with n joints."""
+    """A robot M(q) q̈ + N(q, q̇) = B τ with n joints.
+
+    A law sees n joints: their positions, torques, limits and names. The equations may have more coordinates than that.
+    Coordinates on which no torque acts are passive. B has a one for each joint, at the coordinate that its torque
+    drives; it is the identity for a robot without passive coordinates.
+    """
 
     @property
     @abstractmethod
     def n_joints(self) -> int:
         """Return the number of joints n."""
+
+    @property
+    def n_coordinates(self) -> int:
+        """Return the number of coordinates m ≥ n of the equations; by default one per joint."""
+        return self.n_joints
+
+    @property
+    def driven(self) -> tuple[int, ...]:
+        """Return the coordinate on which the torque of each joint acts, n numbers from 0; by default the first n."""
+        return tuple(range(self.n_joints))
+
+    @property
+    def measured(self) -> tuple[int, ...]:
+        """Return the coordinate that the encoder of each joint reads, n numbers from 0; by default the driven one."""
+        return self.driven
+
+    @property
+    def unmeasured(self) -> tuple[int, ...]:
+        """Return the coordinates that no encoder reads, m − n numbers from 0."""
+        return tuple(i for i in range(self.n_coordinates) if i not in self.measured)
+
+    @property
+    def is_fully_driven(self) -> bool:
+        """Return whether the joints are all coordinates, in their order."""
+        return self.driven == self.measured == tuple(range(self.n_coordinates))
+
+    @property
+    def coordinate_names(self) -> list[str]:
+        """Return one name per coordinate; by default those of the joints, else ``coordinate1``, ``coordinate2``, …"""
+        joints = dict(zip(self.measured, self.joint_names, strict=True))
+        return [joints.get(i, f"coordinate{i + 1}") for i in range(self.n_coordinates)]
+
+    @property
+    def coordinate_units(self) -> list[str]:
+        """Return the unit of each coordinate, ``rad`` or ``m``; by default those of the joints, else ``rad``."""
+        joints = dict(zip(self.measured, self.units, strict=True))
+        return [joints.get(i, "rad") for i in range(self.n_coordinates)]
+
+    @property
+    def passive_joints(self) -> list[str]:
+        """Return the names of the coordinates on which no torque acts."""
+        return [name for i, name in enumerate(self.coordinate_names) if i not in self.driven]
+
+    def coordinates(self, position: Vector) -> np.ndarray:
+        """Return all coordinates, shape (m,), with the joints at a position (n,); by default the others are zero."""
+        values = np.zeros(self.n_coordinates)
+        values[list(self.measured)] = position
+        return values
+
+    def require_fully_driven(self, purpose: str) -> None:
+        """Refuse passive coordinates.
+
+        Parameters
+        ----------
+        purpose
+            What needs a torque on every coordinate, in words.
+
+        Raises
+        ------
+        InvalidParameter
+            For a plant with passive coordinates, with their names and the way out.
+        """
+        passive = self.passive_joints
+        if passive:
+            several = len(passive) > 1
+            raise InvalidParameter(
+                f"plant: no torque acts on the {'joints' if several else 'joint'} {', '.join(passive)} of {self.label}, "
+                f"and {purpose} needs one on every joint. {self.way_out_of_passive}",
+                "robot",
+            )
+
+    @property
+    def way_out_of_passive(self) -> str:
+        """Return how to do without passive coordinates, for messages."""
+        return "Use a plant without passive coordinates, such as one in which they are fixed"
 
     @property
     def label(self) -> str:
@@ -78,11 +158,11 @@ class Plant(ABC):
 
     @abstractmethod
     def inertia(self, position: Numbers) -> np.ndarray:
-        """Return M(q) [kg m² or kg] at a position (n,), shape (n, n)."""
+        """Return M(q) [kg m² or kg] at the coordinates (m,), shape (m, m)."""
 
     @abstractmethod
     def gravity_torque(self, position: Vector) -> Vector:
-        """Return the torque [N m or N] that keeps the robot at rest at a position (n,), shape (n,)."""
+        """Return the torque [N m or N] that keeps the robot at rest at the coordinates (m,), shape (m,)."""
 
     @abstractmethod
     def with_parameters(self, values: dict[str, Any]) -> Self:
@@ -90,19 +170,19 @@ class Plant(ABC):
 
     @abstractmethod
     def bias(self, position: Numbers, velocity: Numbers) -> np.ndarray:
-        """Return N(q, q̇) without dry friction [N m or N], shape (n,)."""
+        """Return N(q, q̇) without dry friction [N m or N], shape (m,)."""
 
     def linearised(
         self, position: Numbers, velocity: Numbers | None = None, acceleration: Numbers | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return M, D and G of M δq̈ + D δq̇ + G δq = δτ, the linearisation about a motion without dry friction.
 
-            M = M(q),    D = ∂N/∂q̇,    G = ∂(M(q) q̈ + N)/∂q,    each (n, n)
+            M = M(q),    D = ∂N/∂q̇,    G = ∂(M(q) q̈ + N)/∂q,    each (m, m)
 
-        Velocity (n,) and acceleration (n,) are zero by default.
+        Velocity (m,) and acceleration (m,) are zero by default.
         """
         q, v, a = self._motion(position, velocity, acceleration)
-        step, units = 1e-5, np.eye(self.n_joints)
+        step, units = 1e-5, np.eye(self.n_coordinates)
 
         def torque(posture: np.ndarray) -> np.ndarray:
             return self.inertia(posture) @ a + self.bias(posture, v)
@@ -111,20 +191,21 @@ class Plant(ABC):
         return self.inertia(q), self.damping(q, v), np.column_stack(stiffness)
 
     def damping(self, position: Numbers, velocity: Numbers | None = None) -> np.ndarray:
-        """Return D = ∂N/∂q̇ without dry friction [N m s/rad or N s/m], shape (n, n); by default at rest."""
+        """Return D = ∂N/∂q̇ without dry friction [N m s/rad or N s/m], shape (m, m); by default at rest."""
         q, v, _ = self._motion(position, velocity, None)
-        columns = [(self.bias(q, v + d) - self.bias(q, v - d)) / 2 for d in np.eye(self.n_joints)]  # quadratic in q̇
+        columns = [(self.bias(q, v + d) - self.bias(q, v - d)) / 2 for d in np.eye(self.n_coordinates)]  # quadratic in q̇
         return np.column_stack(columns)
 
     def _motion(
         self, position: Numbers, velocity: Numbers | None, acceleration: Numbers | None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return all three, each (n,), zero where None is given."""
-        still = np.zeros(self.n_joints)
+        """Return all three, each (m,), zero where None is given."""
+        m = self.n_coordinates
+        still = np.zeros(m)
         return (
-            check.vector("position", position, self.n_joints),
-            still if velocity is None else check.vector("velocity", velocity, self.n_joints),
-            still if acceleration is None else check.vector("acceleration", acceleration, self.n_joints),
+            check.vector("position", position, m),
+            still if velocity is None else check.vector("velocity", velocity, m),
+            still if acceleration is None else check.vector("acceleration", acceleration, m),
         )
 
     @property
@@ -132,12 +213,36 @@ class Plant(ABC):
         """Return a posture to start from, shape (n,)."""
         return np.zeros(self.n_joints)
 
+    def joint_inertia(self, position: Numbers) -> np.ndarray:
+        """Return the inertia that the torques of the joints accelerate at a position (n,), shape (n, n).
+
+            (Bᵀ M⁻¹ B)⁻¹ = M_aa − M_ap M_pp⁻¹ M_pa
+
+        for driven coordinates a and passive ones p that move freely. Without passive coordinates it is M(q).
+
+        Raises
+        ------
+        InvalidParameter
+            Where encoders read coordinates that no torque acts on.
+        """
+        if self.is_fully_driven:
+            return self.inertia(position)
+        if self.measured != self.driven:
+            raise InvalidParameter(
+                f"inertia: the torques of {self.label} do not act on what its encoders read, so it has no inertia at "
+                "its joints; give the inertia of the law as numbers",
+                "law.inertia",
+            )
+        places = list(self.driven)
+        M = self.inertia(self.coordinates(check.vector("position", position, self.n_joints)))
+        return np.linalg.inv(np.linalg.inv(M)[np.ix_(places, places)])
+
     def mean_inertia(self, positions: Numbers | Table) -> np.ndarray:
-        """Return the mean of M(q) over the columns of positions (n, k): the nominal inertia along a path, shape (n,
-        n)."""
+        """Return the mean of `joint_inertia` over the columns of positions (n, k), shape (n, n): the nominal inertia
+        along a path."""
         columns = check.array("positions", positions)
         if columns.ndim != 2 or columns.shape[0] != self.n_joints:
             raise InvalidParameter(
                 f"positions: got shape {columns.shape}; needs ({self.n_joints}, k), one position per column"
             )
-        return np.mean([self.inertia(column) for column in columns.T], axis=0)
+        return np.mean([self.joint_inertia(column) for column in columns.T], axis=0)

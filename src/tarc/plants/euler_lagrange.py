@@ -24,11 +24,12 @@ def joint_friction(dq: Vector, p: SimpleNamespace) -> Vector:
 class EulerLagrange(Component, SymbolicPlant):
     """A plant given by kinetic energy T, potential energy V and further forces F and G.
 
-        d/dt ∂T/∂q̇ − ∂T/∂q + ∂V/∂q + G(q, q̇) q̇ + F(q, q̇) = τ
+        d/dt ∂T/∂q̇ − ∂T/∂q + ∂V/∂q + G(q, q̇) q̇ + F(q, q̇) = B τ
 
     so that M = ∂²T/∂q̇² and N = C q̇ + ∂V/∂q + G q̇ + F, with Christoffel's C, all by differentiation. A subclass is a
     frozen dataclass whose numeric fields are the physical parameters p. It defines T and V, and where needed F and the
-    skew-symmetric G. `q`, `q̇` and the fields of `p` arrive as CasADi symbols.
+    skew-symmetric G. `q`, `q̇` and the fields of `p` arrive as CasADi symbols. A mechanism with passive coordinates
+    states their number by `n_coordinates`, and by `driven` the coordinates on which the torques act.
     """
 
     @abstractmethod
@@ -40,16 +41,16 @@ class EulerLagrange(Component, SymbolicPlant):
         """Return V(q) [J]."""
 
     def dissipation(self, q: Vector, dq: Vector, p: SimpleNamespace) -> Vector:
-        """Return the friction torque F(q, q̇) [N m or N], shape (n, 1); by default none."""
+        """Return the friction torque F(q, q̇) [N m or N], shape (m, 1); by default none."""
         return 0 * dq
 
     def gyroscopic(self, q: Vector, dq: Vector, p: SimpleNamespace) -> Vector:
-        """Return the skew-symmetric G(q, q̇) of forces that do no work, shape (n, n); by default none."""
-        return ca.SX(self.n_joints, self.n_joints)
+        """Return the skew-symmetric G(q, q̇) of forces that do no work, shape (m, m); by default none."""
+        return ca.SX(self.n_coordinates, self.n_coordinates)
 
     def __post_init__(self) -> None:
         self.validate()
-        q = np.linspace(0.1, 1.1, self.n_joints)
+        q = np.linspace(0.1, 1.1, self.n_coordinates)
         M = self.inertia(q)
         if not np.isfinite(self.evaluate("energy", q, q)):
             raise InvalidParameter(
@@ -72,7 +73,7 @@ class EulerLagrange(Component, SymbolicPlant):
 
     def equations(self) -> Equations:
         """Return the equations of motion, by differentiation of the energies."""
-        n = self.n_joints
+        n = self.n_coordinates
         q = ca.SX.sym("q", n)
         dq = ca.SX.sym("dq", n)
         symbols = {name: ca.SX.sym(name, max(value.size, 1)) for name, value in self.parameters.items()}

@@ -25,18 +25,18 @@ MATRICES = ("inertia", "coriolis", "damping", "tangent")
 
 
 class Equations(NamedTuple):
-    """Symbols and expressions of M(q) q̈ + N(q, q̇) = τ.
+    """Symbols and expressions of M(q) q̈ + N(q, q̇) = B τ.
 
     Attributes
     ----------
     q, dq
-        Symbols of position and velocity, each (n, 1).
+        Symbols of all coordinates and their velocities, each (m, 1).
     parameters
         Symbols of the physical parameters, by name.
     inertia
-        M(q), (n, n).
+        M(q), (m, m).
     bias
-        N(q, q̇), (n, 1), with all friction.
+        N(q, q̇), (m, 1), with all friction.
     friction
         Part of N that is friction of the joints.
     extra
@@ -55,10 +55,14 @@ class Equations(NamedTuple):
 class _Functions:
     """Functions of the equations of motion, each made when it is first needed."""
 
-    def __init__(self, equations: Equations):
+    def __init__(self, equations: Equations, driven: tuple[int, ...]):
         q, dq, parameters, M, N, friction, extra = equations
         ddq = ca.SX.sym("ddq", q.shape[0])
-        torque = ca.SX.sym("torque", q.shape[0])
+        torque = ca.SX.sym("torque", len(driven))
+        force = torque
+        if driven != tuple(range(q.shape[0])):
+            force = ca.SX.zeros(q.shape[0])
+            force[list(driven)] = torque
         self._parameters = list(parameters.values())
         self._functions: dict[str, ca.Function] = {}
         self._outputs: dict[str, tuple[list[ca.SX], Callable[[], ca.SX]]] = {
@@ -66,7 +70,7 @@ class _Functions:
             "bias": ([q, dq], lambda: N),
             "gravity": ([q], lambda: ca.substitute(N - friction, dq, ca.SX.zeros(*dq.shape))),
             "friction": ([q, dq], lambda: friction),
-            "acceleration": ([q, dq, torque], lambda: _solve(M, torque - N)),
+            "acceleration": ([q, dq, torque], lambda: _solve(M, force - N)),
             "damping": ([q, dq], lambda: ca.jacobian(N, dq)),
             "tangent": ([q, dq, ddq], lambda: ca.horzcat(M, ca.jacobian(N, dq), ca.jacobian(M @ ddq + N, q))),
         }
@@ -89,7 +93,7 @@ def _solve(M: ca.SX, right: ca.SX) -> ca.SX:
 
 
 class SymbolicPlant(Plant):
-    """A robot M(q) q̈ + N(q, q̇) = τ given by CasADi expressions.
+    """A robot M(q) q̈ + N(q, q̇) = B τ given by CasADi expressions.
 
     Its equations are fused with a law's into one function, compiled, and differentiated exactly. The parameters are
     inputs of all functions, so that other values need no new equations.
@@ -101,7 +105,7 @@ class SymbolicPlant(Plant):
 
     @cached_property
     def _functions(self) -> "_Functions":
-        return _Functions(self.equations())
+        return _Functions(self.equations(), self.driven)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what a copy or another process needs; it makes the functions again."""
@@ -117,7 +121,7 @@ class SymbolicPlant(Plant):
             ``acceleration`` q̈(q, q̇, τ), ``damping`` ∂N/∂q̇ (q, q̇) or ``tangent`` [M, ∂N/∂q̇, ∂(M q̈ + N)/∂q]
             (q, q̇, q̈). Plants from energies have ``coriolis`` C + G (q, q̇) and ``energy`` T + V (q, q̇) too.
         arguments
-            As in brackets, each of shape (n,), or (n, k) for k states at once.
+            As in brackets, each of shape (m,) and the torque (n,), or with k columns for k states at once.
         parameters
             Values that replace the plant's own, by name.
 
@@ -137,18 +141,18 @@ class SymbolicPlant(Plant):
         return _as_documented(quantity, np.array(function(*arguments, *values.values())))
 
     def inertia(self, position: Numbers) -> Array:
-        """Return M(q) with rotor inertia [kg m² or kg], shape (n, n)."""
+        """Return M(q) with rotor inertia [kg m² or kg], shape (m, m)."""
         return self._smooth("inertia", self._checked("position", position))
 
     def inertia_matrices(self, positions: Array) -> Array:
-        """Return M(q) at the columns of positions (n, k), shape (k, n, n)."""
-        n = self.n_joints
+        """Return M(q) at the columns of coordinates (m, k), shape (k, m, m)."""
+        n = self.n_coordinates
         if positions.shape[1] <= FEW_STATES:
             return np.array([self._smooth("inertia", position) for position in positions.T])
         return self.evaluate("inertia", positions).T.reshape(-1, n, n)
 
     def bias(self, position: Numbers, velocity: Numbers) -> Array:
-        """Return N(q, q̇) without dry friction [N m or N], shape (n,)."""
+        """Return N(q, q̇) without dry friction [N m or N], shape (m,)."""
         return self._smooth("bias", self._checked("position", position), self._checked("velocity", velocity))
 
     def linearised(
@@ -159,12 +163,12 @@ class SymbolicPlant(Plant):
         return M, D, G
 
     def damping(self, position: Numbers, velocity: Numbers | None = None) -> Array:
-        """Return D = ∂N/∂q̇ without dry friction [N m s/rad or N s/m], shape (n, n); at rest by default."""
+        """Return D = ∂N/∂q̇ without dry friction [N m s/rad or N s/m], shape (m, m); at rest by default."""
         q, v, _ = self._motion(position, velocity, None)
         return self._smooth("damping", q, v)
 
     def gravity_torque(self, position: Vector) -> Vector:
-        """Return N(q, 0) without friction [N m or N], shape (n,); accepts CasADi symbols."""
+        """Return N(q, 0) without friction [N m or N], shape (m,); accepts CasADi symbols."""
         if ops.symbolic(position):
             return self.evaluate("gravity", position)
         return self._smooth("gravity", self._checked("position", position))
@@ -187,7 +191,7 @@ class SymbolicPlant(Plant):
         return _as_documented(quantity, call())
 
     def _checked(self, name: str, vector: Numbers) -> Array:
-        return check.vector(name, vector, self.n_joints)
+        return check.vector(name, vector, self.n_coordinates)
 
 
 def _as_documented(quantity: str, numbers: Array) -> Any:

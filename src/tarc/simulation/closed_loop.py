@@ -28,7 +28,7 @@ class LoopInput(NamedTuple):
 
 
 class LoopState(NamedTuple):
-    """State of the controller, position and velocity of the plant."""
+    """State of the controller, coordinates and velocities of the plant, each (m,)."""
 
     controller: ControllerState
     position: Vector
@@ -36,12 +36,17 @@ class LoopState(NamedTuple):
 
 
 class LoopOutput(NamedTuple):
-    """True motion at the sampling instant, acceleration just after the torque was set, output of the controller."""
+    """True motion at the sampling instant, acceleration just after the torque was set, output of the controller.
+
+    The motion is that of the coordinates that the encoders read. ``passive`` has position and velocity of the others,
+    where there are any.
+    """
 
     position: Vector
     velocity: Vector
     acceleration: Vector
     controller: ControllerOutput
+    passive: dict[str, Vector]
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,17 +61,21 @@ class ClosedLoop(System):
     def init(
         self, position: Vector, velocity: Numbers = 0.0, torque: Numbers = 0.0, noise: Array | float = 0.0
     ) -> LoopState:
-        """Return the state with the robot at a position (n,) with a velocity, and the controller at rest."""
+        """Return the state with the robot at its coordinates (m,) with a velocity, and the controller at rest."""
         velocity = np.asarray(velocity) + np.zeros(np.shape(position))
-        controller = self.controller.init(position, torque, noise)
+        controller = self.controller.init(self._measured(position), torque, noise)
         acceleration = self.plant.evaluate("acceleration", position, velocity, controller.torque_delay_line[:, -1])
-        return LoopState(self.controller.with_true_derivatives(controller, velocity, acceleration), position, velocity)
+        controller = self.controller.with_true_derivatives(
+            controller, self._measured(velocity), self._measured(acceleration)
+        )
+        return LoopState(controller, position, velocity)
 
     def step(self, state: LoopState, value: LoopInput) -> tuple[LoopState, LoopOutput]:
         """Measure and compute at t_k; hold the torque and integrate to t_k + T."""
         q: Vector = state.position
         dq: Vector = state.velocity
-        controller, output = self.controller.step(state.controller, ControllerInput(q, dq, *value[:4]))
+        motion = self._measured(q), self._measured(dq)
+        controller, output = self.controller.step(state.controller, ControllerInput(*motion, *value[:4]))
         dt = self.controller.law.period / self.substeps
         torque = output.torque
         first_acceleration: Vector = None
@@ -75,8 +84,22 @@ class ClosedLoop(System):
             q, dq, acceleration = INTEGRATORS[self.integrator](self.plant, q, dq, torque, dt, value.parameters)
             first_acceleration = acceleration if first_acceleration is None else first_acceleration
         last_acceleration = self.plant.evaluate("acceleration", q, dq, torque, parameters=value.parameters)
-        controller = self.controller.with_true_derivatives(controller, dq, last_acceleration)
-        return LoopState(controller, q, dq), LoopOutput(state.position, state.velocity, first_acceleration, output)
+        controller = self.controller.with_true_derivatives(
+            controller, self._measured(dq), self._measured(last_acceleration)
+        )
+        output = LoopOutput(*motion, self._measured(first_acceleration), output, self._passive(state))
+        return LoopState(controller, q, dq), output
+
+    def _measured(self, values: Vector) -> Vector:
+        """Return what the encoders read of all coordinates, shape (n,)."""
+        return values if self.plant.is_fully_driven else values[list(self.plant.measured)]
+
+    def _passive(self, state: LoopState) -> dict[str, Vector]:
+        """Return position and velocity of what no encoder reads; nothing where there is nothing."""
+        places = list(self.plant.unmeasured)
+        if not places:
+            return {}
+        return {"passive_position": state.position[places], "passive_velocity": state.velocity[places]}
 
 
 def midpoint(

@@ -41,11 +41,15 @@ def dataset(
     arrays = _with_derived_signals(record, controller, inputs)
     n_samples = len(arrays["position"])
     order = list(VARIABLES)
+    passive_units = [plant.coordinate_units[i] for i in plant.unmeasured]
     variables = {}
     for name in sorted(arrays, key=lambda name: order.index(name) if name in order else len(order)):
         label, unit = VARIABLES.get(name, (name.replace("_", " "), "1"))
         attributes = {"long_name": label, "units": unit_for_joints(unit, plant.units)}
-        dimensions = ("time",) if arrays[name].ndim == 1 else ("time", "joint")
+        dimensions: tuple[str, ...] = ("time",) if arrays[name].ndim == 1 else ("time", "joint")
+        if name in ("passive_position", "passive_velocity"):
+            dimensions = ("time", "passive_joint")
+            attributes["units"] = unit_for_joints(unit, passive_units)
         variables[name] = (dimensions, arrays[name], attributes)
     limits = controller.law.torque_limits
     label = {"long_name": "largest torque that the law applies", "units": unit_for_joints("N m", plant.units)}
@@ -55,6 +59,8 @@ def dataset(
         "joint": ("joint", plant.joint_names),
         "joint_unit": ("joint", plant.units, {"long_name": "unit of the joint's position"}),
     }
+    if plant.unmeasured:
+        coordinates["passive_joint"] = ("passive_joint", [plant.coordinate_names[i] for i in plant.unmeasured])
     attributes = {
         "title": f"{type(controller.law).__name__} on {plant.label}",
         "source": f"tarc-control {__version__}",

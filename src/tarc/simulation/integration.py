@@ -62,7 +62,8 @@ def integration_error(
     integration
         What is judged.
     """
-    q, dq, torque = (record.arrays[name].T for name in ("position", "velocity", "torque"))
+    q, dq = _motion(plant, record, "position"), _motion(plant, record, "velocity")
+    torque = record.arrays["torque"].T
     torque = torque + disturbance[:, : q.shape[1]]
     chosen = np.unique(np.linspace(0, q.shape[1] - 1, N_STATES).astype(int))
     is_finite = np.all(np.isfinite(q[:, chosen] + dq[:, chosen] + torque[:, chosen]), axis=0)
@@ -75,10 +76,21 @@ def integration_error(
     return float(np.max(np.abs(end - true_end) + period * np.abs(end_velocity - true_velocity)))
 
 
+def _motion(plant: SymbolicPlant, record: Record, name: str) -> Array:
+    """Return the position or velocity of all coordinates (m, k) of a run."""
+    if plant.is_fully_driven:
+        return record.arrays[name].T
+    values = np.zeros((plant.n_coordinates, len(record.arrays[name])))
+    values[list(plant.measured)] = record.arrays[name].T
+    if plant.unmeasured:
+        values[list(plant.unmeasured)] = record.arrays[f"passive_{name}"].T
+    return values
+
+
 def _hold(
     plant: SymbolicPlant, q: Array, dq: Array, torque: Array, period: float, integration: Integration
 ) -> tuple[Array, Array]:
-    """Integrate columns of states (n, k) over one period with the torque held."""
+    """Integrate columns of states (m, k) over one period with the torque held."""
     for _ in range(integration.substeps):
         step = INTEGRATORS[integration.integrator]
         q, dq, _ = step(plant, q, dq, torque, period / integration.substeps)

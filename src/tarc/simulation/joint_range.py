@@ -24,7 +24,8 @@ def warn_if_beyond_range(plant: Plant, inputs: SampledInputs, initial: InitialCo
     """
     positions = inputs.reference[0]
     excess = _excess(plant, positions)
-    initial_excess = _excess(plant, initial.position[:, None])[:, 0]
+    start = initial.position[list(plant.measured)]
+    initial_excess = _excess(plant, start[:, None])[:, 0]
     texts = []
     for joint, (name, unit) in enumerate(zip(plant.joint_names, plant.units, strict=True)):
         low, high = plant.position_limits[joint]
@@ -35,8 +36,8 @@ def warn_if_beyond_range(plant: Plant, inputs: SampledInputs, initial: InitialCo
                 f"the reference {span} at {inputs.times[first]:g} s, and is farthest off at {inputs.times[worst]:g} s "
                 f"with {positions[joint, worst]:.4g} {unit}"
             )
-        if initial_excess[joint] > TOLERANCE and initial.position[joint] != positions[joint, 0]:
-            texts.append(f"the initial position {span}: {initial.position[joint]:.4g} {unit} at 0 s")
+        if initial_excess[joint] > TOLERANCE and start[joint] != positions[joint, 0]:
+            texts.append(f"the initial position {span}: {start[joint]:.4g} {unit} at 0 s")
     if texts:
         stops = (
             "MuJoCo simulates the stops, which push the joint back with force"

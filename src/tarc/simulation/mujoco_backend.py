@@ -137,7 +137,7 @@ def run_mujoco(
     acceleration[:-1] = acceleration[1:].copy()
     acceleration[-1] = loop.acceleration
     zero = np.zeros(n)
-    return Record.from_rows(LoopOutput(zero, zero, zero, loop.example), rows[: monitor.valid_rows(stop)])
+    return Record.from_rows(LoopOutput(zero, zero, zero, loop.example, {}), rows[: monitor.valid_rows(stop)])
 
 
 def _step_with_true_derivatives(

@@ -11,6 +11,8 @@ VARIABLES = {
     "velocity": ("true velocity", "rad/s"),
     "velocity_estimate": ("estimated velocity", "rad/s"),
     "acceleration": ("true acceleration just after the torque was set", "rad/s²"),
+    "passive_position": ("true position of what no encoder reads", "rad"),
+    "passive_velocity": ("true velocity of what no encoder reads", "rad/s"),
     "reference": ("reference position", "rad"),
     "velocity_reference": ("reference velocity", "rad/s"),
     "acceleration_reference": ("reference acceleration", "rad/s²"),

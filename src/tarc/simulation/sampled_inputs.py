@@ -51,7 +51,7 @@ class SampledInputs:
 
 @dataclass(frozen=True)
 class InitialConditions:
-    """Position, velocity and applied torque at the start, each of shape (n,)."""
+    """Coordinates and velocities (m,) and applied torque (n,) at the start."""
 
     position: np.ndarray
     velocity: np.ndarray
@@ -156,14 +156,21 @@ def initial_conditions(
     plant: Plant, inputs: SampledInputs, position: Numbers | None, velocity: Numbers, torque: Numbers | str
 ) -> InitialConditions:
     """Return the initial conditions: by default the reference's first position, at rest, without torque."""
-    n = plant.n_joints
-    q = inputs.reference[0][:, 0] if position is None else check.vector("initial_position", position, n)
+    n, m, measured = plant.n_joints, plant.n_coordinates, list(plant.measured)
+    if position is not None and np.size(position) == m > n:
+        q = check.vector("initial_position", position, m)
+    else:
+        joints = inputs.reference[0][:, 0] if position is None else check.vector("initial_position", position, n)
+        q = joints.copy() if plant.is_fully_driven else plant.coordinates(joints)
     if isinstance(torque, str):
         check.one_of("initial_torque", torque, ["rest"])
-        torque = plant.gravity_torque(q)
-    return InitialConditions(
-        q.copy(), check.vector("initial_velocity", velocity, n), check.vector("initial_torque", torque, n)
-    )
+        torque = plant.gravity_torque(q)[list(plant.driven)]
+    dq = np.zeros(m)
+    if np.size(velocity) == m > n:
+        dq = check.vector("initial_velocity", velocity, m)
+    else:
+        dq[measured] = check.vector("initial_velocity", velocity, n)
+    return InitialConditions(q, dq, check.vector("initial_torque", torque, n))
 
 
 def _sample_schedule(plant: Plant, schedule: ParameterSchedule, times: np.ndarray) -> tuple[str, np.ndarray]:
