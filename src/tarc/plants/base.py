@@ -193,7 +193,9 @@ class Plant(ABC):
     def damping(self, position: Numbers, velocity: Numbers | None = None) -> np.ndarray:
         """Return D = ∂N/∂q̇ without dry friction [N m s/rad or N s/m], shape (m, m); by default at rest."""
         q, v, _ = self._motion(position, velocity, None)
-        columns = [(self.bias(q, v + d) - self.bias(q, v - d)) / 2 for d in np.eye(self.n_coordinates)]  # quadratic in q̇
+        columns = [
+            (self.bias(q, v + d) - self.bias(q, v - d)) / 2 for d in np.eye(self.n_coordinates)
+        ]  # quadratic in q̇
         return np.column_stack(columns)
 
     def _motion(
