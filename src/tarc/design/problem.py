@@ -45,7 +45,8 @@ class DesignProblem:
         Raises
         ------
         InvalidParameter
-            For passive joints, a payload that the robot cannot carry, a missing torque limit, and a budget without noise or limit.
+            For passive joints, a payload that the robot cannot carry, a missing torque limit, and a budget without
+            noise or limit.
         """
         plant.require_fully_driven("a design")
         plants = _with_payloads(plant, requirements.payload)

@@ -89,9 +89,9 @@ class Plant(ABC):
         """
         passive = self.passive_joints
         if passive:
-            several = len(passive) > 1
+            joints = f"joint{'s' if len(passive) > 1 else ''} {', '.join(passive)}"
             raise InvalidParameter(
-                f"plant: no torque acts on the {'joints' if several else 'joint'} {', '.join(passive)} of {self.label}, "
+                f"plant: no torque acts on the {joints} of {self.label}, "
                 f"and {purpose} needs one on every joint. {self.way_out_of_passive}",
                 "robot",
             )

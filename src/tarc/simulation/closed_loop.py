@@ -87,8 +87,8 @@ class ClosedLoop(System):
         controller = self.controller.with_true_derivatives(
             controller, self._measured(dq), self._measured(last_acceleration)
         )
-        output = LoopOutput(*motion, self._measured(first_acceleration), output, self._passive(state))
-        return LoopState(controller, q, dq), output
+        recorded = LoopOutput(*motion, self._measured(first_acceleration), output, self._passive(state))
+        return LoopState(controller, q, dq), recorded
 
     def _measured(self, values: Vector) -> Vector:
         """Return what the encoders read of all coordinates, shape (n,)."""
