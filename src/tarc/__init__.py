@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from tarc import analysis, certificates, design, estimators, laws, paper, plants, signals, study
     from tarc.certification import certify_law
     from tarc.control.controller import Controller
-    from tarc.core.errors import DesignWarning, JointRangeWarning, MissingTool, RobotFileWarning, TarcError
+    from tarc.core.errors import DesignWarning, JointLimitWarning, MissingTool, RobotFileWarning, TarcError
     from tarc.core.version import __version__
     from tarc.scenario.model import Scenario
     from tarc.simulation.run import Run, Status
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Controller",
     "DesignWarning",
-    "JointRangeWarning",
+    "JointLimitWarning",
     "MissingTool",
     "RobotFileWarning",
     "Run",
@@ -47,7 +47,7 @@ __getattr__, __dir__, _ = lazy_attributes(
     {
         "Controller": "tarc.control.controller",
         "DesignWarning": "tarc.core.errors",
-        "JointRangeWarning": "tarc.core.errors",
+        "JointLimitWarning": "tarc.core.errors",
         "RobotFileWarning": "tarc.core.errors",
         "MissingTool": "tarc.core.errors",
         "Run": "tarc.simulation.run",

@@ -109,8 +109,8 @@ class DesignWarning(UserWarning):
     """A run begins with a design that is shown to be unstable: the message says where, how fast, and what to do."""
 
 
-class JointRangeWarning(UserWarning):
-    """A run leaves the range of a joint by its reference or its start: the message has joint, range, value and time."""
+class JointLimitWarning(UserWarning):
+    """A reference or a start exceeds the limits of a joint: the message has joint, limit, value and time."""
 
 
 class RobotFileWarning(UserWarning):

@@ -132,6 +132,11 @@ class Plant(ABC):
         return np.full(self.n_joints, np.inf)
 
     @property
+    def acceleration_limits(self) -> np.ndarray:
+        """Return the largest acceleration of each joint [rad/s² or m/s²], shape (n,), infinite where unknown."""
+        return np.full(self.n_joints, np.inf)
+
+    @property
     def position_limits(self) -> np.ndarray:
         """Return the range of each joint [rad or m], shape (n, 2), infinite where there is no limit."""
         return np.tile([-np.inf, np.inf], (self.n_joints, 1))

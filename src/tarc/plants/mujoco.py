@@ -31,7 +31,7 @@ from tarc.plants.robot_file import (
     tool_body,
     without_log_file,
 )
-from tarc.plants.urdf_limits import velocity_limits
+from tarc.plants.urdf_limits import acceleration_limits, velocity_limits
 
 PAYLOAD_RADIUS = 0.05
 """Radius [m] of the homogeneous ball that a payload is."""
@@ -66,6 +66,7 @@ class MujocoPlant(Plant):
         limited, ranges = self.model.jnt_actfrclimited.astype(bool), np.abs(self.model.jnt_actfrcrange)
         self._torque_limits = np.where(limited, ranges.min(axis=1), np.inf)
         self._velocity_limits = np.full(self.n_joints, np.inf)
+        self._acceleration_limits = np.full(self.n_joints, np.inf)
         self.set_parameters(self.model, {"payload": np.array(payload)})
         values, vectors = np.linalg.eigh(self.inertia(self._home))
         if not values[0] > 1e-9:
@@ -171,6 +172,7 @@ class MujocoPlant(Plant):
         }
         plant._locked = locked
         plant._velocity_limits = velocity_limits(file, plant.joint_names, file.name)
+        plant._acceleration_limits = acceleration_limits(file, plant.joint_names)
         plant._file_options = {"file": str(path), **{key: value for key, value in options.items() if value is not None}}
         return plant
 
@@ -201,6 +203,11 @@ class MujocoPlant(Plant):
     def velocity_limits(self) -> np.ndarray:
         """Return the velocity limits of a URDF [rad/s or m/s], shape (n,), infinite where it has none."""
         return self._velocity_limits
+
+    @property
+    def acceleration_limits(self) -> np.ndarray:
+        """Return the acceleration limits of a URDF 1.2 [rad/s² or m/s²], shape (n,), infinite where it has none."""
+        return self._acceleration_limits
 
     @property
     def position_limits(self) -> np.ndarray:

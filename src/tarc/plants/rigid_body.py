@@ -144,6 +144,11 @@ class RigidBody(SymbolicPlant):
         return self.mujoco.velocity_limits
 
     @property
+    def acceleration_limits(self) -> Array:
+        """Return the acceleration limits of a URDF 1.2 [rad/s² or m/s²], shape (n,), infinite where it has none."""
+        return self.mujoco.acceleration_limits
+
+    @property
     def position_limits(self) -> Array:
         """Return the joint ranges of the file [rad or m], shape (n, 2), infinite where it has none."""
         return self.mujoco.position_limits

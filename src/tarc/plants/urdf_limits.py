@@ -1,4 +1,4 @@
-"""Velocity limits of a URDF, and limits that stand for none."""
+"""Velocity and acceleration limits of a URDF, and limits that stand for none."""
 
 from tarc.core.optional import require
 
@@ -46,8 +46,7 @@ def velocity_limits(file: Path, joints: Sequence[str], label: str) -> Array:
     RobotFileWarning
         For limits that are taken as unknown, all in one message.
     """
-    root = parse_robot(file)
-    elements = {joint.get("name"): joint for joint in root.findall("joint")} if root.tag == "robot" else {}
+    elements = _joint_elements(file)
     speeds = np.full(len(joints), np.inf)
     unknown: dict[tuple[str, str], list[str]] = {}
     for number, name in enumerate(joints):
@@ -68,6 +67,28 @@ def velocity_limits(file: Path, joints: Sequence[str], label: str) -> Array:
         )
         warnings.warn(message, RobotFileWarning, stacklevel=4)
     return speeds
+
+
+def acceleration_limits(file: Path, joints: Sequence[str]) -> Array:
+    """Return the acceleration limits of joints [rad/s² or m/s²], shape (n,), of a URDF 1.2: else infinite.
+
+    Parameters
+    ----------
+    file
+        The file.
+    joints
+        Names of the driven joints.
+    """
+    elements = _joint_elements(file)
+    limits = [elements[name].find("limit") if name in elements else None for name in joints]
+    values = [0.0 if limit is None else _number(limit, "acceleration") or 0.0 for limit in limits]
+    return np.array([value if value > 0 else np.inf for value in values])
+
+
+def _joint_elements(file: Path) -> dict[str | None, ET.Element]:
+    """Return the joints of a URDF by name; none for MJCF."""
+    root = parse_robot(file)
+    return {joint.get("name"): joint for joint in root.findall("joint")} if root.tag == "robot" else {}
 
 
 def _unknown_limits(limit: ET.Element, kind: str) -> list[tuple[str, str]]:

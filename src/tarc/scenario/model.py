@@ -87,7 +87,7 @@ class Scenario(BaseModel):
         [s]; the measures begin at ``metrics_start``.
     initial_position, initial_velocity, initial_torque
         At the start, as in `tarc.simulate`; torque ``rest`` is the gravity torque.
-    computation_delay, substeps, seed, native, divergence_threshold
+    acceleration_limits, computation_delay, substeps, seed, native, divergence_threshold
         As in `tarc.simulate`.
     """
 
@@ -104,6 +104,7 @@ class Scenario(BaseModel):
     initial_position: list[float] | None = None
     initial_velocity: float | list[float] = 0.0
     initial_torque: float | list[float] | str = 0.0
+    acceleration_limits: float | list[float] | None = None
     period: float = 1e-3
     metrics_start: float = 0.0
     computation_delay: int = 0
@@ -321,6 +322,7 @@ class Scenario(BaseModel):
                 initial_position=self.initial_position,
                 initial_velocity=self.initial_velocity,
                 initial_torque=self.initial_torque,
+                acceleration_limits=self.acceleration_limits,
                 computation_delay=self.computation_delay,
                 substeps=self.substeps,
                 seed=self.seed,

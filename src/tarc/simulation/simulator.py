@@ -22,7 +22,7 @@ from tarc.simulation.casadi_backend import run_casadi
 from tarc.simulation.closed_loop import ClosedLoop
 from tarc.simulation.dataset import dataset
 from tarc.simulation.integration import Integration, choose_integration, integration_error, max_error
-from tarc.simulation.joint_range import warn_if_beyond_range
+from tarc.simulation.joint_limits import warn_if_beyond_limits
 from tarc.simulation.monitor import DivergenceMonitor
 from tarc.simulation.mujoco_backend import run_mujoco
 from tarc.simulation.run import Run
@@ -50,6 +50,7 @@ def simulate(
     initial_position: Numbers | None = None,
     initial_velocity: Numbers = 0.0,
     initial_torque: Numbers | str = 0.0,
+    acceleration_limits: Numbers | None = None,
     computation_delay: int = 0,
     substeps: int | None = None,
     divergence_threshold: float = 5.0,
@@ -80,6 +81,9 @@ def simulate(
     initial_torque
         Torque [N m or N] applied before the start, shape (n,), which initialises the law's past torques. ``"rest"`` is
         the torque that keeps the robot at rest, as the brakes or the servo of a real arm do.
+    acceleration_limits
+        Largest acceleration of each joint [rad/s² or m/s²], one number or one per joint, to check the reference.
+        None for those of the robot's file.
     computation_delay
         Periods between a measurement and its torque on the joints. A law that models the delay, by
         ``actuation_delay``, pairs its estimates with the torques that acted. A law that does not model it is stable
@@ -115,9 +119,9 @@ def simulate(
     -----
     DesignWarning
         When the loop is unstable at rest in a posture of the reference; the run goes on all the same.
-    JointRangeWarning
-        When the reference or the initial position leaves the range of a joint; the run goes on all the same. Robots in
-        symbols do not simulate the stops at the ends of the ranges.
+    JointLimitWarning
+        When the reference exceeds a position, velocity or acceleration limit of a joint, or the initial position its
+        range. The run goes on all the same. Robots in symbols do not simulate the stops at the ends of the ranges.
     """
     sensor = Encoder() if sensor is None else sensor
     events = list(disturbance) if isinstance(disturbance, Sequence) else [disturbance]
@@ -136,7 +140,7 @@ def simulate(
 
     inputs = sample(substeps or 1, duration)
     initial = initial_conditions(plant, inputs, initial_position, initial_velocity, initial_torque)
-    warn_if_beyond_range(plant, inputs, initial, has_stops=isinstance(plant, MujocoPlant))
+    warn_if_beyond_limits(plant, inputs, initial, isinstance(plant, MujocoPlant), acceleration_limits)
     warn_if_unstable(plant, controller.law, inputs, computation_delay)
     if isinstance(plant, MujocoPlant):
         monitor = DivergenceMonitor(inputs, divergence_threshold, progress)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from tarc.core import validation as check
-from tarc.core.errors import DesignWarning, InvalidParameter, JointRangeWarning
+from tarc.core.errors import DesignWarning, InvalidParameter, JointLimitWarning
 from tarc.core.optional import require
 from tarc.core.progress import Progress
 from tarc.scenario.model import Scenario
@@ -47,7 +47,7 @@ def objective(scenario: Scenario, part: dict[str, Any], limit: float) -> float:
     """
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore", DesignWarning)
-        warnings.simplefilter("ignore", JointRangeWarning)  # the run without noise has warned
+        warnings.simplefilter("ignore", JointLimitWarning)  # the run without noise has warned
         try:
             trial = Scenario.parse({**scenario.model_dump(), "law": part})
             run = next(iter(trial.run(progress=False).values()))
