@@ -30,6 +30,7 @@ from tarc.signals import (
     Sinusoid,
     StepDisturbance,
 )
+from tarc.signals.disturbances import payload_schedule
 from tarc.signals.readings import ReadingCheck
 from tarc.signals.sensors import EncoderInput
 
@@ -556,9 +557,24 @@ def test_linear_schedule_joins_its_values_and_then_stays() -> None:
 
 
 def test_payload_is_a_schedule_of_the_payload() -> None:
-    values = Payload(mass=2.0, start_time=0.4).schedule.sample(TIMES, np.array(0.5))
-    assert Payload(mass=2.0).schedule.parameter == "payload"
+    values = payload_schedule([Payload(mass=2.0, start_time=0.4)], 0.5).sample(TIMES, np.array(0.5))
+    assert payload_schedule([Payload(mass=2.0)], 0.0).parameter == "payload"
     assert np.array_equal(values, [np.where(np.arange(1000) < 400, 0.5, 2.0)])
+
+
+def test_payloads_add_and_leave_the_plant_its_own() -> None:
+    payloads = [
+        Payload(mass=2.0, start_time=0.2, stop_time=0.6),
+        Payload(mass=0.5, start_time=0.4),
+        Payload(mass=1.0, start_time=0.4, stop_time=0.8),
+    ]
+    times = np.array([0.1, 0.3, 0.5, 0.7, 0.9])
+    own = np.array(0.25)
+    assert payload_schedule(payloads, 0.25).sample(times, own)[0].tolist() == [0.25, 2.0, 3.5, 1.5, 0.5]
+    first = payload_schedule(payloads[:1], 0.25).sample(times, own)[0]
+    assert first.tolist() == [0.25, 2.0, 2.0, 0.25, 0.25]
+    in_turn = [Payload(mass=3.0, stop_time=0.4), Payload(mass=4.0, start_time=0.4, stop_time=0.6)]
+    assert payload_schedule(in_turn, 0.25).sample(times, own)[0].tolist() == [3.0, 3.0, 4.0, 0.25, 0.25]
 
 
 @pytest.mark.parametrize(
@@ -616,6 +632,7 @@ def test_payload_is_a_schedule_of_the_payload() -> None:
             r"got times \[1.0\] and values \[1, 2\]",
         ),
         (lambda: Payload(mass=-1.0), "mass: got -1"),
+        (lambda: Payload(mass=1.0, start_time=2.0, stop_time=2.0), "stop_time: got 2.0; needs a time after start_time"),
     ],
 )
 def test_bad_input_is_refused_with_the_remedy(attempt: Any, message: str) -> None:

@@ -35,6 +35,14 @@ class Disturbance(Component):
         """Return the torque for an amplitude of one, shape (k,) or (n, k)."""
 
 
+def _check_order(start_time: float, stop_time: object) -> None:
+    """Refuse a stop that is not after the start."""
+    if not isinstance(stop_time, int | float) or not stop_time > start_time:
+        raise InvalidParameter(
+            f"stop_time: got {stop_time!r}; needs a time after start_time = {start_time:g}", "stop_time"
+        )
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StepDisturbance(Disturbance):
     """Constant torque from ``start_time`` on, until ``stop_time`` if given [s]; amplitude [N m or N]."""
@@ -44,10 +52,7 @@ class StepDisturbance(Disturbance):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not isinstance(self.stop_time, int | float) or not self.stop_time > self.start_time:
-            raise InvalidParameter(
-                f"stop_time: got {self.stop_time!r}; needs a time after start_time = {self.start_time:g}"
-            )
+        _check_order(self.start_time, self.stop_time)
 
     def profile(self, times: np.ndarray, n_joints: int, rng: np.random.Generator) -> np.ndarray:
         """Return one inside the interval, else zero."""
@@ -175,16 +180,31 @@ class ParameterSchedule(Component):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Payload(Component):
-    """The plant's ``payload`` becomes this mass [kg] at an instant [s]: a `ParameterSchedule` of one step."""
+    """The plant's ``payload`` becomes this mass from ``start_time`` on, until ``stop_time`` if given.
+
+    The masses of payloads that are present at the same time add. While none is, the plant has its own.
+
+    Parameters
+    ----------
+    mass
+        [kg].
+    start_time, stop_time
+        When it is picked up and put down [s].
+    """
 
     mass: float
     start_time: float = 0.0
+    stop_time: float = np.inf
 
     def __post_init__(self) -> None:
         check.number("mass", self.mass, 0)
         check.number("start_time", self.start_time)
+        _check_order(self.start_time, self.stop_time)
 
-    @property
-    def schedule(self) -> ParameterSchedule:
-        """Return the same change as a `ParameterSchedule`."""
-        return ParameterSchedule(parameter="payload", times=[self.start_time], values=[self.mass])
+
+def payload_schedule(payloads: Sequence[Payload], own: float) -> ParameterSchedule:
+    """Return the sum of payloads over time, as a schedule for a plant with a payload of its own [kg]."""
+    ends = {time for payload in payloads for time in (payload.start_time, payload.stop_time)}
+    times = sorted(float(time) for time in ends if np.isfinite(time))
+    present = [[payload.mass for payload in payloads if payload.start_time <= t < payload.stop_time] for t in times]
+    return ParameterSchedule(parameter="payload", times=times, values=[sum(m) if m else own for m in present])

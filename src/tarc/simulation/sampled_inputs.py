@@ -10,7 +10,7 @@ from tarc.core.errors import InvalidParameter
 from tarc.core.validation import Numbers
 from tarc.laws.base import Law
 from tarc.plants.base import Plant
-from tarc.signals.disturbances import Disturbance, ParameterSchedule, Payload
+from tarc.signals.disturbances import Disturbance, ParameterSchedule, Payload, payload_schedule
 from tarc.signals.references import Reference
 from tarc.signals.sensors import Encoder
 
@@ -110,22 +110,19 @@ def sample_inputs(
     substep_times = np.arange(n_periods * substeps) * (period / substeps)
     noise_rng, *event_rngs = np.random.default_rng(seed).spawn(1 + len(events))
     torque = np.zeros((n, n_periods * substeps))
-    schedules: dict[str, np.ndarray] = {}
     for event, rng in zip(events, event_rngs, strict=True):
         if isinstance(event, Disturbance):
             torque += event.sample(substep_times, n, rng)
-        elif isinstance(event, Payload | ParameterSchedule):
-            schedule = event.schedule if isinstance(event, Payload) else event
-            name, values = _sample_schedule(plant, schedule, times)
-            if name in schedules:
-                raise InvalidParameter(
-                    f"disturbance: two schedules change {name!r}; put both into one ParameterSchedule"
-                )
-            schedules[name] = values
-        else:
+        elif not isinstance(event, Payload | ParameterSchedule):
             raise InvalidParameter(
                 f"disturbance: got {event!r}; needs a Disturbance, Payload or ParameterSchedule of tarc.signals"
             )
+    schedules: dict[str, np.ndarray] = {}
+    for schedule in parameter_schedules(plant, events):
+        name, values = _sample_schedule(plant, schedule, times)
+        if name in schedules:
+            raise InvalidParameter(f"disturbance: two schedules change {name!r}; put both into one ParameterSchedule")
+        schedules[name] = values
     return SampledInputs(
         times,
         reference.sample(times),
@@ -136,10 +133,18 @@ def sample_inputs(
     )
 
 
+def parameter_schedules(plant: Plant, events: Sequence[Event]) -> list[ParameterSchedule]:
+    """Return the schedules among the events, and one for the sum of all payloads."""
+    schedules = [event for event in events if isinstance(event, ParameterSchedule)]
+    payloads = [event for event in events if isinstance(event, Payload)]
+    if payloads:
+        schedules.append(payload_schedule(payloads, float(plant.parameters.get("payload", 0.0))))
+    return schedules
+
+
 def scheduled_plants(plant: Plant, events: Sequence[Event]) -> list[tuple[float, Plant]]:
     """Return the plant after each change by a payload or schedule, with the time [s] of the change."""
-    schedules = [event.schedule if isinstance(event, Payload) else event for event in events]
-    schedules = [event for event in schedules if isinstance(event, ParameterSchedule)]
+    schedules = parameter_schedules(plant, events)
     knots = sorted({0.0, *(float(max(time, 0.0)) for event in schedules for time in np.ravel(event.times))})
     nominal = plant.parameters
     plants: list[tuple[float, Plant]] = []
