@@ -22,6 +22,7 @@ NOTES = {
     "law": "One law, or a list of laws that run side by side. Each has a "
     "`kind`, and may have a `label` and an `estimator` of its own.",
     "disturbance": "A list; each entry has a `kind`.",
+    "torque_limits": "Its kind is always `TorqueLimits` and may be left out.",
     "sensor": "Its kind is always `Encoder` and may be left out.",
 }
 FILE_HEADING = "file: a robot from MJCF or URDF"

@@ -295,3 +295,14 @@ def test_a_scenario_says_what_it_is():
     scenario = Scenario.load("UR5e", ["law.0.label=a<b"])
     assert repr(scenario) == "<Scenario ur5e: a<b, TDC on ur5e, 20 s>"
     assert "label: a&lt;b" in scenario._repr_html_()
+
+
+def test_limits_of_the_torque_are_a_section(tmp_path):
+    scenario = Scenario.parse(scenario_content(torque_limits={"magnitude": [5.0, 2.0], "rate": 300.0}))
+    run = scenario.run()["TDC"]
+    rate = np.abs(np.diff(run.data["torque"].values, axis=0)).max() / 1e-3
+    assert 200 < rate < 300 * (1 + 1e-9)
+    assert run.metrics()["peak_torque_rate"] == pytest.approx(rate)
+    assert Scenario.load(scenario.save(tmp_path / "limited.yaml")).torque_limits == scenario.torque_limits
+    with pytest.raises(ScenarioError, match=r"torque_limits.rates: unknown key; .*Did you mean 'rate'"):
+        Scenario.parse(scenario_content(torque_limits={"rates": 300.0}))

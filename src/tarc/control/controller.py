@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tarc.control.digital_controller import checked_limits, limited_start, limited_step
 from tarc.core import array_ops as ops
 from tarc.core.codegen import compiled
 from tarc.core.errors import ControllerNotReset, InvalidParameter
@@ -18,6 +19,7 @@ from tarc.core.validation import Numbers
 from tarc.estimators.oracle import TrueDerivatives
 from tarc.laws.base import Law, LawInput, LawOutput, LawState
 from tarc.signals.readings import ReadingCheck
+from tarc.signals.torque_limits import TorqueLimits
 
 log = logging.getLogger("tarc")
 
@@ -53,6 +55,9 @@ class Controller:
     max_step
         Largest distance of a position from the last valid one [rad or m], one number or one per joint; None for any. A
         sample farther away counts as missing. After missing samples the joint must still be that close.
+    torque_limits
+        Limits of magnitude, rate and resolution that your robot's interface has. The controller keeps to them, and its
+        law knows the torque that passed. None for no limits besides the law's own.
 
     Attributes
     ----------
@@ -66,7 +71,8 @@ class Controller:
     ------
     InvalidParameter
         For something else than a law, and for a law with the oracle as its estimator. For a span or largest step that
-        is not positive, or has another size than 1 or n.
+        is not positive, or has another size than 1 or n. For limits of another number of joints, or whose rate is
+        below one step of torque per period.
     MissingTool, CompilationError, UnsupportedLaw
         With ``native``: without a C compiler, where it fails, and for a law that has no C.
 
@@ -81,7 +87,15 @@ class Controller:
     array([0.1, 0.1])
     """
 
-    def __init__(self, law: Law, native: bool = False, *, span: Numbers | None = None, max_step: Numbers | None = None):
+    def __init__(
+        self,
+        law: Law,
+        native: bool = False,
+        *,
+        span: Numbers | None = None,
+        max_step: Numbers | None = None,
+        torque_limits: TorqueLimits | None = None,
+    ):
         if not isinstance(law, Law):
             raise InvalidParameter(f"law: got {law!r}; needs one of tarc.laws, constructed")
         if isinstance(law.estimator, TrueDerivatives):
@@ -92,13 +106,16 @@ class Controller:
         self.law = law
         self._check = ReadingCheck(span, max_step)
         self._check.check_joints(law.n_joints, "Controller: ")
+        self._limits = checked_limits(torque_limits, law)
         state, value = law.example()
         if self._check.is_needed:
             function, example = trace(self._checked_step, self._checked_state(state), value)
         else:
-            function, example = trace(law.step, state, value)
+            function, example = trace(self._limited_step, state, value)
         self._call = CompiledStep(compiled(function) if native else function)
         n = law.n_joints
+        self._past_torque = self._place_of_past_torque(state)
+        self._applied, self._magnitudes, self._is_known = np.zeros(n), np.zeros(n), np.zeros(n, dtype=bool)
         self._sizes = n, n, n, n
         vector = self._call.value
         self._position, self._reference = vector[:n], vector[n : 2 * n]
@@ -117,12 +134,22 @@ class Controller:
         """Return the state at reset: position and reference start in the turn of the initial position."""
         return _CheckedState(law.position, law.position, law)
 
+    def _place_of_past_torque(self, state: LawState) -> slice:
+        """Return where the packed state has the newest past torque."""
+        marked = state._replace(torque=np.where(np.arange(state.torque.shape[1]) == 0, np.nan, state.torque))
+        indices = np.flatnonzero(np.isnan(pack(self._checked_state(marked) if self._check.is_needed else marked)))
+        return slice(int(indices[0]), int(indices[-1]) + 1)
+
+    def _limited_step(self, state: LawState, value: LawInput) -> tuple[LawState, LawOutput]:
+        """Step the law, its torque limited."""
+        return limited_step(self.law, self._limits, state, value)
+
     def _checked_step(self, state: "_CheckedState", value: LawInput) -> tuple["_CheckedState", LawOutput]:
         """Unwrap position and reference, drop a position that jumps, and step the law."""
         last_position, position = self._check.step(state.position, value.position)
         reference = self._check.unwrap(state.reference, value.reference)
         last_reference = ops.where(ops.finite(reference), reference, state.reference)
-        law, output = self.law.step(state.law, value._replace(position=position, reference=reference))
+        law, output = self._limited_step(state.law, value._replace(position=position, reference=reference))
         return _CheckedState(last_position, last_reference, law), output
 
     @property
@@ -150,17 +177,32 @@ class Controller:
         InvalidParameter
             For a position that is not finite: wait for a valid sample first.
         """
-        state = self.law.init(initial_position, initial_torque)
+        state = limited_start(self.law, self._limits, initial_position, initial_torque)
         self._call.reset(pack(self._checked_state(state) if self._check.is_needed else state))
         self._call.output[:] = 0
         self._warned, self._ready = False, True
 
     def step(
-        self, position: Samples, reference: Samples, velocity_reference: Samples, acceleration_reference: Samples
+        self,
+        position: Samples,
+        reference: Samples,
+        velocity_reference: Samples,
+        acceleration_reference: Samples,
+        *,
+        applied_torque: Samples | None = None,
     ) -> np.ndarray:
         """Return the torque [N m or N] for this period from the measured position and the reference, all of shape (n,).
 
         A position with NaN or infinity is a missing sample.
+
+        Parameters
+        ----------
+        position, reference, velocity_reference, acceleration_reference
+            [rad or m] and derivatives, each of shape (n,).
+        applied_torque
+            Torque that your robot really applied in answer to the step before [N m or N], shape (n,), where it
+            reports one. The law, its anti-windup and a limit of the rate go on from there. NaN or None where it is
+            unknown; then the torque that was returned counts as applied.
 
         Raises
         ------
@@ -186,6 +228,8 @@ class Controller:
             raise InvalidParameter(
                 f"Controller.step: got shapes {shapes} for position and references; needs ({self.law.n_joints},) each"
             ) from None
+        if applied_torque is not None:
+            self._note_applied(applied_torque)
         self._call.step()
         if self._fault[0] and not self._warned:
             self._warned = True
@@ -195,6 +239,21 @@ class Controller:
                 getattr(self.law.safe_torque, "__name__", self.law.safe_torque),
             )
         return self._torque
+
+    def _note_applied(self, torque: Samples) -> None:
+        """Replace the newest past torque where the torque is known, without allocation."""
+        past = self._call.state[self._past_torque]
+        try:
+            self._applied[:] = torque
+            if len(torque) != len(past):
+                raise ValueError
+        except (TypeError, ValueError, OverflowError):
+            raise InvalidParameter(
+                f"Controller.step: got shape {np.shape(torque)} for applied_torque; needs ({self.law.n_joints},)"
+            ) from None
+        np.abs(self._applied, out=self._magnitudes)
+        np.less_equal(self._magnitudes, ops.HUGE, out=self._is_known)
+        np.copyto(past, self._applied, where=self._is_known)
 
     @property
     def missing(self) -> int:

@@ -25,6 +25,7 @@ from tarc.scenario.schema import Component, check_component, scenario_error
 from tarc.scenario.yaml_text import write_yaml
 from tarc.signals.references import Reference
 from tarc.signals.sensors import Encoder
+from tarc.signals.torque_limits import TorqueLimits
 from tarc.simulation.run import Run
 from tarc.simulation.sampled_inputs import Event, scheduled_plants
 from tarc.simulation.simulator import simulate
@@ -41,6 +42,8 @@ class Sections:
     ----------
     robot, reference, sensor
         Each as a component.
+    torque_limits
+        As a component; None for none.
     laws
         Law and its estimator, by the law's name.
     disturbances
@@ -50,17 +53,19 @@ class Sections:
     robot: Component
     reference: Component
     sensor: Component
+    torque_limits: Component | None
     laws: dict[str, tuple[Component, Component]]
     disturbances: list[Component]
 
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """The constructed parts of a scenario: robot, reference, sensor, events, and the laws by name."""
+    """The constructed parts of a scenario: robot, reference, sensor, torque limits, events, and the laws by name."""
 
     plant: Plant
     reference: Reference
     sensor: Encoder
+    torque_limits: TorqueLimits | None
     events: list[Event]
     laws: dict[str, Any]
 
@@ -81,6 +86,8 @@ class Scenario(BaseModel):
         ``diagonal: true`` also, of its diagonal. ``estimator`` replaces the scenario's for this law.
     estimator, reference, sensor
         ``kind`` and parameters. The sensor's kind is Encoder; without parameters it is perfect.
+    torque_limits
+        Parameters of `tarc.signals.TorqueLimits`: the limits of the robot's interface.
     disturbance
         A list of disturbances, payloads and schedules.
     duration, period, metrics_start
@@ -100,6 +107,7 @@ class Scenario(BaseModel):
     duration: float
     name: str = "scenario"
     sensor: dict[str, Any] = Field(default_factory=dict)
+    torque_limits: dict[str, Any] = Field(default_factory=dict)
     disturbance: list[dict[str, Any]] = Field(default_factory=list)
     initial_position: list[float] | None = None
     initial_velocity: float | list[float] = 0.0
@@ -180,9 +188,15 @@ class Scenario(BaseModel):
             robot,
             check_component("reference", self.reference),
             check_component("sensor", {"kind": "Encoder", **self.sensor}),
+            self._optional("torque_limits", "TorqueLimits"),
             laws,
             [check_component("disturbance", part) for part in self.disturbance],
         )
+
+    def _optional(self, section: str, kind: str) -> Component | None:
+        """Return a section of one kind as a component, or None where it is empty."""
+        part = getattr(self, section)
+        return check_component(section, {"kind": kind, **part}) if part else None
 
     def model_copy(self, **options: Any) -> Self:
         """Copy the scenario; its parts are checked again."""
@@ -204,7 +218,15 @@ class Scenario(BaseModel):
         reference = self.build_reference().for_run(plant.joint_names, self.duration)
         events = [part.build() for part in self.sections.disturbances]
         laws = self.build_laws(plant, reference)
-        return Setup(plant, reference, self.sections.sensor.build(), events, laws)
+        limits = self.sections.torque_limits
+        return Setup(
+            plant,
+            reference,
+            self.sections.sensor.build(),
+            None if limits is None else limits.build(),
+            events,
+            laws,
+        )
 
     def build_plant(self) -> Plant:
         """Construct the robot."""
@@ -324,6 +346,7 @@ class Scenario(BaseModel):
                 initial_torque=self.initial_torque,
                 acceleration_limits=self.acceleration_limits,
                 computation_delay=self.computation_delay,
+                torque_limits=setup.torque_limits,
                 substeps=self.substeps,
                 seed=self.seed,
                 native=self.native,

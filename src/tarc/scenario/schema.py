@@ -25,6 +25,7 @@ SECTIONS: dict[str, tuple[types.ModuleType, type]] = {
     "estimator": (tarc.estimators, tarc.estimators.Estimator),
     "reference": (tarc.signals, tarc.signals.Reference),
     "sensor": (tarc.signals, tarc.signals.Encoder),
+    "torque_limits": (tarc.signals, tarc.signals.TorqueLimits),
     "disturbance": (tarc.signals, object),
 }
 EVENTS = (

@@ -1,4 +1,4 @@
-"""References, sensors and disturbances."""
+"""References, sensors, disturbances and limits of the torque."""
 
 from tarc.signals.disturbances import (
     BandLimitedNoise,
@@ -12,6 +12,7 @@ from tarc.signals.disturbances import (
 from tarc.signals.joint_trajectory import JointTrajectory
 from tarc.signals.references import Chirp, Multisine, Quintic, RecordedReference, Reference, Sinusoid
 from tarc.signals.sensors import Encoder
+from tarc.signals.torque_limits import TorqueLimits
 
 __all__ = [
     "BandLimitedNoise",
@@ -29,4 +30,5 @@ __all__ = [
     "SineDisturbance",
     "Sinusoid",
     "StepDisturbance",
+    "TorqueLimits",
 ]

@@ -52,8 +52,15 @@ def dataset(
             attributes["units"] = unit_for_joints(unit, passive_units)
         variables[name] = (dimensions, arrays[name], attributes)
     limits = controller.law.torque_limits
-    label = {"long_name": "largest torque that the law applies", "units": unit_for_joints("N m", plant.units)}
+    interface = controller.torque_limits
+    if interface is not None:
+        limits = np.minimum(limits, interface.magnitudes(plant.n_joints))
+    label = {"long_name": "largest torque that is applied", "units": unit_for_joints("N m", plant.units)}
     variables["torque_limit"] = ("joint", np.where(limits < HUGE, limits, np.inf), label)
+    if interface is not None and interface.rate is not None:
+        rates = np.broadcast_to(np.asarray(interface.rate, dtype=float), limits.shape)
+        label = {"long_name": "largest rate of the torque", "units": unit_for_joints("N m/s", plant.units)}
+        variables["torque_rate_limit"] = ("joint", rates, label)
     coordinates = {
         "time": ("time", inputs.times[:n_samples], {"units": "s", "long_name": "time"}),
         "joint": ("joint", plant.joint_names),
@@ -68,6 +75,7 @@ def dataset(
         "law": _to_json(_describe(controller.law)),
         "reference_signal": _to_json(_describe(reference)),
         "sensor": _to_json(_describe(controller.sensor)),
+        "torque_limits": "" if interface is None else _to_json(_describe(interface)),
         "disturbance": _to_json([_describe(event) for event in inputs.events]),
         "period": controller.law.period,
         "substeps": inputs.disturbance.shape[2],

@@ -43,6 +43,7 @@ _MEASURES = {
     "torque_variation": Measure("torque variation", "torque variation", 1.0, "N m/s"),
     "high_frequency_share": Measure("torque energy above 50 Hz", "above 50 Hz", 100.0, "%"),
     "peak_torque": Measure("peak torque", "peak torque", 1.0, "N m"),
+    "peak_torque_rate": Measure("peak torque rate", "torque rate", 1.0, "N m/s"),
     "saturated": Measure("saturated", "saturated", 100.0, "%"),
     "rms_tde_error": Measure("RMS TDE error", "RMS TDE error", 1.0, "rad/s²"),
     "mean_gain": Measure("mean gain", "mean gain", 1.0, "rad/s²"),
@@ -57,6 +58,7 @@ SUMMED_OVER_JOINTS = (
     "torque_variation",
     "high_frequency_share",
     "peak_torque",
+    "peak_torque_rate",
     "rms_tde_error",
 )
 """Measures that join several joints, and so have no meaning where revolute and prismatic joints mix."""

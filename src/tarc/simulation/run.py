@@ -111,10 +111,10 @@ class Run:
             each measure over joints is there twice: ``rms_error_revolute``, ``rms_error_prismatic`` and so on.
             ``torque_variation`` is Σ|Δτ| of all joints per second [N m/s], and ``high_frequency_share`` a share of the
             torque's energy about its mean. The others are ``peak_torque`` [N m], the ``saturated`` share of samples,
-            and ``rms_tde_error`` [rad/s²]. Laws with a
-            gain have ``mean_gain`` and ``peak_gain`` [rad/s²] too. ``overestimation`` is the share of time in which the
-            gain rises while ‖s‖ falls. ``underestimation`` is that in which the gain falls while ‖s‖ rises. Both use
-            the noise-free ‖s‖.
+            and ``rms_tde_error`` [rad/s²]. With a limit of the rate, ``peak_torque_rate`` is the largest change of a
+            torque in a period, over the period [N m/s]. Laws with a gain have ``mean_gain`` and ``peak_gain`` [rad/s²]
+            too. ``overestimation`` is the share of time in which the gain rises while ‖s‖ falls. ``underestimation`` is
+            that in which the gain falls while ‖s‖ rises. Both use the noise-free ‖s‖.
 
         Raises
         ------
@@ -262,6 +262,8 @@ def _summed_measures(data: xr.Dataset, period: float, frequency: float) -> dict[
         "high_frequency_share": _energy_share_above(torque, period, frequency),
         "peak_torque": float(np.max(np.abs(torque))),
     }
+    if "torque_rate_limit" in data:
+        measures["peak_torque_rate"] = float(np.max(np.abs(np.diff(torque, axis=0)))) / period
     if "tde_error" in data:
         tde_error = data["tde_error"].values
         tde_error = tde_error[~np.isnan(tde_error)]

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from tarc.analysis.rest_stability import describe_instability, unstable_posture
-from tarc.control.digital_controller import DigitalController
+from tarc.control.digital_controller import DigitalController, checked_limits
 from tarc.core import validation as check
 from tarc.core.errors import DesignWarning, InvalidParameter
 from tarc.core.validation import Numbers
@@ -18,6 +18,7 @@ from tarc.plants.mujoco import MujocoPlant
 from tarc.plants.symbolic import SymbolicPlant
 from tarc.signals.references import Reference
 from tarc.signals.sensors import Encoder
+from tarc.signals.torque_limits import TorqueLimits
 from tarc.simulation.casadi_backend import run_casadi
 from tarc.simulation.closed_loop import ClosedLoop
 from tarc.simulation.dataset import dataset
@@ -52,6 +53,7 @@ def simulate(
     initial_torque: Numbers | str = 0.0,
     acceleration_limits: Numbers | None = None,
     computation_delay: int = 0,
+    torque_limits: TorqueLimits | None = None,
     substeps: int | None = None,
     divergence_threshold: float = 5.0,
     seed: int = 0,
@@ -88,6 +90,9 @@ def simulate(
         Periods between a measurement and its torque on the joints. A law that models the delay, by
         ``actuation_delay``, pairs its estimates with the torques that acted. A law that does not model it is stable
         only for a smaller M̂.
+    torque_limits
+        Limits of magnitude, rate and resolution between law and robot. The law knows the torque that passes. None for
+        no limits besides the law's own.
     substeps
         Runge–Kutta steps of the plant per period, or steps of MuJoCo. None is one step with MuJoCo. In symbols it is
         the cheapest method whose error per period is small, tried on the first 512 periods. Small is a fiftieth of
@@ -130,7 +135,10 @@ def simulate(
     plant = _simulable(plant)
     reference = reference.for_run(plant.joint_names, check.number("duration", duration))
     controller = DigitalController(
-        sensor, _with_limits(law, plant), check.integer("computation_delay", computation_delay, 0)
+        sensor,
+        _with_limits(law, plant),
+        check.integer("computation_delay", computation_delay, 0),
+        checked_limits(torque_limits, law),
     )
     if substeps is not None:
         check.integer("substeps", substeps, 1)

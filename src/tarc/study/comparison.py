@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-MEASURES_WITHOUT_COLUMN = ("rms_tde_error", "mean_gain", "peak_gain")
+MEASURES_WITHOUT_COLUMN = ("peak_torque_rate", "rms_tde_error", "mean_gain", "peak_gain")
 COLUMNS = {
     key: (measure.short_label, measure.scale, measure.unit)
     for key, measure in MEASURES.items()
