@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -26,9 +26,11 @@ from tarc.simulation.integration import Integration, choose_integration, integra
 from tarc.simulation.joint_limits import warn_if_beyond_limits
 from tarc.simulation.monitor import DivergenceMonitor
 from tarc.simulation.mujoco_backend import run_mujoco
+from tarc.simulation.record import Record
 from tarc.simulation.run import Run
 from tarc.simulation.sampled_inputs import (
     Event,
+    InitialConditions,
     SampledInputs,
     check_compatible,
     initial_conditions,
@@ -142,35 +144,70 @@ def simulate(
     )
     if substeps is not None:
         check.integer("substeps", substeps, 1)
-
-    def sample(n_substeps: int, seconds: float) -> SampledInputs:
-        return sample_inputs(plant, law, reference, seconds, sensor, events, n_substeps, seed)
-
-    inputs = sample(substeps or 1, duration)
+    simulation = _Simulation(plant, controller, reference, tuple(events), seed, divergence_threshold, native)
+    inputs = simulation.sample(substeps or 1, duration)
     initial = initial_conditions(plant, inputs, initial_position, initial_velocity, initial_torque)
     warn_if_beyond_limits(plant, inputs, initial, isinstance(plant, MujocoPlant), acceleration_limits)
     warn_if_unstable(plant, controller.law, inputs, computation_delay)
     if isinstance(plant, MujocoPlant):
-        monitor = DivergenceMonitor(inputs, divergence_threshold, progress)
-        record = run_mujoco(plant, controller, initial, inputs, monitor, bool(native))
-        data = dataset(plant, controller, reference, inputs, record, monitor.divergence_index, seed)
-        return Run(data.assign_attrs(integrator="MuJoCo", integration_error=np.nan))
-
-    def run(method: Integration, seconds: float, show: bool | None) -> tuple[Run, float]:
-        sampled = sample(method.substeps, seconds)
-        monitor = DivergenceMonitor(sampled, divergence_threshold, show)
-        loop = ClosedLoop(plant, controller, method.substeps, method.integrator)
-        record = run_casadi(loop, initial, sampled, monitor, native)
-        error = integration_error(plant, record, sampled.disturbance[:, :, 0], law.period, method)
-        data = dataset(plant, controller, reference, sampled, record, monitor.divergence_index, seed)
-        return Run(data.assign_attrs(integrator=method.integrator, integration_error=error)), error
-
+        return simulation.run_in_mujoco(plant, initial, inputs, progress)
+    method = Integration("Runge–Kutta", substeps or 1)
     if substeps is None:
         pilot = min(duration, PILOT_PERIODS * law.period)
-        method = choose_integration(lambda method: run(method, pilot, False)[1], max_error(sensor))
-    else:
-        method = Integration("Runge–Kutta", substeps)
-    return run(method, duration, progress)[0]
+        method = choose_integration(
+            lambda method: simulation.run(plant, initial, method, pilot, False)[1], max_error(sensor)
+        )
+    return simulation.run(plant, initial, method, duration, progress)[0]
+
+
+@dataclass(frozen=True, eq=False)
+class _Simulation:
+    """What a run and its pilots have in common."""
+
+    plant: Plant
+    controller: DigitalController
+    reference: Reference
+    events: tuple[Event, ...]
+    seed: int
+    divergence_threshold: float
+    native: bool | None
+
+    def sample(self, substeps: int, duration: float) -> SampledInputs:
+        """Sample the inputs of a run."""
+        law, sensor = self.controller.law, self.controller.sensor
+        return sample_inputs(self.plant, law, self.reference, duration, sensor, self.events, substeps, self.seed)
+
+    def run_in_mujoco(
+        self, plant: MujocoPlant, initial: InitialConditions, inputs: SampledInputs, show_progress: bool | None
+    ) -> Run:
+        """Simulate step by step in MuJoCo."""
+        monitor = DivergenceMonitor(inputs, self.divergence_threshold, show_progress)
+        record = run_mujoco(plant, self.controller, initial, inputs, monitor, bool(self.native))
+        return self._label(inputs, record, monitor, "MuJoCo", np.nan)
+
+    def run(
+        self,
+        plant: SymbolicPlant,
+        initial: InitialConditions,
+        method: Integration,
+        duration: float,
+        show_progress: bool | None,
+    ) -> tuple[Run, float]:
+        """Simulate in one CasADi function; return the run, and the error that a period adds [rad or m]."""
+        inputs = self.sample(method.substeps, duration)
+        monitor = DivergenceMonitor(inputs, self.divergence_threshold, show_progress)
+        loop = ClosedLoop(plant, self.controller, method.substeps, method.integrator)
+        record = run_casadi(loop, initial, inputs, monitor, self.native)
+        period = self.controller.law.period
+        error = integration_error(plant, record, inputs.disturbance[:, :, 0], period, method)
+        return self._label(inputs, record, monitor, method.integrator, error), error
+
+    def _label(
+        self, inputs: SampledInputs, record: Record, monitor: DivergenceMonitor, integrator: str, error: float
+    ) -> Run:
+        index = monitor.divergence_index
+        data = dataset(self.plant, self.controller, self.reference, inputs, record, index, self.seed)
+        return Run(data.assign_attrs(integrator=integrator, integration_error=error))
 
 
 def warn_if_unstable(
