@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tarc import signals
-from tarc.analysis.inertia_ratio import inertia_spread, inverse_ratios, maximise_over_workspace
+from tarc.analysis.inertia_ratio import InertiaFunction, inertia_spread, inverse_ratios, maximise_over_workspace
 from tarc.analysis.inertia_shape import best_inertia_shape
 from tarc.analysis.workspace import Workspace
 from tarc.core.errors import InvalidParameter
@@ -110,7 +110,8 @@ def test_a_fixed_joint_and_a_single_posture():
 
 
 def test_any_function_of_the_inertia_matrix():
-    (found,) = maximise_over_workspace([lambda M: -M[:, 0, 0]], ARM, Workspace.from_joint_limits(ARM))
+    first = InertiaFunction(lambda M: -M[:, 0, 0], lambda M: np.diag([-1.0, 0.0]))
+    (found,) = maximise_over_workspace([first], ARM, Workspace.from_joint_limits(ARM))
     assert -found.value == pytest.approx(1.0, rel=1e-9)  # arm folded back, both masses of 1 kg: only the first counts
     assert abs(found.posture[1]) == pytest.approx(np.pi, abs=1e-3)
 

@@ -16,7 +16,7 @@ from tampering import replaced, reread, scaled, without
 from tarc import plants, signals, simulate
 from tarc.analysis import Workspace, stable_interval
 from tarc.analysis.linearise import decoupled_channels
-from tarc.analysis.operating_points import OperatingPoint, inertia_rates, inertia_slopes, uncertainty_samples
+from tarc.analysis.operating_points import OperatingPoint, inertia_rates, uncertainty_samples
 from tarc.analysis.uncertain_loop import UncertainLoop
 from tarc.certificates import certify_robot, certify_varying_ratio
 from tarc.certificates.iqc import Multiplier, rate_penalty, satisfies_iqc
@@ -365,7 +365,7 @@ def test_rates_bound_what_motions_do_and_are_reached():
     speed, dt, shares = np.array([2.0, 3.0]), 1e-6, []
     for _ in range(60):
         q, way = rng.uniform(-3, 3, 2), rng.uniform(-1, 1, 2)
-        bound = inertia_rates(nominal, inertia_slopes(LOADED, q)[None], speed)[0]
+        bound = inertia_rates(nominal, LOADED.inertia_slopes(q)[None], speed)[0]
         fastest = 0.0
         for share in (way, np.sign(way)):
             ends = [inverse_mismatch(LOADED, nominal, q + sign * share * speed * dt / 2) for sign in (-1, 1)]
@@ -374,7 +374,7 @@ def test_rates_bound_what_motions_do_and_are_reached():
             fastest = max(fastest, seen)
         shares.append(fastest / bound)
     assert max(shares) == pytest.approx(1.0, abs=1e-4)
-    assert np.all(inertia_rates(nominal, inertia_slopes(ARM, np.array([0.3, 1.0]))[None], np.zeros(2)) == 0)
+    assert np.all(inertia_rates(nominal, ARM.inertia_slopes([0.3, 1.0])[None], np.zeros(2)) == 0)
 
 
 @pytest.fixture(scope="module")

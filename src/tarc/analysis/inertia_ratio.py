@@ -17,13 +17,23 @@ from tarc.plants.symbolic import SymbolicPlant
 
 MIN_CONDITION = 1e-12
 """Smallest to largest eigenvalue of an inertia matrix below which it counts as singular."""
-UNIT_STEP = 1e-7
-"""Step of the differences in the local search, in widths of the box: near the root of the rounding error."""
 N_SEARCHES = 12
 """Number of samples from which a local search starts."""
 
-InertiaFunction = Callable[[Array], Array]
-"""Maps inertia matrices (k, n, n) to one number each, (k,)."""
+
+class InertiaFunction(NamedTuple):
+    """A function of the inertia matrix.
+
+    Attributes
+    ----------
+    values
+        Maps inertia matrices (k, n, n) to one number each, (k,).
+    gradient
+        Maps one inertia matrix (n, n) to the derivative of the number over its entries, (n, n).
+    """
+
+    values: Callable[[Array], Array]
+    gradient: Callable[[Array], Array]
 
 
 class Extremum(NamedTuple):
@@ -150,7 +160,16 @@ def inverse_ratios(M: Array, nominal: Array) -> Array:
 
 def extreme_ratio_functions(nominal: Array) -> tuple[InertiaFunction, InertiaFunction]:
     """Return functions that are largest at the smallest and at the largest eigenvalue of M⁻¹M̂: 1/ρ and −1/ρ."""
-    return lambda M: inverse_ratios(M, nominal)[:, -1], lambda M: -inverse_ratios(M, nominal)[:, 0]
+    whiten = np.linalg.inv(np.linalg.cholesky(nominal))
+
+    def gradient(M: Array, index: int) -> Array:
+        vector = whiten.T @ np.linalg.eigh(whiten @ M @ whiten.T)[1][:, index]
+        return np.outer(vector, vector)
+
+    return (
+        InertiaFunction(lambda M: inverse_ratios(M, nominal)[:, -1], lambda M: gradient(M, -1)),
+        InertiaFunction(lambda M: -inverse_ratios(M, nominal)[:, 0], lambda M: -gradient(M, 0)),
+    )
 
 
 def maximise_over_workspace(
@@ -171,7 +190,7 @@ def maximise_over_workspace(
     Parameters
     ----------
     functions
-        Each maps inertia matrices (k, n, n) to numbers (k,).
+        Functions of the inertia matrix.
     plant, workspace, samples, seed, refine
         As in `inertia_spread`.
 
@@ -215,9 +234,16 @@ class PostureSamples:
 
     def postures_at(self, units: Array) -> Array:
         """Return postures (k, n) at points (k, d) of the unit cube."""
+        return self.workspace.at_unit_points(self._points_at(units))
+
+    def slopes_at(self, unit: Array) -> Array:
+        """Return the derivatives of the posture over a point (d,) of the unit cube, shape (n, d)."""
+        return self.workspace.unit_slopes(self._points_at(unit[None])[0])[:, self.free]
+
+    def _points_at(self, units: Array) -> Array:
         points = np.zeros((len(units), len(self.workspace.low)))
         points[:, self.free] = units
-        return self.workspace.at_unit_points(points)
+        return points
 
 
 def local_maxima(
@@ -231,20 +257,22 @@ def local_maxima(
 def _local_maxima(
     function: InertiaFunction, plants: Sequence[Plant], postures: PostureSamples, refine: int
 ) -> list[Extremum]:
-    values = np.array([function(matrices) for matrices in postures.inertias])
+    values = np.array([function.values(matrices) for matrices in postures.inertias])
     maxima = []
     for flat in np.argsort(values, axis=None)[::-1][: max(refine, 1)]:
         index, sample = (int(i) for i in np.unravel_index(flat, values.shape))
         value = sampled = float(values[index, sample])
         unit = postures.units[sample]
         if refine and postures.free.size:
-            higher, end = local_maximum(
-                lambda units, plant=plants[index]: function(inertia_matrices(plant, postures.postures_at(units))),
-                unit,
-                step=UNIT_STEP,
-                scale=max(abs(sampled), 1e-300),
-                tolerance=1e-10,
-            )
+            plant = plants[index]
+
+            def at(unit: Array, plant: Plant = plant) -> tuple[float, Array]:
+                posture = postures.postures_at(unit[None])
+                M = inertia_matrices(plant, posture)
+                gradient = plant.inertia_gradient(posture[0], function.gradient(M[0]))
+                return float(function.values(M)[0]), gradient @ postures.slopes_at(unit)
+
+            higher, end = local_maximum(at, unit, scale=max(abs(sampled), 1e-300), tolerance=1e-10)
             value, unit = (higher, end) if higher > value else (value, unit)
         maxima.append(Extremum(value, postures.postures_at(unit[None])[0], index, sampled))
     return maxima

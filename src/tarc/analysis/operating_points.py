@@ -1,14 +1,14 @@
 """Linearised uncertainty of a robot over a workspace: inertia mismatch, stiffness, damping and their rates."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from tarc.analysis.inertia_ratio import InertiaSpread, inertia_matrices
+from tarc.analysis.inertia_ratio import InertiaSpread
 from tarc.analysis.workspace import Workspace
 from tarc.core.errors import InvalidParameter
 from tarc.core.types import Array
@@ -17,10 +17,6 @@ from tarc.plants.base import Plant
 
 N_SEARCHES = 3
 """Number of points from which a local search starts."""
-UNIT_STEP = 1e-5
-"""Step of the differences of a local search, in widths of the box; its values are differences themselves."""
-POSITION_STEP = 1e-5
-"""Step of the differences of the inertia over a joint [rad or m]."""
 MAX_CORNER_JOINTS = 9
 """Number of joints up to which all combinations of their largest speeds are tried."""
 MAX_MOTION_CHANGES = 3
@@ -53,10 +49,6 @@ class OperatingPoint(NamedTuple):
     def is_moving(self) -> bool:
         """Whether velocity or acceleration differs from zero."""
         return bool(np.any(self.velocity) or np.any(self.acceleration))
-
-
-PointFunction = Callable[[Sequence[OperatingPoint]], Array]
-"""Maps k operating points to a number each, (k,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,26 +203,21 @@ class SampledPoints:
 
         The search starts from the points of the largest norms, from the stiffest, and from the first two.
         """
-
-        def norms(points: Sequence[OperatingPoint]) -> Array:
-            return uncertainty_samples(self.nominal, points).joint_norms(centre, position_weight, lead_time)
-
+        norm = UncertaintyNorm(self.nominal, centre, position_weight, lead_time)
         stiffest = int(np.argmax(self.uncertainty.stiffness_norms(lead_time)))
         worst = np.argsort(self.uncertainty.joint_norms(centre, position_weight, lead_time))[::-1][:N_SEARCHES]
         starts = [self.points[i] for i in dict.fromkeys([0, 1, stiffest, *worst.tolist()])]
         return self._with_points(
-            [_maximise_motion(self._maximise_posture(start, norms, centre), self.workspace, norms) for start in starts]
+            [_maximise_motion(self._maximise_posture(start, norm, centre), self.workspace, norm) for start in starts]
         )
 
     def add_stiffest(self, lead_time: float) -> "SampledPoints":
         """Return the points with those that a local search for the largest ‖[H, C/θ]‖ adds."""
-
-        def norms(points: Sequence[OperatingPoint]) -> Array:
-            return uncertainty_samples(self.nominal, points).stiffness_norms(lead_time)
+        norm = UncertaintyNorm(self.nominal, None, 1.0, lead_time)
 
         def search(start: OperatingPoint) -> OperatingPoint:
-            moving = _maximise_motion(start, self.workspace, norms)
-            return _maximise_motion(self._maximise_posture(moving, norms, scale), self.workspace, norms)
+            moving = _maximise_motion(start, self.workspace, norm)
+            return _maximise_motion(self._maximise_posture(moving, norm, scale), self.workspace, norm)
 
         sampled_norms = self.uncertainty.stiffness_norms(lead_time)
         scale = max(float(sampled_norms.max()), NEGLIGIBLE_STIFFNESS)
@@ -240,8 +227,113 @@ class SampledPoints:
         uncertainty = self.uncertainty | uncertainty_samples(self.nominal, added)
         return replace(self, points=[*self.points, *added], uncertainty=uncertainty)
 
-    def _maximise_posture(self, start: OperatingPoint, values: PointFunction, scale: float) -> OperatingPoint:
-        return _maximise_posture(start, self.workspace, self.unit_samples, values, scale)
+    def _maximise_posture(self, start: OperatingPoint, function: "PointFunction", scale: float) -> OperatingPoint:
+        return _maximise_posture(start, self.workspace, self.unit_samples, function, scale)
+
+
+class PointFunction(Protocol):
+    """A function of operating points, which a local search makes large."""
+
+    def values(self, points: Sequence[OperatingPoint]) -> Array:
+        """Return the number of each of k points, shape (k,)."""
+        ...
+
+    def gradient(self, point: OperatingPoint) -> Array:
+        """Return the derivatives over the posture of a point, shape (n,)."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class UncertaintyNorm:
+    """The norm ‖[E − ρ0 I, H/η, C/(η θ)]‖, or ‖[H, C/θ]‖/η without a centre.
+
+    With u and w the singular vectors of the norm σ of K = M̂^½ M⁻¹ X − [ρ0 I, 0, 0], its derivatives are those of
+
+        uᵀ M̂^½ M⁻¹ (dX − dM M⁻¹ X) w,    X = [M̂^½, (∂(M q̈ + N)/∂q) M̂^−½/η, (∂N/∂q̇) M̂^−½/(η θ)].
+
+    Parameters
+    ----------
+    nominal
+        M̂ [kg m² or kg], shape (n, n).
+    centre
+        ρ0; None to leave E out.
+    position_weight, lead_time
+        η [1/s²] and θ [s]; without a lead time C is left out.
+    """
+
+    nominal: Array
+    centre: float | None
+    position_weight: float
+    lead_time: float
+
+    def values(self, points: Sequence[OperatingPoint]) -> Array:
+        """Return the norms of k points, shape (k,)."""
+        samples = uncertainty_samples(self.nominal, points)
+        if self.centre is None:
+            return samples.stiffness_norms(self.lead_time) / self.position_weight
+        return samples.joint_norms(self.centre, self.position_weight, self.lead_time)
+
+    def gradient(self, point: OperatingPoint) -> Array:
+        """Return the derivatives over the posture, shape (n,)."""
+        M, D, G = linearise_point(point)
+        root, inverse_root = self._roots
+        n = len(M)
+        position_share = 1 / self.position_weight
+        velocity_share = position_share / self.lead_time if self.lead_time and point.is_moving else 0.0
+        inertia_part = 0 * root if self.centre is None else root
+        X = np.hstack([inertia_part, position_share * G @ inverse_root, velocity_share * D @ inverse_root])
+        K = root @ np.linalg.solve(M, X)
+        K[:, :n] -= (self.centre or 0.0) * np.eye(n)
+        left, _, right = np.linalg.svd(K, full_matrices=False)
+        u, w = left[:, 0], right[0]
+        p, y = np.linalg.solve(M, np.column_stack([root @ u, X @ w])).T
+        of_inertia = -np.outer(p, y)
+        of_stiffness = position_share * np.outer(p, inverse_root @ w[n : 2 * n])
+        of_damping = velocity_share * np.outer(p, inverse_root @ w[2 * n :])
+        weight = np.hstack([of_inertia, of_damping, of_stiffness])
+        gradient = point.plant.tangent_gradient(point.position, weight, point.velocity, point.acceleration)
+        if np.any(of_damping):  # C leaves out the damping at rest
+            at_rest = np.hstack([0 * of_inertia, of_damping, 0 * of_stiffness])
+            gradient = gradient - point.plant.tangent_gradient(point.position, at_rest)
+        return gradient
+
+    @cached_property
+    def _roots(self) -> tuple[Array, Array]:
+        return _roots(self.nominal)
+
+
+@dataclass(frozen=True, eq=False)
+class InertiaRate:
+    """The largest ‖dE⁻¹/dt‖ of `inertia_rates`, for M̂ (n, n) and the largest speed of each joint (n,)."""
+
+    nominal: Array
+    speed: Array
+
+    def values(self, points: Sequence[OperatingPoint]) -> Array:
+        """Return the rates of k points, shape (k,)."""
+        slopes = np.array([point.plant.inertia_slopes(point.position) for point in points])
+        return inertia_rates(self.nominal, slopes, self.speed)
+
+    def gradient(self, point: OperatingPoint) -> Array:
+        """Return the derivatives over the posture, shape (n,)."""
+        joints = np.flatnonzero(self.speed)
+        directions = np.eye(len(self.speed))[joints] * self.speed
+        if len(joints) <= MAX_CORNER_JOINTS:
+            directions = _corner_signs(len(joints)) @ directions
+        inverse_root = _roots(self.nominal)[1]
+        slopes = point.plant.inertia_slopes(point.position)
+        rates = inverse_root @ np.tensordot(directions, slopes, 1) @ inverse_root
+        values, vectors = np.linalg.eigh(rates)
+        largest = np.abs(values).argmax(axis=1)
+        gradient = np.zeros(len(self.speed))
+        chosen = range(len(directions))
+        if len(joints) <= MAX_CORNER_JOINTS:
+            chosen = [int(np.abs(values).max(axis=1).argmax())]
+        for i in chosen:
+            vector = inverse_root @ vectors[i, :, largest[i]]
+            weight = np.sign(values[i, largest[i]]) * np.outer(vector, vector)
+            gradient += point.plant.inertia_rate_gradient(point.position, directions[i], weight)
+        return gradient
 
 
 def sample_points(plants: Sequence[Plant], workspace: Workspace, samples: int, seed: int) -> list[OperatingPoint]:
@@ -278,19 +370,15 @@ def max_rate_point(
             "with_speed_limits"
         )
 
-    def values(points: Sequence[OperatingPoint]) -> Array:
-        return inertia_rates(
-            nominal, np.array([inertia_slopes(point.plant, point.position) for point in points]), speed
-        )
-
+    function = InertiaRate(nominal, speed)
     resting = [
         OperatingPoint.at_rest(plant, posture) for posture in workspace.sample(samples, seed) for plant in plants
     ]
-    rates = values(resting)
+    rates = function.values(resting)
     best = [resting[i] for i in np.argsort(rates)[::-1][:N_SEARCHES]]
     units, scale = workspace.unit_samples(samples, seed), max(float(rates.max()), 1e-12)
-    best += [_maximise_posture(start, workspace, units, values, scale) for start in best]
-    return best[int(np.argmax(values(best)))]
+    best += [_maximise_posture(start, workspace, units, function, scale) for start in best]
+    return best[int(np.argmax(function.values(best)))]
 
 
 def max_inertia_rate(plants: Sequence[Plant], nominal: Array, workspace: Workspace, samples: int, seed: int) -> float:
@@ -298,17 +386,7 @@ def max_inertia_rate(plants: Sequence[Plant], nominal: Array, workspace: Workspa
     if workspace.speed is None:
         return np.inf
     point = max_rate_point(plants, nominal, workspace, samples, seed)
-    slopes = inertia_slopes(point.plant, point.position)
-    return float(inertia_rates(nominal, slopes[None], workspace.speed)[0])
-
-
-def inertia_slopes(plant: Plant, posture: Array) -> Array:
-    """Return ∂M/∂q_i, shape (n, n, n), the joint i first."""
-    n = plant.n_joints
-    steps = POSITION_STEP * np.eye(n)
-    matrices = inertia_matrices(plant, np.concatenate([posture + steps, posture - steps]))
-    ahead, behind = matrices.reshape(2, n, n, n)
-    return (ahead - behind) / (2 * POSITION_STEP)
+    return float(InertiaRate(nominal, workspace.speed).values([point])[0])
 
 
 def inertia_rates(nominal: Array, slopes: Array, speed: Array) -> Array:
@@ -338,11 +416,16 @@ def inertia_rates(nominal: Array, slopes: Array, speed: Array) -> Array:
     rates = inverse_root @ slopes[:, joints] @ inverse_root * speed[joints, None, None]
     if len(joints) > MAX_CORNER_JOINTS:
         return np.linalg.norm(rates, 2, axis=(2, 3)).sum(axis=1)
-    signs = np.array([(1, *others) for others in product((1, -1), repeat=len(joints) - 1)])
-    return np.abs(np.linalg.eigvalsh(np.einsum("sj,kjab->ksab", signs, rates))).max(axis=(1, 2))
+    corners = np.einsum("sj,kjab->ksab", _corner_signs(len(joints)), rates)
+    return np.abs(np.linalg.eigvalsh(corners)).max(axis=(1, 2))
 
 
-def _maximise_motion(start: OperatingPoint, workspace: Workspace, values: PointFunction) -> OperatingPoint:
+def _corner_signs(n_joints: int) -> Array:
+    """Return all combinations of signs, the first one always positive, shape (2ⁿ⁻¹, n)."""
+    return np.array([[1.0, *signs] for signs in product([-1.0, 1.0], repeat=n_joints - 1)])
+
+
+def _maximise_motion(start: OperatingPoint, workspace: Workspace, function: PointFunction) -> OperatingPoint:
     """Return a point of larger value in the same posture.
 
     The speed or acceleration of one joint at a time becomes its limit, in one direction or the other, or zero.
@@ -350,7 +433,7 @@ def _maximise_motion(start: OperatingPoint, workspace: Workspace, values: PointF
     if not start.is_moving or workspace.speed is None or workspace.acceleration is None:
         return start
     limits, n = np.concatenate([workspace.speed, workspace.acceleration]), start.plant.n_joints
-    best, best_value = start, float(values([start])[0])
+    best, best_value = start, float(function.values([start])[0])
     for _ in range(MAX_MOTION_CHANGES):
         motion = np.concatenate([best.velocity, best.acceleration])
         changed = [
@@ -360,7 +443,7 @@ def _maximise_motion(start: OperatingPoint, workspace: Workspace, values: PointF
             if sign * limits[i] != motion[i]
         ]
         candidates = [best._replace(velocity=motion[:n], acceleration=motion[n:]) for motion in changed]
-        candidate_values = values(candidates)
+        candidate_values = function.values(candidates)
         if not candidate_values.max() > (1 + 1e-9) * best_value:
             break
         best, best_value = candidates[int(np.argmax(candidate_values))], float(candidate_values.max())
@@ -368,7 +451,7 @@ def _maximise_motion(start: OperatingPoint, workspace: Workspace, values: PointF
 
 
 def _maximise_posture(
-    start: OperatingPoint, workspace: Workspace, unit_samples: Array, values: PointFunction, scale: float
+    start: OperatingPoint, workspace: Workspace, unit_samples: Array, function: PointFunction, scale: float
 ) -> OperatingPoint:
     """Return a point of larger value with the same velocity and acceleration.
 
@@ -384,20 +467,21 @@ def _maximise_posture(
         distances = np.linalg.norm(workspace.at_unit_points(unit_samples) - start.position, axis=1)
         unit = unit_samples[np.argmin(distances)]
 
-    def points_at(free_units: Array) -> list[OperatingPoint]:
-        units = np.tile(unit, (len(free_units), 1))
-        units[:, free] = free_units
-        return [start._replace(position=position) for position in workspace.at_unit_points(units)]
+    def unit_at(free_units: Array) -> Array:
+        full = unit.copy()
+        full[free] = free_units
+        return full
 
-    _, best = local_maximum(
-        lambda free_units: values(points_at(free_units)),
-        unit[free],
-        step=UNIT_STEP,
-        scale=scale,
-        tolerance=1e-5,
-        max_iterations=30,
-    )
-    return points_at(best[None])[0]
+    def point_at(free_units: Array) -> OperatingPoint:
+        return start._replace(position=workspace.at_unit_points(unit_at(free_units)[None])[0])
+
+    def at(free_units: Array) -> tuple[float, Array]:
+        point = point_at(free_units)
+        slopes = workspace.unit_slopes(unit_at(free_units))[:, free]
+        return float(function.values([point])[0]), function.gradient(point) @ slopes
+
+    _, best = local_maximum(at, unit[free], scale=scale, tolerance=1e-5, max_iterations=30)
+    return point_at(best)
 
 
 def uncertainty_samples(nominal: Array, points: Sequence[OperatingPoint]) -> UncertaintySamples:

@@ -223,3 +223,11 @@ class Workspace:
         if self.reference is None:
             return variables
         return self.reference.sample(variables[:, 0])[0].T + variables[:, 1:]
+
+    def unit_slopes(self, point: Array) -> Array:
+        """Return the derivatives of the position over the variables of the unit cube, shape (n, v), at a point (v,)."""
+        width = self.high - self.low
+        if self.reference is None:
+            return np.diag(width)
+        _, velocity, _ = self.reference.sample(self.low[:1] + point[:1] * width[:1])
+        return np.column_stack([velocity[:, 0] * width[0], np.diag(width[1:])])

@@ -20,7 +20,6 @@ from tarc.analysis.operating_points import (
     SampledPoints,
     UncertaintySamples,
     inertia_rates,
-    inertia_slopes,
     linearise_point,
     max_rate_point,
     to_nominal_coordinates,
@@ -369,7 +368,7 @@ def _max_rate_point(
     point = max_rate_point(plants, nominal, workspace, samples, seed)
     return MaxRatePoint(
         position=point.position,
-        inertia_slopes=inertia_slopes(point.plant, point.position),
+        inertia_slopes=point.plant.inertia_slopes(point.position),
         velocity_limits=np.asarray(workspace.speed),
     )
 

@@ -9,27 +9,24 @@ from tarc.core.types import Array
 
 
 def local_maximum(
-    values: Callable[[Array], Array],
+    function: Callable[[Array], tuple[float, Array]],
     start: Array,
     *,
-    step: float,
     scale: float,
     tolerance: float,
     max_iterations: int = 100,
 ) -> tuple[float, Array]:
     """Return a local maximum of a function on the unit cube, and its point.
 
-    SLSQP is used, with gradients by differences towards the inside. L-BFGS-B calls threaded LAPACK for each small step
-    in scipy 1.17, which takes seconds where the cores are shared.
+    SLSQP is used. L-BFGS-B calls threaded LAPACK for each small step in scipy 1.17, which takes seconds where the cores
+    are shared.
 
     Parameters
     ----------
-    values
-        Maps points (k, d) to numbers (k,).
+    function
+        Maps a point (d,) to its value and its gradient (d,).
     start
         First point, shape (d,).
-    step
-        Step of the differences.
     scale
         Size of the values, positive.
     tolerance
@@ -39,12 +36,9 @@ def local_maximum(
     """
     from scipy.optimize import minimize
 
-    steps = step * np.concatenate([np.zeros((1, len(start))), np.eye(len(start))])
-
     def negated(point: Array) -> tuple[float, Array]:
-        inward = np.where(point > 0.5, -1.0, 1.0)
-        near = -values(point + steps * inward) / scale
-        return float(near[0]), (near[1:] - near[0]) / (step * inward)
+        value, gradient = function(np.clip(point, 0, 1))
+        return -value / scale, -gradient / scale
 
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Values in x were outside bounds")  # by rounding; they are clipped

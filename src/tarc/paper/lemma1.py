@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tarc.analysis.inertia_ratio import inverse_ratios, maximise_over_workspace
+from tarc.analysis.inertia_ratio import InertiaFunction, extreme_ratio_functions, maximise_over_workspace
 from tarc.analysis.workspace import Workspace
 from tarc.certificates.base import Certificate, Evidence, Judgement, Verdict
 from tarc.core.errors import InvalidParameter, UnsupportedLaw
@@ -165,12 +165,17 @@ def _worst_posture(
 ) -> Lemma1Evidence:
     """Return the posture with the largest norm, and the extreme inertia ratios."""
     identity = np.eye(len(nominal))
+
+    def norms(M: Array) -> Array:
+        return np.linalg.norm(np.linalg.solve(M, nominal) - identity, 2, axis=(1, 2))
+
+    def norm_gradient(M: Array) -> Array:
+        product = np.linalg.solve(M, nominal)
+        left, _, right = np.linalg.svd(product - identity)
+        return -np.outer(np.linalg.solve(M.T, left[:, 0]), product @ right[0])
+
     worst, low, high = maximise_over_workspace(
-        (
-            lambda M: np.linalg.norm(np.linalg.solve(M, nominal) - identity, 2, axis=(1, 2)),
-            lambda M: inverse_ratios(M, nominal)[:, -1],
-            lambda M: -inverse_ratios(M, nominal)[:, 0],
-        ),
+        (InertiaFunction(norms, norm_gradient), *extreme_ratio_functions(nominal)),
         robots,
         workspace,
         samples=samples,

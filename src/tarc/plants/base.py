@@ -1,16 +1,19 @@
 """Contract of a plant: joints, limits, parameters, inertia matrix and linearisation."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Self
 
 import numpy as np
 
 from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter
-from tarc.core.types import Vector
+from tarc.core.types import Array, Vector
 from tarc.core.units import unit_for_joints
 from tarc.core.validation import Numbers, Table
+
+POSITION_STEP = 1e-5
+"""Step of differences over a joint [rad or m]."""
 
 
 class Plant(ABC):
@@ -187,13 +190,44 @@ class Plant(ABC):
         Velocity (m,) and acceleration (m,) are zero by default.
         """
         q, v, a = self._motion(position, velocity, acceleration)
-        step, units = 1e-5, np.eye(self.n_coordinates)
 
-        def torque(posture: np.ndarray) -> np.ndarray:
+        def torque(posture: Array) -> Array:
             return self.inertia(posture) @ a + self.bias(posture, v)
 
-        stiffness = [(torque(q + step * d) - torque(q - step * d)) / (2 * step) for d in units]
-        return self.inertia(q), self.damping(q, v), np.column_stack(stiffness)
+        return self.inertia(q), self.damping(q, v), _differences(torque, q).T
+
+    def tangent_gradient(
+        self, position: Numbers, weight: Array, velocity: Numbers | None = None, acceleration: Numbers | None = None
+    ) -> Array:
+        """Return ∂⟨W, [M, D, G]⟩/∂q of the matrices of `linearised`, shape (n,), for a weight W (n, 3n).
+
+        By differences, unless a plant has its derivatives.
+        """
+        q, v, a = self._motion(position, velocity, acceleration)
+
+        def value(posture: Array) -> float:
+            return float(np.sum(weight * np.hstack(self.linearised(posture, v, a))))
+
+        return _differences(value, q)
+
+    def inertia_slopes(self, position: Numbers) -> Array:
+        """Return ∂M/∂q_i, shape (n, n, n), the joint i first; by differences, unless a plant has its derivatives."""
+        return _differences(self.inertia, check.vector("position", position, self.n_coordinates))
+
+    def inertia_gradient(self, position: Numbers, weight: Array) -> Array:
+        """Return ∂⟨W, M⟩/∂q, shape (n,), for a weight W (n, n)."""
+        return np.tensordot(self.inertia_slopes(position), weight)
+
+    def inertia_rate_gradient(self, position: Numbers, direction: Array, weight: Array) -> Array:
+        """Return ∂⟨W, Σ d_i ∂M/∂q_i⟩/∂q, shape (n,), for a direction d (n,) and a weight W (n, n).
+
+        By differences, unless a plant has its derivatives.
+        """
+
+        def value(posture: Array) -> float:
+            return float(direction @ np.tensordot(self.inertia_slopes(posture), weight))
+
+        return _differences(value, check.vector("position", position, self.n_coordinates))
 
     def damping(self, position: Numbers, velocity: Numbers | None = None) -> np.ndarray:
         """Return D = ∂N/∂q̇ without dry friction [N m s/rad or N s/m], shape (m, m); by default at rest."""
@@ -252,4 +286,14 @@ class Plant(ABC):
             raise InvalidParameter(
                 f"positions: got shape {columns.shape}; needs ({self.n_joints}, k), one position per column"
             )
+<<<<<<< HEAD
         return np.mean([self.joint_inertia(column) for column in columns.T], axis=0)
+=======
+        return np.mean([self.inertia(column) for column in columns.T], axis=0)
+
+
+def _differences(function: Callable[[Array], Array | float], position: Array) -> Array:
+    """Return the derivatives of a function over each joint, the joint first, by central differences."""
+    steps = POSITION_STEP * np.eye(len(position))
+    return np.array([(function(position + d) - function(position - d)) / (2 * POSITION_STEP) for d in steps])
+>>>>>>> 6b88bc7 (Searches over postures follow exact derivatives of inertia, stiffness and damping)

@@ -21,7 +21,7 @@ MAX_INLINED = 1000
 FEW_STATES = 16
 """States up to which single calls over fixed memory are faster than one call of CasADi for all."""
 
-MATRICES = ("inertia", "coriolis", "damping", "tangent")
+MATRICES = ("inertia", "coriolis", "damping", "tangent", "tangent_at_rest", "inertia_slopes")
 
 
 class Equations(NamedTuple):
@@ -77,6 +77,41 @@ class _Functions:
         for name, expression in extra.items():
             self._outputs[name] = ([q, dq], lambda expression=expression: expression)
         self.names = list(self._outputs)
+        self._add_derivatives(q, dq, ddq)
+
+    def _add_derivatives(self, q: ca.SX, dq: ca.SX, ddq: ca.SX) -> None:
+        """Add what the searches over postures need: the tangent at rest, and derivatives over q."""
+        n = q.shape[0]
+        weight, tangent_weight = ca.SX.sym("weight", n, n), ca.SX.sym("weight", n, 3 * n)
+        direction = ca.SX.sym("direction", n)
+
+        def tangent() -> ca.SX:
+            return self._outputs["tangent"][1]()
+
+        def tangent_at_rest() -> ca.SX:
+            return ca.substitute(tangent(), ca.vertcat(dq, ddq), ca.SX.zeros(2 * n))
+
+        def inertia_rate() -> ca.SX:
+            return ca.jtimes(ca.vec(inertia()), q, direction)
+
+        inertia = self._outputs["inertia"][1]
+        self._outputs |= {
+            "tangent_at_rest": ([q], tangent_at_rest),
+            "inertia_slopes": ([q], lambda: ca.jacobian(ca.vec(inertia()), q)),
+            "inertia_gradient": ([q, weight], lambda: ca.gradient(ca.dot(weight, inertia()), q)),
+            "inertia_rate_gradient": (
+                [q, direction, weight],
+                lambda: ca.gradient(ca.dot(ca.vec(weight), inertia_rate()), q),
+            ),
+            "tangent_gradient": (
+                [q, dq, ddq, tangent_weight],
+                lambda: ca.gradient(ca.dot(tangent_weight, tangent()), q),
+            ),
+            "tangent_gradient_at_rest": (
+                [q, tangent_weight],
+                lambda: ca.gradient(ca.dot(tangent_weight, tangent_at_rest()), q),
+            ),
+        }
 
     def get(self, name: str) -> ca.Function:
         if name not in self._functions:
@@ -159,8 +194,33 @@ class SymbolicPlant(Plant):
         self, position: Numbers, velocity: Numbers | None = None, acceleration: Numbers | None = None
     ) -> tuple[Array, Array, Array]:
         """Return M, D and G of M δq̈ + D δq̇ + G δq = δτ, the linearisation about a motion without dry friction."""
-        M, D, G = np.hsplit(self._smooth("tangent", *self._motion(position, velocity, acceleration)), 3)
+        q, v, a = self._motion(position, velocity, acceleration)
+        is_moving = v.any() or a.any()
+        tangent = self._smooth("tangent", q, v, a) if is_moving else self._smooth("tangent_at_rest", q)
+        M, D, G = np.hsplit(tangent, 3)
         return M, D, G
+
+    def tangent_gradient(
+        self, position: Numbers, weight: Array, velocity: Numbers | None = None, acceleration: Numbers | None = None
+    ) -> Array:
+        """Return ∂⟨W, [M, D, G]⟩/∂q of the matrices of `linearised`, shape (n,), for a weight W (n, 3n)."""
+        q, v, a = self._motion(position, velocity, acceleration)
+        if v.any() or a.any():
+            return self._smooth("tangent_gradient", q, v, a, weight)
+        return self._smooth("tangent_gradient_at_rest", q, weight)
+
+    def inertia_slopes(self, position: Numbers) -> Array:
+        """Return ∂M/∂q_i, shape (n, n, n), the joint i first."""
+        slopes = self._smooth("inertia_slopes", self._checked("position", position))
+        return slopes.T.reshape(-1, self.n_joints, self.n_joints)
+
+    def inertia_gradient(self, position: Numbers, weight: Array) -> Array:
+        """Return ∂⟨W, M⟩/∂q, shape (n,), for a weight W (n, n)."""
+        return self._smooth("inertia_gradient", self._checked("position", position), weight)
+
+    def inertia_rate_gradient(self, position: Numbers, direction: Array, weight: Array) -> Array:
+        """Return ∂⟨W, Σ d_i ∂M/∂q_i⟩/∂q, shape (n,), for a direction d (n,) and a weight W (n, n)."""
+        return self._smooth("inertia_rate_gradient", self._checked("position", position), direction, weight)
 
     def damping(self, position: Numbers, velocity: Numbers | None = None) -> Array:
         """Return D = ∂N/∂q̇ without dry friction [N m s/rad or N s/m], shape (m, m); at rest by default."""
@@ -187,7 +247,7 @@ class SymbolicPlant(Plant):
             for array, value in zip(call.inputs[len(arguments) :], values.values(), strict=True):
                 array[:] = np.ravel(value)
         for array, argument in zip(call.inputs, arguments, strict=False):
-            array[:] = argument
+            array[:] = np.ravel(argument, order="F")
         return _as_documented(quantity, call())
 
     def _checked(self, name: str, vector: Numbers) -> Array:
