@@ -1,7 +1,7 @@
 """All certificates of a law on a robot at once."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -9,6 +9,7 @@ from typing import Any, TypedDict
 
 import numpy as np
 
+from tarc.analysis.inertia_ratio import InertiaSpread, inertia_spread
 from tarc.analysis.linearise import Channel, decoupled_channels, joints_share_loop, require_inertia
 from tarc.analysis.rest_stability import describe_instability
 from tarc.analysis.stability import disturbance_to_error, noise_to_torque, stable_intervals, widest_interval
@@ -42,6 +43,7 @@ def certify_law(
     samples: int = 2000,
     seed: int = 0,
     robot_certificate: Certificate[RobotEvidence] | None = None,
+    others: Collection["LawCertification"] = (),
     on_certificate: Callable[[str], object] = lambda kind: None,
 ) -> "LawCertification":
     """Return all certificates that apply to a law on a robot.
@@ -60,6 +62,9 @@ def certify_law(
         Number of sampled postures, and the seed.
     robot_certificate
         Result of `certify_robot` for the same arguments, where it exists already.
+    others
+        Certifications of other laws on the same robot and workspace, with the same samples and seed. What depends only
+        on M̂ or on the linearised loop is taken from those that share it.
     on_certificate
         Called with the kind of each certificate once it is made, to show progress.
 
@@ -89,7 +94,13 @@ def certify_law(
 
     sampling: dict[str, int] = {"samples": samples, "seed": seed}
     loop: _LoopOptions = {"computation_delay": computation_delay, "channels": channels}
-    robot = robot_certificate or certify_robot(law, plant, workspace, **sampling, **loop)
+    same_inertia = next((other for other in others if np.array_equal(other.law.M, law.M)), None)
+    spread = None
+    if same_inertia is not None:
+        spread = same_inertia.spread
+    elif robot_certificate is None:
+        spread = inertia_spread(plant, law.M, workspace, **sampling)
+    robot = robot_certificate or certify_robot(law, plant, workspace, **sampling, **loop, spread=spread)
     add(robot)
     low, high = robot.evidence.min_ratio, robot.evidence.max_ratio
     if all(channel.n_coupled == 1 for channel in channels):
@@ -100,7 +111,10 @@ def certify_law(
     if joints_share_loop(law):
         with suppress(NoStableRatio):  # the certificate of the robot has refuted the law already
             add(certify_varying_ratio(law, **loop))
-    add(check_lemma1(law, plant, workspace, **sampling))
+    if same_inertia is None:
+        add(check_lemma1(law, plant, workspace, **sampling, spread=spread))
+    else:
+        add(same_inertia.certificates["lemma1"])
     if isinstance(law, TARC):
         add(check_condition_c2(law))
     if isinstance(law, TDE):
@@ -108,7 +122,14 @@ def certify_law(
         if isinstance(law.estimator, Algebraic):
             add(check_theorem2(law))
             add(check_nominal_loop(law))
-    return LawCertification(law=law, channels=channels, certificates=certificates, computation_delay=computation_delay)
+    return LawCertification(
+        law=law,
+        channels=channels,
+        certificates=certificates,
+        spread=spread,
+        computation_delay=computation_delay,
+        others=tuple(others),
+    )
 
 
 class _LoopOptions(TypedDict):
@@ -158,14 +179,20 @@ class LawCertification:
         Its linearised loops.
     certificates
         By kind, that of the robot first.
+    spread
+        Inertia ratios of the robot; None where the certificate of the robot was given.
     computation_delay
         Periods between a measurement and its torque.
+    others
+        Certifications of other laws on the same robot, whose results this one may share.
     """
 
     law: PolePlacement
     channels: Sequence[Channel]
     certificates: dict[str, Certificate]
+    spread: InertiaSpread | None = None
     computation_delay: int = 0
+    others: Collection["LawCertification"] = ()
 
     @property
     def verdict(self) -> Certificate[RobotEvidence]:
@@ -220,6 +247,9 @@ class LawCertification:
         """Return the stable ratios over the window; None where the gains couple the joints."""
         if any(channel.n_coupled > 1 for channel in self.channels):
             return None
+        same = next((other for other in self.others if self._has_same_map(other)), None)
+        if same is not None:
+            return same.stability_map
         estimator, period = self.law.estimator, self.law.period
         laws, window, windows = [self.law], 1, [0, 2]
         if isinstance(estimator, Algebraic):
@@ -239,6 +269,26 @@ class LawCertification:
             tolerated=ends[:, 2:],
             required=(evidence.min_ratio, evidence.max_ratio),
             rate=evidence.rate,
+        )
+
+    def _has_same_map(self, other: "LawCertification") -> bool:
+        """Return whether another law has the same loop, but for its robust term, on the same range of ratios."""
+        evidence, others = self.verdict.evidence, other.verdict.evidence
+        same_robot = (evidence.min_ratio, evidence.max_ratio, evidence.rate) == (
+            others.min_ratio,
+            others.max_ratio,
+            others.rate,
+        )
+        return (
+            same_robot
+            and self.law.estimator is other.law.estimator
+            and self.computation_delay == other.computation_delay
+            and len(self.channels) == len(other.channels)
+            and all(
+                mine.joints == theirs.joints
+                and all(np.array_equal(getattr(mine, name), getattr(theirs, name)) for name in "FGCD")
+                for mine, theirs in zip(self.channels, other.channels, strict=True)
+            )
         )
 
     def _stable_ranges(self, law: PolePlacement) -> tuple[float, float, float, float]:

@@ -95,22 +95,26 @@ def test_the_norm_of_the_uncertainty_over_the_posture(robot, motion, nominal, ce
     norm = UncertaintyNorm(nominal, centre, 30.0, lead_time)
     q, v, a = motion
     point = OperatingPoint(robot, q, v, a) if is_moving else OperatingPoint.at_rest(robot, q)
-    expected = differences(lambda q: norm.values([point._replace(position=q)])[0], q)
-    close(norm.gradient(point), expected)
+    value, gradient = norm.value_and_gradient(point)
+    assert value == pytest.approx(norm.values([point])[0], rel=1e-9)
+    close(gradient, differences(lambda q: norm.values([point._replace(position=q)])[0], q))
 
 
 def test_the_rate_of_the_inertia_over_the_posture(robot, motion, nominal):
     function = InertiaRate(nominal, np.abs(motion[1]))
     point = OperatingPoint.at_rest(robot, motion[0])
-    close(function.gradient(point), differences(lambda q: function.values([point._replace(position=q)])[0], motion[0]))
+    value, gradient = function.value_and_gradient(point)
+    assert value == pytest.approx(function.values([point])[0], rel=1e-12)
+    close(gradient, differences(lambda q: function.values([point._replace(position=q)])[0], motion[0]))
 
 
 def test_the_rate_of_more_joints_than_corners_are_tried():
     arm = tarc.plants.NLinkArm(masses=[1.0] * 10, lengths=[0.3] * 10, centres=[0.15] * 10, inertias=[0.01] * 10)
     function = InertiaRate(np.eye(10), np.full(10, 0.5))
     point = OperatingPoint.at_rest(arm, np.linspace(0.1, 0.9, 10))
-    expected = differences(lambda q: function.values([point._replace(position=q)])[0], point.position)
-    close(function.gradient(point), expected)
+    value, gradient = function.value_and_gradient(point)
+    assert value == pytest.approx(function.values([point])[0], rel=1e-12)
+    close(gradient, differences(lambda q: function.values([point._replace(position=q)])[0], point.position))
 
 
 def test_the_extreme_ratios_over_the_inertia(robot, motion, nominal):

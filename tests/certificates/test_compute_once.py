@@ -1,6 +1,7 @@
 """Table, file and figure of a certification read it, and compute nothing again."""
 
 from collections import Counter
+from dataclasses import replace
 
 import pytest
 
@@ -50,3 +51,27 @@ def test_the_law_is_linearised_once(calls):
     design_figure(certified)
     assert analysis.stable_intervals(law, channels=certified.channels)
     assert max(count for key, count in calls.items() if key[0] == "linearise") == 1
+
+
+def test_laws_share_what_depends_on_the_inertia_and_on_the_loop_alone(monkeypatch):
+    counter = Counter()
+    search = certification.inertia_spread
+
+    def counted(*args, **options):
+        counter["spread"] += 1
+        return search(*args, **options)
+
+    monkeypatch.setattr(certification, "inertia_spread", counted)
+    inertia, box = 0.05 * ARM.inertia([0.0, 1.5]), Workspace.box([-1.0, 0.0], [1.0, 3.0])
+    first = certify_law(make_tdc(inertia=inertia), ARM, box, samples=50)
+    law = replace(first.law, safe_torque="hold")
+    second = certify_law(law, ARM, box, samples=50, others=[first])
+    other = certify_law(make_tdc(inertia=2 * inertia), ARM, box, samples=50, others=[first, second])
+    assert counter["spread"] == 2
+    assert second.certificates["lemma1"] is first.certificates["lemma1"]
+    assert second.stability_map is first.stability_map
+    alone = certify_law(law, ARM, box, samples=50)
+    for kind, certificate in alone.certificates.items():
+        assert second.certificates[kind].margin == certificate.margin
+    assert other.stability_map is not first.stability_map
+    assert other.certificates["lemma1"].evidence.min_ratio == pytest.approx(2 * first.spread.min_ratio)

@@ -238,8 +238,8 @@ class PointFunction(Protocol):
         """Return the number of each of k points, shape (k,)."""
         ...
 
-    def gradient(self, point: OperatingPoint) -> Array:
-        """Return the derivatives over the posture of a point, shape (n,)."""
+    def value_and_gradient(self, point: OperatingPoint) -> tuple[float, Array]:
+        """Return the number of a point and its derivatives over the posture, shape (n,)."""
         ...
 
 
@@ -273,8 +273,8 @@ class UncertaintyNorm:
             return samples.stiffness_norms(self.lead_time) / self.position_weight
         return samples.joint_norms(self.centre, self.position_weight, self.lead_time)
 
-    def gradient(self, point: OperatingPoint) -> Array:
-        """Return the derivatives over the posture, shape (n,)."""
+    def value_and_gradient(self, point: OperatingPoint) -> tuple[float, Array]:
+        """Return the norm of a point and its derivatives over the posture, shape (n,)."""
         M, D, G = linearise_point(point)
         root, inverse_root = self._roots
         n = len(M)
@@ -284,7 +284,7 @@ class UncertaintyNorm:
         X = np.hstack([inertia_part, position_share * G @ inverse_root, velocity_share * D @ inverse_root])
         K = root @ np.linalg.solve(M, X)
         K[:, :n] -= (self.centre or 0.0) * np.eye(n)
-        left, _, right = np.linalg.svd(K, full_matrices=False)
+        left, norms, right = np.linalg.svd(K, full_matrices=False)
         u, w = left[:, 0], right[0]
         p, y = np.linalg.solve(M, np.column_stack([root @ u, X @ w])).T
         of_inertia = -np.outer(p, y)
@@ -295,7 +295,7 @@ class UncertaintyNorm:
         if np.any(of_damping):  # C leaves out the damping at rest
             at_rest = np.hstack([0 * of_inertia, of_damping, 0 * of_stiffness])
             gradient = gradient - point.plant.tangent_gradient(point.position, at_rest)
-        return gradient
+        return float(norms[0]), gradient
 
     @cached_property
     def _roots(self) -> tuple[Array, Array]:
@@ -314,8 +314,8 @@ class InertiaRate:
         slopes = np.array([point.plant.inertia_slopes(point.position) for point in points])
         return inertia_rates(self.nominal, slopes, self.speed)
 
-    def gradient(self, point: OperatingPoint) -> Array:
-        """Return the derivatives over the posture, shape (n,)."""
+    def value_and_gradient(self, point: OperatingPoint) -> tuple[float, Array]:
+        """Return the rate of a point and its derivatives over the posture, shape (n,)."""
         joints = np.flatnonzero(self.speed)
         directions = np.eye(len(self.speed))[joints] * self.speed
         if len(joints) <= MAX_CORNER_JOINTS:
@@ -325,15 +325,14 @@ class InertiaRate:
         rates = inverse_root @ np.tensordot(directions, slopes, 1) @ inverse_root
         values, vectors = np.linalg.eigh(rates)
         largest = np.abs(values).argmax(axis=1)
+        norms = np.abs(values).max(axis=1)
+        chosen = np.arange(len(directions)) if len(joints) > MAX_CORNER_JOINTS else norms.argmax(keepdims=True)
         gradient = np.zeros(len(self.speed))
-        chosen = range(len(directions))
-        if len(joints) <= MAX_CORNER_JOINTS:
-            chosen = [int(np.abs(values).max(axis=1).argmax())]
-        for i in chosen:
+        for i in chosen.tolist():
             vector = inverse_root @ vectors[i, :, largest[i]]
             weight = np.sign(values[i, largest[i]]) * np.outer(vector, vector)
             gradient += point.plant.inertia_rate_gradient(point.position, directions[i], weight)
-        return gradient
+        return float(norms[chosen].sum()), gradient
 
 
 def sample_points(plants: Sequence[Plant], workspace: Workspace, samples: int, seed: int) -> list[OperatingPoint]:
@@ -476,9 +475,8 @@ def _maximise_posture(
         return start._replace(position=workspace.at_unit_points(unit_at(free_units)[None])[0])
 
     def at(free_units: Array) -> tuple[float, Array]:
-        point = point_at(free_units)
-        slopes = workspace.unit_slopes(unit_at(free_units))[:, free]
-        return float(function.values([point])[0]), function.gradient(point) @ slopes
+        value, gradient = function.value_and_gradient(point_at(free_units))
+        return value, gradient @ workspace.unit_slopes(unit_at(free_units))[:, free]
 
     _, best = local_maximum(at, unit[free], scale=scale, tolerance=1e-5, max_iterations=30)
     return point_at(best)

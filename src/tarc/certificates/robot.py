@@ -248,6 +248,7 @@ def certify_robot(
     samples: int = 2000,
     seed: int = 0,
     channels: Sequence[Channel] | None = None,
+    spread: InertiaSpread | None = None,
 ) -> Certificate[RobotEvidence]:
     """Certify a law on a robot whose posture changes in any way inside a workspace.
 
@@ -281,6 +282,9 @@ def certify_robot(
         Number of sampled postures, and the seed. Local searches start from the best samples.
     channels
         The loops of `tarc.analysis.linearise.decoupled_channels` for law and delay, where they exist already.
+    spread
+        Result of `tarc.analysis.inertia_spread` for the same robot, M̂, workspace, samples and seed, where it exists
+        already.
 
     Returns
     -------
@@ -300,7 +304,8 @@ def certify_robot(
     law = require_inertia(law, "the robot certificate")
     _refuse_model(law)
     plants = as_plants(plant)
-    spread = inertia_spread(plants, law.M, workspace, samples=samples, seed=seed)
+    if spread is None:
+        spread = inertia_spread(plants, law.M, workspace, samples=samples, seed=seed)
     workspace = workspace.for_joints(plants[0].joint_names)
     n_points = min(samples, MAX_STIFFNESS_SAMPLES)
     sampled = SampledPoints.from_robot(plants, spread, law.M, workspace, n_points, seed)

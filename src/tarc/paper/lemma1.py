@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tarc.analysis.inertia_ratio import InertiaFunction, extreme_ratio_functions, maximise_over_workspace
+from tarc.analysis.inertia_ratio import InertiaFunction, InertiaSpread, inertia_spread, maximise_over_workspace
 from tarc.analysis.workspace import Workspace
 from tarc.certificates.base import Certificate, Evidence, Judgement, Verdict
 from tarc.core.errors import InvalidParameter, UnsupportedLaw
@@ -87,7 +87,13 @@ class Lemma1Evidence(Evidence):
 
 
 def check_lemma1(
-    law: Law, plant: Plant | Sequence[Plant], workspace: Workspace, *, samples: int = 2000, seed: int = 0
+    law: Law,
+    plant: Plant | Sequence[Plant],
+    workspace: Workspace,
+    *,
+    samples: int = 2000,
+    seed: int = 0,
+    spread: InertiaSpread | None = None,
 ) -> Certificate[Lemma1Evidence]:
     """Test ‖M(q)⁻¹M̂ − I‖ < 1 over a workspace.
 
@@ -104,6 +110,9 @@ def check_lemma1(
         The postures.
     samples, seed
         Number of sampled postures before the local search, and the seed.
+    spread
+        Result of `tarc.analysis.inertia_spread` for the same robot, M̂, workspace, samples and seed, where it exists
+        already.
 
     Returns
     -------
@@ -131,7 +140,9 @@ def check_lemma1(
             raise InvalidParameter(
                 f"law: it drives {law.n_joints} joints and the robot has {robot.n_joints}; give as many"
             )
-    evidence = _worst_posture(law.M, robots, workspace, samples, seed)
+    if spread is None:
+        spread = inertia_spread(robots, law.M, workspace, samples=samples, seed=seed)
+    evidence = _worst_posture(law.M, robots, workspace, samples, seed, spread)
     verdict, margin, witness = evidence.judge()
     return Certificate(
         evidence=evidence,
@@ -161,7 +172,7 @@ def lemma1_form(M: Array, nominal: Array) -> Array:
 
 
 def _worst_posture(
-    nominal: Array, robots: Sequence[Plant], workspace: Workspace, samples: int, seed: int
+    nominal: Array, robots: Sequence[Plant], workspace: Workspace, samples: int, seed: int, spread: InertiaSpread
 ) -> Lemma1Evidence:
     """Return the posture with the largest norm, and the extreme inertia ratios."""
     identity = np.eye(len(nominal))
@@ -174,22 +185,17 @@ def _worst_posture(
         left, _, right = np.linalg.svd(product - identity)
         return -np.outer(np.linalg.solve(M.T, left[:, 0]), product @ right[0])
 
-    worst, low, high = maximise_over_workspace(
-        (InertiaFunction(norms, norm_gradient), *extreme_ratio_functions(nominal)),
-        robots,
-        workspace,
-        samples=samples,
-        seed=seed,
+    (worst,) = maximise_over_workspace(
+        [InertiaFunction(norms, norm_gradient)], robots, workspace, samples=samples, seed=seed
     )
-    min_ratio, max_ratio = 1 / low.value, -1 / high.value
     return Lemma1Evidence(
         inertia=robots[worst.plant].inertia(worst.posture),
         nominal_inertia=nominal,
         posture=worst.posture,
         norm=worst.value,
-        scaled_norm=max(abs(1 - min_ratio), abs(1 - max_ratio)),
-        min_ratio=min_ratio,
-        max_ratio=max_ratio,
+        scaled_norm=max(abs(1 - spread.min_ratio), abs(1 - spread.max_ratio)),
+        min_ratio=spread.min_ratio,
+        max_ratio=spread.max_ratio,
         samples=samples,
         plant_index=worst.plant,
     )

@@ -212,7 +212,7 @@ class SymbolicPlant(Plant):
     def inertia_slopes(self, position: Numbers) -> Array:
         """Return ∂M/∂q_i, shape (n, n, n), the joint i first."""
         slopes = self._smooth("inertia_slopes", self._checked("position", position))
-        return slopes.T.reshape(-1, self.n_joints, self.n_joints)
+        return slopes.T.reshape(-1, self.n_coordinates, self.n_coordinates)
 
     def inertia_gradient(self, position: Numbers, weight: Array) -> Array:
         """Return ∂⟨W, M⟩/∂q, shape (n,), for a weight W (n, n)."""

@@ -317,7 +317,7 @@ class Scenario(BaseModel):
             if full_range
             else Workspace.from_reference(setup.reference, self.duration, tube=tube)
         ).with_speed_limits(speed, acceleration)
-        certificates = {}
+        certificates: dict[str, LawCertification] = {}
         with Progress("certifying", 9 * len(setup.laws), progress) as bar:
             for name, law in setup.laws.items():
                 certificates[name] = certify_law(
@@ -326,6 +326,7 @@ class Scenario(BaseModel):
                     workspace,
                     computation_delay=self.computation_delay,
                     samples=samples,
+                    others=tuple(certificates.values()),
                     on_certificate=lambda _: bar.advance(),
                 )
         return certificates
