@@ -286,14 +286,10 @@ class Plant(ABC):
             raise InvalidParameter(
                 f"positions: got shape {columns.shape}; needs ({self.n_joints}, k), one position per column"
             )
-<<<<<<< HEAD
         return np.mean([self.joint_inertia(column) for column in columns.T], axis=0)
-=======
-        return np.mean([self.inertia(column) for column in columns.T], axis=0)
 
 
 def _differences(function: Callable[[Array], Array | float], position: Array) -> Array:
     """Return the derivatives of a function over each joint, the joint first, by central differences."""
     steps = POSITION_STEP * np.eye(len(position))
     return np.array([(function(position + d) - function(position - d)) / (2 * POSITION_STEP) for d in steps])
->>>>>>> 6b88bc7 (Searches over postures follow exact derivatives of inertia, stiffness and damping)
