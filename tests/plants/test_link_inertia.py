@@ -9,8 +9,9 @@ import pytest
 
 from tarc.core.errors import RobotFileError, RobotFileWarning
 from tarc.plants import RigidBody, load_robot
+from tarc.plants.joint_roles import choose_joints
 from tarc.plants.link_inertia import RigidInertia
-from tarc.plants.robot_file import choose_joints, compile_model, read_specification, reduce_to_joints
+from tarc.plants.robot_file import compile_model, read_specification, reduce_to_joints
 
 DATA = Path(sysconfig.get_path("purelib")) / "cmeel.prefix/share/example-robot-data/robots"
 WITHOUT_JOINTS = {"quadrotor_base", "iris_simple", "ur3"}
@@ -143,7 +144,7 @@ def test_merging_changes_no_motion(name):
     robot = load_robot(file)
     assert isinstance(robot, RigidBody)
     spec = read_specification(file)
-    _, locked = choose_joints(spec, None, file.name)
+    locked = choose_joints(spec).locked
     for joint in list(spec.joints):
         if joint.name in locked:
             spec.delete(joint)

@@ -345,7 +345,7 @@ MESH = '<asset><mesh name="shell" file="shell.stl"/></asset>'
         ("no markup", r"robot\.xml is no XML file .* needs MJCF or URDF"),
         ("<sdf/>", r"root <sdf>; needs <mujoco> \(MJCF\) or <robot> \(URDF\)"),
         (one_joint_model("<ball/>"), r"MuJoCo cannot read .*robot\.xml"),
-        (one_joint_model(BALL, joint="<freejoint name='float'/>"), "joint 'float' is free or a ball"),
+        (one_joint_model(BALL, joint="<freejoint name='float'/>"), "no hinge or slide joint to control"),
         (one_joint_model(BALL, joint=""), "no hinge or slide joint"),
         (one_joint_model(LIGHT), "singular .* need rotor inertia: give armature=0.1"),
         (

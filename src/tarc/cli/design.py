@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from tarc.cli.design_options import requirement_options, requirements_of
-from tarc.cli.options import Figures, Json, drawing_figures, names_of, numbers_of
+from tarc.cli.options import Figures, Json, drawing_figures, names_of, names_or_positions, numbers_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,7 +24,21 @@ DesignFile = Annotated[
 ]
 Joints = Annotated[
     str,
-    typer.Option(metavar="A,B", help="Joints to drive; the others are locked. Default: all.", rich_help_panel=PANEL),
+    typer.Option(
+        metavar="A,B",
+        help="Joints to drive; the others are locked, or passive if the file has actuators but none for them. Default: "
+        "those with an actuator, or all.",
+        rich_help_panel=PANEL,
+    ),
+]
+Lock = Annotated[
+    str,
+    typer.Option(
+        metavar="A,B",
+        help="Joints to lock in the home posture, or at positions \\[rad or m]: A=0.3,B=0. Default: none but those that "
+        "are not driven.",
+        rich_help_panel=PANEL,
+    ),
 ]
 Home = Annotated[
     str,
@@ -86,6 +100,7 @@ def design(
     robot: Robot,
     out: DesignFile = Path("design.yaml"),
     joints: Joints = "",
+    lock: Lock = "",
     home: Home = "",
     armature: Armature = "",
     viscous: Viscous = "",
@@ -119,6 +134,7 @@ def design(
     plant = load_robot(
         robot,
         joints=names_of(joints) or None,
+        lock=names_or_positions("--lock", lock),
         home=numbers_of("--home", home),
         armature=numbers_of("--armature", armature),
         viscous=numbers_of("--viscous", viscous),

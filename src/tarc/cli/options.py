@@ -51,6 +51,25 @@ def numbers_of(name: str, text: str) -> float | list[float] | None:
     return numbers[0] if numbers else None
 
 
+def names_or_positions(name: str, text: str) -> list[str] | dict[str, float] | None:
+    """Return names, or positions by name from ``a=0.3,b=0``; None for an empty text.
+
+    Raises
+    ------
+    InvalidParameter
+        For a position that is no number, and where only some names have one.
+    """
+    pairs = [part.partition("=") for part in names_of(text)]
+    if not any(equals for _, equals, _ in pairs):
+        return [name for name, _, _ in pairs] or None
+    try:
+        return {joint.strip(): float(position) for joint, _, position in pairs}
+    except ValueError:
+        raise InvalidParameter(
+            f"{name}: got {text!r}; needs names with commas between, or a position for each: a=0.3,b=0"
+        ) from None
+
+
 def file_stem(name: str) -> str:
     """Return a name as that of one file or folder."""
     return re.sub(r"[^\w.+-]+", "-", str(name)).strip(".-") or "run"

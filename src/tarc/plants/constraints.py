@@ -10,7 +10,6 @@ import mujoco
 import numpy as np
 
 from tarc.core.errors import RobotFileError
-from tarc.plants.robot_file import actuated_joints
 
 KINDS = {
     mujoco.mjtEq.mjEQ_CONNECT: "connect",
@@ -83,36 +82,9 @@ def refuse_constraints(spec: mujoco.MjSpec, selected: Collection[str], label: st
             )
 
 
-def refuse_passive_joints(spec: mujoco.MjSpec, driven: Collection[str], label: str) -> None:
-    """Refuse to drive joints without an actuator in a file that has actuators for others.
-
-    Parameters
-    ----------
-    spec
-        The file.
-    driven
-        Names of the joints that would be driven, where the user lists none.
-    label
-        The file's name.
-
-    Raises
-    ------
-    RobotFileError
-        For joints without an actuator.
-    """
-    actuated = actuated_joints(spec)
-    if actuated is None:
-        return
-    passive = [name for name in driven if name not in actuated]
-    if not passive:
-        return
-    active = [name for name in driven if name in actuated]
-    listing = f": joints={active}, on the command line --joints {','.join(active)}" if active else ""
-    raise RobotFileError(
-        f"{label}: no actuator of the file drives {'joint' if len(passive) == 1 else 'the joints'} "
-        f"{', '.join(passive)}, and joints that move without a torque are not supported. List in joints what is to be "
-        f"driven, the others are locked in the home posture{listing}. Or add actuators to the file"
-    )
+def joints_of_tendon(spec: mujoco.MjSpec, tendon: mujoco.MjsTendon, names: Collection[str]) -> list[str]:
+    """Return those of some joints that change the length of a tendon."""
+    return [name for name in names if _moves(tendon, [name], _rigid_parts(spec, [name]))]
 
 
 def _rigid_parts(spec: mujoco.MjSpec, selected: Collection[str]) -> dict[tuple[str, str], tuple[int, str]]:

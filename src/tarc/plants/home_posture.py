@@ -13,6 +13,7 @@ from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter, RobotFileError
 from tarc.core.types import Array
 from tarc.core.validation import Numbers
+from tarc.plants.joint_roles import Lock
 from tarc.plants.robot_file import compile_model, rotation_matrix
 
 Home = Numbers | Mapping[str, float]
@@ -42,7 +43,12 @@ def compile_kinematics(spec: mujoco.MjSpec, label: str) -> mujoco.MjModel:
 
 
 def home_posture(
-    spec: mujoco.MjSpec, model: mujoco.MjModel, selected: Sequence[str], home: Home | None, label: str
+    spec: mujoco.MjSpec,
+    model: mujoco.MjModel,
+    selected: Sequence[str],
+    home: Home | None,
+    lock: Lock | None,
+    label: str,
 ) -> dict[str, Array]:
     """Return the home position of each joint of a file, by name.
 
@@ -58,6 +64,8 @@ def home_posture(
         Names of the driven joints, in the order of the argument.
     home
         Positions that the user gives [rad or m].
+    lock
+        Joints to lock; a mapping has their positions [rad or m].
     label
         The file's name.
 
@@ -84,12 +92,16 @@ def home_posture(
             posture[joint.name] = np.array([_within_range(model, number, joint.name in selected)])
         else:
             posture[joint.name] = model.qpos0[place].copy()
-    for name, value in _given(home, selected, spec, label).items():
+    given = _given("home", home, selected, spec, label)
+    if isinstance(lock, Mapping):
+        given |= _given("lock", lock, selected, spec, label)
+    for name, value in given.items():
         number = model.joint(name).id
         low, high = model.jnt_range[number]
         if model.jnt_limited[number] and not low <= value <= high:
+            key = "lock" if isinstance(lock, Mapping) and name in lock else "home"
             raise InvalidParameter(
-                f"home: got {value:g} for joint {name} of {label}; its range is {low:g} to {high:g}", "home"
+                f"{key}: got {value:g} for joint {name} of {label}; its range is {low:g} to {high:g}", key
             )
         posture[name] = np.array([value])
     return posture
@@ -111,7 +123,7 @@ def _within_range(model: mujoco.MjModel, joint: int, driven: bool) -> float:
     return float(low + high) / 2
 
 
-def _given(home: Home | None, selected: Sequence[str], spec: mujoco.MjSpec, label: str) -> dict[str, float]:
+def _given(key: str, home: Home | None, selected: Sequence[str], spec: mujoco.MjSpec, label: str) -> dict[str, float]:
     """Return the positions that the user gives, by name."""
     if home is None:
         return {}
@@ -121,11 +133,11 @@ def _given(home: Home | None, selected: Sequence[str], spec: mujoco.MjSpec, labe
     for name in home:
         if name not in movable:
             raise InvalidParameter(
-                f"home: {label} has no hinge or slide {name!r}; it has {', '.join(movable)}."
+                f"{key}: {label} has no hinge or slide {name!r}; it has {', '.join(movable)}."
                 f"{check.did_you_mean(str(name), movable)}",
-                "home",
+                key,
             )
-    return {name: check.number(f"home: joint {name}", value) for name, value in home.items()}
+    return {name: check.number(f"{key}: joint {name}", value) for name, value in home.items()}
 
 
 def lock_joints(

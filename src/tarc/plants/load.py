@@ -6,6 +6,7 @@ from pathlib import Path
 from tarc.core import validation as check
 from tarc.core.validation import Numbers
 from tarc.plants.home_posture import Home
+from tarc.plants.joint_roles import Lock
 from tarc.plants.mujoco import MujocoPlant
 from tarc.plants.rigid_body import RigidBody
 
@@ -16,6 +17,7 @@ def load_robot(
     path: str | Path,
     *,
     joints: Sequence[str] | None = None,
+    lock: Lock | None = None,
     home: Home | None = None,
     armature: Numbers | None = None,
     viscous: Numbers | None = None,
@@ -28,16 +30,23 @@ def load_robot(
 ) -> RigidBody | MujocoPlant:
     """Read an MJCF or URDF file, or one of the shipped robots by name (``"ur5e"``, ``"panda"``).
 
-    Of a URDF the kinematics and inertias are read; the meshes are not needed. Joints that mimic another are locked in
-    the home posture, as are all joints that are not listed.
+    Of a URDF the kinematics and inertias are read; the meshes are not needed. A law drives those
+    joints that ``joints`` lists, else those with an actuator, else all hinges and slides. In a file with actuators,
+    hinges and slides without one are passive: simulated, but no torque acts on them. Certificates and designs refuse
+    passive joints.
+
+    All other joints are locked: those that ``lock`` names or ``joints`` leaves out, those that mimic another, and free
+    and ball joints. So are those that an actuator moves through a tendon. Passive joints, a floating base and joints
+    that a tendon moves are named in a `RobotFileWarning`, unless ``lock`` names them.
 
     Parameters
     ----------
     path
         The file.
     joints
-        Names of the joints to control; None for all hinges and slides. In a file with actuators each of these needs
-        one. The plant's joints keep the order of the file.
+        Names of the joints to drive. The plant's joints keep the order of the file.
+    lock
+        Joints to lock in the home posture, by name, or positions [rad or m] to lock them at, by name.
     home
         Home posture [rad or m]: one number per joint in the order of ``joints`` or of the file, or numbers by name.
         A name may also be that of a locked joint. None for the keyframe ``home``, else zero, or the middle of a range
@@ -67,10 +76,9 @@ def load_robot(
     Raises
     ------
     RobotFileError
-        For a file that is missing or does not read, and free or ball joints that are not locked. For joints without
-        an actuator that are not listed, closed loops, and tendons that act on driven joints. For links with an inertia
-        that no body has, and for an inertia matrix that is singular. Also for a robot that only MuJoCo simulates where
-        the backend is ``"symbolic"``.
+        For a file that is missing or does not read, and balls that are not locked. For closed loops, and tendons that
+        act on joints that move. For links with an inertia that no body has, and for an inertia matrix that is singular.
+        Also for a robot that only MuJoCo simulates where the backend is ``"symbolic"``.
     InvalidParameter
         For joints or a tool that the file does not have, negative parameters, and an unknown backend. Also for a home
         posture outside the ranges.
@@ -79,6 +87,7 @@ def load_robot(
     plant = MujocoPlant.from_file(
         path,
         joints=joints,
+        lock=lock,
         home=home,
         armature=armature,
         viscous=viscous,

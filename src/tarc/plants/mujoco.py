@@ -17,12 +17,12 @@ from tarc.core import validation as check
 from tarc.core.errors import RobotFileError
 from tarc.core.validation import Numbers
 from tarc.plants.base import Plant
-from tarc.plants.constraints import refuse_constraints, refuse_passive_joints
+from tarc.plants.constraints import refuse_constraints
 from tarc.plants.home_posture import Home, compile_kinematics, home_posture, lock_joints
+from tarc.plants.joint_roles import JointRoles, Lock, choose_joints, lock_hint
 from tarc.plants.link_inertia import merge_rigid_links
 from tarc.plants.robot_file import (
     check_links,
-    choose_joints,
     compile_model,
     find_robot,
     read_specification,
@@ -41,7 +41,7 @@ class MujocoPlant(Plant):
     """A robot whose joints are all hinges and slides, simulated by MuJoCo; `from_file` constructs it.
 
     Torque acts on the joints directly; actuators in the file are removed and their limits kept as
-    `torque_limits`. Contacts are off by default.
+    `torque_limits`. Passive joints are coordinates beyond those. Contacts are off by default.
 
     Attributes
     ----------
@@ -51,30 +51,40 @@ class MujocoPlant(Plant):
         Body or site that carries the payload, in words.
     """
 
-    def __init__(self, spec: mujoco.MjSpec, home: dict[str, float], tool: str, payload: float, label: str):
-        body, place, self.carrier = tool_body(spec, tool, label)
+    def __init__(
+        self,
+        spec: mujoco.MjSpec,
+        roles: JointRoles,
+        posture: Mapping[str, float],
+        tool: str,
+        payload: float,
+        label: str,
+    ):
+        body, place, self.carrier = tool_body(spec, tool, roles.driven, label)
         body.add_body(
             name="tarc_payload", pos=place, ipos=[0.0] * 3, mass=0.0, inertia=[0.0] * 3, explicitinertial=True
         )
-        self._locked: dict[str, str] = {}
+        self._locked = roles.locked
         self.model: mujoco.MjModel = compile_model(spec, label)
         self._label = label
         self._file_options: dict[str, object] = {}
-        self._home = np.array([home[name] for name in self.joint_names])
+        names = [self.model.joint(i).name for i in range(self.model.njnt)]
+        self._driven = tuple(i for i, name in enumerate(names) if name in roles.driven)
+        self._start = np.array([posture[name] for name in names])
         self._scratch = mujoco.MjData(self.model)
         self.payload_body = self.model.body("tarc_payload").id
         limited, ranges = self.model.jnt_actfrclimited.astype(bool), np.abs(self.model.jnt_actfrcrange)
-        self._torque_limits = np.where(limited, ranges.min(axis=1), np.inf)
+        self._torque_limits = np.where(limited, ranges.min(axis=1), np.inf)[list(self._driven)]
         self._velocity_limits = np.full(self.n_joints, np.inf)
         self._acceleration_limits = np.full(self.n_joints, np.inf)
         self.set_parameters(self.model, {"payload": np.array(payload)})
-        values, vectors = np.linalg.eigh(self.inertia(self._home))
+        values, vectors = np.linalg.eigh(self.inertia(self._start))
         if not values[0] > 1e-9:
             loosest = int(np.argmax(np.abs(vectors[:, 0])))
             link = self.model.body(int(self.model.jnt_bodyid[loosest])).name
             raise RobotFileError(
                 f"{label}: its inertia matrix is singular (smallest eigenvalue {values[0]:.2g}): link {link!r} has no "
-                f"inertia about its joint {self.joint_names[loosest]}; such links need rotor inertia: give "
+                f"inertia about its joint {names[loosest]}; such links need rotor inertia: give "
                 "armature=0.1, or one number per joint, or correct the link's <inertial>"
             )
 
@@ -87,6 +97,7 @@ class MujocoPlant(Plant):
         path: str | Path,
         *,
         joints: Sequence[str] | None = None,
+        lock: Lock | None = None,
         home: Home | None = None,
         armature: Numbers | None = None,
         viscous: Numbers | None = None,
@@ -98,16 +109,17 @@ class MujocoPlant(Plant):
     ) -> "MujocoPlant":
         """Read an MJCF or URDF file, or one of the shipped robots by name (``"ur5e"``, ``"panda"``).
 
-        Of a URDF the kinematics and inertias are read; the meshes are not needed. Joints that mimic another are locked
-        in the home posture, as are all joints that are not listed.
+        Of a URDF the kinematics and inertias are read; the meshes are not needed. `load_robot` says which joints are
+        driven, passive and locked.
 
         Parameters
         ----------
         path
             The file.
         joints
-            Names of the joints to control; None for all hinges and slides. In a file with actuators each of these needs
-            one. The plant's joints keep the order of the file.
+            Names of the joints to drive; None for those with an actuator, or all in a file without actuators.
+        lock
+            Joints to lock in the home posture, by name, or positions [rad or m] to lock them at, by name.
         home
             Home posture [rad or m]: one number per joint in the order of ``joints`` or of the file, or numbers by name.
             A name may also be that of a locked joint. None for the keyframe ``home``, else zero, or the middle of a
@@ -128,9 +140,9 @@ class MujocoPlant(Plant):
         Raises
         ------
         RobotFileError
-            For a file that is missing or does not read, and free or ball joints that are not locked. For joints
-            without an actuator that are not listed, closed loops, and tendons that act on driven joints. For links
-            with an inertia that no body has, and for an inertia matrix that is singular.
+            For a file that is missing or does not read, and balls that are not locked. For closed loops, and tendons
+            that act on joints that move. For links with an inertia that no body has, and for an inertia matrix that is
+            singular.
         InvalidParameter
             For joints or a tool that the file does not have, and for negative parameters. Also for a home posture
             outside the ranges.
@@ -140,16 +152,15 @@ class MujocoPlant(Plant):
             spec = read_specification(file)
         names = [joints] if isinstance(joints, str) else joints
         check_links(spec, file.name)
-        selected, locked = choose_joints(spec, names, file.name)
-        refuse_constraints(spec, selected, file.name)
-        if names is None:
-            refuse_passive_joints(spec, selected, file.name)
+        roles = choose_joints(spec, names, lock, file.name)
+        refuse_constraints(spec, roles.moving, file.name)
         kinematics = compile_kinematics(spec, file.name)
-        posture = home_posture(spec, kinematics, selected, home, file.name)
+        posture = home_posture(spec, kinematics, roles.driven, home, lock, file.name)
+        roles.warn(file.name)
         reduce_to_joints(spec)
-        lock_joints(spec, kinematics, selected, posture)
+        lock_joints(spec, kinematics, roles.moving, posture)
         merge_rigid_links(spec, file.name, balance_inertia)
-        controlled = {joint.name: joint for joint in spec.joints}
+        controlled = {joint.name: joint for joint in spec.joints if joint.name in roles.driven}
         for name, value in (("armature", armature), ("viscous", viscous), ("coulomb", coulomb)):
             if value is not None:
                 for key, number in zip(names or controlled, check.vector(name, value, len(controlled), 0), strict=True):
@@ -157,10 +168,11 @@ class MujocoPlant(Plant):
         if not contact:
             spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
         spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-        start = {name: float(posture[name][0]) for name in selected}
-        plant = cls(spec, start, tool or "", check.number("payload", payload, 0), file.name)
+        start = {name: float(posture[name][0]) for name in roles.moving}
+        plant = cls(spec, roles, start, tool or "", check.number("payload", payload, 0), file.name)
         options = {
             "joints": None if names is None else list(names),
+            "lock": dict(lock) if isinstance(lock, Mapping) else None if lock is None else list(lock),
             "home": dict(home) if isinstance(home, Mapping) else home,
             "armature": armature,
             "viscous": viscous,
@@ -170,7 +182,6 @@ class MujocoPlant(Plant):
             "contact": contact or None,
             "balance_inertia": balance_inertia or None,
         }
-        plant._locked = locked
         plant._velocity_limits = velocity_limits(file, plant.joint_names, file.name)
         plant._acceleration_limits = acceleration_limits(file, plant.joint_names)
         plant._file_options = {"file": str(path), **{key: value for key, value in options.items() if value is not None}}
@@ -183,8 +194,39 @@ class MujocoPlant(Plant):
 
     @property
     def n_joints(self) -> int:
-        """Return the number of joints n."""
+        """Return the number of driven joints n."""
+        return len(self._driven)
+
+    @property
+    def n_coordinates(self) -> int:
+        """Return the number m of driven and passive joints."""
         return self.model.nv
+
+    @property
+    def driven(self) -> tuple[int, ...]:
+        """Return the numbers of the driven joints among all that move, from 0."""
+        return self._driven
+
+    @property
+    def coordinate_names(self) -> list[str]:
+        """Return the names of the driven and the passive joints, in the order of the file."""
+        return [self.model.joint(i).name or f"joint{i + 1}" for i in range(self.model.njnt)]
+
+    @property
+    def coordinate_units(self) -> list[str]:
+        """Return ``m`` for slides and ``rad`` for hinges, of the driven and the passive joints."""
+        return ["m" if kind == mujoco.mjtJoint.mjJNT_SLIDE else "rad" for kind in self.model.jnt_type]
+
+    def coordinates(self, position: Vector) -> np.ndarray:
+        """Return all positions, shape (m,), with the driven joints at a position (n,) and the passive ones at home."""
+        values = self._start.copy()
+        values[list(self._driven)] = position
+        return values
+
+    @property
+    def way_out_of_passive(self) -> str:
+        """Return how to lock the passive joints, for messages."""
+        return lock_hint(self.passive_joints)
 
     @property
     def label(self) -> str:
@@ -213,7 +255,7 @@ class MujocoPlant(Plant):
     def position_limits(self) -> np.ndarray:
         """Return the joint ranges of the file [rad or m], shape (n, 2), infinite where it has none."""
         limited = self.model.jnt_limited.astype(bool)
-        return np.where(limited[:, None], self.model.jnt_range, [-np.inf, np.inf])
+        return np.where(limited[:, None], self.model.jnt_range, [-np.inf, np.inf])[list(self._driven)]
 
     @property
     def locked(self) -> dict[str, str]:
@@ -230,8 +272,8 @@ class MujocoPlant(Plant):
             "tendons": model.ntendon > 0,
             "gravity compensation": bool(np.any(model.body_gravcomp)),
             "a fluid around it": bool(model.opt.density or model.opt.viscosity),
-            "damping that is not linear": bool(np.any(model.dof_damping.reshape(self.n_joints, -1)[:, 1:])),
-            "springs that are not linear": bool(np.any(model.jnt_stiffness.reshape(self.n_joints, -1)[:, 1:])),
+            "damping that is not linear": bool(np.any(model.dof_damping.reshape(self.n_coordinates, -1)[:, 1:])),
+            "springs that are not linear": bool(np.any(model.jnt_stiffness.reshape(self.n_coordinates, -1)[:, 1:])),
         }
         return " and ".join(name for name, applies in reasons.items() if applies)
 
@@ -243,26 +285,26 @@ class MujocoPlant(Plant):
     @property
     def joint_names(self) -> list[str]:
         """Return the names of the file."""
-        return [self.model.joint(i).name or f"joint{i + 1}" for i in range(self.n_joints)]
+        return [self.coordinate_names[i] for i in self._driven]
 
     @property
     def units(self) -> list[str]:
         """Return ``m`` for slides and ``rad`` for hinges."""
-        return ["m" if kind == mujoco.mjtJoint.mjJNT_SLIDE else "rad" for kind in self.model.jnt_type]
+        return [self.coordinate_units[i] for i in self._driven]
 
     @property
     def home(self) -> np.ndarray:
         """Return the home posture [rad or m], shape (n,): given, the keyframe ``home``, or within the ranges."""
-        return self._home.copy()
+        return self._start[list(self._driven)]
 
     @property
     def parameters(self) -> dict[str, np.ndarray]:
-        """Return the payload [kg], and armature, viscous and Coulomb friction of each joint."""
+        """Return the payload [kg], and armature, viscous and Coulomb friction of each driven or passive joint."""
         model = self.model
         return {
             "payload": np.array(model.body_mass[self.payload_body]),
             "armature": model.dof_armature.copy(),
-            "viscous": model.dof_damping.copy().reshape(self.n_joints, -1)[:, 0],
+            "viscous": model.dof_damping.copy().reshape(self.n_coordinates, -1)[:, 0],
             "coulomb": model.dof_frictionloss.copy(),
         }
 
@@ -288,7 +330,7 @@ class MujocoPlant(Plant):
         if "armature" in values:
             model.dof_armature[:] = values["armature"]
         if "viscous" in values:
-            model.dof_damping.reshape(self.n_joints, -1)[:, 0] = values["viscous"]
+            model.dof_damping.reshape(self.n_coordinates, -1)[:, 0] = values["viscous"]
         if "coulomb" in values:
             model.dof_frictionloss[:] = values["coulomb"]
         mujoco.mj_setConst(model, self._scratch)
@@ -298,22 +340,22 @@ class MujocoPlant(Plant):
         return copy.copy(self.model)
 
     def _placed(self, position: Numbers) -> mujoco.MjData:
-        self._scratch.qpos[:] = check.vector("position", position, self.n_joints)
+        self._scratch.qpos[:] = check.vector("position", position, self.n_coordinates)
         self._scratch.qvel[:] = 0
         mujoco.mj_fwdPosition(self.model, self._scratch)
         return self._scratch
 
     def inertia(self, position: Numbers) -> np.ndarray:
-        """Return M(q) with rotor inertia [kg m² or kg], shape (n, n)."""
+        """Return M(q) with rotor inertia [kg m² or kg], shape (m, m)."""
         data = self._placed(position)
-        matrix = np.zeros((self.n_joints, self.n_joints))
+        matrix = np.zeros((self.n_coordinates, self.n_coordinates))
         mujoco.mj_fullM(self.model, data, matrix)
         return matrix
 
     def bias(self, position: Numbers, velocity: Numbers) -> np.ndarray:
-        """Return N(q, q̇) without dry friction [N m or N], shape (n,)."""
+        """Return N(q, q̇) without dry friction [N m or N], shape (m,)."""
         data = self._placed(position)
-        data.qvel[:] = check.vector("velocity", velocity, self.n_joints)
+        data.qvel[:] = check.vector("velocity", velocity, self.n_coordinates)
         mujoco.mj_fwdVelocity(self.model, data)
         return data.qfrc_bias - data.qfrc_passive
 
@@ -325,7 +367,7 @@ class MujocoPlant(Plant):
         M, D, step = self.inertia(q), self.damping(q, v), 1e-5
         self._scratch.qacc[:] = a
         stiffness = []
-        for d in step * np.eye(self.n_joints):
+        for d in step * np.eye(self.n_coordinates):
             self._place(q + d)
             ahead = self._inverse(v)
             self._place(q - d)
@@ -333,11 +375,11 @@ class MujocoPlant(Plant):
         return M, D, np.column_stack(stiffness)
 
     def damping(self, position: Numbers, velocity: Numbers | None = None) -> np.ndarray:
-        """Return D = ∂N/∂q̇ without dry friction [N m s/rad or N s/m], shape (n, n); by default at rest."""
+        """Return D = ∂N/∂q̇ without dry friction [N m s/rad or N s/m], shape (m, m); by default at rest."""
         q, v, still = self._motion(position, velocity, None)
         self._scratch.qacc[:] = still
         self._place(q)
-        return np.column_stack([(self._inverse(v + d) - self._inverse(v - d)) / 2 for d in np.eye(self.n_joints)])
+        return np.column_stack([(self._inverse(v + d) - self._inverse(v - d)) / 2 for d in np.eye(self.n_coordinates)])
 
     def _place(self, position: np.ndarray) -> None:
         self._scratch.qpos[:] = position
@@ -346,7 +388,7 @@ class MujocoPlant(Plant):
 
     def _inverse(self, velocity: np.ndarray) -> np.ndarray:
         """Return M(q) q̈ + N(q, q̇) at the position and acceleration set, without rotor inertia and dry friction."""
-        model, data, torque = self.model, self._scratch, np.zeros(self.n_joints)
+        model, data, torque = self.model, self._scratch, np.zeros(self.n_coordinates)
         data.qvel[:] = velocity
         mujoco.mj_comVel(model, data)
         mujoco.mj_passive(model, data)
@@ -354,7 +396,7 @@ class MujocoPlant(Plant):
         return torque - data.qfrc_passive
 
     def gravity_torque(self, position: Vector) -> np.ndarray:
-        """Return the torque that keeps the robot at rest [N m or N], shape (n,)."""
+        """Return the torque that keeps the robot at rest [N m or N], shape (m,)."""
         data = self._placed(position)
         mujoco.mj_fwdVelocity(self.model, data)
         return data.qfrc_bias - data.qfrc_passive

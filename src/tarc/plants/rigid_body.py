@@ -13,7 +13,7 @@ import numpy as np
 
 from tarc.core import validation as check
 from tarc.core.errors import RobotFileError
-from tarc.core.types import Array
+from tarc.core.types import Array, Vector
 from tarc.plants.mujoco import PAYLOAD_RADIUS, MujocoPlant
 from tarc.plants.mujoco_equations import rigid_body_equations
 from tarc.plants.robot_file import rotation_matrix
@@ -26,7 +26,7 @@ COULOMB_WIDTH = 0.01
 class RigidBody(SymbolicPlant):
     """A robot from a file as CasADi expressions. Made by `load_robot`.
 
-        M(q) q̈ + C(q, q̇) q̇ + g(q) + D q̇ + F tanh(q̇/w) + K (q − q_s) = τ
+        M(q) q̈ + C(q, q̇) q̇ + g(q) + D q̇ + F tanh(q̇/w) + K (q − q_s) = B τ
 
     M includes the rotor inertia. Springs K with rest position q_s are those of the file. The stops of the joints are
     not simulated.
@@ -60,7 +60,7 @@ class RigidBody(SymbolicPlant):
 
     def equations(self) -> Equations:
         """Return the equations of motion, by composite rigid bodies and recursive Newton–Euler."""
-        model, n = self.mujoco.model, self.n_joints
+        model, n = self.mujoco.model, self.n_coordinates
         q = ca.SX.sym("q", n)
         dq = ca.SX.sym("dq", n)
         p = {name: ca.SX.sym(name, value.size) for name, value in self._parameters.items()}
@@ -107,8 +107,37 @@ class RigidBody(SymbolicPlant):
 
     @property
     def n_joints(self) -> int:
-        """Return the number of joints n."""
+        """Return the number of driven joints n."""
         return self.mujoco.n_joints
+
+    @property
+    def n_coordinates(self) -> int:
+        """Return the number m of driven and passive joints."""
+        return self.mujoco.n_coordinates
+
+    @property
+    def driven(self) -> tuple[int, ...]:
+        """Return the numbers of the driven joints among all that move, from 0."""
+        return self.mujoco.driven
+
+    @property
+    def coordinate_names(self) -> list[str]:
+        """Return the names of the driven and the passive joints, in the order of the file."""
+        return self.mujoco.coordinate_names
+
+    @property
+    def coordinate_units(self) -> list[str]:
+        """Return ``m`` for slides and ``rad`` for hinges, of the driven and the passive joints."""
+        return self.mujoco.coordinate_units
+
+    def coordinates(self, position: Vector) -> Array:
+        """Return all positions, shape (m,), with the driven joints at a position (n,) and the passive ones at home."""
+        return self.mujoco.coordinates(position)
+
+    @property
+    def way_out_of_passive(self) -> str:
+        """Return how to lock the passive joints, for messages."""
+        return self.mujoco.way_out_of_passive
 
     @property
     def label(self) -> str:

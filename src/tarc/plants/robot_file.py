@@ -197,54 +197,6 @@ def _without_missing_meshes(spec: mujoco.MjSpec, file: Path) -> mujoco.MjSpec:
     return spec
 
 
-def choose_joints(spec: mujoco.MjSpec, selected: Sequence[str] | None, label: str) -> tuple[list[str], dict[str, str]]:
-    """Return the joints to drive, in the order given or of the file, and why the others are locked, by name.
-
-    Joints without a name get one.
-    """
-    for number, joint in enumerate(spec.joints):
-        joint.name = joint.name or f"joint{number + 1}"
-    plain = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
-    movable = [joint.name for joint in spec.joints if joint.type in plain]
-    leaders = {
-        equality.name1: equality.name2
-        for equality in spec.equalities
-        if equality.type == mujoco.mjtEq.mjEQ_JOINT and equality.active
-    }
-    if selected is None:
-        unsupported = [joint.name for joint in spec.joints if joint.type not in plain]
-        drivable = [name for name in movable if name not in leaders]
-        if unsupported and drivable:
-            actuated = actuated_joints(spec)
-            drivable = [name for name in drivable if actuated is None or name in actuated] or drivable
-            raise RobotFileError(
-                f"{label}: joint {unsupported[0]!r} is free or a ball; a law drives hinges and slides. List the "
-                f"joints to control, the others are locked: joints={drivable}, on the command line --joints "
-                f"{','.join(drivable)}"
-            )
-        if unsupported:
-            raise RobotFileError(
-                f"{label}: joint {unsupported[0]!r} is free or a ball, and there are no others; it has no hinge or "
-                "slide joint to control"
-            )
-        selected = drivable
-    elif movable and not selected:
-        raise InvalidParameter(f"joints: got none; give some of {', '.join(movable)}, or leave it out", "joints")
-    for name in selected:
-        if name not in movable:
-            raise InvalidParameter(
-                f"joints: {label} has no hinge or slide {name!r}; it has {', '.join(movable)}."
-                f"{check.did_you_mean(name, movable)}",
-                "joints",
-            )
-    if len(set(selected)) < len(selected):
-        raise InvalidParameter(f"joints: got {list(selected)}; names a joint of {label} twice", "joints")
-    if not selected:
-        raise RobotFileError(f"{label}: it has no hinge or slide joint to control")
-    locked = {joint.name: _why_locked(joint, leaders, plain) for joint in spec.joints if joint.name not in selected}
-    return list(selected), locked
-
-
 def reduce_to_joints(spec: mujoco.MjSpec) -> None:
     """Remove keyframes, constraints, sensors, tendons and actuators; joints keep the limits of their actuators."""
     for group in (spec.keys, spec.equalities, spec.sensors, spec.tendons):
@@ -261,14 +213,6 @@ def reduce_to_joints(spec: mujoco.MjSpec) -> None:
         if joint.name in limits and joint.actfrcrange[1] <= 0:
             joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_TRUE
             joint.actfrcrange = [-limits[joint.name], limits[joint.name]]
-
-
-def _why_locked(joint: mujoco.MjsJoint, leaders: dict[str, str], plain: tuple[Any, ...]) -> str:
-    if joint.type not in plain:
-        return "free or a ball"
-    if joint.name in leaders:
-        return f"mimics {leaders[joint.name]}" if leaders[joint.name] else "held by the file"
-    return "not listed"
 
 
 def actuated_joints(spec: mujoco.MjSpec) -> set[str] | None:
@@ -301,7 +245,7 @@ def set_joint(joint: mujoco.MjsJoint, name: str, value: float) -> None:
         joint.damping = [value, 0.0, 0.0]
 
 
-def tool_body(spec: mujoco.MjSpec, tool: str, label: str) -> tuple[Any, Any, str]:
+def tool_body(spec: mujoco.MjSpec, tool: str, driven: Sequence[str], label: str) -> tuple[Any, Any, str]:
     """Return the body that carries the payload, the position on it, and a description."""
     sites = {site.name: site for site in spec.sites}
     if (tool or "tool") in sites:
@@ -317,9 +261,9 @@ def tool_body(spec: mujoco.MjSpec, tool: str, label: str) -> tuple[Any, Any, str
                 "tool",
             )
         return bodies[tool], [0.0, 0.0, 0.0], f"link {tool}"
-    last = list(spec.joints)[-1].parent
+    last = [joint for joint in spec.joints if joint.name in driven][-1].parent
     while True:
-        children = list(last.bodies)
+        children = [child for child in last.bodies if not child.joints]
         if not children:
             return last, [0.0, 0.0, 0.0], f"link {last.name}, the last one"
         last = children[0]

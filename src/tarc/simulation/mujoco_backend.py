@@ -43,7 +43,7 @@ class _MujocoLoop:
         inputs: SampledInputs,
         native: bool,
     ):
-        n = plant.n_joints
+        n, m = plant.n_joints, plant.n_coordinates
         self.plant = plant
         self.model = plant.copy_model()
         self.model.opt.timestep = controller.law.period / inputs.disturbance.shape[2]
@@ -55,15 +55,17 @@ class _MujocoLoop:
         self.is_runge_kutta = self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
         self.is_oracle = isinstance(controller.law.estimator, TrueDerivatives)
         self.is_plain = inputs.disturbance.shape[2] == 1 and not self.is_runge_kutta and not self.is_oracle
-        self.acceleration = self.data.qacc if self.is_plain else np.zeros(n)
-        self.final_acceleration = np.zeros(n)
-        self.substep_torques = np.diff(inputs.disturbance, axis=2).transpose(1, 2, 0)
+        self.acceleration = self.data.qacc if self.is_plain else np.zeros(m)
+        self.final_acceleration = np.zeros(m)
+        changes = np.diff(inputs.disturbance, axis=2).transpose(1, 2, 0)
+        self.substep_torques = np.zeros((*changes.shape[:2], m))
+        self.substep_torques[:, :, list(plant.driven)] = changes
 
-        state = controller.init(initial.position, initial.torque, inputs.noise[:, 0])
+        state = controller.init(initial.position[list(plant.measured)], initial.torque, inputs.noise[:, 0])
         zero = np.zeros(n)
         value = _Measurement(zero, ControllerInput(*[zero] * 6))
         function, self.example = trace(_step_with_true_derivatives(controller), state, value, name="controller")
-        function = _with_simulator_arrays(function, n)
+        function = _with_simulator_arrays(function, plant)
         shared = {
             "q": self.data.qpos,
             "v": self.data.qvel,
@@ -73,7 +75,7 @@ class _MujocoLoop:
         }
         self.buffer = PeriodBuffer(compiled(function) if native else function, pack(state), BUFFER_PERIODS, shared)
         if self.is_oracle:
-            self.data.qfrc_applied[:] = state.torque_delay_line[:, -1]
+            self.data.qfrc_applied[list(plant.driven)] = state.torque_delay_line[:, -1]
             self._update_final_acceleration()
 
     def _update_final_acceleration(self) -> None:
@@ -135,9 +137,10 @@ def run_mujoco(
                 n_checked = stop
     acceleration = rows[:stop, 2 * n : 3 * n]  # each row has the acceleration of the step before
     acceleration[:-1] = acceleration[1:].copy()
-    acceleration[-1] = loop.acceleration
-    zero = np.zeros(n)
-    return Record.from_rows(LoopOutput(zero, zero, zero, loop.example, {}), rows[: monitor.valid_rows(stop)])
+    acceleration[-1] = loop.acceleration[list(plant.measured)]
+    zero, others = np.zeros(n), np.zeros(len(plant.unmeasured))
+    passive = {"passive_position": others, "passive_velocity": others} if plant.unmeasured else {}
+    return Record.from_rows(LoopOutput(zero, zero, zero, loop.example, passive), rows[: monitor.valid_rows(stop)])
 
 
 def _step_with_true_derivatives(
@@ -152,14 +155,21 @@ def _step_with_true_derivatives(
     return step
 
 
-def _with_simulator_arrays(controller: ca.Function, n: int) -> ca.Function:
-    """Split the controller's input by the simulator's arrays; join its outputs, and what is recorded, in one row."""
+def _with_simulator_arrays(controller: ca.Function, plant: MujocoPlant) -> ca.Function:
+    """Split the controller's input by the simulator's arrays; join its outputs, and what is recorded, in one row.
+
+    The simulator's arrays have all joints that move. The controller has the driven ones.
+    """
+    n, m = plant.n_joints, plant.n_coordinates
+    joints, others = list(plant.measured), list(plant.unmeasured)
     x, outside = ca.SX.sym("x", controller.nnz_in(0)), ca.SX.sym("outside", 5 * n)
-    q, v, a, last = (ca.SX.sym(name, n) for name in ("q", "v", "a", "last"))
-    x_next, y = controller(x, ca.vertcat(last, q, v, outside[:-n]))
-    torque = y[n : 2 * n] + outside[-n:]
+    q, v, a, last = (ca.SX.sym(name, m) for name in ("q", "v", "a", "last"))
+    x_next, y = controller(x, ca.vertcat(last[joints], q[joints], v[joints], outside[:-n]))
+    torque = ca.SX.zeros(m)
+    torque[list(plant.driven)] = y[n : 2 * n] + outside[-n:]
+    row = ca.vertcat(q[joints], v[joints], a[joints], y, q[others], v[others])
     names = ["x", "q", "v", "a", "last", "outside"], ["x_next", "torque", "row"]
-    return ca.Function("controller", [x, q, v, a, last, outside], [x_next, torque, ca.vertcat(q, v, a, y)], *names)
+    return ca.Function("controller", [x, q, v, a, last, outside], [x_next, torque, row], *names)
 
 
 def _parameter_changes(inputs: SampledInputs) -> dict[int, dict[str, np.ndarray]]:
