@@ -35,7 +35,7 @@ Lock = Annotated[
     str,
     typer.Option(
         metavar="A,B",
-        help="Joints to lock in the home posture, or at positions \\[rad or m]: A=0.3,B=0. Default: none but those that "
+        help="Joints to lock in the home posture, or at positions \\[rad or m]: A=0.3,B=0. Default: those that "
         "are not driven.",
         rich_help_panel=PANEL,
     ),
