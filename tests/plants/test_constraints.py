@@ -1,10 +1,10 @@
-"""What couples joints beyond the tree of bodies: refused by name, or without effect."""
+"""What couples joints beyond the tree of bodies: left to MuJoCo and refused in symbols by name, or without effect."""
 
 import numpy as np
 import pytest
 
 from tarc.core.errors import RobotFileError, RobotFileWarning
-from tarc.plants import load_robot
+from tarc.plants import MujocoPlant, load_robot
 
 ROD = '<geom type="capsule" fromto="0 0 0 0 0 0.2" size="0.01" mass="0.2"/>'
 FIVE_BAR = f"""<mujoco><worldbody>
@@ -31,17 +31,27 @@ def read(tmp_path):
     [
         (
             '<connect name="hinge" body1="left_fore" body2="right_fore" anchor="0.1 0 0.2"/>',
-            "bars.xml: the connect constraint 'hinge' holds the bodies 'left_fore' and 'right_fore' together.*"
-            "Closed loops are not supported. List in joints",
+            "bars.xml: it has the connect constraint 'hinge', which holds the bodies 'left_fore' and 'right_fore' "
+            "together, which only MuJoCo simulates; use backend='mujoco'",
         ),
-        ('<connect site1="tip" site2="top"/>', "connect constraint holds the bodies 'left_fore' and 'right_fore'"),
-        ('<weld body1="left_fore"/>', "weld constraint holds the bodies 'left_fore' and 'world'"),
-        ('<weld body1="left" body2="plate"/>', "weld constraint holds the bodies 'left' and 'plate'"),
+        (
+            '<connect site1="tip" site2="top"/>',
+            "connect constraint 'equality1', which holds the bodies 'left_fore' and 'right_fore'",
+        ),
+        ('<weld body1="left_fore"/>', "weld constraint 'equality1', which holds the bodies 'left_fore' and 'world'"),
+        (
+            '<weld body1="left" body2="plate"/>',
+            "weld constraint 'equality1', which holds the bodies 'left' and 'plate'",
+        ),
     ],
 )
-def test_closed_loops_are_refused_by_name(constraint, message, read):
+def test_closed_loops_are_left_to_mujoco(constraint, message, read):
+    more = f"<equality>{constraint}</equality>"
+    robot = read(more)
+    assert isinstance(robot, MujocoPlant)
+    assert robot.model.neq == 1
     with pytest.raises(RobotFileError, match=message):
-        read(f"<equality>{constraint}</equality>")
+        read(more, backend="symbolic")
 
 
 @pytest.mark.parametrize(
@@ -63,16 +73,16 @@ def test_a_loop_of_locked_joints_goes(read):
     weld = '<equality><weld body1="left" body2="left_fore"/></equality>'
     robot = read(weld, joints=["motor_left", "motor_right"])
     assert robot.joint_names == ["motor_left", "motor_right"]
-    with pytest.raises(RobotFileError, match="'left' and 'left_fore'"):
-        read(weld, joints=["motor_left", "elbow_left"])
+    (constraint,) = read(weld, joints=["motor_left", "elbow_left"]).constraints
+    assert constraint.endswith("holds the bodies 'left' and 'left_fore' together")
 
 
 def test_a_joint_that_mimics_another_is_locked_and_not_driven(read):
     coupling = '<equality><joint joint1="elbow_right" joint2="elbow_left" polycoef="0 1 0 0 0"/></equality>'
     robot = read(coupling)
     assert robot.locked == {"elbow_right": "mimics elbow_left"}
-    with pytest.raises(RobotFileError, match="position of the driven joint 'elbow_right' from that of 'elbow_left'"):
-        read(coupling, joints=["elbow_right", "elbow_left"])
+    (constraint,) = read(coupling, joints=["elbow_right", "elbow_left"]).constraints
+    assert constraint.endswith("determines the position of 'elbow_right' from that of 'elbow_left'")
     assert read(coupling.replace("joint1", 'active="false" joint1')).n_joints == 4
 
 
@@ -83,19 +93,20 @@ STRING = '<tendon><spatial name="string" {}><site site="{}"/><site site="top"/><
 @pytest.mark.parametrize(
     ("tendon", "message"),
     [
-        (TENDON.format('stiffness="20"'), "tendon 'belt' has stiffness, and"),
-        (TENDON.format('range="0 1"'), "tendon 'belt' has limits"),
-        (TENDON.format('damping="1" frictionloss="2"'), "tendon 'belt' has damping and friction"),
-        (STRING.format('stiffness="20"', "tip"), "tendon 'string' has stiffness"),
+        (TENDON.format('stiffness="20"'), "the tendon 'belt', which has stiffness"),
+        (TENDON.format('range="0 1"'), "the tendon 'belt', which has limits"),
+        (TENDON.format('damping="1" frictionloss="2"'), "the tendon 'belt', which has damping and friction"),
+        (STRING.format('stiffness="20"', "tip"), "the tendon 'string', which has stiffness"),
         (
             f'{TENDON.format("")}<equality><tendon name="hold" tendon1="belt"/></equality>',
-            "tendon constraint 'hold' holds the tendon 'belt'",
+            "the tendon constraint 'hold', which holds the tendon 'belt'",
         ),
     ],
 )
-def test_tendons_that_act_are_refused_by_name(tendon, message, read):
+def test_tendons_that_act_are_left_to_mujoco(tendon, message, read):
+    assert read(tendon).model.ntendon == 1
     with pytest.raises(RobotFileError, match=message):
-        read(tendon)
+        read(tendon, backend="symbolic")
 
 
 def test_tendons_without_effect_go(read):

@@ -72,7 +72,7 @@ def unstable_posture(
         The law. None is returned where its gains differ between the joints, and where it is not linearisable. None
         is also returned where it has a model N̂, whose stiffness and damping would have to be subtracted.
     plant
-        The robot; None is returned for one with passive joints.
+        The robot; None is returned for one with passive joints or constraints.
     positions
         Postures [rad or m], shape (n, k).
     computation_delay
@@ -80,7 +80,9 @@ def unstable_posture(
     channels
         The linearised loops of the law, where they exist already.
     """
-    if not joints_share_loop(law) or not isinstance(law, PolePlacement) or law.has_model or not plant.is_fully_driven:
+    if not joints_share_loop(law) or not isinstance(law, PolePlacement) or law.has_model:
+        return None
+    if not plant.is_fully_driven or plant.constraints:
         return None
     try:
         channels = decoupled_channels(law, computation_delay) if channels is None else channels

@@ -71,6 +71,11 @@ class Plant(ABC):
         """Return the names of the coordinates on which no torque acts."""
         return [name for i, name in enumerate(self.coordinate_names) if i not in self.driven]
 
+    @property
+    def constraints(self) -> list[str]:
+        """Return what couples the coordinates beyond a tree of bodies, in words; by default nothing."""
+        return []
+
     def coordinates(self, position: Vector) -> np.ndarray:
         """Return all coordinates, shape (m,), with the joints at a position (n,); by default the others are zero."""
         values = np.zeros(self.n_coordinates)
@@ -78,7 +83,7 @@ class Plant(ABC):
         return values
 
     def require_fully_driven(self, purpose: str) -> None:
-        """Refuse passive coordinates.
+        """Refuse passive coordinates and constraints.
 
         Parameters
         ----------
@@ -88,9 +93,15 @@ class Plant(ABC):
         Raises
         ------
         InvalidParameter
-            For a plant with passive coordinates, with their names and the way out.
+            For a plant with passive coordinates or constraints, with their names and the way out.
         """
         passive = self.passive_joints
+        if self.constraints:
+            raise InvalidParameter(
+                f"plant: {purpose} needs joints that move independently, and {self.label} has "
+                f"{' and '.join(self.constraints)}. Simulate it only, or use a copy of the file without that",
+                "robot",
+            )
         if passive:
             joints = f"joint{'s' if len(passive) > 1 else ''} {', '.join(passive)}"
             raise InvalidParameter(
@@ -98,6 +109,10 @@ class Plant(ABC):
                 f"and {purpose} needs one on every joint. {self.way_out_of_passive}",
                 "robot",
             )
+
+    def holding_torque(self, coordinates: Vector) -> Vector:
+        """Return the torque of the joints [N m or N], shape (n,), that keeps the robot at rest at coordinates (m,)."""
+        return np.asarray(self.gravity_torque(coordinates))[list(self.driven)]
 
     @property
     def way_out_of_passive(self) -> str:

@@ -1,15 +1,16 @@
-"""Parts of a robot file that couple joints beyond the tree of its bodies, which are refused and not dropped."""
+"""Parts of a robot file that couple joints beyond the tree of its bodies: simulated, never dropped in silence."""
 
 from tarc.core.optional import require
 
 require("robots", "tarc.plants.MujocoPlant")
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
 import mujoco
 import numpy as np
 
 from tarc.core.errors import RobotFileError
+from tarc.core.types import Array
 
 KINDS = {
     mujoco.mjtEq.mjEQ_CONNECT: "connect",
@@ -19,67 +20,168 @@ KINDS = {
 }
 """Equality constraints, as an MJCF names them."""
 
-WAY_OUT = (
-    "List in joints (--joints) only joints that the constraint leaves free, the others are locked in the home posture; "
-    "or remove it from the file"
-)
 
+def acting_constraints(spec: mujoco.MjSpec, moving: Collection[str], label: str) -> dict[str, str]:
+    """Return what couples the joints that move, by the name in the file; it has an effect on how they move.
 
-def refuse_constraints(spec: mujoco.MjSpec, selected: Collection[str], label: str) -> None:
-    """Refuse constraints and tendons that act on the driven joints.
-
-    Constraints that are not active and those within what moves as one have no effect. A joint that mimics another is
-    locked, unless it is listed.
+    Constraints that are not active and those within what moves as one have no effect. Elements without a name get one.
 
     Parameters
     ----------
     spec
         The file.
-    selected
-        Names of the driven joints.
+    moving
+        Names of the driven and the passive joints.
     label
         The file's name.
 
     Raises
     ------
     RobotFileError
-        For a closed loop, a driven joint that mimics another, and a tendon with a force or a limit.
+        For a constraint of parts that are not rigid, and for a tendon over joints of which only some move.
     """
-    parts = _rigid_parts(spec, selected)
-    acting = {tendon.name: tendon for tendon in spec.tendons if _moves(tendon, selected, parts)}
+    for kind, elements in (("equality", spec.equalities), ("tendon", spec.tendons)):
+        for number, element in enumerate(elements):
+            element.name = element.name or f"{kind}{number + 1}"
+    parts = _rigid_parts(spec, moving)
+    tendons = {tendon.name: tendon for tendon in spec.tendons if _moves(tendon, moving, parts)}
+    acting: dict[str, str] = {}
     for equality in spec.equalities:
-        if not equality.active:
-            continue
-        name = f" {equality.name!r}" if equality.name else ""
-        kind = KINDS.get(equality.type, "equality")
-        if equality.type in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD):
-            tag = "site" if equality.objtype == mujoco.mjtObj.mjOBJ_SITE else "body"
-            first, second = (parts.get((tag, end)) for end in (equality.name1, equality.name2 or "world"))
-            if first is None or second is None or first[0] == second[0]:
-                continue
-            what = (
-                f"holds the bodies {first[1]!r} and {second[1]!r} together, which the driven joints move relative to "
-                "each other"
+        text = _couples(equality, moving, parts, tendons) if equality.active else ""
+        if text and equality.type not in KINDS:
+            raise RobotFileError(
+                f"{label}: the constraint {equality.name!r} {text}, which is not supported. Remove it from the file"
             )
-        elif equality.type == mujoco.mjtEq.mjEQ_JOINT:
-            if equality.name1 not in selected:
-                continue
-            what = f"determines the position of the driven joint {equality.name1!r}"
-            what += f" from that of {equality.name2!r}" if equality.name2 else ""
-        elif equality.type == mujoco.mjtEq.mjEQ_TENDON:
-            if not {equality.name1, equality.name2} & set(acting):
-                continue
-            what = f"holds the tendon {equality.name1!r}, whose length the driven joints change"
-        else:
-            what = "acts on parts that are not rigid or not jointed"
-        raise RobotFileError(f"{label}: the {kind} constraint{name} {what}. Closed loops are not supported. {WAY_OUT}")
-    for name, tendon in acting.items():
+        if text:
+            acting[equality.name] = f"the {KINDS[equality.type]} constraint {equality.name!r}, which {text}"
+    held = {
+        name for equality in spec.equalities if equality.name in acting for name in (equality.name1, equality.name2)
+    }
+    for name, tendon in tendons.items():
         effects = _effects(tendon, spec.compiler.autolimits)
         if effects:
+            acting[name] = f"the tendon {name!r}, which has {' and '.join(effects)}"
+        elif name in held:
+            acting[name] = f"the tendon {name!r}"
+    _refuse_partly_locked_tendons(spec, [tendons[name] for name in acting if name in tendons], moving, label)
+    return acting
+
+
+def _couples(
+    equality: mujoco.MjsEquality,
+    moving: Collection[str],
+    parts: dict[tuple[str, str], tuple[int, str]],
+    tendons: Collection[str],
+) -> str:
+    """Return what an equality constraint does to the joints that move, in words; empty for nothing."""
+    if equality.type in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD):
+        tag = "site" if equality.objtype == mujoco.mjtObj.mjOBJ_SITE else "body"
+        first, second = (parts.get((tag, end)) for end in (equality.name1, equality.name2 or "world"))
+        if first is None or second is None or first[0] == second[0]:
+            return ""
+        return f"holds the bodies {first[1]!r} and {second[1]!r} together"
+    if equality.type == mujoco.mjtEq.mjEQ_JOINT:
+        if equality.name1 not in moving:
+            return ""
+        text = f"determines the position of {equality.name1!r}"
+        return f"{text} from that of {equality.name2!r}" if equality.name2 else text
+    if equality.type == mujoco.mjtEq.mjEQ_TENDON:
+        is_acting = {equality.name1, equality.name2} & set(tendons)
+        return f"holds the tendon {equality.name1!r}" if is_acting else ""
+    return "acts on parts that are not rigid or not jointed"
+
+
+def _refuse_partly_locked_tendons(
+    spec: mujoco.MjSpec, tendons: Collection[mujoco.MjsTendon], moving: Collection[str], label: str
+) -> None:
+    locked = [joint.name for joint in spec.joints if joint.name not in moving]
+    for tendon in tendons:
+        still = joints_of_tendon(spec, tendon, locked)
+        if still:
             raise RobotFileError(
-                f"{label}: the tendon {name!r} has {' and '.join(effects)}, and the driven joints change its length. "
-                f"Such tendons are not supported. {WAY_OUT}"
+                f"{label}: the tendon {tendon.name!r} acts on joints that move and on {', '.join(still)}, which is "
+                "locked. Lock all of its joints (lock=, --lock), or none"
             )
+
+
+def keep_anchors(
+    spec: mujoco.MjSpec,
+    model: mujoco.MjModel,
+    acting: Collection[str],
+    moving: Collection[str],
+    posture: Mapping[str, Array],
+) -> None:
+    """Rewrite constraints so that they stay the same when the joints that do not move are locked in a posture.
+
+    A file holds bodies together as they are at zero displacement of all joints, and a locked joint may be elsewhere.
+
+    Parameters
+    ----------
+    spec
+        The file, before joints are locked.
+    model
+        Its kinematics, with all joints.
+    acting
+        Names of the constraints that stay.
+    moving
+        Names of the driven and the passive joints.
+    posture
+        Home position of each joint.
+    """
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    for equality in spec.equalities:
+        if equality.name not in acting:
+            continue
+        if equality.type == mujoco.mjtEq.mjEQ_JOINT and equality.name2 and equality.name2 not in moving:
+            equality.data = _of_locked_leader(np.array(equality.data), model, equality.name2, posture)
+            equality.name2 = ""
+        elif equality.type == mujoco.mjtEq.mjEQ_CONNECT and equality.objtype == mujoco.mjtObj.mjOBJ_BODY:
+            _connect_by_sites(spec, data, equality)
+        elif equality.type == mujoco.mjtEq.mjEQ_WELD and equality.objtype == mujoco.mjtObj.mjOBJ_BODY:
+            equality.data = _with_relative_pose(data, equality)
+
+
+def follower_position(coefficients: Array, displacement: float) -> float:
+    """Return how far a joint is displaced whose equality constraint has a polynomial of another's displacement."""
+    return float(np.polynomial.polynomial.polyval(displacement, coefficients[:5]))
+
+
+def _of_locked_leader(values: Array, model: mujoco.MjModel, leader: str, posture: Mapping[str, Array]) -> Array:
+    """Return the polynomial of a joint constraint whose other joint is locked: a constant."""
+    zero = float(model.qpos0[int(model.joint(leader).qposadr[0])])
+    values[0] = follower_position(values, float(posture[leader][0]) - zero)
+    values[1:5] = 0
+    return values
+
+
+def _connect_by_sites(spec: mujoco.MjSpec, data: mujoco.MjData, equality: mujoco.MjsEquality) -> None:
+    """Connect two sites in place of two bodies."""
+    names = [equality.name1, equality.name2 or "world"]
+    first, second = (data.body(name) for name in names)
+    anchor = np.array(equality.data[:3])
+    place = first.xpos + first.xmat.reshape(3, 3) @ anchor
+    places = [anchor, second.xmat.reshape(3, 3).T @ (place - second.xpos)]
+    sites = [f"{equality.name}_{end}" for end in ("first", "second")]
+    for name, body, position in zip(sites, names, places, strict=True):
+        spec.body(body).add_site(name=name, pos=position)
+    equality.objtype = mujoco.mjtObj.mjOBJ_SITE
+    equality.name1, equality.name2 = sites
+
+
+def _with_relative_pose(data: mujoco.MjData, equality: mujoco.MjsEquality) -> Array:
+    """Return the numbers of a weld, with the relative pose that MuJoCo would compute."""
+    values = np.array(equality.data)
+    if np.any(values[6:10]):
+        return values
+    first, second = data.body(equality.name1), data.body(equality.name2 or "world")
+    anchor = second.xpos + second.xmat.reshape(3, 3) @ values[:3]
+    values[3:6] = first.xmat.reshape(3, 3).T @ (anchor - first.xpos)
+    inverse, relative = np.zeros(4), np.zeros(4)
+    mujoco.mju_negQuat(inverse, first.xquat)
+    mujoco.mju_mulQuat(relative, inverse, second.xquat)
+    values[6:10] = relative
+    return values
 
 
 def joints_of_tendon(spec: mujoco.MjSpec, tendon: mujoco.MjsTendon, names: Collection[str]) -> list[str]:

@@ -14,10 +14,11 @@ import mujoco
 import numpy as np
 
 from tarc.core import validation as check
-from tarc.core.errors import RobotFileError
+from tarc.core.errors import InvalidParameter, RobotFileError
 from tarc.core.validation import Numbers
+from tarc.plants.assembly import assembled, constraint_rows
 from tarc.plants.base import Plant
-from tarc.plants.constraints import refuse_constraints
+from tarc.plants.constraints import acting_constraints, keep_anchors
 from tarc.plants.home_posture import Home, compile_kinematics, home_posture, lock_joints
 from tarc.plants.joint_roles import JointRoles, Lock, choose_joints, lock_hint
 from tarc.plants.link_inertia import merge_rigid_links
@@ -65,6 +66,7 @@ class MujocoPlant(Plant):
             name="tarc_payload", pos=place, ipos=[0.0] * 3, mass=0.0, inertia=[0.0] * 3, explicitinertial=True
         )
         self._locked = roles.locked
+        self._constraints: list[str] = []
         self.model: mujoco.MjModel = compile_model(spec, label)
         self._label = label
         self._file_options: dict[str, object] = {}
@@ -140,9 +142,9 @@ class MujocoPlant(Plant):
         Raises
         ------
         RobotFileError
-            For a file that is missing or does not read, and balls that are not locked. For closed loops, and tendons
-            that act on joints that move. For links with an inertia that no body has, and for an inertia matrix that is
-            singular.
+            For a file that is missing or does not read, and balls that are not locked. For constraints of parts that
+            are not rigid, and tendons over joints of which only some are locked. For links with an inertia that no body
+            has, and for an inertia matrix that is singular.
         InvalidParameter
             For joints or a tool that the file does not have, and for negative parameters. Also for a home posture
             outside the ranges.
@@ -153,11 +155,13 @@ class MujocoPlant(Plant):
         names = [joints] if isinstance(joints, str) else joints
         check_links(spec, file.name)
         roles = choose_joints(spec, names, lock, file.name)
-        refuse_constraints(spec, roles.moving, file.name)
+        acting = acting_constraints(spec, roles.moving, file.name)
         kinematics = compile_kinematics(spec, file.name)
         posture = home_posture(spec, kinematics, roles.driven, home, lock, file.name)
         roles.warn(file.name)
-        reduce_to_joints(spec)
+        if roles.locked:
+            keep_anchors(spec, kinematics, acting, roles.moving, posture)
+        reduce_to_joints(spec, acting)
         lock_joints(spec, kinematics, roles.moving, posture)
         merge_rigid_links(spec, file.name, balance_inertia)
         controlled = {joint.name: joint for joint in spec.joints if joint.name in roles.driven}
@@ -182,6 +186,7 @@ class MujocoPlant(Plant):
             "contact": contact or None,
             "balance_inertia": balance_inertia or None,
         }
+        plant._constraints = list(acting.values())
         plant._velocity_limits = velocity_limits(file, plant.joint_names, file.name)
         plant._acceleration_limits = acceleration_limits(file, plant.joint_names)
         plant._file_options = {"file": str(path), **{key: value for key, value in options.items() if value is not None}}
@@ -218,10 +223,60 @@ class MujocoPlant(Plant):
         return ["m" if kind == mujoco.mjtJoint.mjJNT_SLIDE else "rad" for kind in self.model.jnt_type]
 
     def coordinates(self, position: Vector) -> np.ndarray:
-        """Return all positions, shape (m,), with the driven joints at a position (n,) and the passive ones at home."""
+        """Return all positions, shape (m,), with the driven joints at a position (n,) and the passive ones at home.
+
+        Where constraints hold the passive joints, they are where the constraints are satisfied, next to home.
+
+        Raises
+        ------
+        InvalidParameter
+            Where no position of the passive joints satisfies the constraints.
+        """
         values = self._start.copy()
         values[list(self._driven)] = position
-        return values
+        return assembled(self.model, values, list(self.unmeasured), self.label) if self.model.neq else values
+
+    @property
+    def constraints(self) -> list[str]:
+        """Return the constraints and tendons of the file that couple the joints, in words."""
+        return self._constraints
+
+    def joint_inertia(self, position: Numbers) -> np.ndarray:
+        """Return the inertia that the torques of the driven joints accelerate, shape (n, n).
+
+            (Bᵀ A B)⁻¹  with  A = M⁻¹ − M⁻¹Jᵀ (J M⁻¹ Jᵀ)⁺ J M⁻¹
+
+        for constraints with the Jacobian J.
+
+        Raises
+        ------
+        InvalidParameter
+            Where constraints let the driven joints move only together.
+        """
+        if not self.model.neq:
+            return super().joint_inertia(position)
+        q = self.coordinates(check.vector("position", position, self.n_joints))
+        mobility, places = np.linalg.inv(self.inertia(q)), list(self._driven)
+        J = constraint_rows(self.model, q)[1]
+        mobility = mobility - mobility @ J.T @ np.linalg.pinv(J @ mobility @ J.T, 1e-9) @ J @ mobility
+        admittance = mobility[np.ix_(places, places)]
+        if np.linalg.cond(admittance) > 1e9:
+            raise InvalidParameter(
+                f"inertia: {' and '.join(self.constraints)} of {self.label} let the driven joints move only together; "
+                "give the inertia of the law as numbers, or drive fewer joints",
+                "law.inertia",
+            )
+        return np.linalg.inv(admittance)
+
+    def holding_torque(self, coordinates: Vector) -> np.ndarray:
+        """Return the torque of the driven joints [N m or N], shape (n,), that keeps the robot at rest, of the least
+        norm with the forces of the constraints."""
+        gravity = self.gravity_torque(coordinates)
+        if not self.model.neq:
+            return gravity[list(self._driven)]
+        torques = np.eye(self.n_coordinates)[:, list(self._driven)]
+        J = constraint_rows(self.model, np.asarray(coordinates))[1]
+        return np.linalg.lstsq(np.hstack([torques, J.T]), gravity, rcond=None)[0][: self.n_joints]
 
     @property
     def way_out_of_passive(self) -> str:
@@ -266,10 +321,8 @@ class MujocoPlant(Plant):
     def needs_mujoco(self) -> str:
         """Return what only MuJoCo simulates, in words; empty for a robot whose equations can be written down."""
         model = self.model
-        reasons = {
+        reasons = dict.fromkeys(self.constraints, True) | {
             "contacts": not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT,
-            "equality constraints": model.neq > 0,
-            "tendons": model.ntendon > 0,
             "gravity compensation": bool(np.any(model.body_gravcomp)),
             "a fluid around it": bool(model.opt.density or model.opt.viscosity),
             "damping that is not linear": bool(np.any(model.dof_damping.reshape(self.n_coordinates, -1)[:, 1:])),

@@ -5,7 +5,7 @@ from tarc.core.optional import require
 require("robots", "tarc.plants.MujocoPlant")
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.resources import files
 from pathlib import Path
@@ -197,11 +197,16 @@ def _without_missing_meshes(spec: mujoco.MjSpec, file: Path) -> mujoco.MjSpec:
     return spec
 
 
-def reduce_to_joints(spec: mujoco.MjSpec) -> None:
-    """Remove keyframes, constraints, sensors, tendons and actuators; joints keep the limits of their actuators."""
+def reduce_to_joints(spec: mujoco.MjSpec, keep: Collection[str] = ()) -> None:
+    """Remove keyframes, sensors, actuators, and the constraints and tendons that are not to be kept.
+
+    Joints keep the limits of their actuators.
+    """
     for group in (spec.keys, spec.equalities, spec.sensors, spec.tendons):
         for element in list(group):
-            spec.delete(element)
+            is_coupling = isinstance(element, mujoco.MjsEquality | mujoco.MjsTendon)
+            if not (is_coupling and element.name in keep):
+                spec.delete(element)
     limits: dict[str, float] = {}
     for actuator in spec.actuators:
         limit = _largest_torque(actuator)

@@ -169,7 +169,7 @@ def initial_conditions(
         q = joints.copy() if plant.is_fully_driven else plant.coordinates(joints)
     if isinstance(torque, str):
         check.one_of("initial_torque", torque, ["rest"])
-        torque = plant.gravity_torque(q)[list(plant.driven)]
+        torque = plant.holding_torque(q)
     dq = np.zeros(m)
     if np.size(velocity) == m > n:
         dq = check.vector("initial_velocity", velocity, m)
