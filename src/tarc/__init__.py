@@ -14,11 +14,13 @@ if TYPE_CHECKING:
     from tarc.control.controller import Controller
     from tarc.core.errors import DesignWarning, JointLimitWarning, MissingTool, RobotFileWarning, TarcError
     from tarc.core.version import __version__
+    from tarc.scenario.cartesian import CartesianWaypoints
     from tarc.scenario.model import Scenario
     from tarc.simulation.run import Run, Status
     from tarc.simulation.simulator import simulate
 
 __all__ = [
+    "CartesianWaypoints",
     "Controller",
     "DesignWarning",
     "JointLimitWarning",
@@ -45,6 +47,7 @@ __all__ = [
 __getattr__, __dir__, _ = lazy_attributes(
     __name__,
     {
+        "CartesianWaypoints": "tarc.scenario.cartesian",
         "Controller": "tarc.control.controller",
         "DesignWarning": "tarc.core.errors",
         "JointLimitWarning": "tarc.core.errors",

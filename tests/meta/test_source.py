@@ -22,6 +22,7 @@ PLOT_METHODS = {
 """Imports that run upward; the contract in pyproject.toml lists the same."""
 
 NEEDS_EXTRA = {
+    ("tarc.scenario.cartesian", "tarc.scenario.inverse_kinematics"),
     ("tarc.laws.model_based", "tarc.plants.mujoco"),  # MuJoCo comes with an extra; laws without a model need none
 }
 NEEDS_NUMPY = {

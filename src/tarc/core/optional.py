@@ -11,9 +11,12 @@ _ROBOTS = ("adam", "mujoco")
 _SIM = (*_ROBOTS, "flint", "h5netcdf", "h5py", "xarray")
 _CLI = (*_SIM, "clarabel", "cvxpy", *_PLOT, "pydantic", "rich", "ruamel.yaml", "typer")
 
+_IK = (*_CLI, "daqp", "mink")
+
 EXTRAS = {
     "certify": _CERTIFY,
     "cli": _CLI,
+    "ik": _IK,
     "plot": _PLOT,
     "robots": _ROBOTS,
     "sim": _SIM,

@@ -147,7 +147,7 @@ def estimator_section(estimator: Estimator) -> Content:
 def reference_section(law: TDC | TARC, plants: Sequence[Plant], workspace: Workspace) -> Content:
     """Return the section of the workspace's own reference, or of `slow_sines`."""
     if workspace.reference is not None:
-        return {"kind": type(workspace.reference).__name__, **_non_defaults(workspace.reference)}
+        return {"kind": type(workspace.reference).__name__, **_non_defaults(workspace.reference, without=("robot",))}
     sines = slow_sines(law, plants, workspace)
     return {
         "kind": "Sinusoid",

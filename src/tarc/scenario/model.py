@@ -20,6 +20,7 @@ from tarc.core.validation import Numbers
 from tarc.estimators.base import Estimator
 from tarc.laws.base import Law
 from tarc.plants.base import Plant
+from tarc.scenario.cartesian import CartesianWaypoints
 from tarc.scenario.loader import apply_setting, find_scenario, read_scenario, relative_files, resolve_files
 from tarc.scenario.schema import Component, check_component, scenario_error
 from tarc.scenario.yaml_text import write_yaml
@@ -215,7 +216,7 @@ class Scenario(BaseModel):
             For a robot file that cannot be read.
         """
         plant = self.build_plant()
-        reference = self.build_reference().for_run(plant.joint_names, self.duration)
+        reference = self.build_reference(plant).for_run(plant.joint_names, self.duration)
         events = [part.build() for part in self.sections.disturbances]
         laws = self.build_laws(plant, reference)
         limits = self.sections.torque_limits
@@ -232,9 +233,12 @@ class Scenario(BaseModel):
         """Construct the robot."""
         return self.sections.robot.build()
 
-    def build_reference(self) -> Reference:
-        """Construct the reference."""
-        return self.sections.reference.build()
+    def build_reference(self, plant: Plant | None = None) -> Reference:
+        """Construct the reference, if it needs one for a robot: the scenario's, unless it is built already."""
+        part = self.sections.reference
+        if part.kind is CartesianWaypoints:
+            return part.build(robot=plant or self.build_plant())
+        return part.build()
 
     def build_laws(self, plant: Plant, reference: Reference) -> dict[str, Any]:
         """Construct every law on this robot and reference, by name; laws with the same estimator share it."""

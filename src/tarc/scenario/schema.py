@@ -18,6 +18,7 @@ import tarc.signals
 from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter, ScenarioError
 from tarc.plants.load import load_robot
+from tarc.scenario.cartesian import CartesianWaypoints
 
 SECTIONS: dict[str, tuple[types.ModuleType, type]] = {
     "robot": (tarc.plants, tarc.plants.EulerLagrange),
@@ -36,7 +37,7 @@ EVENTS = (
     "SineDisturbance",
     "StepDisturbance",
 )
-SET_BY_SCENARIO = {"period", "estimator"}
+SET_BY_SCENARIO = {"period", "estimator", "robot"}
 
 
 def catalogue(section: str) -> dict[str, Any]:
@@ -45,6 +46,8 @@ def catalogue(section: str) -> dict[str, Any]:
     members = {name: getattr(module, name) for name in module.__all__}
     if section == "disturbance":
         return {name: members[name] for name in EVENTS}
+    if section == "reference":
+        members["CartesianWaypoints"] = CartesianWaypoints
     return {
         name: kind
         for name, kind in members.items()
