@@ -21,6 +21,7 @@ def printed(**changes: Any) -> str:
         "rms_error": 2e-3,
         "torque_noise": np.array([0.05, 0.16]),
         "saturation_share": 0.0,
+        "torque_rate": np.array([300.0, 200.0]),
     }
     console = Console(width=300)
     with console.capture() as capture:
@@ -31,6 +32,7 @@ def printed(**changes: Any) -> str:
 def test_a_run_as_predicted():
     assert printed() == (
         "tried in simulation: completed, RMS error 2 mrad, torque noise at most 0.8 of the predicted one\n"
+        "torque rate reached: 300 N m/s, at joint1\n"
     )
 
 

@@ -7,7 +7,9 @@ import pytest
 
 from slow_cases import slow
 from tarc import plants
-from tarc.design import design_controller
+from tarc.core.errors import InfeasibleDesign, InvalidParameter
+from tarc.design import design_controller, try_design
+from tarc.design.candidates import torque_change
 from tarc.design.requirements import DEFAULT_NOISE_BUDGET
 from tarc.design.selection import MAX_BUDGET_FACTOR
 
@@ -86,3 +88,38 @@ def test_the_region_of_a_bounded_speed_is_drawn(slower_design, tmp_path):
     assert points == sum(one.feasible for one in slower_design.candidates)
     assert "% of its limit" in figure.axes[2].get_ylabel()
     figure.savefig(tmp_path / "reach.png")
+
+
+@pytest.fixture
+def design_with_rate(monkeypatch):
+    """Design the arm without payload from few candidates, with a limit of the torque's rate."""
+    monkeypatch.setattr(import_module("tarc.design.candidates"), "WINDOWS", (8, 16))
+    monkeypatch.setattr(import_module("tarc.design.candidates"), "NATURAL_FREQUENCIES", (4.0, 8.0))
+    return lambda rate: design_controller(ARM, torque_limits=LIMITS, samples=50, progress=False, torque_rate=rate)
+
+
+def test_a_limit_of_the_torque_rate_is_kept_by_the_trial_run(design_with_rate):
+    usual = design_with_rate(np.inf)
+    limit = 0.5 * try_design(usual).torque_rate
+    slow = design_with_rate(limit)
+    reached = try_design(slow).torque_rate
+    assert np.all(reached <= limit)
+    assert torque_change(slow.candidate) < torque_change(usual.candidate)
+    label, value = slow.choices[-1].label, slow.choices[-1].value
+    assert (label, value.split(" N m/s")[0]) == ("torque rate", f"at most {reached.max():.4g}")
+    np.testing.assert_allclose(slow.scenario().torque_limits["rate"], limit, rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_a_torque_rate_that_no_loop_keeps_is_refused_with_one_that_admits_a_design(design_with_rate):
+    with pytest.raises(InfeasibleDesign, match=r"torque_rate: the slowest of the loops tried reached") as info:
+        design_with_rate(0.3)
+    assert [one.requirement for one in info.value.relaxations] == ["torque_rate", "sensor"]
+    needed = info.value.relaxations[0].value
+    assert np.all(try_design(design_with_rate(needed)).torque_rate <= needed)
+
+
+@pytest.mark.parametrize("rate", [0.0, [1.0, 2.0, 3.0], [np.nan, 1.0]])
+def test_a_torque_rate_that_is_none_is_refused(rate):
+    with pytest.raises(InvalidParameter, match="torque_rate: got .*; needs one number above 0, or 2 of them"):
+        design_arm(torque_rate=rate)

@@ -2,12 +2,13 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 from tarc.analysis.linearise import Channel, decoupled_channels
-from tarc.analysis.stability import disturbance_to_error
+from tarc.analysis.stability import disturbance_to_error, noise_to_torque
 from tarc.core import validation as check
 from tarc.estimators.algebraic import Algebraic
 from tarc.laws.tdc import TDC
@@ -167,6 +168,22 @@ def peak_error(channel: Channel, ratio: float, horizon: int = 4000) -> float:
         if error < 0.05 * peak:
             break
     return peak
+
+
+@cache
+def torque_change(candidate: Candidate) -> float:
+    """Return the RMS change of torque per period over X for white measurement noise [1/s²], as ``noise`` is the torque.
+
+    It is the H2 norm of (1 − z⁻¹) times the loop from noise to torque, the largest over the required spread.
+    """
+    channel, scale = candidate.channel(), candidate.inertia_scale
+    changes = []
+    for ratio in scale * candidate.required_spread ** np.array([0.0, 0.5, 1.0]):
+        A, B, C, D = noise_to_torque(channel, float(ratio))
+        past = np.zeros((len(A), 1))
+        A = np.block([[A, past], [C, np.zeros((1, 1))]])
+        changes.append(h2_norm(A, np.vstack([B, D]), np.hstack([C, -np.ones((1, 1))]), D))
+    return scale * max(changes)
 
 
 def pareto_front(candidates: Sequence[Candidate]) -> list[Candidate]:

@@ -31,12 +31,15 @@ class DesignProblem:
         Postures and speeds to certify.
     torque_limits
         [N m or N], shape (n,); infinite where none is known.
+    torque_rates
+        [N m/s or N/s], shape (n,); infinite where there is no limit.
     """
 
     requirements: DesignRequirements
     plants: tuple[Plant, ...]
     workspace: Workspace
     torque_limits: np.ndarray
+    torque_rates: np.ndarray
 
     @classmethod
     def from_plant(cls, plant: Plant, requirements: DesignRequirements) -> "DesignProblem":
@@ -51,7 +54,8 @@ class DesignProblem:
         plant.require_fully_driven("a design")
         plants = _with_payloads(plant, requirements.payload)
         workspace = _workspace(plant, requirements)
-        problem = cls(requirements, plants, workspace, _torque_limits(plant, requirements.torque_limits))
+        limits = _torque_limits(plant, requirements.torque_limits)
+        problem = cls(requirements, plants, workspace, limits, _torque_rates(plant, requirements.torque_rate))
         problem._check_budget()
         return problem
 
@@ -109,6 +113,16 @@ def _workspace(plant: Plant, requirements: DesignRequirements) -> Workspace:
         return workspace
     speed = workspace.speed if requirements.speed is None else requirements.speed
     return workspace.with_speed_limits(speed, requirements.acceleration)
+
+
+def _torque_rates(plant: Plant, given: Numbers | None) -> np.ndarray:
+    """Return the largest rate of each joint's torque, shape (n,), infinite where none is given."""
+    rates = check.float_array("torque_rate", np.inf if given is None else given)
+    if rates.shape not in ((), (plant.n_joints,)) or not np.all(rates > 0):
+        raise InvalidParameter(
+            f"torque_rate: got {given!r}; needs one number above 0, or {plant.n_joints} of them, one per joint"
+        )
+    return np.broadcast_to(rates, (plant.n_joints,))
 
 
 def _torque_limits(plant: Plant, given: Numbers | None) -> np.ndarray:

@@ -63,6 +63,9 @@ class DesignRequirements:
         natural frequency there is no default.
     torque_limits
         Torque limits [N m or N], one number or one per joint. Default: those in the robot's file.
+    torque_rate
+        Largest rate of the torque that the robot's interface accepts [N m/s or N/s], one number or one per joint. A
+        trial run must keep to it. Default: any.
     law
         ``TARC``, with the adaptive switching gain, or ``TDC``, without.
     diagonal
@@ -91,6 +94,7 @@ class DesignRequirements:
     damping_ratio: float = 1.0
     noise_budget: float | None = None
     torque_limits: "Numbers | None" = None
+    torque_rate: "Numbers | None" = None
     law: str = "TARC"
     diagonal: bool = False
     computation_delay: int = 0

@@ -109,7 +109,10 @@ class Design:
         InvalidParameter
             For a robot that is neither from a file nor a class of `tarc.plants`.
         """
-        return Scenario.parse(writer.scenario_content(self.law, self.plants, self.workspace, self.sensor, duration))
+        rate = self.requirements.torque_rate
+        return Scenario.parse(
+            writer.scenario_content(self.law, self.plants, self.workspace, self.sensor, duration, rate)
+        )
 
     def to_yaml(self, *, command: str = "", file: Path | None = None) -> str:
         """Return the scenario as YAML: the reason of each choice above its key, the verdict on top.

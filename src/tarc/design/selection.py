@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tarc.core.errors import InfeasibleDesign, Relaxation
-from tarc.design.candidates import Candidate, pareto_front
+from tarc.design.candidates import Candidate, pareto_front, torque_change
 from tarc.design.infeasible import infeasible_design
 from tarc.design.problem import DesignProblem
 from tarc.design.relaxations import suggest_changes
@@ -33,12 +33,16 @@ class LoopSelection:
         The robustness that the robot requires.
     candidates
         The loops.
+    max_change
+        Largest `torque_change` of a loop [1/s²], where a trial run with more was too fast for a limit of the torque's
+        rate. Without such a loop, the one of least change is taken.
     """
 
     problem: DesignProblem
     shape: np.ndarray
     spec: RobustnessSpec
     candidates: Sequence[Candidate]
+    max_change: float = np.inf
 
     @property
     def min_noise_ratio(self) -> float:
@@ -68,6 +72,13 @@ class LoopSelection:
         front = pareto_front(self.candidates)
         if not front:
             raise self._no_feasible_loop()
+        if np.isfinite(self.max_change):
+            slow = [
+                loop
+                for loop in self.candidates
+                if loop.feasible and torque_change(loop) <= (1 + 1e-9) * self.max_change
+            ]
+            front = pareto_front(slow or [self.slowest()])
         if self.problem.requirements.natural_frequency is not None:
             return self._quietest(front)
         free = self.free_noise_ratio
@@ -98,6 +109,27 @@ class LoopSelection:
         return infeasible_design(
             f"noise_budget: needed {100 * ratio:.3g} % of the torque limit, the least of all certified loops{where}; "
             f"available {100 * requirements.noise_target:.3g} %",
+            relaxations,
+        )
+
+    def slowest(self) -> Candidate:
+        """Return the feasible loop whose torque changes least from period to period by noise."""
+        return min((loop for loop in self.candidates if loop.feasible), key=torque_change)
+
+    def too_fast(self, torque_rate: np.ndarray, limits: np.ndarray) -> InfeasibleDesign:
+        """Return the error where every loop tried changes its torque faster (n,) than the limits (n,) allow."""
+        requirements = self.problem.requirements
+        joint = int(np.argmax(torque_rate / limits))
+        ratio = torque_rate[joint] / limits[joint]
+        rate = float(f"{1.005 * torque_rate[joint]:.3g}")
+        unit = self.problem.plants[0].torque_units[joint]
+        relaxations = [Relaxation("torque_rate", rate, f"a torque_rate of {rate:g} {unit}/s")]
+        if requirements.sensor.bits is not None:
+            bits = (np.asarray(requirements.sensor.bits) + int(np.ceil(np.log2(ratio)))).tolist()
+            relaxations.append(Relaxation("sensor", bits, f"an encoder of {bits} bits"))
+        return infeasible_design(
+            f"torque_rate: the slowest of the loops tried reached {torque_rate[joint]:.4g} {unit}/s at "
+            f"{self.problem.plants[0].joint_names[joint]} in its trial run; available {limits[joint]:.4g} {unit}/s",
             relaxations,
         )
 

@@ -47,6 +47,8 @@ class StressRun:
         RMS of the torque without its slow part, a parabola over 51 periods, shape (n,) [N m or N]; NaN as above.
     saturation_share
         Share of the samples, over all joints, in which the torque was beyond its limit.
+    torque_rate
+        Largest change of the torque in a period, over the period, shape (n,) [N m/s]; NaN as above.
     """
 
     value: float
@@ -55,6 +57,7 @@ class StressRun:
     rms_error: float
     torque_noise: np.ndarray
     saturation_share: float
+    torque_rate: np.ndarray
 
     def __str__(self) -> str:
         if np.isnan(self.rms_error):
@@ -157,13 +160,15 @@ class StressCase:
                 progress=False,
             )
         torque = run.data["torque"].values
-        error, noise = np.nan, np.full(torque.shape[1], np.nan)
+        error = np.nan
+        noise = rate = np.full(torque.shape[1], np.nan)
         if run.status.completed:
             measures = run.metrics(min(1.0, duration / 4))
             error = max(value for name, value in measures.items() if name.startswith("rms_error"))
             noise = _fast_part(torque)
+            rate = np.max(np.abs(np.diff(torque, axis=0)), axis=0) / self.law.period
         saturation = float(np.mean(np.abs(torque) > self.law.torque_limits))
-        return StressRun(value, bool(error <= max_error), str(run.status), error, noise, saturation)
+        return StressRun(value, bool(error <= max_error), str(run.status), error, noise, saturation, rate)
 
     def _reference(self) -> Reference:
         workspace = self.design.workspace

@@ -15,7 +15,8 @@ from tarc.core.errors import InfeasibleDesign, InvalidParameter
 from tarc.core.progress import Progress
 from tarc.design.adaptation import Adaptation, choose_adaptation, expected_step
 from tarc.design.assessment import assess_candidates
-from tarc.design.candidates import Candidate, enumerate_candidates
+from tarc.design.candidates import Candidate, enumerate_candidates, torque_change
+from tarc.design.choice import DesignChoice
 from tarc.design.noise import torque_noise
 from tarc.design.problem import DesignProblem
 from tarc.design.reasons import explain_adaptation, explain_loop
@@ -24,6 +25,7 @@ from tarc.design.result import Design
 from tarc.design.robot_facts import assumptions, gravity_load
 from tarc.design.robustness import RobustnessSpec
 from tarc.design.selection import MIN_SPREAD_MARGIN, LoopSelection
+from tarc.design.stress import try_design
 from tarc.laws.tarc import TARC
 from tarc.laws.tdc import TDC
 from tarc.plants.base import Plant
@@ -32,6 +34,8 @@ MAX_REFINEMENTS = 5
 """Most times that the neighbours of the best loop are assessed."""
 EXTRA_MARGINS = (0.03, 0.06, 0.12, 0.25)
 """Additions to the margin where the certificate finds worse postures than those sampled."""
+MAX_TRIALS = 5
+"""Most designs that are tried against a limit of the torque's rate."""
 
 
 @overload
@@ -94,19 +98,58 @@ def design_controller(
         assessed = assess_candidates(
             trials, spec, slope_ratio=requirements.slope_ratio, min_margin=MIN_SPREAD_MARGIN, done=bar.advance
         )
-        selection, best = _refine(LoopSelection(problem, shape, spec, assessed))
+        selection = LoopSelection(problem, shape, spec, assessed)
         bar.advance(20)
-        best, law, adaptation, certificate = _certified_law(selection, best)
-        certificates = certify_law(
-            law,
-            problem.plants,
-            problem.workspace,
-            computation_delay=requirements.computation_delay,
-            samples=requirements.samples,
-            seed=requirements.seed,
-            robot_certificate=certificate,
-        ).certificates
+        design = _slow_enough(selection, spread, load)
         bar.advance(20)
+    return design
+
+
+def _slow_enough(selection: LoopSelection, spread: InertiaSpread, load: np.ndarray) -> Design:
+    """Return the best design whose trial run keeps to the limits of the torque's rate.
+
+    Where a run is too fast, a loop is tried whose torque changes less by noise, down to the slowest. What is tried does
+    not depend on the limits, so that a rate that was reached is one that admits a design.
+    """
+    limits = selection.problem.torque_rates
+    if not np.any(np.isfinite(limits)):
+        return _complete(*_refine(selection), spread, load)
+    reached: list[np.ndarray] = []
+    for trials_left in reversed(range(MAX_TRIALS)):
+        selection, best = _refine(selection)
+        design = _complete(selection, best, spread, load)
+        rate = try_design(design).torque_rate
+        if not np.any(rate > limits):
+            return _with_rate(design, rate)
+        reached.append(rate)
+        change, least = torque_change(design.candidate), torque_change(selection.slowest())
+        if trials_left:
+            selection = replace(selection, max_change=change * (least / change) ** (1 / trials_left))
+    raise selection.too_fast(min(reached, key=lambda rate: np.max(rate / limits)), limits)
+
+
+def _with_rate(design: Design, rate: np.ndarray) -> Design:
+    """Return a design with the torque rate of its trial run among its choices."""
+    plant = design.plants[0]
+    joint = int(np.argmax(rate))
+    choice = DesignChoice(
+        ("torque_limits",),
+        "torque rate",
+        f"at most {rate[joint]:.4g} {plant.torque_units[joint]}/s, at {plant.joint_names[joint]}",
+        "reached in the trial run, on the motion of the scenario; it is no bound for other motions, on which the "
+        "limit cuts the torque",
+    )
+    return replace(design, choices=(*design.choices, choice))
+
+
+def _complete(selection: LoopSelection, best: Candidate, spread: InertiaSpread, load: np.ndarray) -> Design:
+    """Certify the best loop and return its design."""
+    problem = selection.problem
+    requirements = problem.requirements
+    best, law, adaptation, certificate = _certified_law(selection, best)
+    certificates = certify_law(
+        law, problem.plants, problem.workspace, **_sampling(requirements), robot_certificate=certificate
+    ).certificates
     own_limits = requirements.torque_limits is None
     given = assumptions(problem.plants, problem.workspace, problem.torque_limits, load, own=own_limits)
     reasons = explain_loop(selection, best, spread)
@@ -119,11 +162,11 @@ def design_controller(
         workspace=problem.workspace,
         certificates=certificates,
         choices=(*given, *reasons),
-        shape=shape,
+        shape=selection.shape,
         spread=spread.ratio,
         candidates=tuple(selection.candidates),
         candidate=best,
-        torque_noise=torque_noise(best.noise, shape, requirements.sensor),
+        torque_noise=torque_noise(best.noise, selection.shape, requirements.sensor),
     )
 
 

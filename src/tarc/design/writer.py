@@ -15,6 +15,7 @@ from tarc.certificates.base import Certificate
 from tarc.core.errors import InvalidParameter
 from tarc.core.files import writing
 from tarc.core.formatting import format_per_joint
+from tarc.core.validation import Numbers
 from tarc.design.choice import DesignChoice
 from tarc.design.robot_facts import joint_workspace
 from tarc.estimators.base import Estimator
@@ -49,7 +50,7 @@ COMMENT_WIDTH = 110
 """Largest number of characters per line of a comment."""
 MAX_LINE_WIDTH = 10**6
 """Largest number of characters per line of a value: a row of a matrix stays on one line."""
-SECTION_ORDER = ("name", "robot", "law", "estimator", "sensor", "reference", "disturbance")
+SECTION_ORDER = ("name", "robot", "law", "estimator", "sensor", "torque_limits", "reference", "disturbance")
 LAW_ORDER = ("kind", "inertia", "natural_frequency", "damping_ratio", "synchronised", "delay")
 
 
@@ -59,7 +60,12 @@ def plant_name(plant: Plant) -> str:
 
 
 def scenario_content(
-    law: TDC | TARC, plants: Sequence[Plant], workspace: Workspace, sensor: Encoder, duration: float = DURATION
+    law: TDC | TARC,
+    plants: Sequence[Plant],
+    workspace: Workspace,
+    sensor: Encoder,
+    duration: float = DURATION,
+    torque_rate: Numbers | None = None,
 ) -> Content:
     """Return the keys of a scenario that runs a law on the first robot.
 
@@ -78,6 +84,8 @@ def scenario_content(
     if len(plants) > 1:
         mass = float(np.squeeze(plants[-1].parameters["payload"]))
         content["disturbance"] = [{"kind": "Payload", "mass": mass, "start_time": duration / 2}]
+    if torque_rate is not None:
+        content["torque_limits"] = {"rate": _plain(torque_rate)}
     content["initial_torque"] = "rest"
     content["period"] = law.period
     content["computation_delay"] = law.actuation_delay

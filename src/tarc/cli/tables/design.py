@@ -40,6 +40,7 @@ def design_summary(
             "rms_error": _finite_or_none(trial.rms_error),
             "torque_noise": [_finite_or_none(noise) for noise in trial.torque_noise],
             "saturation_share": trial.saturation_share,
+            "torque_rate": [_finite_or_none(rate) for rate in trial.torque_rate],
         },
         "stress_limits": {
             name: {"value": limit.value, "unit": limit.unit, "explanation": limit.explain()}
@@ -117,6 +118,12 @@ def _print_trial(console: Console, design: Design, trial: StressRun) -> None:
     console.print(
         f"tried in simulation: {escape(trial.status)}, RMS error {1e3 * trial.rms_error:.3g} {unit}, torque noise at "
         f"most {excess:.2g} of the predicted one",
+        highlight=False,
+    )
+    fastest = int(np.argmax(trial.torque_rate))
+    console.print(
+        f"torque rate reached: {trial.torque_rate[fastest]:.4g} {plant.torque_units[fastest]}/s, at "
+        f"{escape(plant.joint_names[fastest])}",
         highlight=False,
     )
     if trial.saturation_share > 0:
