@@ -89,6 +89,11 @@ def floor(x: Vector) -> Vector:
     return ca.floor(x) if symbolic(x) else np.floor(x)
 
 
+def exp(x: Vector) -> Vector:
+    """Return the exponential, element by element."""
+    return ca.exp(x) if symbolic(x) else np.exp(x)
+
+
 def norm(x: Vector, least: float = 0.0) -> Vector:
     """Return the Euclidean norm, not below ``least``; differentiable at x = 0 when ``least`` > 0."""
     squares = ca.sumsqr(x) if symbolic(x) else np.sum(np.square(x))
@@ -126,6 +131,22 @@ def weighted_sum(window: Vector, weights: Vector) -> Vector:
 def columns(*vectors: Vector) -> Vector:
     """Stack vectors (n,) as columns, shape (n, k)."""
     return ca.horzcat(*vectors) if symbolic(*vectors) else np.stack(vectors, axis=1)
+
+
+def append_first(history: Vector, sample: Vector) -> Vector:
+    """Put a new sample before the first column of the history and keep all columns."""
+    if symbolic(history, sample):
+        return ca.horzcat(sample, history)
+    return np.concatenate([np.reshape(sample, (-1, 1)), history], axis=1)
+
+
+def pick_columns(history: Vector, numbers: np.ndarray) -> Vector:
+    """Return from each row of a history the element in a column of its own, shape (n,), by the columns' numbers."""
+    if np.all(numbers == numbers[0]):
+        return history[:, int(numbers[0])]
+    if symbolic(history):
+        return ca.vertcat(*[history[row, int(number)] for row, number in enumerate(numbers)])
+    return history[np.arange(len(numbers)), numbers]
 
 
 def shift_in(history: Vector, sample: Vector) -> Vector:

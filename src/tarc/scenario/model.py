@@ -24,6 +24,7 @@ from tarc.scenario.cartesian import CartesianWaypoints
 from tarc.scenario.loader import apply_setting, find_scenario, read_scenario, relative_files, resolve_files
 from tarc.scenario.schema import Component, check_component, scenario_error
 from tarc.scenario.yaml_text import write_yaml
+from tarc.signals.drive import Drive
 from tarc.signals.references import Reference
 from tarc.signals.sensors import Encoder
 from tarc.signals.torque_limits import TorqueLimits
@@ -43,8 +44,8 @@ class Sections:
     ----------
     robot, reference, sensor
         Each as a component.
-    torque_limits
-        As a component; None for none.
+    torque_limits, drive
+        As components; None for none.
     laws
         Law and its estimator, by the law's name.
     disturbances
@@ -55,18 +56,20 @@ class Sections:
     reference: Component
     sensor: Component
     torque_limits: Component | None
+    drive: Component | None
     laws: dict[str, tuple[Component, Component]]
     disturbances: list[Component]
 
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """The constructed parts of a scenario: robot, reference, sensor, torque limits, events, and the laws by name."""
+    """The constructed parts of a scenario, with the laws by name."""
 
     plant: Plant
     reference: Reference
     sensor: Encoder
     torque_limits: TorqueLimits | None
+    drive: Drive | None
     events: list[Event]
     laws: dict[str, Any]
 
@@ -89,6 +92,10 @@ class Scenario(BaseModel):
         ``kind`` and parameters. The sensor's kind is Encoder; without parameters it is perfect.
     torque_limits
         Parameters of `tarc.signals.TorqueLimits`: the limits of the robot's interface.
+    drive
+        Parameters of `tarc.signals.Drive`: lag and delay of the torque.
+    jitter
+        Largest latency of a sampling instant [periods], as in `tarc.simulate`.
     disturbance
         A list of disturbances, payloads and schedules.
     duration, period, metrics_start
@@ -109,6 +116,8 @@ class Scenario(BaseModel):
     name: str = "scenario"
     sensor: dict[str, Any] = Field(default_factory=dict)
     torque_limits: dict[str, Any] = Field(default_factory=dict)
+    drive: dict[str, Any] = Field(default_factory=dict)
+    jitter: float = 0.0
     disturbance: list[dict[str, Any]] = Field(default_factory=list)
     initial_position: list[float] | None = None
     initial_velocity: float | list[float] = 0.0
@@ -190,6 +199,7 @@ class Scenario(BaseModel):
             check_component("reference", self.reference),
             check_component("sensor", {"kind": "Encoder", **self.sensor}),
             self._optional("torque_limits", "TorqueLimits"),
+            self._optional("drive", "Drive"),
             laws,
             [check_component("disturbance", part) for part in self.disturbance],
         )
@@ -219,12 +229,13 @@ class Scenario(BaseModel):
         reference = self.build_reference(plant).for_run(plant.joint_names, self.duration)
         events = [part.build() for part in self.sections.disturbances]
         laws = self.build_laws(plant, reference)
-        limits = self.sections.torque_limits
+        limits, drive = self.sections.torque_limits, self.sections.drive
         return Setup(
             plant,
             reference,
             self.sections.sensor.build(),
             None if limits is None else limits.build(),
+            None if drive is None else drive.build(),
             events,
             laws,
         )
@@ -352,6 +363,8 @@ class Scenario(BaseModel):
                 acceleration_limits=self.acceleration_limits,
                 computation_delay=self.computation_delay,
                 torque_limits=setup.torque_limits,
+                drive=setup.drive,
+                jitter=self.jitter,
                 substeps=self.substeps,
                 seed=self.seed,
                 native=self.native,

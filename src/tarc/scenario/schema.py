@@ -27,6 +27,7 @@ SECTIONS: dict[str, tuple[types.ModuleType, type]] = {
     "reference": (tarc.signals, tarc.signals.Reference),
     "sensor": (tarc.signals, tarc.signals.Encoder),
     "torque_limits": (tarc.signals, tarc.signals.TorqueLimits),
+    "drive": (tarc.signals, tarc.signals.Drive),
     "disturbance": (tarc.signals, object),
 }
 EVENTS = (

@@ -9,6 +9,7 @@ from tarc.signals.disturbances import (
     SineDisturbance,
     StepDisturbance,
 )
+from tarc.signals.drive import Drive
 from tarc.signals.joint_trajectory import JointTrajectory
 from tarc.signals.references import Chirp, Multisine, Quintic, RecordedReference, Reference, Sinusoid
 from tarc.signals.sensors import Encoder
@@ -18,6 +19,7 @@ __all__ = [
     "BandLimitedNoise",
     "Chirp",
     "Disturbance",
+    "Drive",
     "Encoder",
     "ImpulseDisturbance",
     "JointTrajectory",

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-import casadi as ca
 import numpy as np
 
 from tarc.core import array_ops as ops
@@ -203,13 +202,7 @@ class Encoder(Component, System):
 
     def _delayed(self, delay_line: Vector) -> Vector:
         """Return each joint's reading after its whole periods of delay."""
-        n = delay_line.shape[0]
-        delays = np.broadcast_to(self._whole_delay, (n,))
-        if np.all(delays == delays[0]):
-            return delay_line[:, -1]
-        if ops.symbolic(delay_line):
-            return ca.vertcat(*[delay_line[joint, int(delay)] for joint, delay in enumerate(delays)])
-        return delay_line[np.arange(n), delays]
+        return ops.pick_columns(delay_line, np.broadcast_to(self._whole_delay, (delay_line.shape[0],)))
 
 
 def numbers_of_at_least_zero(name: str, value: object) -> np.ndarray:

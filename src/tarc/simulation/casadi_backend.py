@@ -31,7 +31,8 @@ def run_casadi(
     state = loop.init(initial.position, initial.velocity, initial.torque, inputs.noise[:, 0])
     parameters = {name: np.array(loop.plant.parameters[name]) for name in inputs.schedules}
     zero = np.zeros(n)
-    value = LoopInput(zero, zero, zero, zero, np.zeros((n, loop.substeps)), parameters)
+    period = np.full(0 if inputs.periods is None else 1, loop.controller.law.period)
+    value = LoopInput(zero, zero, zero, zero, np.zeros((n, loop.substeps)), parameters, period)
     function, example = trace(loop.step, state, value, name="period")
     advance = _engine(function, pack(state), len(inputs.times), native)
     n_periods = len(inputs.times)
@@ -86,4 +87,5 @@ def _input_rows(inputs: SampledInputs) -> np.ndarray:
     """Return the inputs of each period as a row, in the order of `LoopInput`."""
     n, n_periods, substeps = inputs.disturbance.shape
     disturbance = inputs.disturbance.transpose(2, 0, 1).reshape(n * substeps, n_periods)
-    return np.concatenate([*inputs.reference, inputs.noise, disturbance, *inputs.schedules.values()]).T
+    periods = [] if inputs.periods is None else [inputs.periods[None]]
+    return np.concatenate([*inputs.reference, inputs.noise, disturbance, *inputs.schedules.values(), *periods]).T

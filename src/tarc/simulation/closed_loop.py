@@ -1,6 +1,7 @@
 """The closed loop: sensor, law, computation delay and plant, one control period per step."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple, TypeVar
 
 import casadi as ca
@@ -8,16 +9,22 @@ import numpy as np
 
 from tarc.control.digital_controller import ControllerInput, ControllerOutput, ControllerState, DigitalController
 from tarc.core.system import System
-from tarc.core.types import Array, Vector
+from tarc.core.types import Array, Tree, Vector
 from tarc.core.validation import Numbers
 from tarc.plants.symbolic import SymbolicPlant
+from tarc.signals.drive import Drive, Segment
 
 V = TypeVar("V", np.ndarray, ca.SX, ca.MX)
 """Numbers or symbols, the same for all arguments."""
 
+NO_NUMBERS = np.zeros(0)
+
 
 class LoopInput(NamedTuple):
-    """Inputs of one period: reference and noise (n,), disturbance (n, substeps), plant parameters by name."""
+    """Inputs of one period: reference and noise (n,), disturbance (n, substeps), plant parameters by name.
+
+    ``period`` is the length of this period [s], shape (1,), where periods differ; else it has shape (0,).
+    """
 
     reference: Vector
     velocity_reference: Vector
@@ -25,38 +32,49 @@ class LoopInput(NamedTuple):
     noise: Vector
     disturbance: Vector
     parameters: dict[str, Any]
+    period: Vector = NO_NUMBERS
 
 
 class LoopState(NamedTuple):
-    """State of the controller, coordinates and velocities of the plant, each (m,)."""
+    """State of the controller, coordinates and velocities of the plant, each (m,), and state of a drive."""
 
     controller: ControllerState
     position: Vector
     velocity: Vector
+    drive: Tree = ()
 
 
 class LoopOutput(NamedTuple):
     """True motion at the sampling instant, acceleration just after the torque was set, output of the controller.
 
-    The motion is that of the coordinates that the encoders read. ``passive`` has position and velocity of the others,
-    where there are any.
+    The motion is that of the coordinates that the encoders read. ``more`` has position and velocity of the others,
+    where there are any, and the mean torque of a drive.
     """
 
     position: Vector
     velocity: Vector
     acceleration: Vector
     controller: ControllerOutput
-    passive: dict[str, Vector]
+    more: dict[str, Vector]
 
 
 @dataclass(frozen=True, eq=False)
 class ClosedLoop(System):
-    """One control period: the controller at its start, then the plant under zero-order hold in substeps."""
+    """One control period: the controller at its start, then the plant under zero-order hold in substeps.
+
+    With a drive, the torque changes within the period too.
+    """
 
     plant: SymbolicPlant
     controller: DigitalController
     substeps: int = 2
     integrator: str = "Runge–Kutta"
+    drive: Drive | None = None
+
+    @cached_property
+    def _segments(self) -> list[Segment]:
+        """Parts of a period in which the torque is held."""
+        return (self.drive or Drive()).segments(self.substeps, self.controller.law.period)
 
     def init(
         self, position: Vector, velocity: Numbers = 0.0, torque: Numbers = 0.0, noise: Array | float = 0.0
@@ -68,7 +86,8 @@ class ClosedLoop(System):
         controller = self.controller.with_true_derivatives(
             controller, self._measured(velocity), self._measured(acceleration)
         )
-        return LoopState(controller, position, velocity)
+        drive = () if self.drive is None else self.drive.init(controller.torque_delay_line[:, -1])
+        return LoopState(controller, position, velocity, drive)
 
     def step(self, state: LoopState, value: LoopInput) -> tuple[LoopState, LoopOutput]:
         """Measure and compute at t_k; hold the torque and integrate to t_k + T."""
@@ -76,19 +95,37 @@ class ClosedLoop(System):
         dq: Vector = state.velocity
         motion = self._measured(q), self._measured(dq)
         controller, output = self.controller.step(state.controller, ControllerInput(*motion, *value[:4]))
-        dt = self.controller.law.period / self.substeps
+        period = value.period if value.period.shape[0] else self.controller.law.period
+        drive, torques = self._drive(state.drive, output.torque, period)
         torque = output.torque
         first_acceleration: Vector = None
-        for i in range(self.substeps):
-            torque = output.torque + value.disturbance[:, i]
+        for segment, held in zip(self._segments, torques, strict=True):
+            torque = held + value.disturbance[:, segment.substep]
+            # the same number as ever where the steps are equal
+            dt = period / self.substeps if self.drive is None else (segment.stop - segment.start) * period
             q, dq, acceleration = INTEGRATORS[self.integrator](self.plant, q, dq, torque, dt, value.parameters)
             first_acceleration = acceleration if first_acceleration is None else first_acceleration
         last_acceleration = self.plant.evaluate("acceleration", q, dq, torque, parameters=value.parameters)
         controller = self.controller.with_true_derivatives(
             controller, self._measured(dq), self._measured(last_acceleration)
         )
-        recorded = LoopOutput(*motion, self._measured(first_acceleration), output, self._passive(state))
-        return LoopState(controller, q, dq), recorded
+        more = {**self._passive(state), **self._drive_torque(torques)}
+        return LoopState(controller, q, dq, drive), LoopOutput(
+            *motion, self._measured(first_acceleration), output, more
+        )
+
+    def _drive(self, state: Tree, command: Vector, period: Vector) -> tuple[Tree, list[Vector]]:
+        """Return the next state of the drive and the torque in each segment: the command itself without one."""
+        if self.drive is None:
+            return state, [command] * len(self._segments)
+        return self.drive.step(state, command, period, self._segments)
+
+    def _drive_torque(self, torques: list[Vector]) -> dict[str, Vector]:
+        """Return the mean torque of a drive over the period; nothing without one."""
+        if self.drive is None:
+            return {}
+        parts = zip(self._segments, torques, strict=True)
+        return {"drive_torque": sum((segment.stop - segment.start) * torque for segment, torque in parts)}
 
     def _measured(self, values: Vector) -> Vector:
         """Return what the encoders read of all coordinates, shape (n,)."""

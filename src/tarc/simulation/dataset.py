@@ -12,6 +12,7 @@ from tarc.core.array_ops import HUGE
 from tarc.core.units import unit_for_joints
 from tarc.core.version import __version__
 from tarc.plants.base import Plant
+from tarc.signals.drive import Drive
 from tarc.signals.references import Reference
 from tarc.simulation.quantities import VARIABLES
 from tarc.simulation.record import Record
@@ -26,12 +27,13 @@ def dataset(
     record: Record,
     divergence_index: int | None,
     seed: int,
+    drive: Drive | None = None,
 ) -> xr.Dataset:
     """Label a record: variables with names and units over time and joint, and how the run was made as attributes.
 
     Parameters
     ----------
-    plant, controller, reference, inputs, seed
+    plant, controller, reference, inputs, seed, drive
         As simulated.
     record
         Raw output.
@@ -75,6 +77,7 @@ def dataset(
         "law": _to_json(_describe(controller.law)),
         "reference_signal": _to_json(_describe(reference)),
         "sensor": _to_json(_describe(controller.sensor)),
+        "drive": "" if drive is None else _to_json(_describe(drive)),
         "torque_limits": "" if interface is None else _to_json(_describe(interface)),
         "disturbance": _to_json([_describe(event) for event in inputs.events]),
         "period": controller.law.period,

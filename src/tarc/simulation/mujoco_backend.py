@@ -16,6 +16,7 @@ from tarc.core.types import Vector
 from tarc.estimators.oracle import TrueDerivatives
 from tarc.plants.mujoco import MujocoPlant
 from tarc.plants.robot_file import without_log_file
+from tarc.signals.drive import Drive
 from tarc.simulation.closed_loop import LoopOutput
 from tarc.simulation.monitor import DIVERGENCE_CHECK_INTERVAL, DivergenceMonitor
 from tarc.simulation.record import Record
@@ -42,6 +43,7 @@ class _MujocoLoop:
         initial: InitialConditions,
         inputs: SampledInputs,
         native: bool,
+        drive: Drive | None,
     ):
         n, m = plant.n_joints, plant.n_coordinates
         self.plant = plant
@@ -54,7 +56,9 @@ class _MujocoLoop:
         # Runge–Kutta leaves the acceleration of its last stage behind, so the one at the start is computed beforehand
         self.is_runge_kutta = self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
         self.is_oracle = isinstance(controller.law.estimator, TrueDerivatives)
-        self.is_plain = inputs.disturbance.shape[2] == 1 and not self.is_runge_kutta and not self.is_oracle
+        self.is_segmented = drive is not None or inputs.periods is not None
+        is_one_step = inputs.disturbance.shape[2] == 1 and not self.is_segmented
+        self.is_plain = is_one_step and not self.is_runge_kutta and not self.is_oracle
         self.acceleration = self.data.qacc if self.is_plain else np.zeros(m)
         self.final_acceleration = np.zeros(m)
         changes = np.diff(inputs.disturbance, axis=2).transpose(1, 2, 0)
@@ -73,6 +77,13 @@ class _MujocoLoop:
             "last": self.final_acceleration,
             "torque": self.data.qfrc_applied,
         }
+        if self.is_segmented:
+            shared["torque"] = self._command = np.zeros(m)
+            self._period = controller.law.period
+            self._drive = drive or Drive()
+            self._drive_state = self._drive.init(state.torque_delay_line[:, -1])
+            self._segments = self._drive.segments(inputs.disturbance.shape[2], self._period)
+            self.drive_torques = np.zeros((len(inputs.times), n))
         self.buffer = PeriodBuffer(compiled(function) if native else function, pack(state), BUFFER_PERIODS, shared)
         if self.is_oracle:
             self.data.qfrc_applied[list(plant.driven)] = state.torque_delay_line[:, -1]
@@ -92,6 +103,10 @@ class _MujocoLoop:
             for call in self.buffer.calls[place]:
                 call()
                 step(model, data)
+        elif self.is_segmented:
+            for k, call in enumerate(self.buffer.calls[place], start):
+                call()
+                self._advance_in_segments(k)
         else:
             for call, torques in zip(self.buffer.calls[place], self.substep_torques[start:stop], strict=True):
                 call()
@@ -108,6 +123,27 @@ class _MujocoLoop:
                     self._update_final_acceleration()
         return self.buffer.rows["row"][place]
 
+    def _advance_in_segments(self, k: int) -> None:
+        """Simulate the period k, with a drive or a length of its own, in parts with a constant torque each."""
+        model, data, joints = self.model, self.data, list(self.plant.driven)
+        period = self._period if self.inputs.periods is None else self.inputs.periods[k]
+        # the command contains the disturbance of the first substep
+        disturbance = self.inputs.disturbance[:, k]
+        command = self._command[joints] - disturbance[:, 0]
+        self._drive_state, torques = self._drive.step(self._drive_state, command, period, self._segments)
+        for number, (segment, torque) in enumerate(zip(self._segments, torques, strict=True)):
+            data.qfrc_applied[joints] = torque + disturbance[:, segment.substep]
+            model.opt.timestep = (segment.stop - segment.start) * period
+            if number == 0 and self.is_runge_kutta:
+                mujoco.mj_forward(model, data)
+                self.acceleration[:] = data.qacc
+            mujoco.mj_step(model, data)
+            if number == 0 and not self.is_runge_kutta:
+                self.acceleration[:] = data.qacc
+            self.drive_torques[k] += (segment.stop - segment.start) * torque
+        if self.is_oracle:
+            self._update_final_acceleration()
+
 
 def run_mujoco(
     plant: MujocoPlant,
@@ -116,6 +152,7 @@ def run_mujoco(
     inputs: SampledInputs,
     monitor: DivergenceMonitor,
     native: bool = False,
+    drive: Drive | None = None,
 ) -> Record:
     """Step the plant in MuJoCo; call the controller between the steps over fixed memory."""
     n, n_periods = plant.n_joints, len(inputs.times)
@@ -124,7 +161,7 @@ def run_mujoco(
     stop = 0
     n_checked = 0
     with monitor.progress, without_log_file():
-        loop = _MujocoLoop(plant, controller, initial, inputs, native)
+        loop = _MujocoLoop(plant, controller, initial, inputs, native, drive)
         rows = np.empty((n_periods, loop.buffer.rows["row"].shape[1]))
         stops = sorted({*range(0, n_periods, BUFFER_PERIODS), *changes, n_periods})
         for start, stop in pairwise(stops):
@@ -140,7 +177,11 @@ def run_mujoco(
     acceleration[-1] = loop.acceleration[list(plant.measured)]
     zero, others = np.zeros(n), np.zeros(len(plant.unmeasured))
     passive = {"passive_position": others, "passive_velocity": others} if plant.unmeasured else {}
-    return Record.from_rows(LoopOutput(zero, zero, zero, loop.example, passive), rows[: monitor.valid_rows(stop)])
+    n_valid = monitor.valid_rows(stop)
+    record = Record.from_rows(LoopOutput(zero, zero, zero, loop.example, passive), rows[:n_valid])
+    if drive is not None:
+        record.arrays["drive_torque"] = loop.drive_torques[:n_valid]
+    return record
 
 
 def _step_with_true_derivatives(

@@ -17,6 +17,7 @@ VARIABLES = {
     "velocity_reference": ("reference velocity", "rad/s"),
     "acceleration_reference": ("reference acceleration", "rad/s²"),
     "torque": ("torque on the joints", "N m"),
+    "drive_torque": ("mean torque of the drive over the period", "N m"),
     "auxiliary": ("auxiliary input u, the commanded acceleration", "rad/s²"),
     "tde_error": ("TDE error, true acceleration minus u", "rad/s²"),
     "gain": ("switching gain ĉ", "rad/s²"),

@@ -39,6 +39,8 @@ class SampledInputs:
         Values of the plant parameters that change, by name, shape (…, k).
     events
         Disturbances, payloads and schedules of which the arrays are samples.
+    periods
+        Length of each period [s], shape (k,), where they differ; None where they do not.
     """
 
     times: np.ndarray
@@ -47,6 +49,7 @@ class SampledInputs:
     disturbance: np.ndarray
     schedules: dict[str, np.ndarray]
     events: tuple[Event, ...] = ()
+    periods: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -95,8 +98,11 @@ def sample_inputs(
     events: Sequence[Event],
     substeps: int,
     seed: int,
+    jitter: float = 0.0,
 ) -> SampledInputs:
     """Sample reference, noise, disturbances and schedules over the run.
+
+    With jitter J the instants are t_k = (k + J U_k) T, with independent U_k of uniform distribution in [0, 1], U_0 = 0.
 
     Raises
     ------
@@ -108,7 +114,14 @@ def sample_inputs(
     n_periods = round(check.number("duration", duration, period, high=MAX_PERIODS * period) / period)
     times = np.arange(n_periods) * period
     substep_times = np.arange(n_periods * substeps) * (period / substeps)
-    noise_rng, *event_rngs = np.random.default_rng(seed).spawn(1 + len(events))
+    noise_rng, *event_rngs, jitter_rng = np.random.default_rng(seed).spawn(2 + len(events))
+    periods = None
+    if jitter:
+        late = jitter * jitter_rng.random(n_periods + 1)
+        late[0] = 0.0
+        periods = period * (1 + np.diff(late))
+        times = times + period * late[:-1]
+        substep_times = (times[:, None] + periods[:, None] * np.arange(substeps) / substeps).ravel()
     torque = np.zeros((n, n_periods * substeps))
     for event, rng in zip(events, event_rngs, strict=True):
         if isinstance(event, Disturbance):
@@ -130,6 +143,7 @@ def sample_inputs(
         torque.reshape(n, n_periods, substeps),
         schedules,
         tuple(events),
+        periods,
     )
 
 

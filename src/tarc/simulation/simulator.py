@@ -16,6 +16,7 @@ from tarc.laws.base import Law
 from tarc.plants.base import Plant
 from tarc.plants.mujoco import MujocoPlant
 from tarc.plants.symbolic import SymbolicPlant
+from tarc.signals.drive import Drive
 from tarc.signals.references import Reference
 from tarc.signals.sensors import Encoder
 from tarc.signals.torque_limits import TorqueLimits
@@ -38,6 +39,8 @@ from tarc.simulation.sampled_inputs import (
     scheduled_plants,
 )
 
+MAX_JITTER = 0.9
+"""Largest latency of a sampling instant [periods]."""
 PILOT_PERIODS = 512
 """Periods at the start of a run on which the steps of the integration are chosen."""
 
@@ -56,6 +59,8 @@ def simulate(
     acceleration_limits: Numbers | None = None,
     computation_delay: int = 0,
     torque_limits: TorqueLimits | None = None,
+    drive: Drive | None = None,
+    jitter: float = 0.0,
     substeps: int | None = None,
     divergence_threshold: float = 5.0,
     seed: int = 0,
@@ -95,6 +100,11 @@ def simulate(
     torque_limits
         Limits of magnitude, rate and resolution between law and robot. The law knows the torque that passes. None for
         no limits besides the law's own.
+    drive
+        Lag and delay between the torque that is set and the torque on the joints; None for neither.
+    jitter
+        Largest latency of a sampling instant, in periods, below one. Instant k is at (k + jitter U_k) T, with
+        independent U_k of uniform distribution from 0 to 1. The law counts on T. The reference is that of the instant.
     substeps
         Runge–Kutta steps of the plant per period, or steps of MuJoCo. None is one step with MuJoCo. In symbols it is
         the cheapest method whose error per period is small, tried on the first 512 periods. Small is a fiftieth of
@@ -144,7 +154,17 @@ def simulate(
     )
     if substeps is not None:
         check.integer("substeps", substeps, 1)
-    simulation = _Simulation(plant, controller, reference, tuple(events), seed, divergence_threshold, native)
+    simulation = _Simulation(
+        plant,
+        controller,
+        reference,
+        tuple(events),
+        seed,
+        divergence_threshold,
+        native,
+        _checked_drive(drive, plant),
+        check.number("jitter", jitter, 0, high=MAX_JITTER),
+    )
     inputs = simulation.sample(substeps or 1, duration)
     initial = initial_conditions(plant, inputs, initial_position, initial_velocity, initial_torque)
     warn_if_beyond_limits(plant, inputs, initial, isinstance(plant, MujocoPlant), acceleration_limits)
@@ -171,18 +191,22 @@ class _Simulation:
     seed: int
     divergence_threshold: float
     native: bool | None
+    drive: Drive | None
+    jitter: float
 
     def sample(self, substeps: int, duration: float) -> SampledInputs:
         """Sample the inputs of a run."""
         law, sensor = self.controller.law, self.controller.sensor
-        return sample_inputs(self.plant, law, self.reference, duration, sensor, self.events, substeps, self.seed)
+        return sample_inputs(
+            self.plant, law, self.reference, duration, sensor, self.events, substeps, self.seed, self.jitter
+        )
 
     def run_in_mujoco(
         self, plant: MujocoPlant, initial: InitialConditions, inputs: SampledInputs, show_progress: bool | None
     ) -> Run:
         """Simulate step by step in MuJoCo."""
         monitor = DivergenceMonitor(inputs, self.divergence_threshold, show_progress)
-        record = run_mujoco(plant, self.controller, initial, inputs, monitor, bool(self.native))
+        record = run_mujoco(plant, self.controller, initial, inputs, monitor, bool(self.native), self.drive)
         return self._label(inputs, record, monitor, "MuJoCo", np.nan)
 
     def run(
@@ -196,7 +220,7 @@ class _Simulation:
         """Simulate in one CasADi function; return the run, and the error that a period adds [rad or m]."""
         inputs = self.sample(method.substeps, duration)
         monitor = DivergenceMonitor(inputs, self.divergence_threshold, show_progress)
-        loop = ClosedLoop(plant, self.controller, method.substeps, method.integrator)
+        loop = ClosedLoop(plant, self.controller, method.substeps, method.integrator, self.drive)
         record = run_casadi(loop, initial, inputs, monitor, self.native)
         period = self.controller.law.period
         error = integration_error(plant, record, inputs.disturbance[:, :, 0], period, method)
@@ -206,8 +230,8 @@ class _Simulation:
         self, inputs: SampledInputs, record: Record, monitor: DivergenceMonitor, integrator: str, error: float
     ) -> Run:
         index = monitor.divergence_index
-        data = dataset(self.plant, self.controller, self.reference, inputs, record, index, self.seed)
-        return Run(data.assign_attrs(integrator=integrator, integration_error=error))
+        data = dataset(self.plant, self.controller, self.reference, inputs, record, index, self.seed, self.drive)
+        return Run(data.assign_attrs(integrator=integrator, integration_error=error, jitter=self.jitter))
 
 
 def warn_if_unstable(
@@ -235,6 +259,16 @@ def _simulable(plant: Plant) -> SymbolicPlant | MujocoPlant:
             "(tarc.plants.load_robot) can be simulated"
         )
     return plant
+
+
+def _checked_drive(drive: Drive | None, plant: Plant) -> Drive | None:
+    """Return the drive itself, or refuse one of another number of joints."""
+    if drive is None:
+        return None
+    if not isinstance(drive, Drive):
+        raise InvalidParameter(f"drive: got {drive!r}; needs a tarc.signals.Drive, constructed")
+    drive.check_joints(plant.n_joints)
+    return drive
 
 
 def _with_limits(law: Law, plant: Plant) -> Law:
