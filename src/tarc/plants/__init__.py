@@ -14,7 +14,9 @@ if TYPE_CHECKING:
     from tarc.plants.planar import NLinkArm, TwoLinkArm
     from tarc.plants.rigid_body import RigidBody
     from tarc.plants.robot_file import find_robot, shipped_robots
+    from tarc.plants.series_elastic import SeriesElasticJoint
     from tarc.plants.symbolic import SymbolicPlant
+    from tarc.plants.underwater_vehicle import UnderwaterVehicle
     from tarc.plants.wheeled import WheeledMobileRobot
 
 __all__ = [
@@ -25,8 +27,10 @@ __all__ = [
     "Pendulum",
     "Plant",
     "RigidBody",
+    "SeriesElasticJoint",
     "SymbolicPlant",
     "TwoLinkArm",
+    "UnderwaterVehicle",
     "WheeledMobileRobot",
     "find_robot",
     "load_robot",
@@ -43,8 +47,10 @@ __getattr__, __dir__, _ = lazy_attributes(
         "Pendulum": "tarc.plants.pendulum",
         "Plant": "tarc.plants.base",
         "RigidBody": "tarc.plants.rigid_body",
+        "SeriesElasticJoint": "tarc.plants.series_elastic",
         "SymbolicPlant": "tarc.plants.symbolic",
         "TwoLinkArm": "tarc.plants.planar",
+        "UnderwaterVehicle": "tarc.plants.underwater_vehicle",
         "WheeledMobileRobot": "tarc.plants.wheeled",
         "find_robot": "tarc.plants.robot_file",
         "load_robot": "tarc.plants.load",
