@@ -15,7 +15,9 @@ KNOWN_TO_DIVERGE = {"tdc-difference", "tdc-differentiator"}
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_torque_is_bounded_at_the_tuned_gains(name):
     """Finite always; and, of laws that keep the robot, within ten times what the median law takes at most."""
-    found = compare(Scenario.load(name, ["duration=1.5", "metrics_start=0.5"]), LAWS, jobs=1)
+    periods = Scenario.load(name).period / 1e-3
+    settings = [f"duration={1.5 * periods}", f"metrics_start={0.5 * periods}"]
+    found = compare(Scenario.load(name, settings), LAWS, jobs=1)
     assert set(found.failures) <= {"projection"}
     assert all("bounds" in reason or "model" in reason for reason in found.failures.values())
     peaks = {law: float(np.abs(run.data["torque"].values).max()) for law, run in found.runs.items()}

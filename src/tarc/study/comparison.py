@@ -25,6 +25,7 @@ from tarc.scenario.model import Scenario
 from tarc.scenario.yaml_text import read_yaml
 from tarc.simulation.quantities import JOINT_KINDS, MEASURES
 from tarc.simulation.run import Run
+from tarc.study.time_scale import with_period
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -170,10 +171,21 @@ class Comparison:
         return written
 
 
-def tuned_laws() -> dict[str, dict[str, Any]]:
-    """Return laws by name, as a scenario writes them, with the gains that `tune` found under equal conditions."""
+TUNED_PERIOD = 1e-3
+"""Control period [s] of the scenarios for which the gains were tuned."""
+
+
+def tuned_laws(period: float = TUNED_PERIOD) -> dict[str, dict[str, Any]]:
+    """Return laws by name, as a scenario writes them, with the gains that `tune` found under equal conditions.
+
+    Parameters
+    ----------
+    period
+        Control period [s]. The gains were found for 1 ms; for another one they are the same in units of the period.
+    """
     text = files("tarc.study").joinpath("gains.yaml").read_text(encoding="utf-8")
-    return read_yaml(text, "gains.yaml")["laws"]
+    laws = read_yaml(text, "gains.yaml")["laws"]
+    return {name: with_period(law, TUNED_PERIOD, period) for name, law in laws.items()}
 
 
 def compare(
@@ -256,7 +268,7 @@ def _chosen(scenario: Scenario, laws: Iterable[str] | dict[str, dict[str, Any]] 
         return scenario.laws
     if isinstance(laws, dict):
         return laws
-    laws_by_name = {**tuned_laws(), **scenario.laws}
+    laws_by_name = {**tuned_laws(scenario.period), **scenario.laws}
     names = list(dict.fromkeys(laws))
     for name in names:
         check.one_of("laws", name, laws_by_name)
