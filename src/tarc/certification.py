@@ -9,7 +9,8 @@ from typing import Any, TypedDict
 
 import numpy as np
 
-from tarc.analysis.inertia_ratio import InertiaSpread, inertia_spread
+from tarc.analysis.command_units import in_torque_units
+from tarc.analysis.inertia_ratio import InertiaSpread, as_plants, inertia_spread
 from tarc.analysis.linearise import Channel, decoupled_channels, joints_share_loop, require_inertia
 from tarc.analysis.rest_stability import describe_instability
 from tarc.analysis.stability import disturbance_to_error, noise_to_torque, stable_intervals, widest_interval
@@ -86,6 +87,7 @@ def certify_law(
     """
     law = require_inertia(law, "certify_law")
     channels = decoupled_channels(law, computation_delay)
+    torque_law, plants = in_torque_units(law, as_plants(plant))
     certificates: dict[str, Certificate] = {}
 
     def add(certificate: Certificate[Any]) -> None:
@@ -99,8 +101,8 @@ def certify_law(
     if same_inertia is not None:
         spread = same_inertia.spread
     elif robot_certificate is None:
-        spread = inertia_spread(plant, law.M, workspace, **sampling)
-    robot = robot_certificate or certify_robot(law, plant, workspace, **sampling, **loop, spread=spread)
+        spread = inertia_spread(plants, torque_law.M, workspace, **sampling)
+    robot = robot_certificate or certify_robot(torque_law, plants, workspace, **sampling, **loop, spread=spread)
     add(robot)
     low, high = robot.evidence.min_ratio, robot.evidence.max_ratio
     if all(channel.n_coupled == 1 for channel in channels):
@@ -112,7 +114,7 @@ def certify_law(
         with suppress(NoStableRatio):  # the certificate of the robot has refuted the law already
             add(certify_varying_ratio(law, **loop))
     if same_inertia is None:
-        add(check_lemma1(law, plant, workspace, **sampling, spread=spread))
+        add(check_lemma1(torque_law, plants, workspace, **sampling, spread=spread))
     else:
         add(same_inertia.certificates["lemma1"])
     if isinstance(law, TARC):

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from tarc.analysis.command_units import in_torque_units, is_symmetric
 from tarc.analysis.inertia_ratio import inverse_ratios
 from tarc.analysis.linearise import Channel, decoupled_channels, joints_share_loop
 from tarc.analysis.stability import UnstableMode, stable_intervals, unstable_mode, widest_interval
@@ -82,8 +83,9 @@ def unstable_posture(
     """
     if not joints_share_loop(law) or not isinstance(law, PolePlacement) or law.has_model:
         return None
-    if not plant.is_fully_driven or plant.constraints:
+    if not plant.is_fully_driven or plant.constraints or not is_symmetric(plant.command_gain[:, None] * law.M):
         return None
+    law, (plant,) = in_torque_units(law, [plant])
     try:
         channels = decoupled_channels(law, computation_delay) if channels is None else channels
     except NotLinearisable:

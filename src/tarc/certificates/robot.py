@@ -6,6 +6,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from tarc.analysis.command_units import in_torque_units
 from tarc.analysis.inertia_ratio import InertiaSpread, as_plants, inertia_spread
 from tarc.analysis.linearise import (
     Channel,
@@ -303,7 +304,7 @@ def certify_robot(
     """
     law = require_inertia(law, "the robot certificate")
     _refuse_model(law)
-    plants = as_plants(plant)
+    law, plants = in_torque_units(law, as_plants(plant))
     if spread is None:
         spread = inertia_spread(plants, law.M, workspace, samples=samples, seed=seed)
     workspace = workspace.for_joints(plants[0].joint_names)

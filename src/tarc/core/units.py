@@ -3,6 +3,17 @@
 from collections.abc import Iterable
 
 
+def joint_units(units: Iterable[str]) -> str:
+    """Return the different units of the joints, joined by "or".
+
+    Examples
+    --------
+    >>> joint_units(["N m", "N m"]), joint_units(["N", "N m"])
+    ('N m', 'N m or N')
+    """
+    return " or ".join(sorted(set(units), key=len, reverse=True))
+
+
 def unit_for_joints(unit: str, joint_units: Iterable[str]) -> str:
     """Return a unit that is written for revolute joints as it is for joints of these kinds.
 

@@ -9,7 +9,7 @@ from tarc.analysis.workspace import Workspace
 from tarc.core import validation as check
 from tarc.core.errors import InfeasibleDesign, InvalidParameter, Relaxation
 from tarc.core.formatting import format_per_joint, format_vector
-from tarc.core.units import unit_for_joints
+from tarc.core.units import joint_units, unit_for_joints
 from tarc.design.choice import DesignChoice
 from tarc.design.infeasible import infeasible_design
 from tarc.plants.base import Plant
@@ -249,7 +249,7 @@ def _speed(plant: Plant, workspace: Workspace) -> DesignChoice:
 
 
 def _torque_limit(plant: Plant, limits: np.ndarray, own: bool) -> DesignChoice:
-    unit = unit_for_joints("N m", plant.units)
+    unit = joint_units(plant.torque_units)
     value = f"{format_per_joint(limits)} {unit}"
     unknown = [name for name, limit in zip(plant.joint_names, limits, strict=True) if not np.isfinite(limit)]
     text = "from the robot's file" if own else "as given"

@@ -6,7 +6,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from tarc.analysis.inertia_ratio import InertiaFunction, InertiaSpread, inertia_spread, maximise_over_workspace
+from tarc.analysis.command_units import in_torque_units
+from tarc.analysis.inertia_ratio import (
+    InertiaFunction,
+    InertiaSpread,
+    as_plants,
+    inertia_spread,
+    maximise_over_workspace,
+)
 from tarc.analysis.workspace import Workspace
 from tarc.certificates.base import Certificate, Evidence, Judgement, Verdict
 from tarc.core.errors import InvalidParameter, UnsupportedLaw
@@ -140,6 +147,7 @@ def check_lemma1(
             raise InvalidParameter(
                 f"law: it drives {law.n_joints} joints and the robot has {robot.n_joints}; give as many"
             )
+    law, robots = in_torque_units(law, as_plants(robots))
     if spread is None:
         spread = inertia_spread(robots, law.M, workspace, samples=samples, seed=seed)
     evidence = _worst_posture(law.M, robots, workspace, samples, seed, spread)

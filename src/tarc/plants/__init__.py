@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from tarc.plants.rigid_body import RigidBody
     from tarc.plants.robot_file import find_robot, shipped_robots
     from tarc.plants.series_elastic import SeriesElasticJoint
+    from tarc.plants.servo import PositionServo, ServoedPlant
     from tarc.plants.symbolic import SymbolicPlant
     from tarc.plants.underwater_vehicle import UnderwaterVehicle
     from tarc.plants.wheeled import WheeledMobileRobot
@@ -26,8 +27,10 @@ __all__ = [
     "NLinkArm",
     "Pendulum",
     "Plant",
+    "PositionServo",
     "RigidBody",
     "SeriesElasticJoint",
+    "ServoedPlant",
     "SymbolicPlant",
     "TwoLinkArm",
     "UnderwaterVehicle",
@@ -46,8 +49,10 @@ __getattr__, __dir__, _ = lazy_attributes(
         "NLinkArm": "tarc.plants.planar",
         "Pendulum": "tarc.plants.pendulum",
         "Plant": "tarc.plants.base",
+        "PositionServo": "tarc.plants.servo",
         "RigidBody": "tarc.plants.rigid_body",
         "SeriesElasticJoint": "tarc.plants.series_elastic",
+        "ServoedPlant": "tarc.plants.servo",
         "SymbolicPlant": "tarc.plants.symbolic",
         "TwoLinkArm": "tarc.plants.planar",
         "UnderwaterVehicle": "tarc.plants.underwater_vehicle",

@@ -140,6 +140,15 @@ class Plant(ABC):
         return [unit_for_joints("N m", [unit]) for unit in self.units]
 
     @property
+    def command_gain(self) -> np.ndarray:
+        """Return the torque per unit of what the law outputs, shape (n,); by default 1, for a law of torques."""
+        return np.ones(self.n_joints)
+
+    def in_torque_units(self) -> "Plant":
+        """Return the same robot with torques as inputs; by default itself."""
+        return self
+
+    @property
     def torque_limits(self) -> np.ndarray:
         """Return the largest torque of each joint [N m or N], shape (n,), infinite where there is no limit."""
         return np.full(self.n_joints, np.inf)

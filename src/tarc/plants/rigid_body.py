@@ -13,7 +13,8 @@ import numpy as np
 
 from tarc.core import validation as check
 from tarc.core.errors import RobotFileError
-from tarc.core.types import Array, Vector
+from tarc.core.types import Array
+from tarc.plants.delegating import DelegatingPlant
 from tarc.plants.mujoco import PAYLOAD_RADIUS, MujocoPlant
 from tarc.plants.mujoco_equations import rigid_body_equations
 from tarc.plants.robot_file import rotation_matrix
@@ -23,7 +24,7 @@ COULOMB_WIDTH = 0.01
 """Speed [rad/s or m/s] at which smoothed dry friction has reached tanh 1 = 76 % of its size."""
 
 
-class RigidBody(SymbolicPlant):
+class RigidBody(DelegatingPlant, SymbolicPlant):
     """A robot from a file as CasADi expressions. Made by `load_robot`.
 
         M(q) q̈ + C(q, q̇) q̇ + g(q) + D q̇ + F tanh(q̇/w) + K (q − q_s) = B τ
@@ -106,43 +107,9 @@ class RigidBody(SymbolicPlant):
         return plant
 
     @property
-    def n_joints(self) -> int:
-        """Return the number of driven joints n."""
-        return self.mujoco.n_joints
-
-    @property
-    def n_coordinates(self) -> int:
-        """Return the number m of driven and passive joints."""
-        return self.mujoco.n_coordinates
-
-    @property
-    def driven(self) -> tuple[int, ...]:
-        """Return the numbers of the driven joints among all that move, from 0."""
-        return self.mujoco.driven
-
-    @property
-    def coordinate_names(self) -> list[str]:
-        """Return the names of the driven and the passive joints, in the order of the file."""
-        return self.mujoco.coordinate_names
-
-    @property
-    def coordinate_units(self) -> list[str]:
-        """Return ``m`` for slides and ``rad`` for hinges, of the driven and the passive joints."""
-        return self.mujoco.coordinate_units
-
-    def coordinates(self, position: Vector) -> Array:
-        """Return all positions, shape (m,), with the driven joints at a position (n,) and the passive ones at home."""
-        return self.mujoco.coordinates(position)
-
-    @property
-    def way_out_of_passive(self) -> str:
-        """Return how to lock the passive joints, for messages."""
-        return self.mujoco.way_out_of_passive
-
-    @property
-    def label(self) -> str:
-        """Return the file's name."""
-        return self.mujoco.label
+    def facts(self) -> MujocoPlant:
+        """Return the same robot in MuJoCo."""
+        return self.mujoco
 
     @property
     def file_options(self) -> Mapping[str, object]:
@@ -151,48 +118,3 @@ class RigidBody(SymbolicPlant):
         as_read = np.all(self._parameters["masses"] == model.body_mass[self._links])
         has_width = np.all(self._parameters["coulomb_width"] == COULOMB_WIDTH)
         return self.mujoco.file_options if as_read and has_width else {}
-
-    @property
-    def joint_names(self) -> list[str]:
-        """Return the names of the file."""
-        return self.mujoco.joint_names
-
-    @property
-    def units(self) -> list[str]:
-        """Return ``m`` for slides and ``rad`` for hinges."""
-        return self.mujoco.units
-
-    @property
-    def torque_limits(self) -> Array:
-        """Return the torque limits of the file [N m or N], shape (n,), infinite where it has none."""
-        return self.mujoco.torque_limits
-
-    @property
-    def velocity_limits(self) -> Array:
-        """Return the velocity limits of a URDF [rad/s or m/s], shape (n,), infinite where it has none."""
-        return self.mujoco.velocity_limits
-
-    @property
-    def acceleration_limits(self) -> Array:
-        """Return the acceleration limits of a URDF 1.2 [rad/s² or m/s²], shape (n,), infinite where it has none."""
-        return self.mujoco.acceleration_limits
-
-    @property
-    def position_limits(self) -> Array:
-        """Return the joint ranges of the file [rad or m], shape (n, 2), infinite where it has none."""
-        return self.mujoco.position_limits
-
-    @property
-    def home(self) -> Array:
-        """Return the home posture [rad or m], shape (n,): given, the keyframe ``home``, or within the ranges."""
-        return self.mujoco.home
-
-    @property
-    def locked(self) -> dict[str, str]:
-        """Return why each locked joint of the file is locked, by the joint's name."""
-        return self.mujoco.locked
-
-    @property
-    def payload_place(self) -> str:
-        """Return the body or site that carries the payload, for messages."""
-        return self.mujoco.payload_place

@@ -24,6 +24,24 @@ FEW_STATES = 16
 MATRICES = ("inertia", "coriolis", "damping", "tangent", "tangent_at_rest", "inertia_slopes")
 
 
+class ForwardDynamics(NamedTuple):
+    """Symbols and expressions of M(q) q̈ = f(q, q̇, u), for joints that take something else than torques.
+
+    Attributes
+    ----------
+    inputs
+        Symbols of u, as `SymbolicPlant.joint_input` makes it.
+    inertia
+        M(q), (m, m).
+    force
+        f, (m, 1).
+    """
+
+    inputs: ca.SX
+    inertia: ca.SX
+    force: ca.SX
+
+
 class Equations(NamedTuple):
     """Symbols and expressions of M(q) q̈ + N(q, q̇) = B τ.
 
@@ -41,6 +59,8 @@ class Equations(NamedTuple):
         Part of N that is friction of the joints.
     extra
         Further expressions of q, q̇ and the parameters, by name.
+    forward
+        What gives the acceleration in a simulation; None for M(q) q̈ = B τ − N(q, q̇).
     """
 
     q: ca.SX
@@ -50,19 +70,16 @@ class Equations(NamedTuple):
     bias: ca.SX
     friction: ca.SX
     extra: dict[str, ca.SX]
+    forward: ForwardDynamics | None = None
 
 
 class _Functions:
     """Functions of the equations of motion, each made when it is first needed."""
 
     def __init__(self, equations: Equations, driven: tuple[int, ...]):
-        q, dq, parameters, M, N, friction, extra = equations
+        q, dq, parameters, M, N, friction, extra, forward = equations
         ddq = ca.SX.sym("ddq", q.shape[0])
-        torque = ca.SX.sym("torque", len(driven))
-        force = torque
-        if driven != tuple(range(q.shape[0])):
-            force = ca.SX.zeros(q.shape[0])
-            force[list(driven)] = torque
+        inputs, mass, force = _torque_driven(M, N, driven) if forward is None else forward
         self._parameters = list(parameters.values())
         self._functions: dict[str, ca.Function] = {}
         self._outputs: dict[str, tuple[list[ca.SX], Callable[[], ca.SX]]] = {
@@ -70,7 +87,7 @@ class _Functions:
             "bias": ([q, dq], lambda: N),
             "gravity": ([q], lambda: ca.substitute(N - friction, dq, ca.SX.zeros(*dq.shape))),
             "friction": ([q, dq], lambda: friction),
-            "acceleration": ([q, dq, torque], lambda: _solve(M, force - N)),
+            "acceleration": ([q, dq, inputs], lambda: _solve(mass, force)),
             "damping": ([q, dq], lambda: ca.jacobian(N, dq)),
             "tangent": ([q, dq, ddq], lambda: ca.horzcat(M, ca.jacobian(N, dq), ca.jacobian(M @ ddq + N, q))),
         }
@@ -121,6 +138,16 @@ class _Functions:
         return self._functions[name]
 
 
+def _torque_driven(M: ca.SX, N: ca.SX, driven: tuple[int, ...]) -> ForwardDynamics:
+    """Return the forward dynamics under torques on some coordinates."""
+    torque = ca.SX.sym("torque", len(driven))
+    if driven == tuple(range(len(driven))) and len(driven) == M.shape[0]:
+        return ForwardDynamics(torque, M, torque - N)
+    force = ca.SX.zeros(M.shape[0])
+    force[list(driven)] = torque
+    return ForwardDynamics(torque, M, force - N)
+
+
 def _solve(M: ca.SX, right: ca.SX) -> ca.SX:
     """Return M⁻¹ times a column, for a positive definite M."""
     D, L, order = ca.ldl(ca.densify(M))
@@ -138,6 +165,18 @@ class SymbolicPlant(Plant):
     def equations(self) -> Equations:
         """Return the equations of motion."""
 
+    def joint_input(self, torque: Vector, disturbance: Vector) -> Vector:
+        """Return what acts on the joints, the input of ``acceleration``, for outputs of the law and disturbances.
+
+        Parameters
+        ----------
+        torque
+            Output of the law, (n,) or (n, k).
+        disturbance
+            Torque of disturbances [N m or N], of the same shape.
+        """
+        return torque + disturbance
+
     @cached_property
     def _functions(self) -> "_Functions":
         return _Functions(self.equations(), self.driven)
@@ -153,10 +192,11 @@ class SymbolicPlant(Plant):
         ----------
         quantity
             ``inertia`` M(q), ``bias`` N(q, q̇), ``gravity`` N(q, 0) without friction, ``friction`` F(q, q̇),
-            ``acceleration`` q̈(q, q̇, τ), ``damping`` ∂N/∂q̇ (q, q̇) or ``tangent`` [M, ∂N/∂q̇, ∂(M q̈ + N)/∂q]
-            (q, q̇, q̈). Plants from energies have ``coriolis`` C + G (q, q̇) and ``energy`` T + V (q, q̇) too.
+            ``acceleration`` q̈(q, q̇, u) for u of `joint_input`, ``damping`` ∂N/∂q̇ (q, q̇) or ``tangent``
+            [M, ∂N/∂q̇, ∂(M q̈ + N)/∂q] (q, q̇, q̈). Plants from energies have ``coriolis`` C + G (q, q̇) and
+            ``energy`` T + V (q, q̇) too.
         arguments
-            As in brackets, each of shape (m,) and the torque (n,), or with k columns for k states at once.
+            As in brackets, each of shape (m,) and τ (n,), or with k columns for k states at once.
         parameters
             Values that replace the plant's own, by name.
 

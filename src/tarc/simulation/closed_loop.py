@@ -82,7 +82,9 @@ class ClosedLoop(System):
         """Return the state with the robot at its coordinates (m,) with a velocity, and the controller at rest."""
         velocity = np.asarray(velocity) + np.zeros(np.shape(position))
         controller = self.controller.init(self._measured(position), torque, noise)
-        acceleration = self.plant.evaluate("acceleration", position, velocity, controller.torque_delay_line[:, -1])
+        applied = controller.torque_delay_line[:, -1]
+        joint_input = self.plant.joint_input(applied, np.zeros(np.shape(applied)))
+        acceleration = self.plant.evaluate("acceleration", position, velocity, joint_input)
         controller = self.controller.with_true_derivatives(
             controller, self._measured(velocity), self._measured(acceleration)
         )
@@ -100,7 +102,7 @@ class ClosedLoop(System):
         torque = output.torque
         first_acceleration: Vector = None
         for segment, held in zip(self._segments, torques, strict=True):
-            torque = held + value.disturbance[:, segment.substep]
+            torque = self.plant.joint_input(held, value.disturbance[:, segment.substep])
             # the same number as ever where the steps are equal
             dt = period / self.substeps if self.drive is None else (segment.stop - segment.start) * period
             q, dq, acceleration = INTEGRATORS[self.integrator](self.plant, q, dq, torque, dt, value.parameters)

@@ -9,7 +9,7 @@ import xarray as xr
 
 from tarc.control.digital_controller import DigitalController
 from tarc.core.array_ops import HUGE
-from tarc.core.units import unit_for_joints
+from tarc.core.units import joint_units, unit_for_joints
 from tarc.core.version import __version__
 from tarc.plants.base import Plant
 from tarc.signals.drive import Drive
@@ -44,6 +44,7 @@ def dataset(
     n_samples = len(arrays["position"])
     order = list(VARIABLES)
     passive_units = [plant.coordinate_units[i] for i in plant.unmeasured]
+    torque_unit = joint_units(plant.torque_units)
     variables = {}
     for name in sorted(arrays, key=lambda name: order.index(name) if name in order else len(order)):
         label, unit = VARIABLES.get(name, (name.replace("_", " "), "1"))
@@ -52,17 +53,10 @@ def dataset(
         if name in ("passive_position", "passive_velocity"):
             dimensions = ("time", "passive_joint")
             attributes["units"] = unit_for_joints(unit, passive_units)
+        if name == "torque":
+            attributes = _torque_attributes(label, torque_unit)
         variables[name] = (dimensions, arrays[name], attributes)
-    limits = controller.law.torque_limits
-    interface = controller.torque_limits
-    if interface is not None:
-        limits = np.minimum(limits, interface.magnitudes(plant.n_joints))
-    label = {"long_name": "largest torque that is applied", "units": unit_for_joints("N m", plant.units)}
-    variables["torque_limit"] = ("joint", np.where(limits < HUGE, limits, np.inf), label)
-    if interface is not None and interface.rate is not None:
-        rates = np.broadcast_to(np.asarray(interface.rate, dtype=float), limits.shape)
-        label = {"long_name": "largest rate of the torque", "units": unit_for_joints("N m/s", plant.units)}
-        variables["torque_rate_limit"] = ("joint", rates, label)
+    variables |= _limits(controller, plant.n_joints, torque_unit)
     coordinates = {
         "time": ("time", inputs.times[:n_samples], {"units": "s", "long_name": "time"}),
         "joint": ("joint", plant.joint_names),
@@ -78,7 +72,7 @@ def dataset(
         "reference_signal": _to_json(_describe(reference)),
         "sensor": _to_json(_describe(controller.sensor)),
         "drive": "" if drive is None else _to_json(_describe(drive)),
-        "torque_limits": "" if interface is None else _to_json(_describe(interface)),
+        "torque_limits": "" if controller.torque_limits is None else _to_json(_describe(controller.torque_limits)),
         "disturbance": _to_json([_describe(event) for event in inputs.events]),
         "period": controller.law.period,
         "substeps": inputs.disturbance.shape[2],
@@ -88,6 +82,26 @@ def dataset(
         "divergence_time": np.nan if divergence_index is None else inputs.times[divergence_index],
     }
     return xr.Dataset(variables, coords=coordinates, attrs=attributes)
+
+
+def _limits(controller: DigitalController, n: int, torque_unit: str) -> dict[str, Any]:
+    """Return the limits of the torque and of its rate, as variables."""
+    limits = controller.law.torque_limits
+    interface = controller.torque_limits
+    if interface is not None:
+        limits = np.minimum(limits, interface.magnitudes(n))
+    label = {"long_name": "largest torque that is applied", "units": torque_unit}
+    variables = {"torque_limit": ("joint", np.where(limits < HUGE, limits, np.inf), label)}
+    if interface is not None and interface.rate is not None:
+        rates = np.broadcast_to(np.asarray(interface.rate, dtype=float), limits.shape)
+        label = {"long_name": "largest rate of the torque", "units": f"{torque_unit}/s".replace("/s/s", "/s²")}
+        variables["torque_rate_limit"] = ("joint", rates, label)
+    return variables
+
+
+def _torque_attributes(label: str, unit: str) -> dict[str, str]:
+    """Return name and unit of what the law outputs: torques, or commands of inner loops."""
+    return {"long_name": label if unit.startswith("N") else "command of the joints", "units": unit}
 
 
 def _with_derived_signals(

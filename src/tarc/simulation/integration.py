@@ -64,9 +64,9 @@ def integration_error(
     """
     q, dq = _motion(plant, record, "position"), _motion(plant, record, "velocity")
     torque = record.arrays["torque"].T
-    torque = torque + disturbance[:, : q.shape[1]]
+    torque = plant.joint_input(torque, disturbance[:, : q.shape[1]])
     chosen = np.unique(np.linspace(0, q.shape[1] - 1, N_STATES).astype(int))
-    is_finite = np.all(np.isfinite(q[:, chosen] + dq[:, chosen] + torque[:, chosen]), axis=0)
+    is_finite = np.all(np.isfinite(np.vstack([q, dq, torque])[:, chosen]), axis=0)
     if not np.any(is_finite):
         return float("nan")
     q, dq, torque = (array[:, chosen[is_finite]] for array in (q, dq, torque))

@@ -90,7 +90,20 @@ Those of `SUMMED_OVER_JOINTS` end in ``_revolute`` and ``_prismatic`` for a robo
 """
 
 
-def measure_unit(key: str, joint_units: Iterable[str]) -> str:
-    """Return the unit in which a measure is shown, for joints of these units."""
+def measure_unit(key: str, joint_units: Iterable[str], command_unit: str = "") -> str:
+    """Return the unit in which a measure is shown, for joints of these units.
+
+    Parameters
+    ----------
+    key
+        Name of the measure.
+    joint_units
+        Unit of each joint's position, ``rad`` or ``m``.
+    command_unit
+        Unit of what the law outputs where that is no torque, such as ``rad`` for commanded positions.
+    """
+    torque = _MEASURES[key.removesuffix("_revolute").removesuffix("_prismatic")].unit
+    if command_unit and torque.startswith("N m"):
+        return torque.replace("N m", command_unit).replace("/s/s", "/s²")
     unit = MEASURES[key].unit
     return unit if key.endswith(tuple(JOINT_KINDS.values())) else unit_for_joints(unit, joint_units)

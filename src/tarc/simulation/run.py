@@ -12,6 +12,7 @@ import xarray as xr
 from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter
 from tarc.core.files import file_in_folder, writing
+from tarc.core.units import unit_for_joints
 from tarc.simulation.quantities import JOINT_KINDS, MEASURES, measure_unit
 
 if TYPE_CHECKING:
@@ -80,6 +81,12 @@ class Run:
     def joint_units(self) -> tuple[str, ...]:
         """Return the different units of the joints: ``("rad",)``, ``("m",)`` or both."""
         return tuple(dict.fromkeys(self._unit_of_each_joint))
+
+    @property
+    def command_unit(self) -> str:
+        """Return the unit of what the law outputs where that is no torque, such as ``rad``; empty for torques."""
+        unit = str(self.data["torque"].attrs.get("units", ""))
+        return "" if unit == unit_for_joints("N m", self.joint_units) else unit
 
     @property
     def _unit_of_each_joint(self) -> list[str]:
@@ -201,14 +208,14 @@ class Run:
         text = f"<Run of {self.title}: {self.data.sizes['time']} samples, {self.status}"
         for key in measures:
             if key.startswith("rms_error"):
-                unit = measure_unit(key, self.joint_units)
+                unit = measure_unit(key, self.joint_units, self.command_unit)
                 text += f", {MEASURES[key].label} {MEASURES[key].scale * measures[key]:.4g} {unit}"
         return f"{text}>"
 
     def _repr_html_(self) -> str:
         rows = [
             f"<tr><td>{escape(MEASURES[key].label)}</td><td>{MEASURES[key].scale * value:.4g}</td>"
-            f"<td>{escape(measure_unit(key, self.joint_units))}</td></tr>"
+            f"<td>{escape(measure_unit(key, self.joint_units, self.command_unit))}</td></tr>"
             for key, value in self.metrics_or_none().items()
         ]
         heading = f"<b>{escape(self.title)}</b>, {self.data.sizes['time']} samples, {escape(str(self.status))}"

@@ -38,11 +38,11 @@ def print_runs(scenario: Scenario, runs: dict[str, Run], files: list[Path]) -> N
         table.add_column(name, justify="right")
     table.add_column("unit")
     results = {name: run.metrics_or_none(scenario.metrics_start) for name, run in runs.items()}
-    joint_units = next(iter(runs.values())).joint_units
+    first = next(iter(runs.values()))
     for key, (label, _, scale, _) in MEASURES.items():
         if any(key in result for result in results.values()):
             cells = [f"{scale * result[key]:.4g}" if key in result else "–" for result in results.values()]
-            table.add_row(label, *cells, measure_unit(key, joint_units))
+            table.add_row(label, *cells, measure_unit(key, first.joint_units, first.command_unit))
     table.add_section()
     statuses = [str(run.status) for run in runs.values()]
     table.add_row("status", *[s if s.startswith("completed") else f"[bold red]{s}[/bold red]" for s in statuses], "")
