@@ -321,6 +321,17 @@ def test_impossible_parameters_are_refused(kind: Any, values: dict[str, Any], me
         kind(**values)
 
 
+def test_fields_that_hide_a_method_are_refused() -> None:
+    from dataclasses import dataclass
+
+    @dataclass(frozen=True, kw_only=True, eq=False)
+    class Damped(Pendulum):
+        damping: float = 1.0  # pyright: ignore[reportIncompatibleMethodOverride]
+
+    with pytest.raises(InvalidParameter, match="Damped: its fields damping hide methods that every plant has"):
+        Damped()
+
+
 def test_energies_with_functions_that_symbols_do_not_know_are_refused() -> None:
     """``math.sin`` makes a NaN of a symbol, whose slope would pass for no gravity at all."""
     import math

@@ -49,6 +49,11 @@ class EulerLagrange(Component, SymbolicPlant):
         return ca.SX(self.n_coordinates, self.n_coordinates)
 
     def __post_init__(self) -> None:
+        hidden = [field.name for field in fields(self) if callable(getattr(SymbolicPlant, field.name, None))]
+        if hidden:
+            raise InvalidParameter(
+                f"{type(self).__name__}: its fields {', '.join(hidden)} hide methods that every plant has; rename them"
+            )
         self.validate()
         q = np.linspace(0.1, 1.1, self.n_coordinates)
         M = self.inertia(q)

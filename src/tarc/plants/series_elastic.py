@@ -31,7 +31,7 @@ class SeriesElasticJoint(EulerLagrange):
     ----------
     motor_inertia
         J, of rotor and gear, on the side of the link [kg m²].
-    stiffness, damping
+    spring_stiffness, spring_damping
         k and d of the spring [N m/rad, N m s/rad].
     mass, length, link_inertia
         Mass [kg] at the length l [m], and further moment of inertia I about the joint [kg m²].
@@ -51,8 +51,8 @@ class SeriesElasticJoint(EulerLagrange):
     """
 
     motor_inertia: float = 0.15
-    stiffness: float = 400.0
-    damping: float = 0.5
+    spring_stiffness: float = 400.0
+    spring_damping: float = 0.5
     mass: float = 1.5
     length: float = 0.3
     link_inertia: float = 0.02
@@ -65,9 +65,9 @@ class SeriesElasticJoint(EulerLagrange):
 
     def validate(self) -> None:
         """Check the parameters."""
-        for name in ("motor_inertia", "stiffness", "length", "coulomb_width"):
+        for name in ("motor_inertia", "spring_stiffness", "length", "coulomb_width"):
             check.number(name, getattr(self, name), 0, strict=True)
-        for name in ("damping", "mass", "link_inertia", "viscous", "coulomb", "payload"):
+        for name in ("spring_damping", "mass", "link_inertia", "viscous", "coulomb", "payload"):
             check.number(name, getattr(self, name), 0)
         check.number("gravity", self.gravity)
         check.one_of("encoder", self.encoder, SIDES)
@@ -106,7 +106,7 @@ class SeriesElasticJoint(EulerLagrange):
     def coordinates(self, position: Vector) -> np.ndarray:
         """Return motor and link in equilibrium, where the encoder's side is at a position (1,)."""
         measured = float(np.ravel(position)[0])
-        weight = (self.mass + self.payload) * self.gravity * self.length / self.stiffness
+        weight = (self.mass + self.payload) * self.gravity * self.length / self.spring_stiffness
         if self.encoder == "link":
             return np.array([measured + weight * np.sin(measured), measured])
         link = measured
@@ -122,9 +122,9 @@ class SeriesElasticJoint(EulerLagrange):
     def potential_energy(self, q: Vector, p: SimpleNamespace) -> Vector:
         """Return V = ½ k (θ − q)² − m g l cos q [J]."""
         weight = (p.mass + p.payload) * p.gravity * p.length
-        return p.stiffness * (q[0] - q[1]) ** 2 / 2 - weight * ca.cos(q[1])
+        return p.spring_stiffness * (q[0] - q[1]) ** 2 / 2 - weight * ca.cos(q[1])
 
     def dissipation(self, q: Vector, dq: Vector, p: SimpleNamespace) -> Vector:
         """Return friction of the motor, and damping of the spring on both sides [N m]."""
-        spring = p.damping * (dq[0] - dq[1])
+        spring = p.spring_damping * (dq[0] - dq[1])
         return ca.vertcat(joint_friction(dq[0], p) + spring, -spring)

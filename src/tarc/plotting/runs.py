@@ -58,7 +58,8 @@ def _screen(runs: dict[str, "Run"]) -> Figure:
         for colour, name, run in _drawn(runs):
             axes.plot(run.data["time"], run.data["position"][:, i], color=colour, lw=1.0, label=name)
         axes.set_title(str(joint), fontsize="medium")
-        axes.set_ylabel(f"position [{_unit(first, 'position')}]" if column == 0 else "")
+        units = first["joint_unit"].values
+        axes.set_ylabel(f"position [{units[i]}]" if column == 0 or units[i] != units[i - 1] else "")
         axes.margins(x=0)
     figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside upper right", ncols=4, fontsize="small")
 
@@ -122,14 +123,25 @@ def _unit(data: "Dataset", name: str) -> str:
     return str(data[name].attrs["units"])
 
 
+def error_norms(data: "Dataset") -> dict[str, np.ndarray]:
+    """Return the Euclidean norm of the tracking error over the joints of each unit, shape (k,), by the unit."""
+    error = (data["position"] - data["reference"]).values
+    units = data["joint_unit"].values
+    return {str(unit): np.linalg.norm(error[:, units == unit], axis=1) for unit in dict.fromkeys(units)}
+
+
 def _errors(axes: Axes, runs: dict[str, "Run"], line: float) -> None:
-    """Draw the Euclidean norm of the tracking error over the joints, logarithmic."""
+    """Draw the Euclidean norm of the tracking error over the joints, logarithmic; one for each unit of the joints."""
+    errors = []
     for colour, name, run in _drawn(runs):
-        error = np.linalg.norm((run.data["position"] - run.data["reference"]).values, axis=1)
-        axes.semilogy(run.data["time"], np.maximum(error, 1e-9) * 1e3, color=colour, lw=line, label=name)
-    first = next(iter(runs.values())).data
-    axes.set_ylabel(f"error ‖e‖ [m{_unit(first, 'position')}]")
-    errors = [np.linalg.norm((run.data["position"] - run.data["reference"]).values, axis=1) for run in runs.values()]
+        norms = error_norms(run.data)
+        for style, (unit, error) in zip(("-", "--"), norms.items(), strict=False):
+            label = name if len(norms) == 1 else f"{name} [m{unit}]"
+            shown = np.maximum(error, 1e-9) * 1e3
+            axes.semilogy(run.data["time"], shown, style, color=colour, lw=line, label=label)
+            errors.append(error)
+    units = error_norms(next(iter(runs.values())).data)
+    axes.set_ylabel(f"error ‖e‖ [{' or '.join(f'm{unit}' for unit in units)}]")
     low = min(float(np.percentile(error, 1)) for error in errors) * 1e3
     high = max(float(np.max(error)) for error in errors) * 1e3
     axes.set_ylim(max(low, 1e-6) / 2, max(high, 1e-5) * 2)
