@@ -28,6 +28,7 @@ from tarc.laws.pole_placement import PolePlacement
 from tarc.laws.tarc import TARC
 from tarc.laws.tde import TDE
 from tarc.numerics.norms import max_singular_values
+from tarc.paper.law_parts import delay_or_default
 from tarc.paper.lemma1 import ConditionC2Evidence, Lemma1Evidence, check_condition_c2, check_lemma1
 from tarc.paper.nominal_loop import NominalEvidence, check_nominal_loop
 from tarc.paper.theorem1 import Theorem1Evidence, check_theorem1
@@ -120,10 +121,8 @@ def certify_law(
     if isinstance(law, TARC):
         add(check_condition_c2(law))
     if isinstance(law, TDE):
-        add(check_theorem1(law))
-        if isinstance(law.estimator, Algebraic):
-            add(check_theorem2(law))
-            add(check_nominal_loop(law))
+        for certificate in _time_delay_conditions(law, others):
+            add(certificate)
     return LawCertification(
         law=law,
         channels=channels,
@@ -131,6 +130,28 @@ def certify_law(
         spread=spread,
         computation_delay=computation_delay,
         others=tuple(others),
+    )
+
+
+def _time_delay_conditions(law: TDE, others: Collection["LawCertification"]) -> list[Certificate]:
+    """Return Theorems 1 and 2 and the nominal loop; those of another law where gains, delay and estimator are equal."""
+    for other in others:
+        if isinstance(other.law, TDE) and _has_same_estimation(law, other.law):
+            kinds = Theorem1Evidence.kind, Theorem2Evidence.kind, NominalEvidence.kind
+            return [other.certificates[kind] for kind in kinds if kind in other.certificates]
+    conditions: list[Certificate] = [check_theorem1(law)]
+    if isinstance(law.estimator, Algebraic):
+        conditions += [check_theorem2(law), check_nominal_loop(law)]
+    return conditions
+
+
+def _has_same_estimation(law: TDE, other: TDE) -> bool:
+    """Return whether two laws have the same gains, delay and estimator."""
+    return (
+        law.estimator is other.estimator
+        and delay_or_default(law, None) == delay_or_default(other, None)
+        and np.array_equal(law.K1, other.K1)
+        and np.array_equal(law.K2, other.K2)
     )
 
 

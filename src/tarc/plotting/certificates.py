@@ -5,9 +5,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from matplotlib.ticker import LogLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from tarc.plotting.runs import COLOURS
 
@@ -37,6 +38,25 @@ def certificate_figure(certificate: "Certificate") -> Figure:
     return conditions_figure([certificate])
 
 
+def _margins(*, bottom: float = 0.13, top: float = 0.88, **more: float) -> dict[str, float]:
+    """Return the margins of a figure; to measure all labels takes as long as to draw them."""
+    return {"bottom": bottom, "top": top, **more}
+
+
+def _power_of_ten(value: float, place: int) -> str:
+    """Return the label of a tick; as plain text, since mathematical text takes most of the drawing time."""
+    exponent = int(np.rint(np.log10(value)))
+    return "10" + str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
+def _label_powers(axes: Axes, names: str) -> None:
+    """Label the ticks of logarithmic axes, ``"x"``, ``"y"`` or ``"xy"``, and drop those between."""
+    for name in names:
+        axis: Axis = getattr(axes, f"{name}axis")
+        axis.set_major_formatter(FuncFormatter(_power_of_ten))
+    axes.minorticks_off()
+
+
 def _finish(figure: Figure, certificate: "Certificate") -> Figure:
     for axes in figure.axes:
         axes.grid(alpha=0.3)
@@ -55,7 +75,7 @@ def _eigenvalues(axes: Axes, loops: dict[str, np.ndarray]) -> None:
     axes.plot(np.cos(turn), np.sin(turn), color="0.6", lw=0.8)
     for colour, marker, (label, values) in zip(COLOURS, "x+1", loops.items(), strict=False):
         axes.plot(np.real(values), np.imag(values), marker, color=colour, label=label)
-    axes.set_aspect("equal")
+    axes.set_aspect("equal", anchor="W")
     axes.set_title("eigenvalues", fontsize="medium")
     axes.set_xlabel("real part")
     axes.set_ylabel("imaginary part")
@@ -74,8 +94,8 @@ def _constant_ratio(certificate: "Certificate") -> Figure:
     evidence = certificate.evidence
     low, high = evidence.min_ratio, evidence.max_ratio
     loops = [(loop.A, loop.B, loop.C) for loop in evidence.loops]
-    figure = Figure(figsize=(9, 4.2), layout="constrained")
-    circle, radius = figure.subplots(1, 2)
+    figure = Figure(figsize=(9, 4.2))
+    circle, radius = figure.subplots(1, 2, gridspec_kw=_margins(left=0.1, right=0.98, wspace=0.6))
     _eigenvalues(
         circle, {f"ρ = {ratio:.4g}": np.linalg.eigvals(_block(loops, ratio)) for ratio in dict.fromkeys((low, high))}
     )
@@ -86,16 +106,17 @@ def _constant_ratio(certificate: "Certificate") -> Figure:
     for sign, colour, label in ((largest < 1, COLOURS[2], "stable"), (largest >= 1, COLOURS[1], "unstable")):
         radius.plot(ratios, np.where(sign, gap, np.nan), color=colour, lw=2, label=label)
     radius.axvspan(low, high if high > low else low * 1.01, color=COLOURS[0], alpha=0.25, label="claimed")
+    _label_powers(radius, "xy")
     radius.set_xlabel("inertia ratio ρ")
-    radius.set_ylabel("distance of the spectral radius from 1")
+    radius.set_ylabel("|spectral radius − 1|")
     radius.legend(fontsize="small")
     return _finish(figure, certificate)
 
 
 def _sector(certificate: "Certificate") -> Figure:
     """Draw S(e^{jω}), which must stay to the right of −1/k."""
-    figure = Figure(figsize=(5.5, 4.5), layout="constrained")
-    axes = figure.subplots()
+    figure = Figure(figsize=(5.5, 4.5))
+    axes = figure.subplots(gridspec_kw=_margins(left=0.2, right=0.96))
     z = np.exp(1j * np.geomspace(1e-5, np.pi, 3000))[:, None, None]
     least = 0.0
     for i, loop in enumerate(certificate.evidence.loops):
@@ -120,14 +141,15 @@ def _varying_ratio(certificate: "Certificate") -> Figure:
     """Draw the gain that limits the radius over frequency, and the ratios that are allowed and that the robot has."""
     evidence = certificate.evidence
     ball = evidence.ball
-    figure = Figure(figsize=(9, 3.8), layout="constrained")
-    left, right = figure.subplots(1, 2)
+    figure = Figure(figsize=(9, 3.8))
+    left, right = figure.subplots(1, 2, gridspec_kw=_margins(left=0.07, right=0.98, wspace=0.22, bottom=0.14, top=0.89))
     rows = {"allowed": (np.nan, np.nan)}
     if ball is not None:
         rows["allowed"] = ball.min_ratio, ball.max_ratio
         angles = np.geomspace(1e-4, np.pi, 600)
         if ball.radius > 0:
             left.semilogx(angles / evidence.period, ball.gains(angles), color=COLOURS[0])
+            _label_powers(left, "x")
         left.axhline(1.0, color="0.5", ls="--", label="limit")
         left.set_xlabel("frequency [rad/s]")
         has_rate = ball.max_change is not None
@@ -196,8 +218,9 @@ FIGURES: dict[str, Callable[[Any], Figure]] = {
 def design_figure(certification: "LawCertification") -> Figure:
     """Draw stability over window and ratio, gains over frequency, and eigenvalues of a law that was certified."""
     law, verdict = certification.law, certification.verdict
-    figure = Figure(figsize=(13, 8), layout="constrained")
-    (map_axes, circle), (error, torque) = figure.subplots(2, 2)
+    figure = Figure(figsize=(13, 8))
+    margins = _margins(left=0.065, right=0.98, bottom=0.07, top=0.92, wspace=0.17, hspace=0.24)
+    (map_axes, circle), (error, torque) = figure.subplots(2, 2, gridspec_kw=margins)
     _map(map_axes, certification.stability_map)
     labels = {name: f"{name}, {ratio:.4g}" for name, ratio in certification.ratios.items()}
     _eigenvalues(circle, {labels[name]: values for name, values in certification.eigenvalues.items()})
@@ -213,7 +236,7 @@ def design_figure(certification: "LawCertification") -> Figure:
         axes.set_ylabel(label)
         axes.legend(fontsize="small")
         axes.grid(alpha=0.3)
-        axes.minorticks_off()
+        _label_powers(axes, "xy")
     figure.suptitle(
         f"{type(law).__name__}: {verdict.verdict_in_words}",
         fontsize="large",
@@ -238,6 +261,7 @@ def _map(axes: Axes, data: "StabilityMap | None") -> None:
     axes.plot(window, data.required, "o-", color=COLOURS[1], lw=3, ms=4, label="this design on this robot")
     axes.set_yscale("log")
     axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter(NullFormatter())
     if len(data.windows) > 2:
         axes.set_xlabel("window [periods]")
     else:

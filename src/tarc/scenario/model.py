@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from html import escape
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -28,9 +28,10 @@ from tarc.signals.drive import Drive
 from tarc.signals.references import Reference
 from tarc.signals.sensors import Encoder
 from tarc.signals.torque_limits import TorqueLimits
-from tarc.simulation.run import Run
 from tarc.simulation.sampled_inputs import Event, scheduled_plants
-from tarc.simulation.simulator import simulate
+
+if TYPE_CHECKING:
+    from tarc.simulation.run import Run
 
 POSTURES_OF_MEAN_INERTIA = 200
 """Number of postures along the reference over which the inertia is averaged."""
@@ -346,8 +347,10 @@ class Scenario(BaseModel):
                 )
         return certificates
 
-    def run(self, progress: bool | None = None) -> dict[str, Run]:
+    def run(self, progress: bool | None = None) -> dict[str, "Run"]:
         """Simulate every law; return the runs by name."""
+        from tarc.simulation.simulator import simulate
+
         setup = self.build()
         return {
             name: simulate(
