@@ -6,7 +6,7 @@ import pytest
 import tarc
 from tarc.analysis import Workspace
 from tarc.analysis.inertia_ratio import extreme_ratio_functions
-from tarc.analysis.operating_points import InertiaRate, OperatingPoint, UncertaintyNorm
+from tarc.analysis.operating_points import InertiaRate, OperatingPoint, UncertaintyNorm, linearise_point, linearise_points
 from tarc.plants.base import Plant
 from tarc.signals.references import Sinusoid
 
@@ -132,3 +132,13 @@ def test_postures_over_the_variables_of_a_workspace():
         point = np.full(len(workspace.low), 0.3)
         found = workspace.unit_slopes(point)
         close(found, differences(lambda u, w=workspace: w.at_unit_points(u[None])[0], point).T)
+
+
+@pytest.mark.parametrize("is_moving", [False, True])
+def test_many_points_at_once(robot, is_moving):
+    motions = np.random.default_rng(10).uniform(-1, 1, (40, 3, robot.n_joints))
+    points = [OperatingPoint(robot, *motion) for motion in motions]
+    if not is_moving:
+        points = [OperatingPoint.at_rest(robot, point.position) for point in points]
+    for found, expected in zip(linearise_points(points), zip(*map(linearise_point, points), strict=True), strict=True):
+        np.testing.assert_allclose(found, np.array(expected), rtol=1e-12, atol=1e-9)

@@ -497,15 +497,30 @@ def uncertainty_samples(nominal: Array, points: Sequence[OperatingPoint]) -> Unc
     InvalidParameter
         For a stiffness or damping that is not finite.
     """
-    linearised = [linearise_point(point) for point in points]
-    for point, (_, D, G) in zip(points, linearised, strict=True):
-        if not (np.isfinite(G).all() and np.isfinite(D).all()):
-            raise InvalidParameter(
-                f"stiffness: that of gravity and springs is not finite at q = {point.position.round(4).tolist()}; "
-                "check the potential energy, or give a workspace without this posture"
-            )
-    M, D, G = (np.array(matrices) for matrices in zip(*linearised, strict=True))
+    M, D, G = linearise_points(points)
+    invalid = np.flatnonzero(~np.isfinite(D + G).all(axis=(1, 2)))
+    if invalid.size:
+        raise InvalidParameter(
+            "stiffness: that of gravity and springs is not finite at q = "
+            f"{points[invalid[0]].position.round(4).tolist()}; check the potential energy, or give a workspace "
+            "without this posture"
+        )
     return to_nominal_coordinates(nominal, M, D, G)
+
+
+def linearise_points(points: Sequence[OperatingPoint]) -> tuple[Array, Array, Array]:
+    """Return M, D and G of `linearise_point` at k points, each of shape (k, n, n)."""
+    groups: dict[tuple[int, bool], list[int]] = {}
+    for i, point in enumerate(points):
+        groups.setdefault((id(point.plant), point.is_moving), []).append(i)
+    n = points[0].plant.n_joints
+    M, D, G = np.empty((3, len(points), n, n))
+    for (_, is_moving), places in groups.items():
+        plant = points[places[0]].plant
+        q, v, a = np.array([points[i][1:] for i in places]).transpose(1, 2, 0)
+        M[places], D[places], G[places] = plant.linearised_at(q, v, a)
+        D[places] -= plant.linearised_at(q, 0 * v, 0 * a)[1] if is_moving else D[places]
+    return M, D, G
 
 
 def linearise_point(point: OperatingPoint) -> tuple[Array, Array, Array]:

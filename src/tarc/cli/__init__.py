@@ -6,7 +6,6 @@ import sys
 from tarc.core.errors import MissingTool
 from tarc.core.optional import require
 
-
 OBJECTS_BETWEEN_COLLECTIONS = 200_000
 """New objects after which Python looks for cycles of them; the default takes a tenth of a command's time."""
 

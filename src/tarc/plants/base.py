@@ -220,6 +220,12 @@ class Plant(ABC):
 
         return self.inertia(q), self.damping(q, v), _differences(torque, q).T
 
+    def linearised_at(self, positions: Array, velocities: Array, accelerations: Array) -> tuple[Array, Array, Array]:
+        """Return M, D and G of `linearised` at k motions, the columns of arrays (m, k), each of shape (k, m, m)."""
+        motions = zip(positions.T, velocities.T, accelerations.T, strict=True)
+        M, D, G = zip(*(self.linearised(*motion) for motion in motions), strict=True)
+        return np.array(M), np.array(D), np.array(G)
+
     def tangent_gradient(
         self, position: Numbers, weight: Array, velocity: Numbers | None = None, acceleration: Numbers | None = None
     ) -> Array:

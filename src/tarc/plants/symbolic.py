@@ -240,6 +240,16 @@ class SymbolicPlant(Plant):
         M, D, G = np.hsplit(tangent, 3)
         return M, D, G
 
+    def linearised_at(self, positions: Array, velocities: Array, accelerations: Array) -> tuple[Array, Array, Array]:
+        """Return M, D and G of `linearised` at k motions, the columns of arrays (m, k), each of shape (k, m, m)."""
+        if positions.shape[1] <= FEW_STATES:
+            return super().linearised_at(positions, velocities, accelerations)
+        is_moving = np.any(velocities) or np.any(accelerations)
+        name, motions = ("tangent", [velocities, accelerations]) if is_moving else ("tangent_at_rest", [])
+        tangents = np.array(self._functions.get(name)(positions, *motions, *self._smooth_parameters.values()))
+        M, D, G = tangents.T.reshape(-1, 3, *(2 * [self.n_coordinates])).transpose(1, 0, 3, 2)
+        return M, D, G
+
     def tangent_gradient(
         self, position: Numbers, weight: Array, velocity: Numbers | None = None, acceleration: Numbers | None = None
     ) -> Array:
@@ -278,13 +288,17 @@ class SymbolicPlant(Plant):
         """Calls with this plant's parameters and no dry friction, by quantity."""
         return {}
 
+    @property
+    def _smooth_parameters(self) -> dict[str, Array]:
+        """Return the parameters without dry friction."""
+        return {name: 0 * value if name == "coulomb" else value for name, value in self.parameters.items()}
+
     def _smooth(self, quantity: str, *arguments: Array) -> Array:
         """Evaluate a function at numbers, without dry friction."""
         call = self._calls.get(quantity)
         if call is None:
             call = self._calls[quantity] = FixedCall(self._functions.get(quantity))
-            values = {name: 0 * value if name == "coulomb" else value for name, value in self.parameters.items()}
-            for array, value in zip(call.inputs[len(arguments) :], values.values(), strict=True):
+            for array, value in zip(call.inputs[len(arguments) :], self._smooth_parameters.values(), strict=True):
                 array[:] = np.ravel(value)
         for array, argument in zip(call.inputs, arguments, strict=False):
             array[:] = np.ravel(argument, order="F")
