@@ -25,7 +25,7 @@ MAX_LEAD_TIME = 1.0
 """Largest lead time θ [s]."""
 RADIUS_SHARES = 0.02, 0.06, 0.12, 0.2, 0.35
 """Shares of ρ0 − δ that stiffness and damping may take."""
-NORM_BATCH = 64
+NORM_BATCH = 16
 """Number of points whose norms are computed at once."""
 NEGLIGIBLE_STIFFNESS = 1e-9
 """Stiffness [1/s²] and damping [1/s] below which a robot counts as having none."""
@@ -71,7 +71,9 @@ class UncertaintySamples:
 
     def stiffness_norms(self, lead_time: float) -> Array:
         """Return ‖[H, C/θ]‖ of each point [1/s²], shape (k,), for the lead time θ [s]."""
-        return _spectral_norms(_stack(self.stiffness, self.damping, lead_time))
+        if lead_time not in self._stiffness_norms:
+            self._stiffness_norms[lead_time] = _spectral_norms(_stack(self.stiffness, self.damping, lead_time))
+        return self._stiffness_norms[lead_time]
 
     def joint_norms(self, centre: float, position_weight: float, lead_time: float = 0.0) -> Array:
         """Return ‖[E − ρ0 I, H/η, C/(η θ)]‖ of each point, shape (k,), for a centre ρ0 and a weight η [1/s²]."""
@@ -80,11 +82,9 @@ class UncertaintySamples:
         return _spectral_norms(np.concatenate([mismatch, stiffness], axis=2))
 
     def needed_radius(self, centre: float, position_weight: float, lead_time: float = 0.0) -> float:
-        """Return the largest of `joint_norms`, computed only where the Frobenius norm does not exclude it."""
-        inertia_squared, inertia_trace, stiffness_squared, damping_squared = self._squares
-        mismatch_squared = inertia_squared - 2 * centre * inertia_trace + centre**2 * self.inertia.shape[1]
-        coupling = stiffness_squared + (damping_squared / lead_time**2 if lead_time else 0.0)
-        bounds = mismatch_squared + coupling / position_weight**2
+        """Return the largest of `joint_norms`, computed only where ‖E − ρ0 I‖² + ‖[H, C/θ]‖²/η² does not exclude it."""
+        low, high = self._eigenvalues
+        bounds = np.maximum(high - centre, centre - low) ** 2 + (self.stiffness_norms(lead_time) / position_weight) ** 2
         largest, order = 0.0, np.argsort(bounds)[::-1]
         for start in range(0, len(order), NORM_BATCH):
             batch = order[start : start + NORM_BATCH]
@@ -113,10 +113,15 @@ class UncertaintySamples:
         return [stiffest / centre * float(np.exp(log)) for log in dict.fromkeys(logs)]
 
     @cached_property
-    def _squares(self) -> tuple[Array, Array, Array, Array]:
-        """Return tr E², tr E, ‖H‖²_F and ‖C‖²_F."""
-        E, H, C = (np.sum(part**2, axis=(1, 2)) for part in (self.inertia, self.stiffness, self.damping))
-        return E, np.trace(self.inertia, axis1=1, axis2=2), H, C
+    def _eigenvalues(self) -> tuple[Array, Array]:
+        """Return the smallest and the largest eigenvalue of E, each (k,)."""
+        values = np.linalg.eigvalsh(self.inertia)
+        return values[:, 0], values[:, -1]
+
+    @cached_property
+    def _stiffness_norms(self) -> dict[float, Array]:
+        """Norms that were computed, by lead time."""
+        return {}
 
     def lead_time(self) -> float:
         """Return the θ [s] at which the largest damping counts as the largest stiffness, at most `MAX_LEAD_TIME`.
