@@ -17,7 +17,8 @@ from tarc.analysis.stability import disturbance_to_error, noise_to_torque, stabl
 from tarc.analysis.workspace import Workspace
 from tarc.certificates.base import Certificate, Evidence, certificate_from_plain
 from tarc.certificates.constant_ratio import ConstantRatioEvidence, certify_constant_ratio
-from tarc.certificates.robot import RobotEvidence, certify_robot
+from tarc.certificates.robot import certify_robot
+from tarc.certificates.robot_evidence import RobotEvidence
 from tarc.certificates.sector import SectorEvidence, certify_sector
 from tarc.certificates.varying_ratio import VaryingRatioEvidence, certify_varying_ratio
 from tarc.core.errors import InvalidParameter, NoStableRatio

@@ -30,7 +30,10 @@ NEEDS_NUMPY = {
     ("tarc.design.requirements", "tarc.core.validation"),
     ("tarc.design.requirements", "tarc.signals.sensors"),
 }
-INSIDE_FUNCTIONS = PLOT_METHODS | NEEDS_EXTRA | NEEDS_NUMPY
+NEEDS_XARRAY = {
+    ("tarc.scenario.model", "tarc.simulation.simulator"),  # what certifies and simulates nothing needs no xarray
+}
+INSIDE_FUNCTIONS = PLOT_METHODS | NEEDS_EXTRA | NEEDS_NUMPY | NEEDS_XARRAY
 """Imports of the package inside functions outside `tarc.cli`, which has them so that ``--help`` is fast."""
 
 BLANKET_HANDLERS = {

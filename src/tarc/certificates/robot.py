@@ -1,8 +1,6 @@
 """The robot certificate: the uncertainty of a robot over a workspace against what the loop tolerates."""
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
-from typing import ClassVar, NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -16,228 +14,25 @@ from tarc.analysis.linearise import (
     require_inertia,
 )
 from tarc.analysis.operating_points import (
-    NEGLIGIBLE_STIFFNESS,
     OperatingPoint,
     SampledPoints,
-    UncertaintySamples,
-    inertia_rates,
     linearise_point,
     max_rate_point,
-    to_nominal_coordinates,
 )
-from tarc.analysis.rest_stability import rest_state_matrix
-from tarc.analysis.stability import UnstableMode, Witness, unstable_mode
-from tarc.analysis.uncertain_loop import FrequencyResponses, UncertainLoop
 from tarc.analysis.workspace import Workspace
-from tarc.certificates.base import Certificate, Evidence, Judgement, LoopMatrices, Verdict
-from tarc.certificates.iqc import best_multiplier
-from tarc.certificates.varying_ratio import Ball, RadiusProof, best_centre, make_ball, max_radius
+from tarc.certificates.ball_search import NO_CANDIDATE, BallCandidate, fit_ball
+from tarc.certificates.base import Certificate, LoopMatrices, Verdict
+from tarc.certificates.robot_evidence import LinearisedPoint, MaxRatePoint, RobotEvidence, WorstPoints
 from tarc.core.errors import UnsupportedLaw
 from tarc.core.formatting import format_vector
 from tarc.core.types import Array
 from tarc.laws.base import Law
 from tarc.laws.pole_placement import PolePlacement
 from tarc.laws.tarc import TARC
-from tarc.numerics.matrix_tests import schur_stability
 from tarc.plants.base import Plant
 
-LEAD_FACTORS = 0.5, 1.0
-"""Lead times to try, over that at which damping counts as much as stiffness."""
-MAX_CANDIDATES = 4
-"""Largest number of balls that are tested at all frequencies."""
 MAX_STIFFNESS_SAMPLES = 500
 """Largest number of postures whose stiffness is computed; it varies less than the eigenvalues of the inertia."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LinearisedPoint:
-    """A robot linearised in a posture: M δq̈ + D δq̇ + G δq = δτ.
-
-    Attributes
-    ----------
-    position
-        Posture [rad or m], shape (n,).
-    inertia, damping, stiffness
-        M, D and G, shape (n, n).
-    velocity, acceleration
-        Of the motion, shape (n,); None at rest.
-    """
-
-    position: Array
-    inertia: Array
-    damping: Array
-    stiffness: Array
-    velocity: Array | None = None
-    acceleration: Array | None = None
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class WorstPoints:
-    """The points of a workspace that limit the certificate.
-
-    Attributes
-    ----------
-    min_ratio, max_ratio
-        At rest, of the smallest and the largest inertia ratio.
-    stiffest, largest_norm
-        At rest, of the largest ‖[H, C/θ]‖ and ‖[E − ρ0 I, H/η, C/(η θ)]‖.
-    stiffest_moving, largest_norm_moving
-        The same in motion; None for a workspace without speeds.
-    """
-
-    min_ratio: LinearisedPoint
-    max_ratio: LinearisedPoint
-    stiffest: LinearisedPoint
-    largest_norm: LinearisedPoint
-    stiffest_moving: LinearisedPoint | None = None
-    largest_norm_moving: LinearisedPoint | None = None
-
-    def at_rest(self) -> tuple[LinearisedPoint, ...]:
-        """Return the points at rest."""
-        return self.min_ratio, self.max_ratio, self.stiffest, self.largest_norm
-
-    def moving(self) -> tuple[LinearisedPoint, ...]:
-        """Return the points in motion."""
-        return tuple(point for point in (self.stiffest_moving, self.largest_norm_moving) if point is not None)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MaxRatePoint:
-    """The posture in which the inertia changes fastest.
-
-    Attributes
-    ----------
-    position
-        Posture [rad or m], shape (n,).
-    inertia_slopes
-        ∂M/∂q_i, shape (n, n, n), the joint i first.
-    velocity_limits
-        Largest speed of each joint [rad/s or m/s], shape (n,).
-    """
-
-    position: Array
-    inertia_slopes: Array
-    velocity_limits: Array
-
-    def rate(self, nominal: Array) -> float:
-        """Return the largest ‖dE⁻¹/dt‖ [1/s] there, for M̂ (n, n)."""
-        return float(inertia_rates(nominal, self.inertia_slopes[None], self.velocity_limits)[0])
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RobotEvidence(Evidence):
-    """The worst points of a robot in a workspace, and the ball that must contain them.
-
-    Attributes
-    ----------
-    nominal_inertia
-        M̂ [kg m² or kg], shape (n, n).
-    period
-        T [s].
-    robust_term_is_bounded
-        Whether the slope of the robust term has a bound.
-    ball
-        The ball that the loop tolerates; None for gains that differ between the joints.
-    coupled_loop
-        The loop of all joints where there is no ball.
-    points
-        The robot linearised at its worst points.
-    max_rate_point
-        Where the inertia changes fastest; None where the rate is not bounded.
-    min_ratio, max_ratio
-        Smallest and largest eigenvalue of M(q)⁻¹M̂ over the workspace. Like the rest, `judge` does not use them.
-    stiffness
-        Largest ‖[H, C/θ]‖ [1/s²].
-    slope
-        Largest slope of the robust term [1/s²].
-    samples
-        Number of sampled postures.
-    """
-
-    kind: ClassVar[str] = "robot"
-    witness_type: ClassVar[type[Witness] | None] = UnstableMode
-
-    nominal_inertia: Array
-    period: float
-    robust_term_is_bounded: bool
-    ball: Ball | None
-    coupled_loop: LoopMatrices | None
-    points: WorstPoints
-    max_rate_point: MaxRatePoint | None
-    min_ratio: float
-    max_ratio: float
-    stiffness: float
-    slope: float
-    samples: int
-
-    @property
-    def ratio_spread(self) -> float:
-        """Largest by smallest inertia ratio over the workspace."""
-        return self.max_ratio / self.min_ratio
-
-    @property
-    def rate(self) -> float | None:
-        """Largest ‖dE⁻¹/dt‖ [1/s] that the ball allows; None for any."""
-        return None if self.ball is None or self.ball.max_change is None else self.ball.max_change / self.period
-
-    def judge(self) -> Judgement:
-        """Test the worst points at rest for a mode that grows, then whether the ball contains all points."""
-        smallest, largest = np.inf, 0.0
-        worst_radius, witness = 1.0, None
-        loop = self._open_loop()
-        for point in self.points.at_rest():
-            ratios = np.linalg.eigvals(np.linalg.solve(point.inertia, self.nominal_inertia)).real
-            smallest, largest = min(smallest, ratios.min()), max(largest, ratios.max())
-            matrices = point.inertia, point.damping, point.stiffness
-            state_matrix = rest_state_matrix(loop, self.nominal_inertia, matrices, self.period)
-            verdict, radius, mode = schur_stability(state_matrix)
-            if verdict == "refuted" and radius > worst_radius:
-                ratio = ratios.max() if point is self.points.max_ratio else ratios.min()
-                worst_radius, witness = radius, unstable_mode(radius, mode, self.period)
-                witness = replace(witness, ratio=float(ratio), posture=point.position)
-        if witness:
-            return Judgement(Verdict.REFUTED, float(1 - worst_radius), witness)
-        if self.ball is None:
-            return Judgement(Verdict.INCONCLUSIVE, 0.0)
-        return self._judge_ball(self.ball, float(smallest), float(largest))
-
-    def _open_loop(self) -> tuple[Array, Array, Array]:
-        """Return A, B, C of the loop opened at its inertia ratio."""
-        if self.ball is not None:
-            return self.ball.loop.A, self.ball.loop.B, self.ball.loop.C
-        if self.coupled_loop is None:
-            raise ValueError("evidence: it has neither a ball nor a loop of all joints")
-        return self.coupled_loop.A, self.coupled_loop.B, self.coupled_loop.C
-
-    def _judge_ball(self, ball: Ball, smallest: float, largest: float) -> Judgement:
-        """Test whether the ball contains the ratios, the stiffness and the rate of all points."""
-        lead_time = ball.loop.lead_periods.item() * self.period
-        uncertainty = self._uncertainty()
-        stiffness = float(uncertainty.stiffness_norms(lead_time).max())
-        undecided = Judgement(Verdict.INCONCLUSIVE, 0.0)
-        has_damping = float(np.abs(uncertainty.damping).max()) > NEGLIGIBLE_STIFFNESS
-        if not np.isfinite(lead_time) or (lead_time <= 0 and has_damping):
-            return undecided
-        needed_radius = max(largest - ball.centre, ball.centre - smallest)
-        if ball.position_weight > 0:
-            joint_norms = uncertainty.joint_norms(ball.centre, ball.position_weight, lead_time)
-            needed_radius = max(needed_radius, float(joint_norms.max()))
-        elif not stiffness <= NEGLIGIBLE_STIFFNESS:  # without a weight the ball leaves the stiffness out
-            return undecided
-        if ball.max_change is not None:
-            if self.max_rate_point is None or not stiffness <= (1 + 1e-9) * ball.stiffness:
-                return undecided
-            if self.max_rate_point.rate(self.nominal_inertia) * self.period / (1 + 1e-9) > ball.max_change:
-                return undecided
-        judgement = ball.judge(needed_radius)
-        return judgement if self.robust_term_is_bounded else judgement._replace(verdict=Verdict.INCONCLUSIVE)
-
-    def _uncertainty(self) -> UncertaintySamples:
-        """Return the uncertainty at all points, without the viscous friction of those at rest."""
-        points = [*self.points.at_rest(), *self.points.moving()]
-        M, D, G = (np.array([getattr(point, name) for point in points]) for name in ("inertia", "damping", "stiffness"))
-        D[: len(self.points.at_rest())] = 0
-        return to_nominal_coordinates(self.nominal_inertia, M, D, G)
 
 
 def certify_robot(
@@ -316,7 +111,7 @@ def certify_robot(
     if joints_share_loop(law):
         channel = (decoupled_channels(law, computation_delay) if channels is None else channels)[0]
         rate_point = _max_rate_point(plants, law.M, workspace, n_points, seed)
-        sampled, candidate, ball = _fit_ball(channel, slope, spread, sampled, rate_point)
+        sampled, candidate, ball = fit_ball(channel, slope, spread, sampled, rate_point)
         rate_point = None if candidate.max_change is None else rate_point
     else:
         channel = coupled_channel(law, computation_delay)
@@ -462,33 +257,6 @@ def _motion_assumption(evidence: RobotEvidence, workspace: Workspace) -> str:
     )
 
 
-class BallCandidate(NamedTuple):
-    """A ball that may contain the robot, by the responses on a grid of frequencies.
-
-    Attributes
-    ----------
-    radius_over_needed
-        Tolerated radius over the needed one.
-    needed_radius
-        Radius that contains all operating points.
-    position_weight, lead_time, centre
-        η [1/s²], θ [s] and ρ0.
-    max_change
-        Largest change of E⁻¹ in one period; None for any.
-    """
-
-    radius_over_needed: float
-    needed_radius: float
-    position_weight: float
-    lead_time: float
-    centre: float
-    max_change: float | None
-
-
-NO_CANDIDATE = BallCandidate(0.0, 0.0, 0.0, 0.0, 1.0, None)
-"""Stands for the ball of a law whose joints do not share a loop."""
-
-
 def _refuse_model(law: PolePlacement) -> None:
     """Raise `UnsupportedLaw` for a law with a model, whose N̂ changes stiffness and damping of the loop."""
     if law.has_model:
@@ -496,113 +264,3 @@ def _refuse_model(law: PolePlacement) -> None:
             f"law: {type(law).__name__} has a model, whose torque N̂ the robot certificate does not cover; certify the "
             "law without one (model=None), or its loop by tarc.certificates.certify_constant_ratio"
         )
-
-
-def _fit_ball(
-    channel: Channel, slope: float, spread: InertiaSpread, sampled: SampledPoints, rate_point: MaxRatePoint | None
-) -> tuple[SampledPoints, BallCandidate, Ball]:
-    """Return the points with the worst ones added, the best candidate, and its ball."""
-    ratios = spread.min_ratio, spread.max_ratio
-    max_change = None if rate_point is None else channel.period * rate_point.rate(sampled.nominal)
-    centres = {
-        best_centre(UncertainLoop.from_channel(channel, slope, intersample=True), ratios, max_change),
-        sum(ratios) / 2,
-    }
-    sampled = worst_case_points(min(centres), sampled)
-    best, proof, radius = best_ball(channel, slope, centres, sampled.uncertainty, max_change)
-    if best.position_weight:  # once more, for this ball
-        sampled = sampled.refine_worst(best.centre, best.position_weight, best.lead_time)
-    loop = UncertainLoop.from_channel(channel, slope, intersample=True, lead_periods=best.lead_time / channel.period)
-    stiffness = float(sampled.uncertainty.stiffness_norms(best.lead_time).max())
-    ball = make_ball(
-        loop,
-        best.centre,
-        radius,
-        proof,
-        position_weight=best.position_weight,
-        stiffness=stiffness,
-        max_change=best.max_change,
-    )
-    return sampled, best, ball
-
-
-def worst_case_points(centre: float, sampled: SampledPoints) -> SampledPoints:
-    """Return the points with those that local searches add; the worst one depends on weight and lead time."""
-    uncertainty = sampled.uncertainty
-    has_stiffness = float(uncertainty.stiffness_norms(0.0).max()) > NEGLIGIBLE_STIFFNESS
-    if has_stiffness or uncertainty.lead_time():
-        for factor in LEAD_FACTORS:
-            sampled = sampled.add_stiffest(factor * sampled.uncertainty.lead_time())
-    lead_time = sampled.uncertainty.lead_time()
-    for weight in sampled.uncertainty.candidate_weights(centre, lead_time)[::2]:
-        sampled = sampled.refine_worst(centre, weight, lead_time)
-    return sampled
-
-
-def best_ball(
-    channel: Channel,
-    slope: float,
-    centres: Collection[float],
-    uncertainty: UncertaintySamples,
-    max_change: float | None,
-) -> tuple[BallCandidate, RadiusProof, float]:
-    """Return the best ball, what proves its radius, and its radius.
-
-    Several are tested, because what holds on a grid of frequencies may fail between them. A ball for any rate may be
-    better than that for a bounded rate.
-    """
-    lead_times = dict.fromkeys(factor * uncertainty.lead_time() for factor in LEAD_FACTORS)
-    loops = {
-        lead_time: UncertainLoop.from_channel(channel, slope, intersample=True, lead_periods=lead_time / channel.period)
-        for lead_time in lead_times
-    }
-    candidates = [
-        candidate
-        for centre in centres
-        for lead_time, loop in loops.items()
-        for change_limit in {max_change, None}
-        for candidate in best_weights(loop, centre, uncertainty, lead_time, change_limit)
-    ]
-    candidates.sort(reverse=True, key=lambda candidate: candidate.radius_over_needed)
-    best, proof, radius = candidates[0], None, -1.0
-    for candidate in candidates[:MAX_CANDIDATES]:
-        if candidate.radius_over_needed > radius / best.needed_radius:
-            loop, stiffness = loops[candidate.lead_time], float(uncertainty.stiffness_norms(candidate.lead_time).max())
-            candidate_proof, candidate_radius = max_radius(
-                loop, candidate.centre, candidate.position_weight, max_change=candidate.max_change, stiffness=stiffness
-            )
-            if candidate_radius / candidate.needed_radius > radius / best.needed_radius:
-                best, proof, radius = candidate, candidate_proof, candidate_radius
-    return best, proof, radius
-
-
-def best_weights(
-    loop: UncertainLoop,
-    centre: float,
-    uncertainty: UncertaintySamples,
-    lead_time: float,
-    max_change: float | None = None,
-) -> list[BallCandidate]:
-    """Return the two best weights η, the best first; zero where there is no stiffness.
-
-    With a `max_change` E⁻¹ changes by no more than that in one period.
-    """
-    responses, stiffness = FrequencyResponses(loop), float(uncertainty.stiffness_norms(lead_time).max())
-
-    def tolerated_radius(weight: float) -> float:
-        if max_change is None:
-            return responses.best_scale(centre, weight)[1]
-        return best_multiplier(
-            loop, centre, max_change, position_weight=weight, stiffness=stiffness, responses=responses
-        )[1]
-
-    candidates = []
-    for weight in uncertainty.candidate_weights(centre, lead_time) or [0.0]:
-        if weight:
-            needed = uncertainty.needed_radius(centre, weight, lead_time)
-        else:
-            needed = max(uncertainty.needed_radius(centre, np.inf), 0.1 * centre)
-        candidates.append(
-            BallCandidate(tolerated_radius(weight) / needed, needed, weight, lead_time, centre, max_change)
-        )
-    return sorted(candidates, reverse=True, key=lambda candidate: candidate.radius_over_needed)[:2]

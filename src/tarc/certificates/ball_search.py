@@ -1,0 +1,156 @@
+"""The ball of operating points that suits a robot and a loop, and the worst points that it must contain."""
+
+from collections.abc import Collection
+from typing import NamedTuple
+
+import numpy as np
+
+from tarc.analysis.inertia_ratio import InertiaSpread
+from tarc.analysis.linearise import Channel
+from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS, SampledPoints, UncertaintySamples
+from tarc.analysis.uncertain_loop import FrequencyResponses, UncertainLoop
+from tarc.certificates.iqc import best_multiplier
+from tarc.certificates.robot_evidence import MaxRatePoint
+from tarc.certificates.varying_ratio import Ball, RadiusProof, best_centre, make_ball, max_radius
+
+LEAD_FACTORS = 0.5, 1.0
+"""Lead times to try, over that at which damping counts as much as stiffness."""
+MAX_CANDIDATES = 4
+"""Largest number of balls that are tested at all frequencies."""
+
+
+class BallCandidate(NamedTuple):
+    """A ball that may contain the robot, by the responses on a grid of frequencies.
+
+    Attributes
+    ----------
+    radius_over_needed
+        Tolerated radius over the needed one.
+    needed_radius
+        Radius that contains all operating points.
+    position_weight, lead_time, centre
+        η [1/s²], θ [s] and ρ0.
+    max_change
+        Largest change of E⁻¹ in one period; None for any.
+    """
+
+    radius_over_needed: float
+    needed_radius: float
+    position_weight: float
+    lead_time: float
+    centre: float
+    max_change: float | None
+
+
+NO_CANDIDATE = BallCandidate(0.0, 0.0, 0.0, 0.0, 1.0, None)
+"""Stands for the ball of a law whose joints do not share a loop."""
+
+
+def fit_ball(
+    channel: Channel, slope: float, spread: InertiaSpread, sampled: SampledPoints, rate_point: MaxRatePoint | None
+) -> tuple[SampledPoints, BallCandidate, Ball]:
+    """Return the points with the worst ones added, the best candidate, and its ball."""
+    ratios = spread.min_ratio, spread.max_ratio
+    max_change = None if rate_point is None else channel.period * rate_point.rate(sampled.nominal)
+    centres = {
+        best_centre(UncertainLoop.from_channel(channel, slope, intersample=True), ratios, max_change),
+        sum(ratios) / 2,
+    }
+    sampled = worst_case_points(min(centres), sampled)
+    best, proof, radius = best_ball(channel, slope, centres, sampled.uncertainty, max_change)
+    if best.position_weight:  # once more, for this ball
+        sampled = sampled.refine_worst(best.centre, best.position_weight, best.lead_time)
+    loop = UncertainLoop.from_channel(channel, slope, intersample=True, lead_periods=best.lead_time / channel.period)
+    stiffness = float(sampled.uncertainty.stiffness_norms(best.lead_time).max())
+    ball = make_ball(
+        loop,
+        best.centre,
+        radius,
+        proof,
+        position_weight=best.position_weight,
+        stiffness=stiffness,
+        max_change=best.max_change,
+    )
+    return sampled, best, ball
+
+
+def worst_case_points(centre: float, sampled: SampledPoints) -> SampledPoints:
+    """Return the points with those that local searches add; the worst one depends on weight and lead time."""
+    uncertainty = sampled.uncertainty
+    has_stiffness = float(uncertainty.stiffness_norms(0.0).max()) > NEGLIGIBLE_STIFFNESS
+    if has_stiffness or uncertainty.lead_time():
+        for factor in LEAD_FACTORS:
+            sampled = sampled.add_stiffest(factor * sampled.uncertainty.lead_time())
+    lead_time = sampled.uncertainty.lead_time()
+    for weight in sampled.uncertainty.candidate_weights(centre, lead_time)[::2]:
+        sampled = sampled.refine_worst(centre, weight, lead_time)
+    return sampled
+
+
+def best_ball(
+    channel: Channel,
+    slope: float,
+    centres: Collection[float],
+    uncertainty: UncertaintySamples,
+    max_change: float | None,
+) -> tuple[BallCandidate, RadiusProof, float]:
+    """Return the best ball, what proves its radius, and its radius.
+
+    Several are tested, because what holds on a grid of frequencies may fail between them. A ball for any rate may be
+    better than that for a bounded rate.
+    """
+    lead_times = dict.fromkeys(factor * uncertainty.lead_time() for factor in LEAD_FACTORS)
+    loops = {
+        lead_time: UncertainLoop.from_channel(channel, slope, intersample=True, lead_periods=lead_time / channel.period)
+        for lead_time in lead_times
+    }
+    candidates = [
+        candidate
+        for centre in centres
+        for lead_time, loop in loops.items()
+        for change_limit in {max_change, None}
+        for candidate in best_weights(loop, centre, uncertainty, lead_time, change_limit)
+    ]
+    candidates.sort(reverse=True, key=lambda candidate: candidate.radius_over_needed)
+    best, proof, radius = candidates[0], None, -1.0
+    for candidate in candidates[:MAX_CANDIDATES]:
+        if candidate.radius_over_needed > radius / best.needed_radius:
+            loop, stiffness = loops[candidate.lead_time], float(uncertainty.stiffness_norms(candidate.lead_time).max())
+            candidate_proof, candidate_radius = max_radius(
+                loop, candidate.centre, candidate.position_weight, max_change=candidate.max_change, stiffness=stiffness
+            )
+            if candidate_radius / candidate.needed_radius > radius / best.needed_radius:
+                best, proof, radius = candidate, candidate_proof, candidate_radius
+    return best, proof, radius
+
+
+def best_weights(
+    loop: UncertainLoop,
+    centre: float,
+    uncertainty: UncertaintySamples,
+    lead_time: float,
+    max_change: float | None = None,
+) -> list[BallCandidate]:
+    """Return the two best weights η, the best first; zero where there is no stiffness.
+
+    With a `max_change` E⁻¹ changes by no more than that in one period.
+    """
+    responses, stiffness = FrequencyResponses(loop), float(uncertainty.stiffness_norms(lead_time).max())
+
+    def tolerated_radius(weight: float) -> float:
+        if max_change is None:
+            return responses.best_scale(centre, weight)[1]
+        return best_multiplier(
+            loop, centre, max_change, position_weight=weight, stiffness=stiffness, responses=responses
+        )[1]
+
+    candidates = []
+    for weight in uncertainty.candidate_weights(centre, lead_time) or [0.0]:
+        if weight:
+            needed = uncertainty.needed_radius(centre, weight, lead_time)
+        else:
+            needed = max(uncertainty.needed_radius(centre, np.inf), 0.1 * centre)
+        candidates.append(
+            BallCandidate(tolerated_radius(weight) / needed, needed, weight, lead_time, centre, max_change)
+        )
+    return sorted(candidates, reverse=True, key=lambda candidate: candidate.radius_over_needed)[:2]

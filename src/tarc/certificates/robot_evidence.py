@@ -1,0 +1,210 @@
+"""Evidence of the robot certificate: worst points of the robot, the ball that must contain them, and its test."""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from tarc.analysis.operating_points import (
+    NEGLIGIBLE_STIFFNESS,
+    UncertaintySamples,
+    inertia_rates,
+    to_nominal_coordinates,
+)
+from tarc.analysis.rest_stability import rest_state_matrix
+from tarc.analysis.stability import UnstableMode, Witness, unstable_mode
+from tarc.certificates.base import Evidence, Judgement, LoopMatrices, Verdict
+from tarc.certificates.varying_ratio import Ball
+from tarc.core.types import Array
+from tarc.numerics.matrix_tests import schur_stability
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LinearisedPoint:
+    """A robot linearised in a posture: M δq̈ + D δq̇ + G δq = δτ.
+
+    Attributes
+    ----------
+    position
+        Posture [rad or m], shape (n,).
+    inertia, damping, stiffness
+        M, D and G, shape (n, n).
+    velocity, acceleration
+        Of the motion, shape (n,); None at rest.
+    """
+
+    position: Array
+    inertia: Array
+    damping: Array
+    stiffness: Array
+    velocity: Array | None = None
+    acceleration: Array | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WorstPoints:
+    """The points of a workspace that limit the certificate.
+
+    Attributes
+    ----------
+    min_ratio, max_ratio
+        At rest, of the smallest and the largest inertia ratio.
+    stiffest, largest_norm
+        At rest, of the largest ‖[H, C/θ]‖ and ‖[E − ρ0 I, H/η, C/(η θ)]‖.
+    stiffest_moving, largest_norm_moving
+        The same in motion; None for a workspace without speeds.
+    """
+
+    min_ratio: LinearisedPoint
+    max_ratio: LinearisedPoint
+    stiffest: LinearisedPoint
+    largest_norm: LinearisedPoint
+    stiffest_moving: LinearisedPoint | None = None
+    largest_norm_moving: LinearisedPoint | None = None
+
+    def at_rest(self) -> tuple[LinearisedPoint, ...]:
+        """Return the points at rest."""
+        return self.min_ratio, self.max_ratio, self.stiffest, self.largest_norm
+
+    def moving(self) -> tuple[LinearisedPoint, ...]:
+        """Return the points in motion."""
+        return tuple(point for point in (self.stiffest_moving, self.largest_norm_moving) if point is not None)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MaxRatePoint:
+    """The posture in which the inertia changes fastest.
+
+    Attributes
+    ----------
+    position
+        Posture [rad or m], shape (n,).
+    inertia_slopes
+        ∂M/∂q_i, shape (n, n, n), the joint i first.
+    velocity_limits
+        Largest speed of each joint [rad/s or m/s], shape (n,).
+    """
+
+    position: Array
+    inertia_slopes: Array
+    velocity_limits: Array
+
+    def rate(self, nominal: Array) -> float:
+        """Return the largest ‖dE⁻¹/dt‖ [1/s] there, for M̂ (n, n)."""
+        return float(inertia_rates(nominal, self.inertia_slopes[None], self.velocity_limits)[0])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RobotEvidence(Evidence):
+    """The worst points of a robot in a workspace, and the ball that must contain them.
+
+    Attributes
+    ----------
+    nominal_inertia
+        M̂ [kg m² or kg], shape (n, n).
+    period
+        T [s].
+    robust_term_is_bounded
+        Whether the slope of the robust term has a bound.
+    ball
+        The ball that the loop tolerates; None for gains that differ between the joints.
+    coupled_loop
+        The loop of all joints where there is no ball.
+    points
+        The robot linearised at its worst points.
+    max_rate_point
+        Where the inertia changes fastest; None where the rate is not bounded.
+    min_ratio, max_ratio
+        Smallest and largest eigenvalue of M(q)⁻¹M̂ over the workspace. Like the rest, `judge` does not use them.
+    stiffness
+        Largest ‖[H, C/θ]‖ [1/s²].
+    slope
+        Largest slope of the robust term [1/s²].
+    samples
+        Number of sampled postures.
+    """
+
+    kind: ClassVar[str] = "robot"
+    witness_type: ClassVar[type[Witness] | None] = UnstableMode
+
+    nominal_inertia: Array
+    period: float
+    robust_term_is_bounded: bool
+    ball: Ball | None
+    coupled_loop: LoopMatrices | None
+    points: WorstPoints
+    max_rate_point: MaxRatePoint | None
+    min_ratio: float
+    max_ratio: float
+    stiffness: float
+    slope: float
+    samples: int
+
+    @property
+    def ratio_spread(self) -> float:
+        """Largest by smallest inertia ratio over the workspace."""
+        return self.max_ratio / self.min_ratio
+
+    @property
+    def rate(self) -> float | None:
+        """Largest ‖dE⁻¹/dt‖ [1/s] that the ball allows; None for any."""
+        return None if self.ball is None or self.ball.max_change is None else self.ball.max_change / self.period
+
+    def judge(self) -> Judgement:
+        """Test the worst points at rest for a mode that grows, then whether the ball contains all points."""
+        smallest, largest = np.inf, 0.0
+        worst_radius, witness = 1.0, None
+        loop = self._open_loop()
+        for point in self.points.at_rest():
+            ratios = np.linalg.eigvals(np.linalg.solve(point.inertia, self.nominal_inertia)).real
+            smallest, largest = min(smallest, ratios.min()), max(largest, ratios.max())
+            matrices = point.inertia, point.damping, point.stiffness
+            state_matrix = rest_state_matrix(loop, self.nominal_inertia, matrices, self.period)
+            verdict, radius, mode = schur_stability(state_matrix)
+            if verdict == "refuted" and radius > worst_radius:
+                ratio = ratios.max() if point is self.points.max_ratio else ratios.min()
+                worst_radius, witness = radius, unstable_mode(radius, mode, self.period)
+                witness = replace(witness, ratio=float(ratio), posture=point.position)
+        if witness:
+            return Judgement(Verdict.REFUTED, float(1 - worst_radius), witness)
+        if self.ball is None:
+            return Judgement(Verdict.INCONCLUSIVE, 0.0)
+        return self._judge_ball(self.ball, float(smallest), float(largest))
+
+    def _open_loop(self) -> tuple[Array, Array, Array]:
+        """Return A, B, C of the loop opened at its inertia ratio."""
+        if self.ball is not None:
+            return self.ball.loop.A, self.ball.loop.B, self.ball.loop.C
+        if self.coupled_loop is None:
+            raise ValueError("evidence: it has neither a ball nor a loop of all joints")
+        return self.coupled_loop.A, self.coupled_loop.B, self.coupled_loop.C
+
+    def _judge_ball(self, ball: Ball, smallest: float, largest: float) -> Judgement:
+        """Test whether the ball contains the ratios, the stiffness and the rate of all points."""
+        lead_time = ball.loop.lead_periods.item() * self.period
+        uncertainty = self._uncertainty()
+        stiffness = float(uncertainty.stiffness_norms(lead_time).max())
+        undecided = Judgement(Verdict.INCONCLUSIVE, 0.0)
+        has_damping = float(np.abs(uncertainty.damping).max()) > NEGLIGIBLE_STIFFNESS
+        if not np.isfinite(lead_time) or (lead_time <= 0 and has_damping):
+            return undecided
+        needed_radius = max(largest - ball.centre, ball.centre - smallest)
+        if ball.position_weight > 0:
+            joint_norms = uncertainty.joint_norms(ball.centre, ball.position_weight, lead_time)
+            needed_radius = max(needed_radius, float(joint_norms.max()))
+        elif not stiffness <= NEGLIGIBLE_STIFFNESS:  # without a weight the ball leaves the stiffness out
+            return undecided
+        if ball.max_change is not None:
+            if self.max_rate_point is None or not stiffness <= (1 + 1e-9) * ball.stiffness:
+                return undecided
+            if self.max_rate_point.rate(self.nominal_inertia) * self.period / (1 + 1e-9) > ball.max_change:
+                return undecided
+        judgement = ball.judge(needed_radius)
+        return judgement if self.robust_term_is_bounded else judgement._replace(verdict=Verdict.INCONCLUSIVE)
+
+    def _uncertainty(self) -> UncertaintySamples:
+        """Return the uncertainty at all points, without the viscous friction of those at rest."""
+        points = [*self.points.at_rest(), *self.points.moving()]
+        M, D, G = (np.array([getattr(point, name) for point in points]) for name in ("inertia", "damping", "stiffness"))
+        D[: len(self.points.at_rest())] = 0
+        return to_nominal_coordinates(self.nominal_inertia, M, D, G)
