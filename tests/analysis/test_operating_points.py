@@ -6,7 +6,13 @@ import pytest
 import tarc
 from tarc.analysis import Workspace
 from tarc.analysis.inertia_ratio import extreme_ratio_functions
-from tarc.analysis.operating_points import InertiaRate, OperatingPoint, UncertaintyNorm, linearise_point, linearise_points
+from tarc.analysis.operating_points import (
+    InertiaRate,
+    OperatingPoint,
+    UncertaintyNorm,
+    linearise_point,
+    linearise_points,
+)
 from tarc.plants.base import Plant
 from tarc.signals.references import Sinusoid
 
