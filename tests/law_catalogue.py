@@ -52,7 +52,7 @@ def concrete_laws() -> list[type[laws.Law]]:
 
 
 def make_law(kind: type[laws.Law], joints: int = 2, estimator_name: str = "algebraic", **options: Any) -> Any:
-    """A law of this kind with plain gains."""
+    """Return a law of this kind with plain gains."""
     mixed = 0.05 * (np.eye(joints) + 0.2 * np.ones((joints, joints)))
     given: dict[str, Any] = {**REQUIRED_PARAMETERS, "inertia": mixed, "natural_frequency": 12.0}
     needed = {name: parameter for name, parameter in parameters(kind).items() if parameter.needed}

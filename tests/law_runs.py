@@ -11,7 +11,7 @@ from tarc.laws.base import ControlInput
 
 
 def tracking_at(error: Any, rate: Any, fault: bool = False) -> ControlInput:
-    """What a law reads at this error and rate, known exactly, about a reference at rest in the origin."""
+    """Return what a law reads at this error and rate, known exactly, about a reference at rest in the origin."""
     error, rate = np.asarray(error, dtype=float), np.asarray(rate, dtype=float)
     zero = np.zeros(len(error))
     return ControlInput(
@@ -22,7 +22,7 @@ def tracking_at(error: Any, rate: Any, fault: bool = False) -> ControlInput:
 def simulate_double_integrator(
     law: Any, position: Any, velocity: Any, duration: float, disturbance: float = 0.0
 ) -> tuple[Any, Any, Any]:
-    """Times, positions and velocities of q̈ = u + disturbance, u held for a period, derivatives known exactly."""
+    """Return times, positions and velocities of q̈ = u + disturbance, u held for a period, derivatives known exactly."""
     q, v, state, T = np.array(position, dtype=float), np.array(velocity, dtype=float), law.robust_init(), law.period
     path = [(q, v)]
     for _ in range(round(duration / T)):
@@ -35,7 +35,7 @@ def simulate_double_integrator(
 
 
 def simulate_arm(law: laws.Law, coulomb: float = 1.0, duration: float = 4.0, **options: Any) -> Run:
-    """A sinusoid on the two-link arm with Coulomb friction and a 16-bit encoder."""
+    """Return a sinusoid on the two-link arm with Coulomb friction and a 16-bit encoder."""
     reference = signals.Sinusoid(amplitude=0.5, frequency=[2.0, 3.0], phase=np.pi / 2)
     options = {"sensor": signals.Encoder(bits=16), "initial_torque": "rest", **options}
     return simulate(plants.TwoLinkArm(coulomb=coulomb), law, reference, duration, **options)

@@ -6,7 +6,7 @@ LIMIT = '<limit lower="-2" upper="2" effort="80" velocity="3"/>'
 def link(
     name: str, mass: float | str = 1.0, moments: tuple[float, ...] = (0.02, 0.02, 0.02), centre: float = 0.2
 ) -> str:
-    """A link whose centre of mass is so far along z."""
+    """Return a link whose centre of mass is so far along z."""
     xx, yy, zz = moments
     return (
         f'<link name="{name}"><inertial><origin xyz="0 0 {centre}"/><mass value="{mass}"/>'
@@ -15,7 +15,7 @@ def link(
 
 
 def joint(name: str, parent: str, child: str, kind: str = "revolute", inside: str = LIMIT) -> str:
-    """A joint about y, 0.4 m along the parent."""
+    """Return a joint about y, 0.4 m along the parent."""
     return (
         f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
         f'<origin xyz="0 0 0.4"/><axis xyz="0 1 0"/>{inside}</joint>'
@@ -23,7 +23,7 @@ def joint(name: str, parent: str, child: str, kind: str = "revolute", inside: st
 
 
 def robot(*parts: str) -> str:
-    """The file's text."""
+    """Return the file's text."""
     return f'<robot name="arm">{"".join(parts)}</robot>'
 
 

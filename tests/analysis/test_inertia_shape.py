@@ -119,7 +119,7 @@ def test_lower_bound_holds_for_any_duals(diagonal):
 
 
 def solved_by_cvxpy(below, above, diagonal):
-    """What the best X of the program needs, an upper bound of the least t whatever the solver says, and its duals."""
+    """Return what the best X of the program needs, an upper bound of the least t, and its duals."""
     n = below.shape[1]
     t = cp.Variable()
     X = cp.diag(cp.Variable(n)) if diagonal else cp.Variable((n, n), symmetric=True)

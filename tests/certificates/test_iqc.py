@@ -31,7 +31,7 @@ ARM, LOADED = plants.TwoLinkArm(), plants.TwoLinkArm(payload=2.0)
 
 
 def ball_at_rate(design, centre, relative, **options):
-    """The ball at a rate [1/s] times the centre."""
+    """Return the ball at a rate [1/s] times the centre."""
     return certify_varying_ratio(design.law, centre, rate=relative / centre, **options)
 
 
@@ -205,7 +205,7 @@ def test_no_multiplier_for_what_changes_by_most_of_itself_in_a_period():
 
 
 def hand_form(design, centre, radius, step, evidence, angles):
-    """The form's value on a dense grid, for E held over each period: T from a to v by the recurrence's polynomials."""
+    """Return the form on a dense grid, for E held over each period: T from a to v by the recurrence's polynomials."""
     known = loop_polynomials(recurrence(design), centre)
     T = frequency_response(known.a_to_v, known.closed, angles)
     m = np.arange(1, 3000)

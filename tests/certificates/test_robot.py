@@ -71,7 +71,7 @@ def shape():
 
 
 def law_of_widest_ball(shape, synchronised, **options):
-    """The law whose widest ball is around the ratios of both arms."""
+    """Return the law whose widest ball is around the ratios of both arms."""
     X, spread = shape
     law = make_tdc(synchronised=synchronised)
     found = certify_varying_ratio(law).evidence
@@ -434,7 +434,7 @@ def test_no_law_is_certified_without_its_robust_term():
 
 
 def joint_norms(law, verdict, instants):
-    """What the ball must hold, of robots at rest or moving, with the verdict's own centre, weight and lead."""
+    """Return what the ball must hold, of robots at rest or moving, with the verdict's own centre, weight and lead."""
     ball = ball_of(verdict)
     return uncertainty_samples(law.M, instants).joint_norms(
         ball.centre, ball.position_weight, ball.loop.lead_periods.item() * law.period
@@ -480,7 +480,7 @@ def test_every_payload_between_needs_no_more_than_the_ends():
 
 
 def barely_certified_law(law_of, both, box, sound, unsound):
-    """A certified law close to the last that is."""
+    """Return a certified law close to the last that is."""
     for _ in range(7):
         middle = np.sqrt(sound * unsound)
         sound, unsound = (middle, unsound) if certify_arm(law_of(middle), both, box).certified else (sound, middle)

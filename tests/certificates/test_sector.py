@@ -41,7 +41,7 @@ def hand_radius(ratio, kappa, window=10, natural_frequency=10.0, T=PERIOD):
 
 
 def first_unstable_slope(grows, high, points=600):
-    """The least slope at which a loop is unstable: a scan, then bisection."""
+    """Return the least slope at which a loop is unstable: a scan, then bisection."""
     trials = np.geomspace(1.0, high, points)
     first = next(i for i, trial in enumerate(trials) if grows(trial))
     low, high = trials[first - 1], trials[first]

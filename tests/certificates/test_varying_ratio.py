@@ -373,7 +373,7 @@ def test_schur_judges_what_has_no_basis_of_eigenvectors():
 
 
 def reflection(angle, size):
-    """A reflection of norm ``size`` along an axis at an angle."""
+    """Return a reflection of norm ``size`` along an axis at an angle."""
     c, s = np.cos(angle), np.sin(angle)
     return size * np.array([[c, s], [s, -c]])
 
@@ -449,7 +449,7 @@ def largest_singular_values(first, second):
 
 
 def hand_pair_radius(design, centre, weight, slope=0.0):
-    """The radius by the polynomials of the recurrence: the responses to (a, w) of (v, η q) and of the slope's block."""
+    """Return the radius by the polynomials of the recurrence: responses to (a, w) of (v, η q) and of the slope's block."""
     law, half = recurrence(design), slope / 2
     known = loop_polynomials(law, centre, half)
     angles = np.unique(np.concatenate([np.geomspace(1e-4, np.pi, 4000), np.linspace(1e-3, np.pi, 4000)]))

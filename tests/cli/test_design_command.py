@@ -44,7 +44,7 @@ def few_candidates():
 
 
 def invoke_tarc(*arguments, folder, status=0):
-    """The command, run in a folder."""
+    """Return the command, run in a folder."""
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         patch.setattr("sys.argv", ["tarc", *arguments])
@@ -57,7 +57,7 @@ def invoke_tarc(*arguments, folder, status=0):
 
 @pytest.fixture(scope="module")
 def designed_folder(tmp_path_factory):
-    """The folder in which a robot was designed for, and what was printed."""
+    """Return the folder in which a robot was designed for, and what was printed."""
     folder = tmp_path_factory.mktemp("arm")
     (folder / "arm.urdf").write_text(ROBOT)
     done = invoke_tarc("design", "arm.urdf", *ASKED, "-o", "out.yaml", folder=folder)
@@ -66,7 +66,7 @@ def designed_folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def designed_in_python():
-    """A design in Python, of a robot without a file."""
+    """Return a design in Python, of a robot without a file."""
     robot = plants.TwoLinkArm(viscous=0.5)
     return design_controller(
         robot, law="TDC", payload=(0.0, 0.5), torque_limits=[100.0, 50.0], diagonal=True, samples=60

@@ -34,7 +34,7 @@ def forbid_search(monkeypatch):
 
 
 def refusal_message(text, *options, name="arm.urdf"):
-    """The message for a file with this text; None for no file at all."""
+    """Return the message for a file with this text; None for no file at all."""
     if text is not None:
         Path(name).write_text(text)
     done = CliRunner().invoke(app, ["design", name, *map(str, options)])

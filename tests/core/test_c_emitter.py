@@ -30,7 +30,7 @@ def assert_equal_to_the_bit(actual, expected):
 
 
 def every_operation() -> ca.Function:
-    """A function of two numbers that has each operation of the emitter at least once."""
+    """Return a function of two numbers that has each operation of the emitter at least once."""
     x = ca.SX.sym("x")
     y = ca.SX.sym("y")
     unary = [-x, x * x, 2 * x, 1 / x, ca.sqrt(x), ca.exp(x), ca.log(x), ca.sin(x), ca.cos(x), ca.tan(x)]

@@ -102,7 +102,7 @@ B = np.array([[0.0, 1.0, 2.0], [1.0, 0.5, 0.0]])
 
 
 def linear(state: Motion, value: dict[str, Any]) -> tuple[Motion, dict[str, Any]]:
-    """A small system with vector, matrix and scalar leaves."""
+    """Return a small system with vector, matrix and scalar leaves."""
     x = A @ state.position + B @ value["force"]
     history = state.velocity @ np.array([[0.0, 1.0], [0.0, 0.0]]) + value["scale"]
     return Motion(x, history), {"sum": x[0] + x[1], "twice": 2 * x, "history": state.velocity}

@@ -25,12 +25,12 @@ PERIOD = 1e-3
 
 
 def tdc_of_candidate(one, shape: object = 1.0):
-    """The law that a candidate stands for."""
+    """Return the law that a candidate stands for."""
     return laws.TDC(inertia=one.inertia_scale * np.asarray(shape), estimator=one.estimator, **one.law_options())
 
 
 def hand_recurrence(one):
-    """The same loop as a recurrence, which shares no code with it."""
+    """Return the same loop as a recurrence, which shares no code with it."""
     late = one.computation_delay
     return recurrence(
         LawParameters(
@@ -57,7 +57,7 @@ def recurrence_errors(one, ratio, steps):
 
 
 def feasible_candidates(spread, seed=0, count=12, **options):
-    """Some that bear a spread, of a random choice of all."""
+    """Return some loops that tolerate a spread, of a random choice of all."""
     slope_ratio = options.pop("slope_ratio", 0.0)
     trials = enumerate_candidates(PERIOD, **options)
     some = [trials[i] for i in np.random.default_rng(seed).choice(len(trials), 60, replace=False)]

@@ -21,7 +21,7 @@ LIMIT = np.array([90.0, 40.0])
 
 @pytest.fixture(scope="module", params=[None, slow((1.0, 2.0))], ids=["any speed", "bounded speed"])
 def arm_design(request):
-    """A design from few loops, so that it is quick."""
+    """Return a design from few loops, so that it is quick."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(import_module("tarc.design.candidates"), "WINDOWS", (12,))
         patch.setattr(import_module("tarc.design.candidates"), "NATURAL_FREQUENCIES", (8.0,))
@@ -51,7 +51,7 @@ def test_payload_lies_between_certified_and_not(arm_design, stress_limits):
 
 
 def law_at_rate(arm_design, rate):
-    """The law at another rate, its window as near as whole periods allow."""
+    """Return the law at another rate, its window as near as whole periods allow."""
     window = arm_design.candidate.window * arm_design.law.period
     count = max(round(window * rate), arm_design.candidate.degree)
     estimator = Algebraic(window=count / rate, degree=arm_design.candidate.degree)

@@ -10,7 +10,7 @@ from tarc.core.errors import InvalidParameter
 
 
 def gains_after_steps(law, sizes, start):
-    """The gain before each of the steps at which ‖s‖ has these sizes, and after the last."""
+    """Return the gain before each of the steps at which ‖s‖ has these sizes, and after the last."""
     state, result = law.robust_init()._replace(gain=np.array(start)), [start]
     for size in sizes:
         state = law.robust(state, tracking_at([0.0, 0.0], [0.0, size]))[0]

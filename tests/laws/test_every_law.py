@@ -47,7 +47,7 @@ ESTIMATORS_AND_SYMBOLS = [
 
 
 def random_state(law, rng):
-    """A state with plausible numbers in every place: positions near one, counters and latches off."""
+    """Return a state with plausible numbers in every place: positions near one, counters and latches off."""
     state, _ = law.example()
     vector = pack(state)
     numbers = unpack(state, rng.normal(size=vector.shape))

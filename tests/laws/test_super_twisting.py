@@ -15,13 +15,13 @@ TARGET = signals.Sinusoid(amplitude=0.0, frequency=1.0)
 
 
 def fast_sampled_law(**options):
-    """A law that runs so fast that the continuous results hold."""
+    """Return a law that runs so fast that the continuous results hold."""
     given = {"inertia": 1.0, "natural_frequency": 5.0, "period": 1e-4, "estimator": estimators.BackwardDifference()}
     return laws.SuperTwisting(**{**given, "boundary_layer": 1e-4, **options})
 
 
 def sliding_variable(run, law):
-    """True s."""
+    """Return the true s."""
     data = run.data
     return data["velocity"].values[:, 0] + law.slope[0, 0] * data["position"].values[:, 0]
 

@@ -11,7 +11,7 @@ from tarc.laws import LawInput
 
 
 def torques_written_again(law, positions, reference, rates, accelerations):
-    """The torques of TARC written again, with lists and loops, from the paper's equations alone."""
+    """Return the torques of TARC written again, with lists and loops, from the paper's equations alone."""
     n, T, m = law.n_joints, law.period, law.delay_periods
     count = law.estimator.samples
     age = -np.arange(count) * T

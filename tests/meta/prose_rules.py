@@ -45,7 +45,7 @@ class Problem(NamedTuple):
 
 
 def words(sentence: str) -> int:
-    """Number of words: what has two letters or more; code counts as one, formulas not at all."""
+    """Return number of words: what has two letters or more; code counts as one, formulas not at all."""
     plain = re.sub(r"`+[^`]*`+", " code ", sentence)
     plain = re.sub(r"\$[^$]*\$", " ", plain)
     return sum(bool(re.search(r"[A-Za-zäöüß]{2}|^[AaI]$", token)) for token in plain.split())

@@ -25,7 +25,7 @@ OPTIONS = {
 
 
 def arm(base: str, link: str = "", more: str = "") -> str:
-    """A URDF of one hinge, with inertials of the base and of what hangs on it."""
+    """Return a URDF of one hinge, with inertials of the base and of what hangs on it."""
     link = link or inertial("0.001", "0.01", "0.01")
     return f"""<robot name="r"><link name="base">{base}</link><link name="l1">{link}</link>{more}
     <joint name="j1" type="revolute"><parent link="base"/><child link="l1"/><axis xyz="0 1 0"/>
@@ -40,7 +40,7 @@ def inertial(xx: str, yy: str, zz: str, xy: str = "0", mass: str = "1", place: s
 
 
 def tip(xx: str, yy: str, zz: str, mass: str = "0.1") -> str:
-    """A link that is fixed to the moving one."""
+    """Return a link that is fixed to the moving one."""
     return (
         f'<link name="tip">{inertial(xx, yy, zz, mass=mass, place="0 0 0")}</link><joint name="weld" type="fixed">'
         '<parent link="l1"/><child link="tip"/><origin xyz="0.3 0 0.1" rpy="0.2 0.3 0.4"/></joint>'

@@ -21,7 +21,7 @@ sampled = settings(deadline=None, max_examples=25)
 
 
 def random_posture(robot: MujocoPlant, data: st.DataObject) -> np.ndarray:
-    """A random position inside the joint limits."""
+    """Return a random position inside the joint limits."""
     low, high = robot.model.jnt_range.T
     return np.array([data.draw(st.floats(a, b)) for a, b in zip(low, high, strict=True)])
 
@@ -34,7 +34,7 @@ def data_at_rest(robot: MujocoPlant, position: np.ndarray) -> mujoco.MjData:
 
 
 def synchronised_tdc(inertia: Any) -> tarc.laws.TDC:
-    """A law that tolerates M̂ = M, so that any robot may be tried."""
+    """Return a law that tolerates M̂ = M, so that any robot may be tried."""
     estimator = tarc.estimators.Algebraic(window=0.010)
     return tarc.laws.TDC(inertia=inertia, natural_frequency=10.0, period=1e-3, synchronised=True, estimator=estimator)
 
@@ -221,7 +221,7 @@ def urdf_arm(folder: Path, values: dict[str, Any]) -> Path:
 
 
 def arms(file: Path, values: dict[str, Any], payload: float) -> tuple[MujocoPlant, TwoLinkArm]:
-    """The robot of the file, and the same from its energies: the payload's ball turns with the last link."""
+    """Return the robot of the file, and the same from its energies: the payload's ball turns with the last link."""
     ball = 0.4 * payload * 0.05**2
     inertias = (values["inertias"][0], values["inertias"][1] + ball)
     symbolic = TwoLinkArm(**{**values, "inertias": inertias}, viscous=VISCOUS, payload=payload)

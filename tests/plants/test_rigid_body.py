@@ -82,7 +82,7 @@ def test_public_robots(name):
 
 
 def random_tree(random: np.random.Generator, n_bodies: int) -> str:
-    """An MJCF of a random tree: hinges and slides off the origin, none to two on a body, ref, rotated inertias."""
+    """Return an MJCF of a random tree: hinges and slides off the origin, up to two on a body, ref, rotated inertias."""
     spec = mujoco.MjSpec()
     spec.option.gravity = random.uniform(-10, 10, 3)
     bodies = [spec.worldbody]

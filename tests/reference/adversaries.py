@@ -162,7 +162,7 @@ class AdversarialLoops:
         return log - half
 
     def _functional_values(self, rows: dict[str, Array], Q: Array, V: Array, rate: Array, w: Array) -> Array:
-        """The three functionals of the state, (3, adversaries, cases)."""
+        """Return the three functionals of the state, (3, adversaries, cases)."""
         sums = np.einsum("rlc,lkc->rkc", rows["q"], Q) + np.einsum("rlc,lkc->rkc", rows["v"], V)
         return sums + rows["rate"][:, None] * rate + rows["w"][:, None] * w
 
@@ -184,7 +184,7 @@ class AdversarialLoops:
         rates: dict[str, Array],
         leans: dict[str, tuple[Array, Array]],
     ) -> Array:
-        """The acceleration that one adversary makes of (v, η q): at most the radius times the norm of both."""
+        """Return the acceleration that one adversary makes of (v, η q): at most the radius times the norm of both."""
         v, q = outputs
         if kind.startswith("rotate"):
             share, phase = leans[kind]

@@ -71,7 +71,7 @@ class LawParameters:
 
 
 def draw_parameters(rng: np.random.Generator, robust: bool = False) -> LawParameters:
-    """A random design, ratio and slope aside."""
+    """Return a random design, ratio and slope aside."""
     kind = rng.choice(["window", "difference", "filter"], p=[0.8, 0.08, 0.12])
     degree = int(rng.choice([2, 3], p=[0.75, 0.25]))
     synchronised = bool(rng.random() < 0.5)

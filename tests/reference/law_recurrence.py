@@ -28,7 +28,7 @@ def derivative_weights(window: int, degree: int, derivative: int) -> Array:
 
 
 def recurrence(design: LawParameters) -> Recurrence:
-    """The law as a recurrence.
+    """Return the law as a recurrence.
 
     Literal: v = u − z⁻ᵐ â + z⁻ᵐ⁻ᵃ v; synchronised: v = u − â + z⁻¹⁻ᵃ c(z) v; with u = −K1 q − K2 v̂ + w, and behind a
     low-pass both times its 1 − p z⁻¹.

@@ -60,7 +60,7 @@ def check_ratio(design: LawParameters, rng: np.random.Generator, tally: Tally) -
 
 
 def check_range(design: LawParameters, rng: np.random.Generator, tally: Tally) -> None:
-    """A range of ratios, by roots at ratios that it holds."""
+    """Return a range of ratios, by roots at ratios that it holds."""
     hand = recurrence(design)
     low, high = (float(end) for end in np.sort(draw_ratios(design, rng, 2)))
     found = certify_constant_ratio(design.law, (low, high), computation_delay=design.computation_delay)

@@ -53,7 +53,7 @@ def draw_ratios(
 
 
 def find_instability(case: UncertainCase) -> str:
-    """What is unstable of loops that a ball covers: constant ones, and those whose mismatch turns at the worst rate."""
+    """Return what is unstable of loops that a ball covers: constant ones, and those that turn at the worst rate."""
     turns = np.linspace(-np.pi, np.pi, 17) if case.stiffness_weight else np.arccos(np.linspace(-1, 1, 5))
     for kappa in (0.0, case.max_slope / 2, case.max_slope):
         for turn in turns:

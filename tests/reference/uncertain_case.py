@@ -36,7 +36,7 @@ def worst_pair_direction(case: UncertainCase, rate: float | Array, slope: float 
 
 
 def state_matrices(case: UncertainCase) -> tuple[Array, Array, Array, Array]:
-    """A, B, W, C of the loop at the centre with half the slope: x⁺ = A x + B a + W w, v = C x.
+    """Return A, B, W, C of the loop at the centre with half the slope: x⁺ = A x + B a + W w, v = C x.
 
     The state is q, q̇ T, the positions before, the newest first, and likewise v, and the last w.
     """

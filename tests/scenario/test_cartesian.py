@@ -19,7 +19,7 @@ POINTS = np.array([[-0.49, -0.13, 0.49], [-0.39, -0.03, 0.39], [-0.49, 0.07, 0.2
 
 
 def turned(angle, axis=(0.0, 0.0, 1.0)):
-    """The tool turned by an angle about an axis of its own."""
+    """Return the tool turned by an angle about an axis of its own."""
     turn, product = np.zeros(4), np.zeros(4)
     mujoco.mju_axisAngle2Quat(turn, np.array(axis), angle)
     mujoco.mju_mulQuat(product, DOWN, turn)

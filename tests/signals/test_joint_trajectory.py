@@ -56,7 +56,7 @@ KNOTS = [0.0, 0.7, 1.0, 2.5]
 
 
 def message(states: dict[str, Any], times: list[float], names: list[str]) -> str:
-    """A message as JSON, which is YAML."""
+    """Return a message as JSON, which is YAML."""
     points = []
     for number, time in enumerate(times):
         point = {key: np.asarray(values[number]).tolist() for key, values in states.items()}

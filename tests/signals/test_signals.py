@@ -193,7 +193,7 @@ def test_recorded_converges_and_holds_its_ends(tmp_path: Path) -> None:
 
 
 def record_file(tmp_path: Path, header: str | None, start: float = 0.0, joints: int = 2) -> Path:
-    """A record whose joint k stays at k + 1, for one second."""
+    """Return a record whose joint k stays at k + 1, for one second."""
     times = start + np.linspace(0, 1, 11)
     table = np.column_stack([times, *(np.full(11, k + 1.0) for k in range(joints))])
     return write_table(tmp_path / "record.csv", table, header, ",")
@@ -275,7 +275,7 @@ def test_times_count_from_the_first_stamp(tmp_path: Path) -> None:
 
 
 def encoder_readings(encoder: Encoder, positions: np.ndarray, noise: Any = None) -> np.ndarray:
-    """What the encoder makes of positions (n, k)."""
+    """Return what the encoder makes of positions (n, k)."""
     noise = np.zeros(positions.shape) if noise is None else noise
     state, readings = encoder.init(positions[:, 0]), []
     for position, disturbance in zip(positions.T, noise.T, strict=True):

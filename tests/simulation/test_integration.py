@@ -29,7 +29,7 @@ def light_arm(tmp_path) -> RigidBody:
 
 
 def certified_law() -> tarc.laws.TARC:
-    """The law that `tarc design` certifies for the light arm, with a margin of 0.17."""
+    """Return the law that `tarc design` certifies for the light arm, with a margin of 0.17."""
     return tarc.laws.TARC(
         inertia=[[4.2573497e-3, 7.4440828e-4], [7.4440828e-4, 7.3718339e-4]],
         natural_frequency=130.0,

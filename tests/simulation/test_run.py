@@ -13,7 +13,7 @@ from tarc.plants import Pendulum
 
 
 def run_by_hand(error, torque, gain=None, sliding=None, limit=np.inf, diverged=np.nan, period=0.01):
-    """A run put together by hand."""
+    """Return a run put together by hand."""
     count = len(error)
     variables = {
         "position": (("time", "joint"), np.asarray(error) + 1.0, {"units": "rad"}),
