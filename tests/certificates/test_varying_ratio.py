@@ -449,7 +449,7 @@ def largest_singular_values(first, second):
 
 
 def hand_pair_radius(design, centre, weight, slope=0.0):
-    """Return the radius by the polynomials of the recurrence: responses to (a, w) of (v, η q) and of the slope's block."""
+    """Return the radius by the recurrence's polynomials: responses to (a, w) of (v, η q) and of the slope's block."""
     law, half = recurrence(design), slope / 2
     known = loop_polynomials(law, centre, half)
     angles = np.unique(np.concatenate([np.geomspace(1e-4, np.pi, 4000), np.linspace(1e-3, np.pi, 4000)]))

@@ -45,7 +45,7 @@ def rightmost_root(K1, K2, h, points=20):
 
 
 def exact_delay_margin(natural_frequency, damping_ratio):
-    """Return the delay at which s² + (k2 s + k1) e^(−sh) first has roots ± jω: ω⁴ = k1² + k2²ω², ωh = arctan(k2ω/k1)."""
+    """Return the delay where s² + (k2 s + k1) e^(−sh) first has roots ± jω: ω⁴ = k1² + k2²ω², ωh = arctan(k2ω/k1)."""
     k1, k2 = natural_frequency**2, 2 * damping_ratio * natural_frequency
     omega = np.sqrt((k2**2 + np.sqrt(k2**4 + 4 * k1**2)) / 2)
     return np.arctan2(k2 * omega, k1) / omega
