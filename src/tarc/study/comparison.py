@@ -21,11 +21,12 @@ from tarc.core.errors import DesignWarning, InvalidParameter, ScenarioError
 from tarc.core.files import make_folder, writing
 from tarc.core.progress import Progress
 from tarc.core.units import unit_for_joints
+from tarc.design.noise import measurement_deviation
 from tarc.scenario.model import Scenario
 from tarc.scenario.yaml_text import read_yaml
 from tarc.simulation.quantities import JOINT_KINDS, MEASURES
 from tarc.simulation.run import Run
-from tarc.study.time_scale import with_period
+from tarc.study.scaling import rescale
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -174,18 +175,31 @@ class Comparison:
 TUNED_PERIOD = 1e-3
 """Control period [s] of the scenarios for which the gains were tuned."""
 
+TUNED_NOISE = 5e-5
+"""Standard deviation of their measured positions [rad or m]: that of an encoder with 15 bits."""
 
-def tuned_laws(period: float = TUNED_PERIOD) -> dict[str, dict[str, Any]]:
+
+def tuned_laws(period: float = TUNED_PERIOD, noise: float = TUNED_NOISE) -> dict[str, dict[str, Any]]:
     """Return laws by name, as a scenario writes them, with the gains that `tune` found under equal conditions.
 
     Parameters
     ----------
-    period
-        Control period [s]. The gains were found for 1 ms; for another one they are the same in units of the period.
+    period, noise
+        Control period [s], and standard deviation of the measured position [rad or m]. The gains were found for 1 ms
+        and an encoder of 15 bits. For others they are the same in units of period and noise, see `rescale`.
     """
     text = files("tarc.study").joinpath("gains.yaml").read_text(encoding="utf-8")
     laws = read_yaml(text, "gains.yaml")["laws"]
-    return {name: with_period(law, TUNED_PERIOD, period) for name, law in laws.items()}
+    return {name: rescale(law, TUNED_PERIOD, period, noise / TUNED_NOISE) for name, law in laws.items()}
+
+
+def laws_for(scenario: Scenario) -> dict[str, dict[str, Any]]:
+    """Return the tuned laws as they are at a period of 1 ms, else in units of the scenario's period and noise."""
+    if abs(scenario.period - TUNED_PERIOD) < 1e-9:
+        return tuned_laws()
+    deviation = measurement_deviation(scenario.sections.sensor.build(), scenario.build_plant().n_joints)
+    noise = float(np.max(deviation))
+    return tuned_laws(scenario.period, noise or TUNED_NOISE)
 
 
 def compare(
@@ -268,7 +282,7 @@ def _chosen(scenario: Scenario, laws: Iterable[str] | dict[str, dict[str, Any]] 
         return scenario.laws
     if isinstance(laws, dict):
         return laws
-    laws_by_name = {**tuned_laws(scenario.period), **scenario.laws}
+    laws_by_name = {**laws_for(scenario), **scenario.laws}
     names = list(dict.fromkeys(laws))
     for name in names:
         check.one_of("laws", name, laws_by_name)
