@@ -23,6 +23,7 @@ NOTES = {
     "`kind`, and may have a `label` and an `estimator` of its own.",
     "disturbance": "A list; each entry has a `kind`.",
     "torque_limits": "Its kind is always `TorqueLimits` and may be left out.",
+    "gearbox": "Its kind is always `Gearbox` and may be left out.",
     "drive": "Its kind is always `Drive` and may be left out.",
     "sensor": "Its kind is always `Encoder` and may be left out.",
 }

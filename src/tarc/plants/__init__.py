@@ -7,6 +7,7 @@ from tarc.core.lazy import lazy_attributes
 if TYPE_CHECKING:
     from tarc.plants.base import Plant
     from tarc.plants.euler_lagrange import EulerLagrange
+    from tarc.plants.gearbox import Gearbox
     from tarc.plants.load import load_robot
     from tarc.plants.mass_spring_damper import MassSpringDamper
     from tarc.plants.mujoco import MujocoPlant
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "EulerLagrange",
+    "Gearbox",
     "MassSpringDamper",
     "MujocoPlant",
     "NLinkArm",
@@ -44,6 +46,7 @@ __getattr__, __dir__, _ = lazy_attributes(
     __name__,
     {
         "EulerLagrange": "tarc.plants.euler_lagrange",
+        "Gearbox": "tarc.plants.gearbox",
         "MassSpringDamper": "tarc.plants.mass_spring_damper",
         "MujocoPlant": "tarc.plants.mujoco",
         "NLinkArm": "tarc.plants.planar",

@@ -283,6 +283,11 @@ class SymbolicPlant(Plant):
             return self.evaluate("gravity", position)
         return self._smooth("gravity", self._checked("position", position))
 
+    @property
+    def dry_friction(self) -> tuple[str, ...]:
+        """Return the parameters that are zero without dry friction."""
+        return ("coulomb",)
+
     @cached_property
     def _calls(self) -> dict[str, FixedCall]:
         """Calls with this plant's parameters and no dry friction, by quantity."""
@@ -291,7 +296,7 @@ class SymbolicPlant(Plant):
     @property
     def _smooth_parameters(self) -> dict[str, Array]:
         """Return the parameters without dry friction."""
-        return {name: 0 * value if name == "coulomb" else value for name, value in self.parameters.items()}
+        return {name: 0 * value if name in self.dry_friction else value for name, value in self.parameters.items()}
 
     def _smooth(self, quantity: str, *arguments: Array) -> Array:
         """Evaluate a function at numbers, without dry friction."""

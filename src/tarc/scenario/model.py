@@ -45,7 +45,7 @@ class Sections:
     ----------
     robot, reference, sensor
         Each as a component.
-    torque_limits, drive
+    gearbox, torque_limits, drive
         As components; None for none.
     laws
         Law and its estimator, by the law's name.
@@ -56,6 +56,7 @@ class Sections:
     robot: Component
     reference: Component
     sensor: Component
+    gearbox: Component | None
     torque_limits: Component | None
     drive: Component | None
     laws: dict[str, tuple[Component, Component]]
@@ -64,9 +65,13 @@ class Sections:
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """The constructed parts of a scenario, with the laws by name."""
+    """The constructed parts of a scenario, with the laws by name.
+
+    The plant is the robot that certificates count on. The simulated one is behind its gearbox, where it has one.
+    """
 
     plant: Plant
+    simulated: Plant
     reference: Reference
     sensor: Encoder
     torque_limits: TorqueLimits | None
@@ -91,6 +96,9 @@ class Scenario(BaseModel):
         ``diagonal: true`` also, of its diagonal. ``estimator`` replaces the scenario's for this law.
     estimator, reference, sensor
         ``kind`` and parameters. The sensor's kind is Encoder; without parameters it is perfect.
+    gearbox
+        Parameters of `tarc.plants.Gearbox`: elasticity, backlash, friction and ripple between motors and links. The
+        simulation has it; certificates and M̂ are those of the robot without it.
     torque_limits
         Parameters of `tarc.signals.TorqueLimits`: the limits of the robot's interface.
     drive
@@ -116,6 +124,7 @@ class Scenario(BaseModel):
     duration: float
     name: str = "scenario"
     sensor: dict[str, Any] = Field(default_factory=dict)
+    gearbox: dict[str, Any] = Field(default_factory=dict)
     torque_limits: dict[str, Any] = Field(default_factory=dict)
     drive: dict[str, Any] = Field(default_factory=dict)
     jitter: float = 0.0
@@ -199,6 +208,7 @@ class Scenario(BaseModel):
             robot,
             check_component("reference", self.reference),
             check_component("sensor", {"kind": "Encoder", **self.sensor}),
+            self._optional("gearbox", "Gearbox"),
             self._optional("torque_limits", "TorqueLimits"),
             self._optional("drive", "Drive"),
             laws,
@@ -230,9 +240,10 @@ class Scenario(BaseModel):
         reference = self.build_reference(plant).for_run(plant.joint_names, self.duration)
         events = [part.build() for part in self.sections.disturbances]
         laws = self.build_laws(plant, reference)
-        limits, drive = self.sections.torque_limits, self.sections.drive
+        gearbox, limits, drive = self.sections.gearbox, self.sections.torque_limits, self.sections.drive
         return Setup(
             plant,
+            plant if gearbox is None else gearbox.build(plant=plant),
             reference,
             self.sections.sensor.build(),
             None if limits is None else limits.build(),
@@ -240,6 +251,13 @@ class Scenario(BaseModel):
             events,
             laws,
         )
+
+    @property
+    def not_certified(self) -> list[str]:
+        """The keys of the scenario whose effect no certificate covers, such as ``gearbox`` and ``jitter``."""
+        keys = ["gearbox", "torque_limits", "drive", "jitter"]
+        keys = [key for key in keys if getattr(self, key)]
+        return [*keys, *(f"sensor.{key}" for key in ("delay", "dropout") if np.any(self.sensor.get(key, 0)))]
 
     def build_plant(self) -> Plant:
         """Construct the robot."""
@@ -354,7 +372,7 @@ class Scenario(BaseModel):
         setup = self.build()
         return {
             name: simulate(
-                setup.plant,
+                setup.simulated,
                 law,
                 setup.reference,
                 self.duration,

@@ -27,6 +27,7 @@ SECTIONS: dict[str, tuple[types.ModuleType, type]] = {
     "reference": (tarc.signals, tarc.signals.Reference),
     "sensor": (tarc.signals, tarc.signals.Encoder),
     "torque_limits": (tarc.signals, tarc.signals.TorqueLimits),
+    "gearbox": (tarc.plants, tarc.plants.Gearbox),
     "drive": (tarc.signals, tarc.signals.Drive),
     "disturbance": (tarc.signals, object),
 }
@@ -38,7 +39,7 @@ EVENTS = (
     "SineDisturbance",
     "StepDisturbance",
 )
-SET_BY_SCENARIO = {"period", "estimator", "robot"}
+SET_BY_SCENARIO = {"period", "estimator", "plant", "robot"}
 
 
 def catalogue(section: str) -> dict[str, Any]:

@@ -63,7 +63,12 @@ def certificate_summary(
         }
         for name, certification in certifications.items()
     }
-    return {"name": scenario.name, "certificates": laws, "files": [str(file) for file in files]}
+    return {
+        "name": scenario.name,
+        "certificates": laws,
+        "not_certified": scenario.not_certified,
+        "files": [str(file) for file in files],
+    }
 
 
 def print_certificates(scenario: Scenario, certifications: dict[str, LawCertification], files: list[Path]) -> None:
@@ -106,4 +111,7 @@ def print_certificates(scenario: Scenario, certifications: dict[str, LawCertific
         if text:
             console.print(f"[{VERDICT_COLOURS[verdict.verdict]}]{escape(text)}[/]", highlight=False)
         console.print()
+    if scenario.not_certified:
+        parts = ", ".join(scenario.not_certified)
+        console.print(f"[yellow]in the scenario, and covered by no certificate: {escape(parts)}[/]", highlight=False)
     print_written(console, files)
