@@ -89,6 +89,14 @@ def test_a_file_as_ros_prints_it(tmp_path):
     assert not told.sample([1.0])[1].any()
 
 
+@pytest.mark.parametrize("key", ["joint_trajectory", "trajectory"])
+def test_a_message_inside_another_one(key, tmp_path):
+    states = random_states()
+    path = tmp_path / "plan.json"
+    path.write_text(json.dumps({"goal_time_tolerance": {}, key: json.loads(message(states, KNOTS, ["a", "b"]))}))
+    assert np.allclose(JointTrajectory(path=path).sample(KNOTS)[1].T, states["velocities"], rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_given_states_are_met_exactly_at_the_knots_from_both_sides(count, tmp_path):
     states = {key: values for key, values in random_states().items() if key in KEYS[:count]}

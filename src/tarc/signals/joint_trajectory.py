@@ -27,8 +27,9 @@ class JointTrajectory(Reference):
     ----------
     path
         YAML as ``ros2 topic echo --once --full-length`` prints it (``joint_names``, and ``points`` with
-        ``positions``, ``velocities``, ``accelerations``, ``time_from_start``), with the suffix ``.yaml``. Or CSV with
-        the columns ``time``, ``elbow``, ``elbow/velocity``, ``elbow/acceleration``, …, derivatives where known.
+        ``positions``, ``velocities``, ``accelerations``, ``time_from_start``), with the suffix ``.yaml`` or ``.json``.
+        Also a ``RobotTrajectory`` of MoveIt, or a goal of ``FollowJointTrajectory``, that holds one. Or CSV with the
+        columns ``time``, ``elbow``, ``elbow/velocity``, ``elbow/acceleration``, …, derivatives where known.
         Units: s, rad or m, /s, /s².
     starts_at_zero
         Whether times count from the first point, which is then time 0 of the run. False takes ``time_from_start`` as

@@ -17,6 +17,13 @@ QUANTITIES = ("position", "velocity", "acceleration")
 """Position and its two derivatives, as columns of a CSV file name them."""
 
 
+WRAPPERS = ("joint_trajectory", "trajectory")
+"""Keys that hold the message in ``moveit_msgs/RobotTrajectory`` and in a goal of ``FollowJointTrajectory``."""
+
+SUFFIXES = (".yaml", ".yml", ".json")
+"""Endings of files in YAML, of which JSON is a part."""
+
+
 class TrajectoryPoints(NamedTuple):
     """Points of a trajectory with k points and n joints.
 
@@ -38,7 +45,7 @@ class TrajectoryPoints(NamedTuple):
 
 
 def read_points(given: str | Path) -> TrajectoryPoints:
-    """Read the points of a file: YAML by its suffix ``.yaml`` or ``.yml``, else CSV with a header.
+    """Read the points of a file: YAML by its suffix ``.yaml``, ``.yml`` or ``.json``, else CSV with a header.
 
     Raises
     ------
@@ -50,7 +57,7 @@ def read_points(given: str | Path) -> TrajectoryPoints:
     path = Path(given)
     if not path.is_file():
         raise InvalidParameter(f"path: no trajectory file {str(given)!r}; looked in {path.resolve().parent}", "path")
-    points = _from_yaml(path) if path.suffix.lower() in (".yaml", ".yml") else _from_csv(path)
+    points = _from_yaml(path) if path.suffix.lower() in SUFFIXES else _from_csv(path)
     repeated = sorted({name for name in points.joint_names if points.joint_names.count(name) > 1})
     if repeated:
         raise InvalidParameter(f"path: {path} names {', '.join(repeated)} twice; needs each joint once", "path")
@@ -87,7 +94,7 @@ def _from_yaml(path: Path) -> TrajectoryPoints:
             "`ros2 topic echo --once --full-length` prints",
             "path",
         )
-    message = messages[0]
+    message = next((messages[0][key] for key in WRAPPERS if isinstance(messages[0].get(key), Mapping)), messages[0])
     names = _listed(message, "joint_names", path)
     points = _listed(message, "points", path)
     if not names or not all(isinstance(point, Mapping) for point in points):
