@@ -147,6 +147,7 @@ def test_the_core_controls_a_robot_and_all_else_names_its_extra(install: Callabl
         "tarc.simulate": "sim",
         "tarc.Run": "sim",
         "tarc.Scenario": "cli",
+        "tarc.CartesianWaypoints": "cli",
         "tarc.certify_law": "certify",
         "tarc.certificates.Certificate": "certify",
         "tarc.paper.check_theorem2": "certify",
@@ -171,6 +172,11 @@ def test_the_core_controls_a_robot_and_all_else_names_its_extra(install: Callabl
         (
             "[certify]",
             "assert tarc.certificates.certify_constant_ratio(adaptive).verdict; import tarc.paper, tarc.certification",
+        ),
+        (
+            "[ik]",
+            "ur5e = tarc.plants.load_robot('ur5e'); points = [[-0.49, -0.13, 0.49], [-0.4, 0.0, 0.4]]; "
+            "tarc.CartesianWaypoints(robot=ur5e, frame='tool', points=points, times=[0.0, 1.0])",
         ),
         ("[plot]", "estimator.with_period(1e-3).plot().savefig('estimator.png')"),
     ],
