@@ -34,7 +34,7 @@ bench: .venv/dev ## speed, as ratios
 bench-design: .venv/dev ## designs for six arms
 	$(BIN)/python -m benchmarks.design
 
-compare: .venv/dev ## all laws in nine scenarios
+compare: .venv/dev ## all laws in ten scenarios
 	$(BIN)/python -m benchmarks.comparison
 
 figures: .venv/dev ## draw the figures of the documentation again

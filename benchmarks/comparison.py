@@ -1,4 +1,4 @@
-"""Every law in nine scenarios on equal terms: ``python -m benchmarks.comparison``, or ``make compare``.
+"""Every law in ten scenarios on equal terms: ``python -m benchmarks.comparison``, or ``make compare``.
 
 Gains are those of `tarc.study.tuned_laws`, found on other scenarios. It writes tables as CSV and as Markdown. For
 `benchmarks.pages` it writes the gains that ran, and error and torque over time as netCDF.
@@ -27,6 +27,7 @@ SCENARIOS = (
     "coarse_encoder",
     "dropout_delay",
     "underwater",
+    "series_elastic",
 )
 MEASURES = {"rms_error": ("RMS error [mrad or mm]", 1e3), "torque_variation": ("torque variation [N m/s or N/s]", 1.0)}
 

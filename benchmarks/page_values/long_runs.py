@@ -1,4 +1,4 @@
-"""Values of the long benchmarks: designs for six arms, and all laws in nine scenarios."""
+"""Values of the long benchmarks: designs for six arms, and all laws in ten scenarios."""
 
 import csv
 import re
@@ -28,7 +28,7 @@ def tables(file: Path) -> dict[str, str]:
 
 @long_source
 def comparison() -> dict[str, Value]:
-    """Errors and torque variations of all laws in nine scenarios; the pages of the laws are written too."""
+    """Errors and torque variations of all laws in ten scenarios; the pages of the laws are written too."""
     run_benchmark("benchmarks.comparison")
     run_benchmark("benchmarks.pages")
     named = tables(ROOT / "runs" / "comparison" / "comparison.md")
