@@ -260,6 +260,7 @@ def test_both_engines_give_the_same_run(payload: float, tmp_path: Path) -> None:
         assert np.allclose(mine.data[name].values, symbolic.data[name].values, rtol=0, atol=tolerance), name
 
 
+@pytest.mark.filterwarnings("ignore::tarc.core.errors.JointLimitWarning")
 def test_mujoco_s_first_order_step_tends_to_the_symbolic_run(tmp_path: Path) -> None:
     robot, arm = arms(urdf_arm(tmp_path, RODS), RODS, 0.0)
     exact = tarc.simulate(arm, LAW, REFERENCE, 0.5, substeps=4, initial_torque="rest").data["position"].values
@@ -271,6 +272,7 @@ def test_mujoco_s_first_order_step_tends_to_the_symbolic_run(tmp_path: Path) -> 
     assert error(4) == pytest.approx(2 * error(8), rel=0.1)  # a URDF states no integrator, MuJoCo's own is Euler's
 
 
+@pytest.mark.filterwarnings("ignore::tarc.core.errors.JointLimitWarning")
 def test_recorded_acceleration_is_the_one_just_after_the_torque_was_set(tmp_path: Path) -> None:
     robot, arm = arms(urdf_arm(tmp_path, RODS), RODS, 0.0)
     data = tarc.simulate(robot, LAW, REFERENCE, 0.5, initial_torque="rest").data
@@ -430,7 +432,7 @@ def test_force_limits_of_motors_become_torque_limits(tmp_path: Path) -> None:
 def test_actuators_are_replaced_by_the_torque(actuator: str, limit: float, tmp_path: Path) -> None:
     file = tmp_path / "robot.xml"
     file.write_text(one_joint_model(BALL).replace("</mujoco>", f"<actuator>{actuator}</actuator></mujoco>"))
-    robot = MujocoPlant.from_file(file)
+    robot = MujocoPlant.from_file(file, actuators="torque")
     assert robot.model.nu == 0
     assert robot.torque_limits == limit
 
@@ -506,6 +508,7 @@ def test_missing_textures_and_pictures_of_the_room_do_no_harm(tmp_path: Path) ->
     assert MujocoPlant.from_file(file).n_joints == 1
 
 
+@pytest.mark.filterwarnings("ignore::tarc.core.errors.JointLimitWarning")
 def test_divergence_leaves_no_log_file_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     robot, _ = arms(urdf_arm(tmp_path, RODS), RODS, 0.0)

@@ -85,6 +85,14 @@ BalanceInertia = Annotated[
         rich_help_panel=PANEL,
     ),
 ]
+Actuators = Annotated[
+    str,
+    typer.Option(
+        metavar="file|torque",
+        help="What the joints take: that of the file's actuators, which may be positions, or torques.",
+        rich_help_panel=PANEL,
+    ),
+]
 StressTest = Annotated[
     bool,
     typer.Option(
@@ -107,6 +115,7 @@ def design(
     coulomb: Coulomb = "",
     tool: Tool = "",
     balance_inertia: BalanceInertia = False,
+    actuators: Actuators = "file",
     stress_test: StressTest = False,
     as_json: Json = False,
     figures: Figures = True,
@@ -141,6 +150,7 @@ def design(
         coulomb=numbers_of("--coulomb", coulomb),
         tool=tool or None,
         balance_inertia=balance_inertia,
+        actuators=actuators,
     )
     required = requirements_of(requirements)
     file = check_writable(out, "--out")

@@ -11,7 +11,7 @@ def joint_units(units: Iterable[str]) -> str:
     >>> joint_units(["N m", "N m"]), joint_units(["N", "N m"])
     ('N m', 'N m or N')
     """
-    return " or ".join(sorted(set(units), key=len, reverse=True))
+    return " or ".join(sorted(set(units), key=lambda unit: (not unit.startswith("N"), -len(unit))))
 
 
 def unit_for_joints(unit: str, joint_units: Iterable[str]) -> str:

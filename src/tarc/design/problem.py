@@ -48,10 +48,11 @@ class DesignProblem:
         Raises
         ------
         InvalidParameter
-            For passive joints, a payload that the robot cannot carry, a missing torque limit, and a budget without
-            noise or limit.
+            For a payload that the robot cannot carry, a missing torque limit, and a budget without noise or limit.
+            Also for passive joints, and for inner loops of different gains.
         """
         plant.require_fully_driven("a design")
+        _require_equal_gains(plant)
         plants = _with_payloads(plant, requirements.payload)
         workspace = _workspace(plant, requirements)
         limits = _torque_limits(plant, requirements.torque_limits)
@@ -92,6 +93,15 @@ class DesignProblem:
                 "sensor: without measurement noise nothing limits the natural frequency; give the encoder bits, a "
                 "resolution or noise, or give a natural_frequency"
             )
+
+
+def _require_equal_gains(plant: Plant) -> None:
+    if np.ptp(plant.command_gain) > 0:
+        raise InvalidParameter(
+            f"plant: a design needs inner loops of equal gains, and those of the joints of {plant.label} differ. "
+            "Design for torques: actuators='torque', on the command line --actuators torque",
+            "robot.actuators",
+        )
 
 
 def _with_payloads(plant: Plant, payload: tuple[float, float]) -> tuple[Plant, ...]:

@@ -120,8 +120,11 @@ _LIVE_CALLBACKS: list[_RigidBodyCallback] = []
 def _called(model: Plant) -> ca.Function:
     from tarc.plants.mujoco import MujocoPlant
 
-    if not isinstance(model, MujocoPlant):
-        raise InvalidParameter(f"model: got {type(model).__name__}; needs a robot of tarc.plants")
+    if not isinstance(model, MujocoPlant) or model.servo is not None:
+        raise InvalidParameter(
+            f"model: got {type(model).__name__}; needs a robot of tarc.plants, in symbols where its "
+            "joints have inner loops"
+        )
     _LIVE_CALLBACKS.append(_RigidBodyCallback(model))
     q, v = ca.MX.sym("q", model.n_joints), ca.MX.sym("v", model.n_joints)
     return ca.Function("robot_model", [q, v], _LIVE_CALLBACKS[-1].call([q, v]), {"never_inline": True})

@@ -4,11 +4,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from tarc.core import validation as check
+from tarc.core.errors import InvalidParameter
 from tarc.core.validation import Numbers
 from tarc.plants.home_posture import Home
 from tarc.plants.joint_roles import Lock
 from tarc.plants.mujoco import MujocoPlant
 from tarc.plants.rigid_body import RigidBody
+from tarc.plants.servo import PositionServo, ServoedPlant
 
 BACKENDS = ("auto", "symbolic", "mujoco")
 
@@ -26,8 +28,11 @@ def load_robot(
     tool: str | None = None,
     contact: bool = False,
     balance_inertia: bool = False,
+    actuators: str = "file",
+    kp: Numbers | None = None,
+    kd: Numbers | None = None,
     backend: str = "auto",
-) -> RigidBody | MujocoPlant:
+) -> RigidBody | ServoedPlant | MujocoPlant:
     """Read an MJCF or URDF file, or one of the shipped robots by name (``"ur5e"``, ``"panda"``).
 
     Of a URDF the kinematics and inertias are read; the meshes are not needed. A law drives those
@@ -64,25 +69,32 @@ def load_robot(
     balance_inertia
         Replace the moments of an inertia that no body has by their mean, with a `RobotFileWarning`. Links that are
         fixed to each other are judged by their sum.
+    actuators
+        ``"file"`` for what the actuators of an MJCF take. A joint with a ``position`` or ``velocity`` actuator, or a
+        general one with their bias, takes a commanded position or velocity. ``"torque"`` for torques at all joints,
+        with the limits of the actuators.
+    kp, kd
+        Gains of position loops at all joints, as of `tarc.plants.PositionServo`; None for none. They replace those of
+        the file.
     backend
         ``"symbolic"`` for equations of motion in CasADi, which are compiled and differentiated exactly.
         ``"mujoco"`` for MuJoCo, step by step. ``"auto"`` for the first where the robot permits it.
 
     Returns
     -------
-    RigidBody or MujocoPlant
-        The robot.
+    RigidBody, ServoedPlant or MujocoPlant
+        The robot; a `ServoedPlant` where joints take commanded positions or velocities.
 
     Raises
     ------
     RobotFileError
         For a file that is missing or does not read, and balls that are not locked. For constraints of parts that are
-        not rigid, and tendons over joints of which only some are locked. For links with an inertia that no body has,
-        and for an inertia matrix that is singular. Also for a robot that only MuJoCo simulates where the backend is
-        ``"symbolic"``.
+        not rigid, and tendons over joints of which only some are locked. For actuators of other kinds than torque,
+        position and velocity. For links with an inertia that no body has, and for an inertia matrix that is singular.
+        Also for a robot that only MuJoCo simulates where the backend is ``"symbolic"``.
     InvalidParameter
         For joints or a tool that the file does not have, negative parameters, and an unknown backend. Also for a home
-        posture outside the ranges.
+        posture outside the ranges, for ``kd`` without ``kp``, and for ``kp`` where MuJoCo simulates the robot.
     """
     check.one_of("backend", backend, BACKENDS)
     plant = MujocoPlant.from_file(
@@ -97,8 +109,28 @@ def load_robot(
         tool=tool,
         contact=contact,
         balance_inertia=balance_inertia,
+        actuators=actuators if kp is None else "torque",
     )
     if backend != "auto":
         plant._file_options["backend"] = backend
     uses_mujoco = backend == "mujoco" or (backend == "auto" and bool(plant.needs_mujoco))
-    return plant if uses_mujoco else RigidBody(plant)
+    if kp is not None:
+        return _with_position_loops(plant, kp, kd, uses_mujoco)
+    if kd is not None:
+        raise InvalidParameter(f"kd: got {kd!r} without kp; give the gain of the position loops too", "kd")
+    if uses_mujoco:
+        return plant
+    plant.require_equations()
+    return RigidBody(plant) if plant.servo is None else ServoedPlant(RigidBody(plant.without_servo()), plant.servo)
+
+
+def _with_position_loops(plant: MujocoPlant, kp: Numbers, kd: Numbers | None, uses_mujoco: bool) -> PositionServo:
+    """Return a robot of torques with position loops at its joints."""
+    if uses_mujoco:
+        reason = plant.needs_mujoco or "backend='mujoco'"
+        raise InvalidParameter(
+            f"kp: {plant.label} is simulated by MuJoCo ({reason}); give its file the actuators", "kp"
+        )
+    options = {key: value for key, value in (("kp", kp), ("kd", kd)) if value is not None}
+    plant._file_options = {key: value for key, value in plant._file_options.items() if key != "actuators"} | options
+    return PositionServo(RigidBody(plant), kp, 0.0 if kd is None else kd)

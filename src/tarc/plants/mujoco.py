@@ -7,6 +7,7 @@ require("robots", "tarc.plants.MujocoPlant")
 
 import copy
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import numpy as np
 from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter, RobotFileError
 from tarc.core.validation import Numbers
+from tarc.plants.actuators import FileServo, read_servo
 from tarc.plants.assembly import assembled, constraint_rows
 from tarc.plants.base import Plant
 from tarc.plants.constraints import acting_constraints, keep_anchors
@@ -67,10 +69,11 @@ class MujocoPlant(Plant):
         )
         self._locked = roles.locked
         self._constraints: list[str] = []
+        self.servo: FileServo | None = None
         self.model: mujoco.MjModel = compile_model(spec, label)
         self._label = label
         self._file_options: dict[str, object] = {}
-        names = [self.model.joint(i).name for i in range(self.model.njnt)]
+        names = _joint_names(self.model)
         self._driven = tuple(i for i, name in enumerate(names) if name in roles.driven)
         self._start = np.array([posture[name] for name in names])
         self._scratch = mujoco.MjData(self.model)
@@ -108,6 +111,7 @@ class MujocoPlant(Plant):
         tool: str | None = None,
         contact: bool = False,
         balance_inertia: bool = False,
+        actuators: str = "file",
     ) -> "MujocoPlant":
         """Read an MJCF or URDF file, or one of the shipped robots by name (``"ur5e"``, ``"panda"``).
 
@@ -138,6 +142,8 @@ class MujocoPlant(Plant):
             Compute contacts.
         balance_inertia
             Replace the moments of an inertia that no body has by their mean, with a warning.
+        actuators
+            ``"file"`` or ``"torque"``, as in `load_robot`.
 
         Raises
         ------
@@ -149,6 +155,7 @@ class MujocoPlant(Plant):
             For joints or a tool that the file does not have, and for negative parameters. Also for a home posture
             outside the ranges.
         """
+        check.one_of("actuators", actuators, ("file", "torque"))
         file = find_robot(path)
         with without_log_file():
             spec = read_specification(file)
@@ -161,14 +168,12 @@ class MujocoPlant(Plant):
         roles.warn(file.name)
         if roles.locked:
             keep_anchors(spec, kinematics, acting, roles.moving, posture)
-        reduce_to_joints(spec, acting)
+        in_order = [name for name in _joint_names(kinematics) if name in roles.driven]
+        servo = read_servo(spec, in_order, file.name) if actuators == "file" else None
+        reduce_to_joints(spec, {*acting, *(servo.kept if servo else ())})
         lock_joints(spec, kinematics, roles.moving, posture)
         merge_rigid_links(spec, file.name, balance_inertia)
-        controlled = {joint.name: joint for joint in spec.joints if joint.name in roles.driven}
-        for name, value in (("armature", armature), ("viscous", viscous), ("coulomb", coulomb)):
-            if value is not None:
-                for key, number in zip(names or controlled, check.vector(name, value, len(controlled), 0), strict=True):
-                    set_joint(controlled[key], name, float(number))
+        _set_joints(spec, names or in_order, {"armature": armature, "viscous": viscous, "coulomb": coulomb})
         if not contact:
             spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
         spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
@@ -185,8 +190,10 @@ class MujocoPlant(Plant):
             "tool": tool,
             "contact": contact or None,
             "balance_inertia": balance_inertia or None,
+            "actuators": None if actuators == "file" else actuators,
         }
         plant._constraints = list(acting.values())
+        plant.servo = None if servo is None else replace(servo, torque_limits=plant._torque_limits)
         plant._velocity_limits = velocity_limits(file, plant.joint_names, file.name)
         plant._acceleration_limits = acceleration_limits(file, plant.joint_names)
         plant._file_options = {"file": str(path), **{key: value for key, value in options.items() if value is not None}}
@@ -256,7 +263,7 @@ class MujocoPlant(Plant):
         if not self.model.neq:
             return super().joint_inertia(position)
         q = self.coordinates(check.vector("position", position, self.n_joints))
-        mobility, places = np.linalg.inv(self.inertia(q)), list(self._driven)
+        mobility, places = np.linalg.inv(self.inertia(q)) / self._row_gains, list(self._driven)
         J = constraint_rows(self.model, q)[1]
         mobility = mobility - mobility @ J.T @ np.linalg.pinv(J @ mobility @ J.T, 1e-9) @ J @ mobility
         admittance = mobility[np.ix_(places, places)]
@@ -266,7 +273,7 @@ class MujocoPlant(Plant):
                 "give the inertia of the law as numbers, or drive fewer joints",
                 "law.inertia",
             )
-        return np.linalg.inv(admittance)
+        return np.linalg.inv(admittance) / self.command_gain[:, None]
 
     def holding_torque(self, coordinates: Vector) -> np.ndarray:
         """Return the torque of the driven joints [N m or N], shape (n,), that keeps the robot at rest, of the least
@@ -274,9 +281,17 @@ class MujocoPlant(Plant):
         gravity = self.gravity_torque(coordinates)
         if not self.model.neq:
             return gravity[list(self._driven)]
+        gravity = gravity * self._row_gains
         torques = np.eye(self.n_coordinates)[:, list(self._driven)]
         J = constraint_rows(self.model, np.asarray(coordinates))[1]
-        return np.linalg.lstsq(np.hstack([torques, J.T]), gravity, rcond=None)[0][: self.n_joints]
+        return np.linalg.lstsq(np.hstack([torques, J.T]), gravity, rcond=None)[0][: self.n_joints] / self.command_gain
+
+    @property
+    def _row_gains(self) -> np.ndarray:
+        """Gains by which the rows of the equations are divided, shape (m,)."""
+        gains = np.ones(self.n_coordinates)
+        gains[list(self._driven)] = self.command_gain
+        return gains
 
     @property
     def way_out_of_passive(self) -> str:
@@ -292,9 +307,36 @@ class MujocoPlant(Plant):
     def torque_limits(self) -> np.ndarray:
         """Return the torque limits of the file [N m or N], shape (n,), infinite where it has none.
 
-        Where a range is not symmetric, the smaller end counts.
+        Where a range is not symmetric, the smaller end counts. Joints with inner loops have limits of their commands.
         """
-        return self._torque_limits
+        return self._torque_limits if self.servo is None else self.servo.limits(self)
+
+    @property
+    def torque_units(self) -> list[str]:
+        """Return the unit of each joint's torque, force, or commanded position or velocity."""
+        return super().torque_units if self.servo is None else self.servo.units(self.units)
+
+    @property
+    def command_gain(self) -> np.ndarray:
+        """Return the torque per unit of what the law outputs, shape (n,)."""
+        return super().command_gain if self.servo is None else self.servo.gain
+
+    def in_torque_units(self) -> "MujocoPlant":
+        """Return the same robot, for certificates, with the command of each joint multiplied by its gain."""
+        if self.servo is None:
+            return self
+        changed = copy.copy(self)
+        changed.servo = replace(self.servo, kinds=("torque",) * self.n_joints, gain=np.ones(self.n_joints))
+        return changed
+
+    def without_servo(self) -> "MujocoPlant":
+        """Return the same robot with joints that torques drive, without their inner loops."""
+        changed = copy.copy(self)
+        changed.servo = None
+        changed.model = self.copy_model()
+        changed.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION
+        changed._scratch = mujoco.MjData(changed.model)
+        return changed
 
     @property
     def velocity_limits(self) -> np.ndarray:
@@ -321,7 +363,9 @@ class MujocoPlant(Plant):
     def needs_mujoco(self) -> str:
         """Return what only MuJoCo simulates, in words; empty for a robot whose equations can be written down."""
         model = self.model
-        reasons = dict.fromkeys(self.constraints, True) | {
+        dynamics = () if self.servo is None else self.servo.dynamics
+        reasons = dict.fromkeys([*self.constraints, *(f"the dynamics of actuator {name}" for name in dynamics)], True)
+        reasons |= {
             "contacts": not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT,
             "gravity compensation": bool(np.any(model.body_gravcomp)),
             "a fluid around it": bool(model.opt.density or model.opt.viscosity),
@@ -329,6 +373,18 @@ class MujocoPlant(Plant):
             "springs that are not linear": bool(np.any(model.jnt_stiffness.reshape(self.n_coordinates, -1)[:, 1:])),
         }
         return " and ".join(name for name, applies in reasons.items() if applies)
+
+    def require_equations(self) -> None:
+        """Refuse a robot that only MuJoCo simulates.
+
+        Raises
+        ------
+        RobotFileError
+            With the reason.
+        """
+        reason = self.needs_mujoco
+        if reason:
+            raise RobotFileError(f"{self.label}: it has {reason}, which only MuJoCo simulates; use backend='mujoco'")
 
     @property
     def payload_place(self) -> str:
@@ -403,14 +459,15 @@ class MujocoPlant(Plant):
         data = self._placed(position)
         matrix = np.zeros((self.n_coordinates, self.n_coordinates))
         mujoco.mj_fullM(self.model, data, matrix)
-        return matrix
+        return matrix if self.servo is None else self.servo.rows(matrix, self)
 
     def bias(self, position: Numbers, velocity: Numbers) -> np.ndarray:
         """Return N(q, q̇) without dry friction [N m or N], shape (m,)."""
         data = self._placed(position)
         data.qvel[:] = check.vector("velocity", velocity, self.n_coordinates)
         mujoco.mj_fwdVelocity(self.model, data)
-        return data.qfrc_bias - data.qfrc_passive
+        bias = data.qfrc_bias - data.qfrc_passive
+        return bias if self.servo is None else self.servo.bias(bias, data.qpos, data.qvel, self)
 
     def linearised(
         self, position: Numbers, velocity: Numbers | None = None, acceleration: Numbers | None = None
@@ -446,10 +503,25 @@ class MujocoPlant(Plant):
         mujoco.mj_comVel(model, data)
         mujoco.mj_passive(model, data)
         mujoco.mj_rne(model, data, 1, torque)
-        return torque - data.qfrc_passive
+        torque -= data.qfrc_passive
+        return torque if self.servo is None else self.servo.bias(torque, data.qpos, data.qvel, self)
 
     def gravity_torque(self, position: Vector) -> np.ndarray:
         """Return the torque that keeps the robot at rest [N m or N], shape (m,)."""
         data = self._placed(position)
         mujoco.mj_fwdVelocity(self.model, data)
-        return data.qfrc_bias - data.qfrc_passive
+        gravity = data.qfrc_bias - data.qfrc_passive
+        return gravity if self.servo is None else self.servo.bias(gravity, data.qpos, data.qvel, self)
+
+
+def _joint_names(model: mujoco.MjModel) -> list[str]:
+    return [model.joint(i).name for i in range(model.njnt)]
+
+
+def _set_joints(spec: mujoco.MjSpec, names: Sequence[str], values: Mapping[str, Numbers | None]) -> None:
+    """Set rotor inertia and friction of the driven joints, in the order of their names."""
+    joints = {joint.name: joint for joint in spec.joints}
+    for name, value in values.items():
+        if value is not None:
+            for joint, number in zip(names, check.vector(name, value, len(names), 0), strict=True):
+                set_joint(joints[joint], name, float(number))

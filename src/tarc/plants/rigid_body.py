@@ -12,7 +12,6 @@ import casadi as ca
 import numpy as np
 
 from tarc.core import validation as check
-from tarc.core.errors import RobotFileError
 from tarc.core.types import Array
 from tarc.plants.delegating import DelegatingPlant
 from tarc.plants.mujoco import PAYLOAD_RADIUS, MujocoPlant
@@ -44,9 +43,7 @@ class RigidBody(DelegatingPlant, SymbolicPlant):
     """
 
     def __init__(self, mujoco: MujocoPlant):
-        reason = mujoco.needs_mujoco
-        if reason:
-            raise RobotFileError(f"{mujoco.label}: it has {reason}, which only MuJoCo simulates; use backend='mujoco'")
+        mujoco.require_equations()
         self.mujoco = mujoco
         model = mujoco.model
         self._links = [body for body in range(1, model.nbody) if body != mujoco.payload_body]

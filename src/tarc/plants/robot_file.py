@@ -198,7 +198,7 @@ def _without_missing_meshes(spec: mujoco.MjSpec, file: Path) -> mujoco.MjSpec:
 
 
 def reduce_to_joints(spec: mujoco.MjSpec, keep: Collection[str] = ()) -> None:
-    """Remove keyframes, sensors, actuators, and the constraints and tendons that are not to be kept.
+    """Remove keyframes and sensors, and the constraints, tendons and actuators that are not to be kept.
 
     Joints keep the limits of their actuators.
     """
@@ -213,7 +213,8 @@ def reduce_to_joints(spec: mujoco.MjSpec, keep: Collection[str] = ()) -> None:
         if limit is not None:
             limits[actuator.target] = limits.get(actuator.target, 0.0) + limit
     for actuator in list(spec.actuators):
-        spec.delete(actuator)
+        if actuator.name not in keep:
+            spec.delete(actuator)
     for joint in spec.joints:
         if joint.name in limits and joint.actfrcrange[1] <= 0:
             joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_TRUE
@@ -234,10 +235,13 @@ def _largest_torque(actuator: mujoco.MjsActuator) -> float | None:
     """Return the largest torque of an actuator, by its force range or a motor's control range; None if unlimited."""
     if actuator.trntype != mujoco.mjtTrn.mjTRN_JOINT:
         return None
-    low, high = np.abs(np.asarray(actuator.forcerange) * actuator.gear[0])
-    if (low == high == 0 or not actuator.forcelimited) and actuator.biastype == mujoco.mjtBias.mjBIAS_NONE:
-        low, high = np.abs(np.asarray(actuator.ctrlrange) * actuator.gainprm[0] * actuator.gear[0])
-    return float(min(low, high) or max(low, high)) or None
+    ranges = []
+    if actuator.forcelimited:
+        ranges.append(np.asarray(actuator.forcerange) * actuator.gear[0])
+    if actuator.ctrllimited and actuator.biastype == mujoco.mjtBias.mjBIAS_NONE:
+        ranges.append(np.asarray(actuator.ctrlrange) * actuator.gainprm[0] * actuator.gear[0])
+    limits = [float(np.min(ends) or np.max(ends)) for ends in np.abs(ranges) if np.any(ends)]
+    return min(limits, default=None)
 
 
 def set_joint(joint: mujoco.MjsJoint, name: str, value: float) -> None:

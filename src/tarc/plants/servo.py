@@ -56,6 +56,23 @@ class Servo:
             torque = ops.clip(torque, -self.torque_limits, self.torque_limits)
         return torque
 
+    def units(self, joint_units: list[str]) -> list[str]:
+        """Return the unit of the command of each joint."""
+        return [unit_for_joints(UNITS[kind], [unit]) for kind, unit in zip(self.kinds, joint_units, strict=True)]
+
+    def rows(self, matrix: Array, plant: Plant) -> Array:
+        """Divide the rows (m, …) of a robot's equations by the gains of the joints that they drive."""
+        gain = np.ones(plant.n_coordinates)
+        gain[list(plant.driven)] = self.gain
+        return matrix / (gain[:, None] if matrix.ndim == 2 else gain)
+
+    def bias(self, bias: Array, position: Array, velocity: Array, plant: Plant) -> Array:
+        """Return N with the loops, in units of the command, from that of the robot and its state, each (m,)."""
+        places = list(plant.driven)
+        forces = bias.copy()
+        forces[places] += self.stiffness * position[places] + self.damping * velocity[places]
+        return self.rows(forces, plant)
+
     def limits(self, plant: Plant) -> Array:
         """Return the largest magnitude of the command of each joint, shape (n,).
 
@@ -105,7 +122,7 @@ class ServoedPlant(DelegatingPlant, SymbolicPlant):
     @property
     def torque_units(self) -> list[str]:
         """Return the unit of each joint's command, such as ``rad`` for a position."""
-        return [unit_for_joints(UNITS[kind], [unit]) for kind, unit in zip(self.servo.kinds, self.units, strict=True)]
+        return self.servo.units(self.units)
 
     @property
     def torque_limits(self) -> Array:

@@ -1,6 +1,6 @@
 """The controller in CasADi and the robot in MuJoCo, step by step."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -69,13 +69,15 @@ class _MujocoLoop:
         zero = np.zeros(n)
         value = _Measurement(zero, ControllerInput(*[zero] * 6))
         function, self.example = trace(_step_with_true_derivatives(controller), state, value, name="controller")
-        function = _with_simulator_arrays(function, plant)
+        self._set_up_servo()
+        function = _with_simulator_arrays(function, plant, () if self.is_segmented else self._commanded)
         shared = {
             "q": self.data.qpos,
             "v": self.data.qvel,
             "a": self.acceleration,
             "last": self.final_acceleration,
             "torque": self.data.qfrc_applied,
+            "control": self.data.ctrl,
         }
         if self.is_segmented:
             shared["torque"] = self._command = np.zeros(m)
@@ -86,8 +88,26 @@ class _MujocoLoop:
             self.drive_torques = np.zeros((len(inputs.times), n))
         self.buffer = PeriodBuffer(compiled(function) if native else function, pack(state), BUFFER_PERIODS, shared)
         if self.is_oracle:
-            self.data.qfrc_applied[list(plant.driven)] = state.torque_delay_line[:, -1]
+            self._apply(state.torque_delay_line[:, -1], zero)
             self._update_final_acceleration()
+
+    def _set_up_servo(self) -> None:
+        """Find the actuators that take the commands of the joints, with their control input per unit."""
+        servo = self.plant.servo
+        names = () if servo is None else servo.names
+        self._commanded = [
+            (joint, self.model.actuator(name).id, float(servo.scale[joint]))
+            for joint, name in enumerate(names)
+            if servo is not None and name
+        ]
+
+    def _apply(self, command: np.ndarray, disturbance: np.ndarray) -> None:
+        """Set what acts on the joints: outputs of the law and disturbances, each (n,)."""
+        torque = np.array(command, dtype=float)
+        for joint, actuator, scale in self._commanded:
+            self.data.ctrl[actuator] = scale * torque[joint]
+            torque[joint] = 0.0
+        self.data.qfrc_applied[list(self.plant.driven)] = torque + disturbance
 
     def _update_final_acceleration(self) -> None:
         """Compute the acceleration under the present torque, which the oracle reads before the torque changes."""
@@ -125,14 +145,14 @@ class _MujocoLoop:
 
     def _advance_in_segments(self, k: int) -> None:
         """Simulate the period k, with a drive or a length of its own, in parts with a constant torque each."""
-        model, data, joints = self.model, self.data, list(self.plant.driven)
+        model, data = self.model, self.data
         period = self._period if self.inputs.periods is None else self.inputs.periods[k]
         # the command contains the disturbance of the first substep
         disturbance = self.inputs.disturbance[:, k]
-        command = self._command[joints] - disturbance[:, 0]
+        command = self._command[list(self.plant.driven)] - disturbance[:, 0]
         self._drive_state, torques = self._drive.step(self._drive_state, command, period, self._segments)
         for number, (segment, torque) in enumerate(zip(self._segments, torques, strict=True)):
-            data.qfrc_applied[joints] = torque + disturbance[:, segment.substep]
+            self._apply(torque, disturbance[:, segment.substep])
             model.opt.timestep = (segment.stop - segment.start) * period
             if number == 0 and self.is_runge_kutta:
                 mujoco.mj_forward(model, data)
@@ -196,21 +216,32 @@ def _step_with_true_derivatives(
     return step
 
 
-def _with_simulator_arrays(controller: ca.Function, plant: MujocoPlant) -> ca.Function:
+def _with_simulator_arrays(
+    controller: ca.Function, plant: MujocoPlant, commanded: Sequence[tuple[int, int, float]]
+) -> ca.Function:
     """Split the controller's input by the simulator's arrays; join its outputs, and what is recorded, in one row.
 
-    The simulator's arrays have all joints that move. The controller has the driven ones.
+    The simulator's arrays have all joints that move. The controller has the driven ones. What is commanded by an
+    actuator goes to the simulator's control inputs, not to its torques.
     """
     n, m = plant.n_joints, plant.n_coordinates
     joints, others = list(plant.measured), list(plant.unmeasured)
     x, outside = ca.SX.sym("x", controller.nnz_in(0)), ca.SX.sym("outside", 5 * n)
     q, v, a, last = (ca.SX.sym(name, m) for name in ("q", "v", "a", "last"))
     x_next, y = controller(x, ca.vertcat(last[joints], q[joints], v[joints], outside[:-n]))
+    output, control = y[n : 2 * n], ca.SX.zeros(plant.model.nu)
+    for joint, actuator, scale in commanded:
+        control[actuator] = scale * output[joint]
+        output[joint] = 0
     torque = ca.SX.zeros(m)
-    torque[list(plant.driven)] = y[n : 2 * n] + outside[-n:]
+    torque[list(plant.driven)] = output + outside[-n:]
     row = ca.vertcat(q[joints], v[joints], a[joints], y, q[others], v[others])
     names = ["x", "q", "v", "a", "last", "outside"], ["x_next", "torque", "row"]
-    return ca.Function("controller", [x, q, v, a, last, outside], [x_next, torque, row], *names)
+    outputs = [x_next, torque, row]
+    if plant.model.nu:
+        names[1].append("control")
+        outputs.append(control)
+    return ca.Function("controller", [x, q, v, a, last, outside], outputs, *names)
 
 
 def _parameter_changes(inputs: SampledInputs) -> dict[int, dict[str, np.ndarray]]:
