@@ -4,6 +4,7 @@ import ctypes
 import hashlib
 import importlib.util
 import os
+import platform
 import shlex
 import shutil
 import subprocess
@@ -20,6 +21,9 @@ from tarc.core.types import Array
 
 FLAGS = ["-std=c99", "-O3", "-ffp-contract=off", "-fPIC", "-shared"]
 """No fast mathematics, since the laws rely on comparisons with NaN; no contraction, so that numbers are the same."""
+
+THIS_PROCESSOR = "-march=native"
+"""Use all instructions of this processor, where the compiler knows the option. The numbers are the same."""
 
 
 def compiler() -> list[str]:
@@ -157,9 +161,9 @@ def _callable_from_casadi(function: ca.Function) -> str:
 
 
 def _library(code: str) -> Path:
-    """Return the shared library of C source, compiled once and kept under the hash of its text and of the command."""
+    """Return the shared library of C source, compiled once and kept by source, command and processor."""
     command = [*compiler(), *FLAGS]
-    name = hashlib.sha256("\n".join([code, *command]).encode()).hexdigest()[:32]
+    name = hashlib.sha256("\n".join([code, *command, _processor()]).encode()).hexdigest()[:32]
     library = cache() / f"{name}.so"
     if library.is_file():
         return library
@@ -169,7 +173,11 @@ def _library(code: str) -> Path:
             source = Path(folder, "source.c")
             output = Path(folder, "output.so")
             source.write_text(code)
-            _compile([*command, str(source), "-lm", "-o", str(output)])
+            files = [str(source), "-lm", "-o", str(output)]
+            try:
+                _compile([*command, THIS_PROCESSOR, *files])
+            except CompilationError:  # the compiler may not know the option; any other fault comes again
+                _compile([*command, *files])
             output.replace(library)
     except OSError as error:
         raise CompilationError(
@@ -177,6 +185,17 @@ def _library(code: str) -> Path:
             "folder that can be written, or leave native out"
         ) from None
     return library
+
+
+def _processor() -> str:
+    """Return what tells this processor from others that may share a home folder."""
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+    except OSError:
+        return platform.processor() or platform.machine()
+    first, _, _ = text.partition("\n\n")
+    names = "vendor_id", "cpu family", "model", "flags", "CPU ", "Features"
+    return "\n".join(line for line in first.splitlines() if line.startswith(names))
 
 
 def _compile(command: list[str]) -> None:
