@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import tarc
 from tarc import TarcError, plants
 from tarc.cli.main import app
 from tarc.design import design_controller
@@ -76,16 +77,20 @@ def test_a_file_that_is_not_there():
     assert "panda, ur5e" in message
 
 
-def test_a_free_base_is_refused_with_the_joints_to_list():
-    message = refusal_message(arm(shoulder=FREE, more=link("hand") + joint("wrist", "fore", "hand")))
-    assert "joint 'base_free' is free or a ball; a law drives hinges and slides" in message
-    assert "the others are locked" in message
-    assert message.endswith("--joints elbow,wrist")
+def test_a_free_base_is_fixed_with_a_note():
+    Path("free.urdf").write_text(arm(shoulder=FREE, more=link("hand") + joint("wrist", "fore", "hand")))
+    with pytest.warns(tarc.RobotFileWarning, match="joint base_free would let float is fixed.*--lock base_free"):
+        free = tarc.plants.load_robot("free.urdf")
+    assert free.joint_names == ["elbow", "wrist"]
+    fixed = joint("base_free", "base", "upper", "fixed", "")
+    Path("fixed.urdf").write_text(arm(shoulder=fixed, more=link("hand") + joint("wrist", "fore", "hand")))
+    expected = tarc.plants.load_robot("fixed.urdf")
+    np.testing.assert_allclose(free.inertia([0.3, 0.2]), expected.inertia([0.3, 0.2]))
 
 
 def test_a_free_base_alone():
     text = robot(link("base"), link("upper"), FREE)
-    assert "there are no others; it has no hinge or slide joint" in refusal_message(text)
+    assert "it has no hinge or slide joint to control" in refusal_message(text)
 
 
 @pytest.mark.parametrize(

@@ -133,3 +133,55 @@ def test_a_scenario_gives_the_home_posture_by_name_or_in_order(write):
         assert robot.home == pytest.approx([0.1, 0.2, 0.6])
     with pytest.raises(InvalidParameter, match=r"robot\.home: got 2 for joint a"):
         check_component("robot", {"file": file, "home": {"a": 2.0}}).build()
+
+
+WEAK = """<robot name="weak"><link name="base"/>{links}{joints}</robot>"""
+
+
+def weak_arm(effort):
+    """Return a URDF of two links that hang horizontally at zero."""
+    links = "".join(
+        f'<link name="l{i}"><inertial><origin xyz="0.3 0 0"/><mass value="2"/>'
+        '<inertia ixx="0.02" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        for i in (1, 2)
+    )
+    joints = "".join(
+        f'<joint name="j{i}" type="revolute"><parent link="{parent}"/><child link="l{i}"/><origin xyz="{x} 0 0"/>'
+        f'<axis xyz="0 1 0"/><limit lower="-1.5" upper="3" effort="{effort}" velocity="2"/></joint>'
+        for i, parent, x in ((1, "base", 0), (2, "l1", 0.6))
+    )
+    return WEAK.format(links=links, joints=joints)
+
+
+def test_a_robot_without_a_home_starts_where_its_torque_limits_hold_it(tmp_path):
+    file = tmp_path / "weak.urdf"
+    file.write_text(weak_arm(100))
+    assert load_robot(file).home.tolist() == [0.0, 0.0]
+    file.write_text(weak_arm(8))
+    robot = load_robot(file)
+    assert np.any(np.abs(robot.gravity_torque(np.zeros(2))) > 8)
+    assert np.all(np.abs(robot.gravity_torque(robot.home)) <= 0.8 * 8)
+    assert np.all(robot.home > -1.5)
+    assert np.all(robot.home < 3)
+    np.testing.assert_array_equal(load_robot(file).home, robot.home)
+    assert load_robot(file, home=[0.1, 0.2]).home.tolist() == [0.1, 0.2]
+
+
+def test_a_robot_that_nothing_holds_starts_where_it_did(tmp_path):
+    file = tmp_path / "weak.urdf"
+    file.write_text(weak_arm(8).replace('lower="-1.5" upper="3"', 'lower="-0.2" upper="0.2"'))
+    assert load_robot(file).home.tolist() == [0.0, 0.0]
+
+
+def test_a_joint_that_mimics_is_locked_where_its_leader_puts_it(tmp_path):
+    file = tmp_path / "weak.urdf"
+    mimic = '<mimic joint="j1" multiplier="-0.5" offset="0.3"/></joint></robot>'
+    file.write_text(weak_arm(100).replace("</joint></robot>", mimic))
+    free = tmp_path / "free.urdf"
+    free.write_text(weak_arm(100))
+    whole = load_robot(free)
+    for home, angle in ((None, 0.3), ({"j1": 0.8}, -0.1), ({"j1": 0.8, "j2": 0.7}, 0.7)):
+        robot = load_robot(file, home=home)
+        assert robot.locked == {"j2": "mimics j1"}
+        expected = whole.gravity_torque([0.2, angle])[:1]
+        assert robot.gravity_torque([0.2]) == pytest.approx(expected)

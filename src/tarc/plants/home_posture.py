@@ -4,7 +4,7 @@ from tarc.core.optional import require
 
 require("robots", "tarc.plants.MujocoPlant")
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 import mujoco
 import numpy as np
@@ -13,11 +13,15 @@ from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter, RobotFileError
 from tarc.core.types import Array
 from tarc.core.validation import Numbers
+from tarc.plants.constraints import follower_position
 from tarc.plants.joint_roles import Lock
 from tarc.plants.robot_file import compile_model, rotation_matrix
 
 Home = Numbers | Mapping[str, float]
 """Positions [rad or m] of the joints: one number per driven joint, or by name."""
+
+SHARE_AT_HOME = 0.8
+"""Largest share of the torque limits that gravity takes in a home posture that is searched for."""
 
 SCALAR = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 
@@ -54,7 +58,8 @@ def home_posture(
 
     A hinge or slide has one number, a ball four and a free joint seven. The first of these
     that is known counts: the argument, the keyframe ``home``, zero where the range contains it, the middle of the
-    range. A driven joint does not start at the end of its range.
+    range. A driven joint does not start at the end of its range. A joint that mimics another is where that one puts it,
+    unless its own position is known.
 
     Parameters
     ----------
@@ -76,7 +81,7 @@ def home_posture(
     InvalidParameter
         For positions of unknown joints, and for those outside the range of their joint.
     """
-    key = next((key for key in spec.keys if key.name == "home" and len(key.qpos)), None)
+    key = home_keyframe(spec)
     if key is not None and len(key.qpos) != model.nq:
         raise RobotFileError(
             f"{label}: its keyframe home has {len(key.qpos)} positions; needs {model.nq}, one per hinge and slide, "
@@ -99,11 +104,69 @@ def home_posture(
         number = model.joint(name).id
         low, high = model.jnt_range[number]
         if model.jnt_limited[number] and not low <= value <= high:
-            key = "lock" if isinstance(lock, Mapping) and name in lock else "home"
+            option = "lock" if isinstance(lock, Mapping) and name in lock else "home"
             raise InvalidParameter(
-                f"{key}: got {value:g} for joint {name} of {label}; its range is {low:g} to {high:g}", key
+                f"{option}: got {value:g} for joint {name} of {label}; its range is {low:g} to {high:g}", option
             )
         posture[name] = np.array([value])
+    _follow_leaders(spec, model, posture, given, has_keyframe=key is not None)
+    return posture
+
+
+def home_keyframe(spec: mujoco.MjSpec) -> mujoco.MjsKey | None:
+    """Return the keyframe ``home`` of a file, or None."""
+    return next((key for key in spec.keys if key.name == "home" and len(key.qpos)), None)
+
+
+def _follow_leaders(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, posture: dict[str, Array], given: Collection[str], has_keyframe: bool
+) -> None:
+    """Put joints that mimic others where those put them, unless the user or the keyframe gives their position."""
+    followers = {
+        equality.name1: equality
+        for equality in spec.equalities
+        if equality.type == mujoco.mjtEq.mjEQ_JOINT and equality.active and equality.name2
+    }
+    zeros = {name: model.qpos0[int(model.joint(name).qposadr[0])] for name in posture}
+    for _ in followers:  # one may follow another
+        for name, equality in followers.items():
+            leader = equality.name2
+            if name in given or (has_keyframe and leader not in given):
+                continue
+            displacement = float(posture[leader][0] - zeros[leader])
+            posture[name] = np.array([zeros[name] + follower_position(np.array(equality.data), displacement)])
+
+
+def holding_posture(
+    gravity: Callable[[Array], Array], limits: Array, ranges: Array, posture: Array, n_samples: int = 2000
+) -> Array:
+    """Return the posture (n,) nearest to another one in which torque limits hold the robot, or that one itself.
+
+    Parameters
+    ----------
+    gravity
+        Torque [N m or N] that keeps the robot at rest at a posture.
+    limits
+        Largest torque of each joint, shape (n,); infinite where unknown, zero where there is none.
+    ranges
+        Range of each joint [rad or m], shape (n, 2). An infinite range is taken as ±π about the posture.
+    posture
+        The posture to start from.
+    n_samples
+        Number of random postures to try.
+    """
+    limits = np.where(limits > 0, limits, np.inf)
+    if np.all(np.abs(gravity(posture)) <= limits):
+        return posture
+    low = np.where(np.isfinite(ranges[:, 0]), ranges[:, 0], posture - np.pi)
+    high = np.where(np.isfinite(ranges[:, 1]), ranges[:, 1], posture + np.pi)
+    samples = low + (high - low) * np.random.default_rng(0).random((n_samples, len(posture)))
+    middle = (low + high) / 2
+    samples = np.vstack([middle, samples])
+    distances = np.linalg.norm((samples - posture) / np.maximum(high - low, 1e-9), axis=1)
+    for place in np.argsort(distances):
+        if np.all(np.abs(gravity(samples[place])) <= SHARE_AT_HOME * limits):
+            return samples[place]
     return posture
 
 

@@ -125,7 +125,15 @@ def choose_joints(
     free = [name for name in locked if kinds[name] == mujoco.mjtJoint.mjJNT_FREE and name not in to_lock]
     pulled = [name for name, reason in locked.items() if reason.startswith("driven")]
     notes = _notes(passive) if is_asked else _notes(passive, free, pulled)
+    _fix_inside(spec)
     return JointRoles(driven, passive, locked, notes)
+
+
+def _fix_inside(spec: mujoco.MjSpec) -> None:
+    """Delete free joints of bodies that are not in the world, which MuJoCo does not compile: a URDF may have them."""
+    for joint in list(spec.joints):
+        if joint.type == mujoco.mjtJoint.mjJNT_FREE and joint.parent.parent.name != "world":
+            spec.delete(joint)
 
 
 def _names_to_lock(lock: Lock | None, kinds: Mapping[str, mujoco.mjtJoint], label: str) -> Collection[str]:

@@ -55,7 +55,8 @@ def load_robot(
     home
         Home posture [rad or m]: one number per joint in the order of ``joints`` or of the file, or numbers by name.
         A name may also be that of a locked joint. None for the keyframe ``home``, else zero, or the middle of a range
-        without zero.
+        without zero. Where the torque limits do not hold the robot there, it is the nearest of 2000 random postures in
+        which 80 % of them do.
     armature, viscous, coulomb
         Rotor inertia [kg m²], viscous [N m s/rad] and Coulomb friction [N m]: one number, or one per joint in the
         order of ``joints`` or of the file. None keeps the values of the file.

@@ -21,7 +21,14 @@ from tarc.plants.actuators import FileServo, read_servo
 from tarc.plants.assembly import assembled, constraint_rows
 from tarc.plants.base import Plant
 from tarc.plants.constraints import acting_constraints, keep_anchors
-from tarc.plants.home_posture import Home, compile_kinematics, home_posture, lock_joints
+from tarc.plants.home_posture import (
+    Home,
+    compile_kinematics,
+    holding_posture,
+    home_keyframe,
+    home_posture,
+    lock_joints,
+)
 from tarc.plants.joint_roles import JointRoles, Lock, choose_joints, lock_hint
 from tarc.plants.link_inertia import merge_rigid_links
 from tarc.plants.robot_file import (
@@ -128,8 +135,7 @@ class MujocoPlant(Plant):
             Joints to lock in the home posture, by name, or positions [rad or m] to lock them at, by name.
         home
             Home posture [rad or m]: one number per joint in the order of ``joints`` or of the file, or numbers by name.
-            A name may also be that of a locked joint. None for the keyframe ``home``, else zero, or the middle of a
-            range without zero.
+            A name may also be that of a locked joint. None for the keyframe ``home``, else as in `load_robot`.
         armature, viscous, coulomb
             Rotor inertia [kg m²], viscous [N m s/rad] and Coulomb friction [N m]: one number, or one per joint in the
             order of ``joints`` or of the file. None keeps the values of the file.
@@ -159,12 +165,13 @@ class MujocoPlant(Plant):
         file = find_robot(path)
         with without_log_file():
             spec = read_specification(file)
-        names = [joints] if isinstance(joints, str) else joints
         check_links(spec, file.name)
+        names = [joints] if isinstance(joints, str) else joints
         roles = choose_joints(spec, names, lock, file.name)
         acting = acting_constraints(spec, roles.moving, file.name)
         kinematics = compile_kinematics(spec, file.name)
         posture = home_posture(spec, kinematics, roles.driven, home, lock, file.name)
+        is_home_free = home is None and home_keyframe(spec) is None
         roles.warn(file.name)
         if roles.locked:
             keep_anchors(spec, kinematics, acting, roles.moving, posture)
@@ -173,19 +180,17 @@ class MujocoPlant(Plant):
         reduce_to_joints(spec, {*acting, *(servo.kept if servo else ())})
         lock_joints(spec, kinematics, roles.moving, posture)
         merge_rigid_links(spec, file.name, balance_inertia)
-        _set_joints(spec, names or in_order, {"armature": armature, "viscous": viscous, "coulomb": coulomb})
-        if not contact:
-            spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
-        spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+        friction = {"armature": armature, "viscous": viscous, "coulomb": coulomb}
+        _set_joints(spec, names or in_order, friction)
+        flags = mujoco.mjtDisableBit
+        spec.option.disableflags |= flags.mjDSBL_AUTORESET | (0 if contact else flags.mjDSBL_CONTACT)
         start = {name: float(posture[name][0]) for name in roles.moving}
         plant = cls(spec, roles, start, tool or "", check.number("payload", payload, 0), file.name)
         options = {
             "joints": None if names is None else list(names),
             "lock": dict(lock) if isinstance(lock, Mapping) else None if lock is None else list(lock),
             "home": dict(home) if isinstance(home, Mapping) else home,
-            "armature": armature,
-            "viscous": viscous,
-            "coulomb": coulomb,
+            **friction,
             "payload": payload or None,
             "tool": tool,
             "contact": contact or None,
@@ -193,11 +198,19 @@ class MujocoPlant(Plant):
             "actuators": None if actuators == "file" else actuators,
         }
         plant._constraints = list(acting.values())
+        if is_home_free:
+            plant._start_where_limits_hold()
         plant.servo = None if servo is None else replace(servo, torque_limits=plant._torque_limits)
         plant._velocity_limits = velocity_limits(file, plant.joint_names, file.name)
         plant._acceleration_limits = acceleration_limits(file, plant.joint_names)
         plant._file_options = {"file": str(path), **{key: value for key, value in options.items() if value is not None}}
         return plant
+
+    def _start_where_limits_hold(self) -> None:
+        """Move the home posture to where the torque limits hold the robot; not with passive joints or constraints."""
+        if self.is_fully_driven and not self._constraints:
+            limits, ranges = self._torque_limits, self.position_limits
+            self._start = holding_posture(self.gravity_torque, limits, ranges, self._start)
 
     @property
     def file_options(self) -> Mapping[str, object]:
