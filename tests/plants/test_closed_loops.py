@@ -167,7 +167,7 @@ def test_bodies_stay_held_where_the_file_holds_them_when_a_joint_between_is_lock
     data.qpos[:] = [0.3, 0.2, -0.4, 0.1]
     mujoco.mj_forward(model, data)
     expected = data.efc_pos[data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY]
-    robot = load_robot(file, lock={"turn": 0.3}, joints=["lift", "wrist", "x"])
+    robot = MujocoPlant.from_file(file, lock={"turn": 0.3}, joints=["lift", "wrist", "x"])
     data = mujoco.MjData(robot.model)
     data.qpos[:] = [0.2, -0.4, 0.1]
     mujoco.mj_forward(robot.model, data)
@@ -178,7 +178,7 @@ def test_bodies_stay_held_where_the_file_holds_them_when_a_joint_between_is_lock
 def test_a_joint_whose_leader_is_locked_is_held_where_the_leader_puts_it(write):
     equality = '<equality><joint joint1="far" joint2="near" polycoef="0.1 0.8 0 0 0"/></equality>'
     text = FINGER.format("", equality).replace('joint="near" ctrlrange', 'joint="far" ctrlrange')
-    robot = load_robot(write(text), joints=["far"], lock={"near": 0.5})
+    robot = MujocoPlant.from_file(write(text), joints=["far"], lock={"near": 0.5})
     data = mujoco.MjData(robot.model)
     data.qpos[:] = 0.1 + 0.8 * 0.5
     mujoco.mj_forward(robot.model, data)

@@ -44,9 +44,9 @@ def test_a_joint_without_an_actuator_is_passive_and_named(cart):
         r"cart.xml: No actuator drives joint pivot: simulated as passive.*lock=\['pivot'\] in Python, --lock pivot of "
         r"tarc design, --set robot.lock=\[pivot\] for a scenario"
     )
-    for options in ({}, {"joints": ["rail"]}, {"backend": "mujoco"}):
+    for joints, backend in ((None, "auto"), (["rail"], "auto"), (None, "mujoco")):
         with pytest.warns(RobotFileWarning, match=message):
-            robot = load_robot(cart, **options)
+            robot = load_robot(cart, joints=joints, backend=backend)
         assert robot.joint_names == ["rail"]
         assert robot.units == ["m"]
         assert robot.torque_limits.tolist() == [20.0]

@@ -53,7 +53,9 @@ def test_one_joint_under_a_constant_command_has_the_closed_form_of_its_servo():
 
 def test_the_loops_saturate_at_the_torque_limits_of_the_robot():
     class Limited(MassSpringDamper):
-        torque_limits = np.array([3.0])
+        @property
+        def torque_limits(self):
+            return np.array([3.0])
 
     servo = PositionServo(Limited(masses=[2.0], springs=[0.0], dampers=[0.0]), kp=800.0)
     acceleration = servo.evaluate("acceleration", [0.0], [0.0], servo.joint_input(np.array([1.0]), np.array([0.5])))
@@ -152,3 +154,32 @@ def test_a_servo_needs_a_robot_in_symbols_and_gains():
         PositionServo(PositionServo(TwoLinkArm(), kp=100.0), kp=100.0)
     with pytest.raises(InvalidParameter, match="kp"):
         PositionServo(TwoLinkArm(), kp=0.0)
+
+
+def test_a_servo_drives_the_motors_of_an_elastic_joint_and_not_the_other_way_round():
+    gearbox = tarc.plants.Gearbox(plant=mass(), stiffness=5000.0, motor_inertia=0.5, encoder="link")
+    servo = PositionServo(gearbox, kp=800.0, kd=80.0)
+    assert servo.passive_joints == ["joint1"]
+    run = tarc.simulate(servo, law(1e-4, torque_limit=0.2), STILL, 3.0, initial_position=0.1, initial_torque=0.2)
+    assert run.data["passive_joint"].values.tolist() == ["joint1 motor"]
+    with pytest.raises(InvalidParameter, match=r"PositionServo\(Gearbox"):
+        tarc.plants.Gearbox(plant=PositionServo(mass(), kp=800.0), stiffness=5000.0, motor_inertia=0.5)
+
+
+def test_a_scenario_gives_gains_and_runs_with_commands(tmp_path):
+    file = tmp_path / "servo.yaml"
+    file.write_text(
+        """
+robot: {file: ur5e, armature: 0.1, kp: 2000.0, kd: 100.0}
+law: {kind: TDC, natural_frequency: 10.0, inertia: {fraction: 0.1, diagonal: true}}
+estimator: {kind: Algebraic, window: 0.010}
+reference: {kind: Sinusoid, amplitude: 0.1, frequency: 2.0, offset: [0.0, -1.57, 1.57, -1.57, -1.57, 0.0]}
+initial_torque: rest
+duration: 0.2
+"""
+    )
+    scenario = tarc.Scenario.load(file)
+    (run,) = scenario.run().values()
+    assert run.status.completed
+    assert run.command_unit == "rad"
+    assert tarc.Scenario.load(file, ["robot.kp=[1000, 1000, 1000, 500, 500, 500]"]).build().plant.command_gain[5] == 500

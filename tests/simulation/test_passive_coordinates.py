@@ -24,11 +24,25 @@ class CartPole(EulerLagrange):
     length: float = 0.5
     gravity: float = 9.81
 
-    n_joints = 1
-    n_coordinates = 2
-    joint_names = property(lambda self: ["rail"])
-    coordinate_names = property(lambda self: ["rail", "pivot"])
-    units = property(lambda self: ["m"])
+    @property
+    def n_joints(self):
+        return 1
+
+    @property
+    def n_coordinates(self):
+        return 2
+
+    @property
+    def joint_names(self):
+        return ["rail"]
+
+    @property
+    def coordinate_names(self):
+        return ["rail", "pivot"]
+
+    @property
+    def units(self):
+        return ["m"]
 
     def kinetic_energy(self, q, dq, p):
         """Return T."""
@@ -51,9 +65,17 @@ class ElasticJoint(EulerLagrange):
     load: float = 0.5
     spring: float = 300.0
 
-    n_joints = 1
-    n_coordinates = 2
-    driven = (0,)
+    @property
+    def n_joints(self):
+        return 1
+
+    @property
+    def n_coordinates(self):
+        return 2
+
+    @property
+    def driven(self):
+        return (0,)
 
     def kinetic_energy(self, q, dq, p):
         """Return T."""
@@ -67,7 +89,9 @@ class ElasticJoint(EulerLagrange):
 class LinkSide(ElasticJoint):
     """The same with the encoder at the load, and a start without twist."""
 
-    measured = (1,)
+    @property
+    def measured(self):
+        return (1,)
 
     def coordinates(self, position):
         """Return motor and load at the same angle."""

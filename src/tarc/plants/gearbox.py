@@ -12,6 +12,7 @@ from tarc.core.errors import InvalidParameter
 from tarc.core.types import Array, Vector
 from tarc.core.validation import Numbers
 from tarc.plants.base import Plant
+from tarc.plants.servo import ServoedPlant
 from tarc.plants.symbolic import Equations, SymbolicPlant
 
 PREFIX = "gearbox_"
@@ -132,6 +133,11 @@ class Gearbox(Component, SymbolicPlant):
     ripple_phase: Numbers = 0.0
 
     def __post_init__(self) -> None:
+        if isinstance(self.plant, ServoedPlant):
+            raise InvalidParameter(
+                "gearbox: got a robot with inner loops at its joints; give the loops the robot with its gearbox, as in "
+                "PositionServo(Gearbox(plant=robot, …), kp, kd)"
+            )
         if not isinstance(self.plant, SymbolicPlant):
             raise InvalidParameter(
                 f"gearbox: got {self.plant!r}; needs a robot in symbols, from energies or by load_robot(..., "

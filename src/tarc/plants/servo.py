@@ -103,7 +103,7 @@ class ServoedPlant(DelegatingPlant, SymbolicPlant):
         The loops.
     """
 
-    def __init__(self, plant: SymbolicPlant, servo: Servo):
+    def __init__(self, plant: Plant, servo: Servo):
         if not isinstance(plant, SymbolicPlant) or isinstance(plant, ServoedPlant):
             raise InvalidParameter(
                 f"plant: got {plant!r}; needs a robot in symbols that takes torques, from energies or from a file"
@@ -128,6 +128,11 @@ class ServoedPlant(DelegatingPlant, SymbolicPlant):
     def torque_limits(self) -> Array:
         """Return the largest magnitude of the command of each joint, shape (n,), infinite where there is no limit."""
         return self.servo.limits(self.plant)
+
+    @property
+    def dry_friction(self) -> tuple[str, ...]:
+        """Return the parameters that are zero without dry friction."""
+        return self.plant.dry_friction
 
     @property
     def command_gain(self) -> Array:
@@ -209,7 +214,7 @@ class PositionServo(ServoedPlant):
     ['rad', 'rad']
     """
 
-    def __init__(self, plant: SymbolicPlant, kp: Numbers, kd: Numbers = 0.0):
+    def __init__(self, plant: Plant, kp: Numbers, kd: Numbers = 0.0):
         if not isinstance(plant, Plant):
             raise InvalidParameter(f"plant: got {plant!r}; needs one of tarc.plants")
         n = plant.n_joints
