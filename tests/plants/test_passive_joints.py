@@ -181,6 +181,9 @@ def test_a_scenario_with_a_passive_joint_runs_and_its_certificates_say_what_to_l
     assert run.data["passive_joint"].values.tolist() == ["pivot"]
     locked = tarc.Scenario.load(scenario, ["robot.lock=[pivot]"])
     assert locked.build().plant.is_fully_driven
+    (certification,) = locked.certify(samples=50).values()
+    assumptions = certification.certificates["robot"].assumptions
+    assert assumptions[-1] == "these joints are locked and do not move: pivot (as given)"
     message = r"no torque acts on the joint pivot of cart.xml.*--set robot.lock=\[pivot\] for a scenario"
     with pytest.raises(InvalidParameter, match=message):
         tarc.Scenario.load(scenario).certify()

@@ -47,7 +47,7 @@ def test_one_joint_under_a_constant_command_has_the_closed_form_of_its_servo():
     np.testing.assert_allclose(run.data["position"].values[start:, 0], expected, atol=1e-9)
     assert run.data["torque"].attrs == {"long_name": "command of the joints", "units": "m"}
     assert run.command_unit == "m"
-    assert "torque variation</td><td>" in run._repr_html_()
+    assert "command variation</td><td>" in run._repr_html_()
     assert "<td>m/s</td>" in run._repr_html_()
 
 

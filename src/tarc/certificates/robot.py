@@ -141,7 +141,7 @@ def certify_robot(
         margin_meaning="1 less the spectral radius in that posture"
         if refuted
         else "radius over the one needed, less 1",
-        assumptions=_assumptions(law, spread, evidence, workspace, computation_delay),
+        assumptions=_assumptions(law, plants[0], spread, evidence, workspace, computation_delay),
         evidence=evidence,
         witness=witness,
         basis=f"{spread.samples} sampled postures and local search",
@@ -210,7 +210,12 @@ def _worst_points(sampled: SampledPoints, candidate: "BallCandidate") -> WorstPo
 
 
 def _assumptions(
-    law: PolePlacement, spread: InertiaSpread, evidence: RobotEvidence, workspace: Workspace, computation_delay: int
+    law: PolePlacement,
+    plant: Plant,
+    spread: InertiaSpread,
+    evidence: RobotEvidence,
+    workspace: Workspace,
+    computation_delay: int,
 ) -> tuple[str, ...]:
     """Return what the verdict takes for granted."""
     motion = "" if workspace.speed is None else ", and the motion itself,"
@@ -234,6 +239,9 @@ def _assumptions(
         lines.append("left out: the robust term, whose slope over the error has no bound; without it the verdict holds")
     if not joints_share_loop(law):
         lines.append("gains that differ between the joints: only the loop at rest in the worst postures was tested")
+    if plant.locked:
+        names = ", ".join(f"{name} ({reason})" for name, reason in plant.locked.items())
+        lines.append(f"these joints are locked and do not move: {names}")
     return tuple(lines)
 
 

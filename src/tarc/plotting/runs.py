@@ -70,8 +70,8 @@ def _screen(runs: dict[str, "Run"]) -> Figure:
         axes = figure.add_subplot(grid[tracks + 1, k * share : (k + 1) * share], sharey=panels[0] if panels else None)
         for colour, i in zip(COLOURS * len(joints), range(len(joints)), strict=False):
             axes.plot(run.data["time"], run.data["torque"][:, i], color=colour, lw=0.8, label=str(joints[i]))
-        axes.set_title(f"torque, {name}", fontsize="medium")
-        axes.set_ylabel(f"torque [{_unit(first, 'torque')}]" if k == 0 else "")
+        axes.set_title(f"{_output(first)}, {name}", fontsize="medium")
+        axes.set_ylabel(f"{_output(first)} [{_unit(first, 'torque')}]" if k == 0 else "")
         axes.margins(x=0)
         panels.append(axes)
     panels[-1].legend(fontsize="x-small", loc="center left", bbox_to_anchor=(1.0, 0.5))
@@ -94,7 +94,7 @@ def _column(runs: dict[str, "Run"]) -> Figure:
     strongest = int(np.argmax(np.abs(first["torque"].values).max(axis=0)))
     for colour, name, run in _drawn(runs):
         panels[1].plot(run.data["time"], run.data["torque"][:, strongest], color=colour, lw=line * 0.8, label=name)
-    panels[1].set_ylabel(f"torque [{_unit(first, 'torque')}]")
+    panels[1].set_ylabel(f"{_output(first)} [{_unit(first, 'torque')}]")
     panels[1].set_title(str(first["joint"].values[strongest]), fontsize=size, pad=2)
     if gains:
         _gain(panels[2], gains, line)
@@ -117,6 +117,11 @@ def _drawn(runs: dict[str, "Run"]) -> list[tuple[str, str, "Run"]]:
 def _legend(axes: Axes, ncols: int = 4) -> None:
     """Draw a legend above the axes, where it hides nothing."""
     axes.legend(fontsize="small", loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=ncols, frameon=False, borderpad=0)
+
+
+def _output(data: "Dataset") -> str:
+    """Return what the law outputs: a torque, or a command of inner loops."""
+    return "torque" if _unit(data, "torque").startswith("N") else "command"
 
 
 def _unit(data: "Dataset", name: str) -> str:

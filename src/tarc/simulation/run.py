@@ -213,8 +213,10 @@ class Run:
         return f"{text}>"
 
     def _repr_html_(self) -> str:
+        output = "command" if self.command_unit else "torque"
+        labels = {key: measure.label.replace("torque", output) for key, measure in MEASURES.items()}
         rows = [
-            f"<tr><td>{escape(MEASURES[key].label)}</td><td>{MEASURES[key].scale * value:.4g}</td>"
+            f"<tr><td>{escape(labels[key])}</td><td>{MEASURES[key].scale * value:.4g}</td>"
             f"<td>{escape(measure_unit(key, self.joint_units, self.command_unit))}</td></tr>"
             for key, value in self.metrics_or_none().items()
         ]

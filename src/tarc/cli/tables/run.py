@@ -42,6 +42,7 @@ def print_runs(scenario: Scenario, runs: dict[str, Run], files: list[Path]) -> N
     for key, (label, _, scale, _) in MEASURES.items():
         if any(key in result for result in results.values()):
             cells = [f"{scale * result[key]:.4g}" if key in result else "–" for result in results.values()]
+            label = label.replace("torque", "command") if first.command_unit else label
             table.add_row(label, *cells, measure_unit(key, first.joint_units, first.command_unit))
     table.add_section()
     statuses = [str(run.status) for run in runs.values()]
