@@ -142,6 +142,45 @@ def test_driven_joints_that_constraints_couple_are_simulated_and_not_certified(w
     np.testing.assert_allclose(run.data["position"][:, 1], 0.8 * run.data["position"][:, 0], atol=2e-3)
 
 
+GRIPPER = f"""<mujoco><compiler angle="radian"/><option><flag contact="disable"/></option><worldbody>
+  <body name="arm"><joint name="arm" axis="0 1 0" range="-1 1" armature="0.1"/>{rod(0.4)}
+    <body name="hand" pos="0.4 0 0">
+      <body name="crank" euler="0 -1.5708 0"><joint name="crank" axis="0 1 0"/>{rod(0.05)}
+        <body name="coupler" pos="0.05 0 0" euler="0 1.5708 0"><joint name="coupler" axis="0 1 0"/>{rod(0.1)}</body>
+      </body>
+      <body name="rocker" pos="0.1 0 0" euler="0 -1.5708 0"><joint name="rocker" axis="0 1 0"/>{rod(0.05)}</body>
+      <body name="left" pos="0 0.03 0"><joint name="left" type="slide" axis="0 1 0"/>{rod(0.03)}</body>
+      <body name="right" pos="0 -0.03 0"><joint name="right" type="slide" axis="0 -1 0"/>{rod(0.03)}</body>
+    </body></body></worldbody>
+  <tendon><fixed name="split"><joint joint="left" coef="0.5"/><joint joint="right" coef="0.5"/></fixed>
+    <fixed name="pull"><joint joint="crank" coef="1"/></fixed></tendon>
+  <equality><joint joint1="right" joint2="left"/><connect body1="coupler" body2="rocker" anchor="0.1 0 0"/></equality>
+  <actuator><general joint="arm" gainprm="4500" biastype="affine" biasprm="0 -4500 -450" ctrlrange="-1 1"/>
+    <general tendon="split" gainprm="0.016" biastype="affine" biasprm="0 -100 -10"/>
+    <position tendon="pull" kp="1"/></actuator></mujoco>"""
+"""An arm that takes positions, with fingers on a tendon and a linkage whose crank another tendon drives."""
+
+
+def test_a_gripper_s_linkage_is_simulated_or_locked_as_the_message_says(write):
+    file = write(GRIPPER)
+    robot = load_robot(file)
+    assert isinstance(robot, MujocoPlant)
+    assert robot.joint_names == ["arm"]
+    assert robot.torque_units == ["rad"]
+    assert robot.passive_joints == ["coupler", "rocker"]
+    assert robot.locked == {
+        "crank": "driven through the tendon pull",
+        "left": "driven through the tendon split",
+        "right": "mimics left",
+    }
+    with pytest.raises(InvalidParameter, match=r"the connect constraint.*lock=\['coupler', 'rocker'\] in Python"):
+        tarc.certify_law(law(1e-5), robot, Workspace.box([-0.5], [0.5]))
+    rigid = load_robot(file, lock=["coupler", "rocker"])
+    assert rigid.constraints == []
+    assert not isinstance(rigid, MujocoPlant)
+    assert rigid.is_fully_driven
+
+
 def test_a_start_where_constraints_cannot_hold_is_refused(write):
     short = FOUR_BAR.replace(rod(0.5), rod(0.3)).replace('anchor="0.5 0 0"', 'anchor="0.5 0 0.0"')
     robot = load_robot(write(short.replace('pos="0.5 0 0" euler', 'pos="0.62 0 0.2" euler')))

@@ -99,7 +99,7 @@ class Plant(ABC):
         if self.constraints:
             raise InvalidParameter(
                 f"plant: {purpose} needs joints that move independently, and {self.label} has "
-                f"{' and '.join(self.constraints)}. Simulate it only, or use a copy of the file without that",
+                f"{' and '.join(self.constraints)}. {self.way_out_of_constraints}",
                 "robot",
             )
         if passive:
@@ -113,6 +113,11 @@ class Plant(ABC):
     def holding_torque(self, coordinates: Vector) -> Vector:
         """Return the torque of the joints [N m or N], shape (n,), that keeps the robot at rest at coordinates (m,)."""
         return np.asarray(self.gravity_torque(coordinates))[list(self.driven)]
+
+    @property
+    def way_out_of_constraints(self) -> str:
+        """Return how to do without what couples the coordinates, for messages."""
+        return "Simulate it only, or use a copy of the file without that"
 
     @property
     def way_out_of_passive(self) -> str:

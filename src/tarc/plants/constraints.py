@@ -67,6 +67,14 @@ def acting_constraints(spec: mujoco.MjSpec, moving: Collection[str], label: str)
     return acting
 
 
+def is_free_without(spec: mujoco.MjSpec, driven: Collection[str], label: str) -> bool:
+    """Return whether nothing couples the driven joints once all others are locked."""
+    try:
+        return not acting_constraints(spec, driven, label)
+    except RobotFileError:
+        return False
+
+
 def _couples(
     equality: mujoco.MjsEquality,
     moving: Collection[str],

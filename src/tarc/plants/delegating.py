@@ -55,6 +55,11 @@ class DelegatingPlant(Plant):
         return self.facts.coordinates(position)
 
     @property
+    def way_out_of_constraints(self) -> str:
+        """Return how to do without what couples the coordinates, for messages."""
+        return self.facts.way_out_of_constraints
+
+    @property
     def way_out_of_passive(self) -> str:
         """Return how to do without passive coordinates, for messages."""
         return self.facts.way_out_of_passive

@@ -20,7 +20,7 @@ from tarc.core.validation import Numbers
 from tarc.plants.actuators import FileServo, read_servo
 from tarc.plants.assembly import assembled, constraint_rows
 from tarc.plants.base import Plant
-from tarc.plants.constraints import acting_constraints, keep_anchors
+from tarc.plants.constraints import acting_constraints, is_free_without, keep_anchors
 from tarc.plants.home_posture import (
     Home,
     compile_kinematics,
@@ -76,6 +76,7 @@ class MujocoPlant(Plant):
         )
         self._locked = roles.locked
         self._constraints: list[str] = []
+        self._is_lock_enough = False
         self.servo: FileServo | None = None
         self.model: mujoco.MjModel = compile_model(spec, label)
         self._label = label
@@ -169,6 +170,7 @@ class MujocoPlant(Plant):
         names = [joints] if isinstance(joints, str) else joints
         roles = choose_joints(spec, names, lock, file.name)
         acting = acting_constraints(spec, roles.moving, file.name)
+        is_lock_enough = bool(roles.passive) and is_free_without(spec, roles.driven, file.name)
         kinematics = compile_kinematics(spec, file.name)
         posture = home_posture(spec, kinematics, roles.driven, home, lock, file.name)
         is_home_free = home is None and home_keyframe(spec) is None
@@ -197,18 +199,17 @@ class MujocoPlant(Plant):
             "balance_inertia": balance_inertia or None,
             "actuators": None if actuators == "file" else actuators,
         }
-        plant._constraints = list(acting.values())
-        if is_home_free:
-            plant._start_where_limits_hold()
+        plant._constraints, plant._is_lock_enough = list(acting.values()), is_lock_enough
+        plant._choose_home(is_home_free)
         plant.servo = None if servo is None else replace(servo, torque_limits=plant._torque_limits)
         plant._velocity_limits = velocity_limits(file, plant.joint_names, file.name)
         plant._acceleration_limits = acceleration_limits(file, plant.joint_names)
         plant._file_options = {"file": str(path), **{key: value for key, value in options.items() if value is not None}}
         return plant
 
-    def _start_where_limits_hold(self) -> None:
-        """Move the home posture to where the torque limits hold the robot; not with passive joints or constraints."""
-        if self.is_fully_driven and not self._constraints:
+    def _choose_home(self, is_free: bool) -> None:
+        """Move a home posture that is free to where the torque limits hold a robot all of whose joints are driven."""
+        if is_free and self.is_fully_driven and not self._constraints:
             limits, ranges = self._torque_limits, self.position_limits
             self._start = holding_posture(self.gravity_torque, limits, ranges, self._start)
 
@@ -305,6 +306,11 @@ class MujocoPlant(Plant):
         gains = np.ones(self.n_coordinates)
         gains[list(self._driven)] = self.command_gain
         return gains
+
+    @property
+    def way_out_of_constraints(self) -> str:
+        """Return how to do without what couples the joints, for messages: lock the passive ones if that is enough."""
+        return lock_hint(self.passive_joints) if self._is_lock_enough else super().way_out_of_constraints
 
     @property
     def way_out_of_passive(self) -> str:
