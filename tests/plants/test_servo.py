@@ -183,3 +183,12 @@ duration: 0.2
     assert run.status.completed
     assert run.command_unit == "rad"
     assert tarc.Scenario.load(file, ["robot.kp=[1000, 1000, 1000, 500, 500, 500]"]).build().plant.command_gain[5] == 500
+
+
+def test_only_what_a_file_gives_is_written_as_arguments_of_it():
+    arm = load_robot("ur5e", armature=0.1)
+    assert arm.file_options == {"file": "ur5e", "armature": 0.1}
+    assert PositionServo(arm, kp=500.0).file_options == {}
+    assert tarc.plants.Gearbox(plant=arm, stiffness=5000.0).file_options == {}
+    loaded = load_robot("ur5e", armature=0.1, kp=500.0).with_parameters({"payload": 1.0})
+    assert loaded.file_options == {"file": "ur5e", "armature": 0.1, "kp": 500.0, "payload": 1.0}

@@ -44,8 +44,8 @@ Home = Annotated[
     str,
     typer.Option(
         metavar="NUMBERS",
-        help="Home posture \\[rad or m], one number per joint with commas between. Default: the keyframe home of the "
-        "file, else zero or the middle of a joint's range.",
+        help="Home posture \\[rad or m]: one number per joint with commas between, or by name, A=0.3,B=1. Default: the "
+        "keyframe home of the file, else zero or the middle of a range, else where the torque limits hold the robot.",
         rich_help_panel=PANEL,
     ),
 ]
@@ -144,7 +144,7 @@ def design(
         robot,
         joints=names_of(joints) or None,
         lock=names_or_positions("--lock", lock),
-        home=numbers_of("--home", home),
+        home=names_or_positions("--home", home) if "=" in home else numbers_of("--home", home),
         armature=numbers_of("--armature", armature),
         viscous=numbers_of("--viscous", viscous),
         coulomb=numbers_of("--coulomb", coulomb),

@@ -1,5 +1,6 @@
 """Gearbox between motors and links: elasticity, backlash, Stribeck friction and torque ripple."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -12,6 +13,7 @@ from tarc.core.errors import InvalidParameter
 from tarc.core.types import Array, Vector
 from tarc.core.validation import Numbers
 from tarc.plants.base import Plant
+from tarc.plants.delegating import DelegatingPlant
 from tarc.plants.servo import ServoedPlant
 from tarc.plants.symbolic import Equations, SymbolicPlant
 
@@ -58,7 +60,7 @@ def elastic_torque(twist: Vector, twist_rate: Vector, p: dict[str, Any]) -> Vect
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Gearbox(Component, SymbolicPlant):
+class Gearbox(Component, DelegatingPlant, SymbolicPlant):
     """A robot behind gearboxes: motors at θ drive the links at q.
 
         J θ̈ + F(θ̇) + c sin(N_c θ + φ) + τ_g = τ,     M(q) q̈ + N(q, q̇) = τ_g
@@ -259,9 +261,9 @@ class Gearbox(Component, SymbolicPlant):
         return gravity / values["stiffness"] + np.sign(gravity) * values["backlash"] / 2
 
     @property
-    def n_joints(self) -> int:
-        """Return the number of joints n."""
-        return self.plant.n_joints
+    def facts(self) -> Plant:
+        """Return the robot without the gearboxes."""
+        return self.plant
 
     @property
     def n_coordinates(self) -> int:
@@ -299,46 +301,6 @@ class Gearbox(Component, SymbolicPlant):
         return "An elastic gearbox moves by itself: use the robot without it"
 
     @property
-    def label(self) -> str:
-        """Return the name of the robot."""
-        return self.plant.label
-
-    @property
-    def joint_names(self) -> list[str]:
-        """Return the names of the robot's joints."""
-        return self.plant.joint_names
-
-    @property
-    def units(self) -> list[str]:
-        """Return the unit of each joint's position."""
-        return self.plant.units
-
-    @property
-    def torque_limits(self) -> Array:
-        """Return the robot's torque limits [N m or N], shape (n,)."""
-        return self.plant.torque_limits
-
-    @property
-    def velocity_limits(self) -> Array:
-        """Return the robot's velocity limits [rad/s or m/s], shape (n,)."""
-        return self.plant.velocity_limits
-
-    @property
-    def acceleration_limits(self) -> Array:
-        """Return the robot's acceleration limits [rad/s² or m/s²], shape (n,)."""
-        return self.plant.acceleration_limits
-
-    @property
-    def position_limits(self) -> Array:
-        """Return the ranges of the joints [rad or m], shape (n, 2)."""
-        return self.plant.position_limits
-
-    @property
-    def payload_place(self) -> str:
-        """Return where the payload acts, for messages."""
-        return self.plant.payload_place
-
-    @property
-    def home(self) -> Array:
-        """Return the robot's posture to start from, shape (n,)."""
-        return self.plant.home
+    def file_options(self) -> Mapping[str, object]:
+        """Return nothing: no arguments of `load_robot` give a gearbox."""
+        return {}

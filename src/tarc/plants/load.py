@@ -122,7 +122,9 @@ def load_robot(
     if uses_mujoco:
         return plant
     plant.require_equations()
-    return RigidBody(plant) if plant.servo is None else ServoedPlant(RigidBody(plant.without_servo()), plant.servo)
+    if plant.servo is None:
+        return RigidBody(plant)
+    return ServoedPlant(RigidBody(plant.without_servo()), plant.servo).from_file()
 
 
 def _with_position_loops(plant: MujocoPlant, kp: Numbers, kd: Numbers | None, uses_mujoco: bool) -> PositionServo:
@@ -134,4 +136,4 @@ def _with_position_loops(plant: MujocoPlant, kp: Numbers, kd: Numbers | None, us
         )
     options = {key: value for key, value in (("kp", kp), ("kd", kd)) if value is not None}
     plant._file_options = {key: value for key, value in plant._file_options.items() if key != "actuators"} | options
-    return PositionServo(RigidBody(plant), kp, 0.0 if kd is None else kd)
+    return PositionServo(RigidBody(plant), kp, 0.0 if kd is None else kd).from_file()

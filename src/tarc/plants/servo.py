@@ -1,6 +1,7 @@
 """Joints with inner loops: the law commands positions or velocities in place of torques."""
 
 import copy
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -110,6 +111,17 @@ class ServoedPlant(DelegatingPlant, SymbolicPlant):
             )
         self.plant = plant
         self.servo = servo
+        self._is_from_file = False
+
+    def from_file(self) -> Self:
+        """Return it with the `file_options` of its robot, which then are those of the loops too."""
+        self._is_from_file = True
+        return self
+
+    @property
+    def file_options(self) -> Mapping[str, object]:
+        """Return the arguments of `load_robot` that read this robot again; empty where no arguments do."""
+        return self.plant.file_options if self._is_from_file else {}
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.plant!r})"
