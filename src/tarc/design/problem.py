@@ -49,11 +49,10 @@ class DesignProblem:
         ------
         InvalidParameter
             For a payload that the robot cannot carry, a missing torque limit, and a budget without noise or limit.
-            Also for passive joints, and for inner loops of different gains.
+            Also for passive joints.
         """
         plant.require_fully_driven("a design")
-        _require_equal_gains(plant)
-        plants = _with_payloads(plant, requirements.payload)
+        plants = with_payloads(plant, requirements.payload)
         workspace = _workspace(plant, requirements)
         limits = _torque_limits(plant, requirements.torque_limits)
         problem = cls(requirements, plants, workspace, limits, _torque_rates(plant, requirements.torque_rate))
@@ -95,16 +94,8 @@ class DesignProblem:
             )
 
 
-def _require_equal_gains(plant: Plant) -> None:
-    if np.ptp(plant.command_gain) > 0:
-        raise InvalidParameter(
-            f"plant: a design needs inner loops of equal gains, and those of the joints of {plant.label} differ. "
-            "Design for torques: actuators='torque', on the command line --actuators torque",
-            "robot.actuators",
-        )
-
-
-def _with_payloads(plant: Plant, payload: tuple[float, float]) -> tuple[Plant, ...]:
+def with_payloads(plant: Plant, payload: tuple[float, float]) -> tuple[Plant, ...]:
+    """Return the robot with its smallest and its largest payload [kg], or as it is."""
     low, high = payload
     if not high:
         return (plant,)

@@ -18,7 +18,7 @@ from tarc.design.assessment import assess_candidates
 from tarc.design.candidates import Candidate, enumerate_candidates, torque_change
 from tarc.design.choice import DesignChoice
 from tarc.design.noise import torque_noise
-from tarc.design.problem import DesignProblem
+from tarc.design.problem import DesignProblem, with_payloads
 from tarc.design.reasons import explain_adaptation, explain_loop
 from tarc.design.requirements import DesignRequirements
 from tarc.design.result import Design
@@ -88,6 +88,9 @@ def design_controller(
         requirements = DesignRequirements(**keywords)
     elif keywords:
         raise InvalidParameter(f"requirements: given together with {', '.join(keywords)}; use dataclasses.replace")
+    if np.ptp(plant.command_gain) > 0:
+        plant.require_fully_driven("a design")
+        return _for_commands(plant, requirements, progress)
     problem = DesignProblem.from_plant(plant, requirements)
     load = gravity_load(problem.plants, problem.workspace, problem.torque_limits, requirements.seed)
     trials = _initial_candidates(requirements)
@@ -103,6 +106,39 @@ def design_controller(
         design = _slow_enough(selection, spread, load)
         bar.advance(20)
     return design
+
+
+def _for_commands(plant: Plant, requirements: DesignRequirements, progress: bool | None) -> Design:
+    """Return the design for inner loops whose gains differ: one of torques with a diagonal M̂, in units of commands."""
+    gain = plant.command_gain
+    given = {"torque_limits": requirements.torque_limits, "torque_rate": requirements.torque_rate}
+    if given["torque_limits"] is None and np.all(np.isfinite(plant.torque_limits)):
+        given["torque_limits"] = plant.torque_limits
+    scaled = {name: None if value is None else np.asarray(value) * gain for name, value in given.items()}
+    torques = replace(requirements, diagonal=True, **scaled)
+    design = design_controller(plant.in_torque_units(), torques, progress=progress)
+    limit = design.law.torque_limit
+    law = replace(
+        design.law,
+        inertia=np.diag(design.law.M) / gain,
+        torque_limit=None if limit is None else np.asarray(limit) / gain,
+    )
+    note = DesignChoice(
+        ("law", "inertia"),
+        "commands",
+        "in the units of the joints' inner loops",
+        "the gains of the loops differ, so M̂ is diagonal, and in these reasons a torque is a command times its gain: "
+        f"{', '.join(f'{number:.4g}' for number in gain)}",
+    )
+    return replace(
+        design,
+        requirements=requirements,
+        law=law,
+        plants=with_payloads(plant, requirements.payload),
+        choices=(*design.choices, note),
+        shape=design.shape / gain[:, None],
+        torque_noise=design.torque_noise / gain,
+    )
 
 
 def _slow_enough(selection: LoopSelection, spread: InertiaSpread, load: np.ndarray) -> Design:

@@ -341,11 +341,19 @@ class MujocoPlant(Plant):
         return super().command_gain if self.servo is None else self.servo.gain
 
     def in_torque_units(self) -> "MujocoPlant":
-        """Return the same robot, for certificates, with the command of each joint multiplied by its gain."""
+        """Return the same robot with the command of each joint multiplied by its gain."""
         if self.servo is None:
             return self
         changed = copy.copy(self)
-        changed.servo = replace(self.servo, kinds=("torque",) * self.n_joints, gain=np.ones(self.n_joints))
+        gain = self.servo.gain
+        changed.servo = replace(
+            self.servo,
+            kinds=("torque",) * self.n_joints,
+            gain=np.ones(self.n_joints),
+            low=self.servo.low * gain,
+            high=self.servo.high * gain,
+            scale=self.servo.scale / gain,
+        )
         return changed
 
     def without_servo(self) -> "MujocoPlant":
