@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import tarc
-from tarc.cli.options import names_or_positions
+from tarc.cli.options import names_or_positions, posture_of
 from tarc.core.errors import InvalidParameter, RobotFileError, RobotFileWarning
 from tarc.plants import MujocoPlant, RigidBody, load_robot
 
@@ -195,3 +195,6 @@ def test_the_command_line_locks_by_name_or_at_positions():
     assert names_or_positions("--lock", "pivot=0.3,rail=0") == {"pivot": 0.3, "rail": 0.0}
     with pytest.raises(InvalidParameter, match="--lock: got 'pivot=0.3,rail'; needs names.*or a position for each"):
         names_or_positions("--lock", "pivot=0.3,rail")
+    assert posture_of("--home", "pivot=0.3") == {"pivot": 0.3}
+    assert posture_of("--home", "0.3,1") == [0.3, 1.0]
+    assert posture_of("--home", "") is None

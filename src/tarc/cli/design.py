@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from tarc.cli.design_options import requirement_options, requirements_of
-from tarc.cli.options import Figures, Json, drawing_figures, names_of, names_or_positions, numbers_of
+from tarc.cli.options import Figures, Json, drawing_figures, names_of, names_or_positions, numbers_of, posture_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -144,7 +144,7 @@ def design(
         robot,
         joints=names_of(joints) or None,
         lock=names_or_positions("--lock", lock),
-        home=names_or_positions("--home", home) if "=" in home else numbers_of("--home", home),
+        home=posture_of("--home", home),
         armature=numbers_of("--armature", armature),
         viscous=numbers_of("--viscous", viscous),
         coulomb=numbers_of("--coulomb", coulomb),

@@ -70,6 +70,20 @@ def names_or_positions(name: str, text: str) -> list[str] | dict[str, float] | N
         ) from None
 
 
+def posture_of(name: str, text: str) -> float | list[float] | dict[str, float] | None:
+    """Return positions in order, or by name from ``a=0.3,b=0``; None for an empty text.
+
+    Raises
+    ------
+    InvalidParameter
+        For text that is neither.
+    """
+    if "=" not in text:
+        return numbers_of(name, text)
+    positions = names_or_positions(name, text)
+    return positions if isinstance(positions, dict) else None
+
+
 def file_stem(name: str) -> str:
     """Return a name as that of one file or folder."""
     return re.sub(r"[^\w.+-]+", "-", str(name)).strip(".-") or "run"

@@ -22,7 +22,7 @@ from tarc.design.problem import DesignProblem, with_payloads
 from tarc.design.reasons import explain_adaptation, explain_loop
 from tarc.design.requirements import DesignRequirements
 from tarc.design.result import Design
-from tarc.design.robot_facts import assumptions, gravity_load
+from tarc.design.robot_facts import GravityLoad, assumptions, gravity_load
 from tarc.design.robustness import RobustnessSpec
 from tarc.design.selection import MIN_SPREAD_MARGIN, LoopSelection
 from tarc.design.stress import try_design
@@ -141,7 +141,7 @@ def _for_commands(plant: Plant, requirements: DesignRequirements, progress: bool
     )
 
 
-def _slow_enough(selection: LoopSelection, spread: InertiaSpread, load: np.ndarray) -> Design:
+def _slow_enough(selection: LoopSelection, spread: InertiaSpread, load: GravityLoad | None) -> Design:
     """Return the best design whose trial run keeps to the limits of the torque's rate.
 
     Where a run is too fast, a loop is tried whose torque changes less by noise, down to the slowest. What is tried does
@@ -178,7 +178,7 @@ def _with_rate(design: Design, rate: np.ndarray) -> Design:
     return replace(design, choices=(*design.choices, choice))
 
 
-def _complete(selection: LoopSelection, best: Candidate, spread: InertiaSpread, load: np.ndarray) -> Design:
+def _complete(selection: LoopSelection, best: Candidate, spread: InertiaSpread, load: GravityLoad | None) -> Design:
     """Certify the best loop and return its design."""
     problem = selection.problem
     requirements = problem.requirements
