@@ -135,7 +135,7 @@ def design(
     Then: tarc run design.yaml; tarc certify design.yaml --full-range
     """
     from tarc.cli.tables import design as tables
-    from tarc.design import design_controller, try_design
+    from tarc.design import design_controller, predict_design_error, try_design
     from tarc.design import stress_test as find_limits
     from tarc.design.writer import check_writable
     from tarc.plants import load_robot
@@ -155,13 +155,13 @@ def design(
     required = requirements_of(requirements)
     file = check_writable(out, "--out")
     result = design_controller(plant, required)
-    trial = try_design(result)
+    trial, predicted = try_design(result), predict_design_error(result)
     files = result.save(file, figures=_draw(result) if figures else {}, command=shlex.join(["tarc", *sys.argv[1:]]))
     if not as_json:
-        tables.print_design(result, trial, files)
+        tables.print_design(result, trial, predicted, files)
     limits = find_limits(result) if stress_test else {}
     if as_json:
-        print(json.dumps(tables.design_summary(result, trial, files, limits), indent=2, allow_nan=False))
+        print(json.dumps(tables.design_summary(result, trial, predicted, files, limits), indent=2, allow_nan=False))
     elif limits:
         tables.print_limits(limits)
 

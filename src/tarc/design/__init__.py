@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from tarc.design.result import Design
     from tarc.design.robot_identification import identify
     from tarc.design.robustness import RobustnessSpec
-    from tarc.design.stress import StressLimit, stress_test, try_design
+    from tarc.design.stress import StressLimit, predict_design_error, stress_test, try_design
     from tarc.design.stress_case import StressRun
     from tarc.design.synthesis import design_controller
 
@@ -45,6 +45,7 @@ __all__ = [
     "inertia_from_data",
     "inertia_from_file",
     "pareto_front",
+    "predict_design_error",
     "stress_test",
     "try_design",
 ]
@@ -74,6 +75,7 @@ __getattr__, __dir__, _ = lazy_attributes(
         "inertia_from_file": "tarc.design.identification",
         "pareto_front": "tarc.design.candidates",
         "stress_test": "tarc.design.stress",
+        "predict_design_error": "tarc.design.stress",
         "try_design": "tarc.design.stress",
     },
 )

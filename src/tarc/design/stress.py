@@ -104,6 +104,22 @@ def try_design(design: Design, duration: float = DURATION) -> StressRun:
     return StressCase.from_design(design).simulate(np.nan, duration)
 
 
+def predict_design_error(design: Design, duration: float = DURATION) -> float:
+    """Return the RMS error [rad or m] that the linear loop predicts for `try_design`.
+
+    The error is that of the linearised law on the robot's model along the motion, and of the encoders' noise. Torque
+    limits and the first second are left out. See `tarc.design.prediction.predict_error`.
+
+    Parameters
+    ----------
+    design
+        The design.
+    duration
+        Of the motion [s].
+    """
+    return StressCase.from_design(design).predict(duration)
+
+
 def stress_test(
     design: Design,
     *,

@@ -9,6 +9,7 @@ from tarc.analysis.workspace import Workspace
 from tarc.certificates.base import Certificate
 from tarc.certificates.robot import certify_robot
 from tarc.core.errors import DesignWarning
+from tarc.design.prediction import predict_error
 from tarc.design.result import Design
 from tarc.design.writer import slow_sines
 from tarc.estimators.algebraic import Algebraic
@@ -169,6 +170,26 @@ class StressCase:
             rate = np.max(np.abs(np.diff(torque, axis=0)), axis=0) / self.law.period
         saturation = float(np.mean(np.abs(torque) > self.law.torque_limits))
         return StressRun(value, bool(error <= max_error), str(run.status), error, noise, saturation, rate)
+
+    def predict(self, duration: float) -> float:
+        """Return the RMS error that the linear loop predicts for `simulate`, as `StressRun.rms_error` counts."""
+        robot = self.design.certificates["robot"].evidence
+        if self.design.workspace.reference is not None:
+            duration = min(duration, float(self.design.workspace.high[0]))
+        plants = [self.design.plants[0]]
+        if self.payload is not None:
+            plants.append(plants[0].with_parameters({"payload": self.payload}))
+        predicted = predict_error(
+            self.law,
+            plants,
+            self._reference(),
+            duration,
+            sensor=self.sensor,
+            computation_delay=self.delay,
+            mean_ratio=(robot.min_ratio * robot.max_ratio) ** 0.5,
+        )
+        of_joints, units = predicted.rms(min(1.0, duration / 4)), np.array(self.design.plants[0].units)
+        return max(float(np.sqrt(np.mean(of_joints[units == unit] ** 2))) for unit in set(units.tolist()))
 
     def _reference(self) -> Reference:
         workspace = self.design.workspace

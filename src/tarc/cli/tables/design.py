@@ -16,12 +16,12 @@ from tarc.design.stress import StressLimit
 from tarc.design.stress_case import StressRun
 from tarc.design.writer import plant_name
 
-MAX_NOISE_EXCESS = 2.0
-"""Simulated torque noise over the predicted one from which a design is not as predicted."""
+MAX_EXCESS = 2.0
+"""Simulated error or torque noise over the predicted one from which a design is not as predicted."""
 
 
 def design_summary(
-    design: Design, trial: StressRun, files: list[Path], limits: dict[str, StressLimit]
+    design: Design, trial: StressRun, predicted: float, files: list[Path], limits: dict[str, StressLimit]
 ) -> dict[str, Any]:
     """Return a design as plain data, ready for JSON; its certificates are in the files."""
     verdict, content = design.certificates["robot"], design.scenario().model_dump(mode="json")
@@ -35,6 +35,7 @@ def design_summary(
         "law": content["law"],
         "estimator": content["estimator"],
         "torque_noise": {name: {"rms": rms, "share": share} for name, rms, share in _noise(design)},
+        "predicted_rms_error": _finite_or_none(predicted),
         "trial": {
             "status": trial.status,
             "rms_error": _finite_or_none(trial.rms_error),
@@ -61,8 +62,8 @@ def _finite_or_none(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def print_design(design: Design, trial: StressRun, files: list[Path]) -> None:
-    """Print each choice with its reason, the verdict, predicted and simulated torque noise, and the files."""
+def print_design(design: Design, trial: StressRun, predicted: float, files: list[Path]) -> None:
+    """Print each choice with its reason, the verdict, what is predicted and simulated, and the files."""
     console = Console()
     title = f"{type(design.law).__name__} for {plant_name(design.plants[0])}, {1 / design.law.period:g} Hz"
     table = Table(title=title, title_justify="left", show_lines=True)
@@ -87,7 +88,7 @@ def print_design(design: Design, trial: StressRun, files: list[Path]) -> None:
         for (name, rms, share), unit in zip(_noise(design), design.plants[0].torque_units, strict=True)
     ]
     console.print(f"predicted torque noise, RMS (of the limit): {', '.join(noise)}", highlight=False)
-    _print_trial(console, design, trial)
+    _print_trial(console, design, trial, predicted)
     loudest = max((share for _, _, share in _noise(design) if share is not None), default=0.0)
     least = loudest * design.front[0].noise / design.candidate.noise
     if design.noise_budget is not None and loudest > 1.0001 * design.noise_budget >= 1.0001 * least:
@@ -106,15 +107,16 @@ def print_design(design: Design, trial: StressRun, files: list[Path]) -> None:
     print_written(console, files)
 
 
-def _print_trial(console: Console, design: Design, trial: StressRun) -> None:
+def _print_trial(console: Console, design: Design, trial: StressRun, predicted: float) -> None:
     """Print what the simulation of the design's own scenario shows, and where it is not as predicted."""
     plant = design.plants[0]
+    unit = unit_for_joints("mrad", plant.units)
+    console.print(f"predicted RMS error for the motion of the file: {1e3 * predicted:.3g} {unit}", highlight=False)
     if not np.isfinite(trial.rms_error):
         console.print(f"[red]tried in simulation: {escape(trial.status)}[/], which is not as predicted")
         return
     joint = int(np.argmax(trial.torque_noise / design.torque_noise))
     excess = trial.torque_noise[joint] / design.torque_noise[joint]
-    unit = unit_for_joints("mrad", plant.units)
     console.print(
         f"tried in simulation: {escape(trial.status)}, RMS error {1e3 * trial.rms_error:.3g} {unit}, torque noise at "
         f"most {excess:.2g} of the predicted one",
@@ -126,13 +128,15 @@ def _print_trial(console: Console, design: Design, trial: StressRun) -> None:
         f"{escape(plant.joint_names[fastest])}",
         highlight=False,
     )
+    if not trial.rms_error <= MAX_EXCESS * predicted:
+        console.print("[yellow]the error is above twice the predicted one[/]", highlight=False)
     if trial.saturation_share > 0:
         console.print(
             f"[yellow]this motion needs more than the torque limits in {trial.saturation_share:.2%} of the samples, "
             "which the certificate does not cover: drive it slower, with less payload, or about another posture[/]",
             highlight=False,
         )
-    if excess > MAX_NOISE_EXCESS:
+    if excess > MAX_EXCESS:
         console.print(
             f"[yellow]the torque noise of {escape(plant.joint_names[joint])} is above twice the predicted one[/]",
             highlight=False,
