@@ -11,6 +11,7 @@ from tarc.core.types import Array
 from tarc.design.noise import measurement_deviation
 from tarc.laws.pole_placement import PolePlacement
 from tarc.laws.tarc import TARC
+from tarc.numerics.norms import h2_norm
 from tarc.plants.base import Plant
 from tarc.plants.symbolic import SymbolicPlant
 from tarc.signals.references import Reference
@@ -97,8 +98,8 @@ def predict_error(
     at_rest = (law.K1 + _robust_stiffness(law, gain)) @ q[:, 0]
     rest_load = -np.linalg.solve(plants[0].inertia(q[:, 0]), plants[0].gravity_torque(q[:, 0]))
     loops = [_OpenLoop(channel) for channel in channels]
-    frequency = float(np.min(law.natural_frequency))
-    n_settling = min(int(np.ceil(SETTLING_TIMES / (frequency * law.period))), MAX_SETTLING)
+    slowest = float(np.sqrt(np.min(np.linalg.eigvals(law.K1).real)))
+    n_settling = min(int(np.ceil(SETTLING_TIMES / (slowest * law.period))), MAX_SETTLING)
     error = np.empty((law.n_joints, n_periods))
     for _ in range(n_settling):
         _step(loops, ratios[0], rest_load, at_rest)
@@ -179,13 +180,8 @@ def _equation_along(
 
 def _noise_gain(channel: Channel, ratio: float) -> float:
     """Return the RMS position error over that of white measurement noise; infinite for an unstable loop."""
-    from scipy.linalg import solve_discrete_lyapunov
-
     A, B, *_ = channel.closed_loop(ratio)
     n = channel.n_coupled
-    if np.max(np.abs(np.linalg.eigvals(A))) >= 1:
-        return np.inf
     noise_input = ratio * B @ channel.D
     noise_input[2 * n :] += channel.G
-    covariance = solve_discrete_lyapunov(A, noise_input @ noise_input.T)
-    return float(np.sqrt(covariance[0, 0]))
+    return h2_norm(A, noise_input, np.eye(1, len(A)), np.zeros((1, n)))
