@@ -50,6 +50,14 @@ def six_arms() -> dict[str, Value]:
     return {"designs": designs, "limits": limits, "picks": _picks(folder / "picks.csv", folder / "designs.csv")}
 
 
+@long_source
+def not_covered() -> dict[str, Value]:
+    """Lag, delay, jitter, rate, elasticity and backlash that the designs for six arms stand."""
+    run_benchmark("benchmarks.not_covered")
+    text = (ROOT / "runs" / "not_covered" / "limits.md").read_text(encoding="utf-8")
+    return {"limits": text.strip()}
+
+
 def _picks(picks: Path, designs: Path) -> str:
     own = {row["name"]: float(row["error"]) for row in _rows(designs)}
     sweeps: dict[str, list[str]] = {}

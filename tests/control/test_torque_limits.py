@@ -1,5 +1,7 @@
 """Limits of magnitude, rate and resolution between law and robot, in simulation and on the machine."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -130,6 +132,24 @@ def test_a_reported_torque_is_as_good_as_a_limit_of_ones_own(kind):
         command = hears.step(*arguments, applied_torque=applied)
         applied = LIMITS.apply(command, applied, PERIOD)
         np.testing.assert_allclose(applied, expected, atol=1e-9)
+
+
+def test_a_reported_torque_allocates_nothing():
+    controller = Controller(make_law(laws.PID, integral_gain=1.0), torque_limits=LIMITS)
+    controller.reset(np.zeros(2))
+    arguments, applied = np.zeros((4, 2)), np.full(2, 0.1)
+    for _ in range(100):  # let interpreter caches fill
+        controller.step(*arguments, applied_torque=applied)
+    tracemalloc.start()
+    before = tracemalloc.take_snapshot()
+    for _ in range(2000):
+        controller.step(*arguments, applied_torque=applied)
+    after = tracemalloc.take_snapshot()
+    tracemalloc.stop()
+    grown = sum(
+        max(entry.size_diff, 0) for entry in after.compare_to(before, "filename") if "tarc" in str(entry.traceback)
+    )
+    assert grown < 500
 
 
 def test_an_unknown_torque_leaves_the_returned_one():
