@@ -78,6 +78,7 @@ class Arm:
             "initial_torque": "rest",
             "computation_delay": self.design.law.actuation_delay,
             "divergence_threshold": 0.5,
+            "native": False,
             "progress": False,
         }
         plant = self.design.plants[-1]
@@ -101,17 +102,22 @@ class Arm:
         while self.stands(effect, value):
             last = value
             if value == effect.far:
-                return f"{'≥' if factor > 1 else '≤'} {value:.2g}"
+                return f"{'≥' if factor > 1 else '≤'} {_spell(value)}"
             value = min(factor * value, effect.far) if factor > 1 else max(factor * value, effect.far)
         if last is None:
-            return f"< {effect.mild:.2g}" if factor > 1 else "none"
+            return f"< {_spell(effect.mild)}" if factor > 1 else "none"
         for _ in range(BISECTIONS):
             middle = float(np.sqrt(last * value))
             if self.stands(effect, middle):
                 last = middle
             else:
                 value = middle
-        return f"{last:.2g}"
+        return _spell(last)
+
+
+def _spell(value: float, digits: int = 2) -> str:
+    """Return significant digits without an exponent."""
+    return f"{float(f'{value:.{digits}g}'):.10g}"
 
 
 def _error(run: tarc.Run) -> float:
@@ -132,7 +138,7 @@ def _gearbox(arm: Arm, resonance: float, backlash: float, encoder: str) -> dict[
     pulsation = 2 * np.pi * resonance
     values = {
         "gearbox_stiffness": pulsation**2 / mobility,
-        "gearbox_damping": 2 * DAMPING_RATIO * pulsation / mobility,
+        "gearbox_twist_damping": 2 * DAMPING_RATIO * pulsation / mobility,
         "gearbox_backlash": np.full(n, backlash),
     }
     schedules = [
@@ -193,7 +199,7 @@ EFFECTS = (
 def measure_arm(robot: Robot, effects: Sequence[Effect] = EFFECTS) -> list[str]:
     """Return the column of an arm: its RMS error [mrad], its torque rate [N m/s] and the limit of each effect."""
     arm = Arm.from_robot(robot)
-    return [f"{1e3 * arm.error:.3g}", f"{arm.torque_rate.max():.3g}", *(arm.limit(effect) for effect in effects)]
+    return [_spell(1e3 * arm.error, 3), _spell(arm.torque_rate.max(), 3), *(arm.limit(effect) for effect in effects)]
 
 
 def measure(robots: Sequence[Robot] = ROBOTS) -> str:

@@ -42,13 +42,13 @@ def test_two_masses_resonate_at_their_frequency():
 
 
 def test_damping_acts_on_the_twist():
-    plant = Gearbox(plant=MASS, stiffness=800.0, damping=3.0, motor_inertia=0.5)
+    plant = Gearbox(plant=MASS, stiffness=800.0, twist_damping=3.0, motor_inertia=0.5)
     _, D, _ = plant.linearised(np.zeros(2))
     np.testing.assert_allclose(D, [[3.0, -3.0], [-3.0, 3.0]])
 
 
 def test_teeth_push_and_do_not_pull():
-    p = {"stiffness": 1000.0, "damping": 10.0, "backlash": 0.02}
+    p = {"stiffness": 1000.0, "twist_damping": 10.0, "backlash": 0.02}
     cases = [
         (0.005, 1.0, 0.0),
         (0.015, 0.0, 5.0),
@@ -174,7 +174,7 @@ def test_encoders_at_the_motors_do_not_see_the_play():
         plant = Gearbox(
             plant=TwoLinkArm(gravity=0.0),
             stiffness=1e4,
-            damping=5.0,
+            twist_damping=5.0,
             motor_inertia=0.5,
             backlash=0.004,
             encoder=encoder,
@@ -231,7 +231,7 @@ def test_a_scenario_has_a_gearbox_that_its_certificates_do_not_know():
         ({"plant": "arm"}, "gearbox: got 'arm'; needs a robot in symbols"),
         ({"stiffness": 1e3}, "motor_inertia: TwoLinkArm has no rotor inertia; give that of the motors"),
         ({"backlash": 0.1}, "backlash: given without a stiffness"),
-        ({"damping": 0.1}, "damping: given without a stiffness"),
+        ({"twist_damping": 0.1}, "twist_damping: given without a stiffness"),
         ({"stiffness": -1.0, "motor_inertia": 1.0}, "stiffness: got .*; each must be above 0"),
         ({"coulomb": 2.0, "breakaway": 1.0}, "breakaway: got 1.0; needs at least the dry friction, coulomb = 2.0"),
         ({"ripple": [1.0] * 3}, r"ripple: got shape \(3,\); needs one number or 2"),

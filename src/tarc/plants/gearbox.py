@@ -19,7 +19,7 @@ from tarc.plants.symbolic import Equations, SymbolicPlant
 
 PREFIX = "gearbox_"
 """Begin of the names of the gearbox's own parameters."""
-ELASTIC = ("stiffness", "damping", "motor_inertia", "backlash")
+ELASTIC = ("stiffness", "twist_damping", "motor_inertia", "backlash")
 """Parameters of a gearbox that is not rigid."""
 AT_MOTOR = (
     "coulomb",
@@ -54,9 +54,9 @@ def elastic_torque(twist: Vector, twist_rate: Vector, p: dict[str, Any]) -> Vect
     """
     side = ca.sign(twist)
     depth = ca.fabs(twist) - p["backlash"] / 2
-    push = ca.fmax(p["stiffness"] * depth + p["damping"] * side * twist_rate, 0)
+    push = ca.fmax(p["stiffness"] * depth + p["twist_damping"] * side * twist_rate, 0)
     with_play = ca.if_else(depth > 0, side * push, 0)
-    return ca.if_else(p["backlash"] > 0, with_play, p["stiffness"] * twist + p["damping"] * twist_rate)
+    return ca.if_else(p["backlash"] > 0, with_play, p["stiffness"] * twist + p["twist_damping"] * twist_rate)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,7 +80,7 @@ class Gearbox(Component, DelegatingPlant, SymbolicPlant):
         The robot in symbols, with a torque on every joint.
     stiffness
         K [N m/rad or N/m]; None for a rigid gearbox.
-    damping
+    twist_damping
         D [N m s/rad or N s/m].
     motor_inertia
         J [kg m² or kg]; None for the rotor inertia of the robot's file, its parameter ``armature``.
@@ -119,9 +119,9 @@ class Gearbox(Component, DelegatingPlant, SymbolicPlant):
     Mechanical Systems with Backlash, Automatica 38(10), 2002.
     """
 
-    plant: Plant
+    plant: SymbolicPlant
     stiffness: Numbers | None = None
-    damping: Numbers = 0.0
+    twist_damping: Numbers = 0.0
     motor_inertia: Numbers | None = None
     backlash: Numbers = 0.0
     encoder: str = "motor"
@@ -151,7 +151,7 @@ class Gearbox(Component, DelegatingPlant, SymbolicPlant):
             if getattr(self, name) is not None:
                 low = -np.inf if name in ("ripple", "ripple_phase") else 0
                 check.vector(name, getattr(self, name), self.n_joints, low, strict=name in POSITIVE)
-        for name in ("backlash", "damping"):
+        for name in ("backlash", "twist_damping"):
             if self.stiffness is None and np.any(getattr(self, name)):
                 raise InvalidParameter(f"{name}: given without a stiffness; a rigid gearbox has none", name)
         if self.is_elastic and self.motor_inertia is None and "armature" not in self.plant.parameters:
