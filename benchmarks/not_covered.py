@@ -22,7 +22,7 @@ from benchmarks.page_values.registry import table
 from tarc.design import Design, design_controller
 from tarc.design.stress_case import StressCase
 from tarc.plants import Gearbox
-from tarc.signals import Drive, Encoder, ParameterSchedule, TorqueLimits
+from tarc.signals import Drive, Encoder, TorqueLimits
 
 FOLDER = Path(__file__).resolve().parents[1] / "runs" / "not_covered"
 DURATION = 3.0
@@ -31,8 +31,10 @@ METRICS_START = 1.0
 MAX_ERROR_RATIO = 2.0
 BISECTIONS = 2
 """Bisections after the first value that a design does not stand; they leave a fifth between the last two."""
-SUBSTEPS = 16
-"""Runge–Kutta steps of a gearbox per period."""
+STEPS_PER_OSCILLATION = 20
+"""Runge–Kutta steps per oscillation of a gearbox."""
+MIN_SUBSTEPS = 4
+"""Least Runge–Kutta steps of a gearbox per period."""
 CONTACT = 800.0
 """Resonance of the gears with backlash [Hz]."""
 DAMPING_RATIO = 0.05
@@ -127,7 +129,7 @@ def _error(run: tarc.Run) -> float:
 def _gearbox(arm: Arm, resonance: float, backlash: float, encoder: str) -> dict[str, Any]:
     """Return gears with a resonance [Hz] of each motor against the links, in the first posture, and with a play [rad].
 
-    K_i = (2πf)² / (1/J_i + (M⁻¹)_ii). Their values are inputs of the traced loop, so that it is compiled once.
+    K_i = (2πf)² / (1/J_i + (M⁻¹)_ii)
     """
     plant = arm.design.plants[-1]
     n = plant.n_joints
@@ -141,10 +143,8 @@ def _gearbox(arm: Arm, resonance: float, backlash: float, encoder: str) -> dict[
         "gearbox_twist_damping": 2 * DAMPING_RATIO * pulsation / mobility,
         "gearbox_backlash": np.full(n, backlash),
     }
-    schedules = [
-        ParameterSchedule(parameter=name, times=[0.0], values=[value.tolist()]) for name, value in values.items()
-    ]
-    return {"plant": rigid.with_parameters(values), "disturbance": schedules, "substeps": SUBSTEPS, "native": True}
+    substeps = max(int(np.ceil(STEPS_PER_OSCILLATION * resonance * arm.design.law.period)), MIN_SUBSTEPS)
+    return {"plant": rigid.with_parameters(values), "substeps": substeps}
 
 
 EFFECTS = (
@@ -168,7 +168,7 @@ EFFECTS = (
     Effect(
         "resonance of the joints, encoders at the motors",
         "Hz",
-        CONTACT,
+        2 * CONTACT,
         3.0,
         lambda arm, frequency: _gearbox(arm, frequency, 0.0, "motor"),
     ),
