@@ -101,6 +101,7 @@ def test_passive_joints_are_locked_on_request(cart):
     assert robot.is_fully_driven
     assert robot.locked == {"pivot": "as given"}
     assert robot.file_options["lock"] == ["pivot"]
+    assert load_robot(cart, lock="pivot").file_options["lock"] == ["pivot"]
     assert robot.inertia([0.0]) == pytest.approx(whole.inertia([0.0, 0.4])[:1, :1])
     turned = load_robot(cart, lock={"pivot": 1.2})
     assert turned.file_options["lock"] == {"pivot": 1.2}
@@ -198,3 +199,31 @@ def test_the_command_line_locks_by_name_or_at_positions():
     assert posture_of("--home", "pivot=0.3") == {"pivot": 0.3}
     assert posture_of("--home", "0.3,1") == [0.3, 1.0]
     assert posture_of("--home", "") is None
+
+
+def test_joints_are_passive_on_request_in_any_file(tmp_path):
+    text = CART.replace(CART[CART.index("<actuator>") : CART.index("<keyframe>")], "")
+    file = tmp_path / "cart.xml"
+    file.write_text(text)
+    assert load_robot(file).is_fully_driven
+    robot = load_robot(file, passive=["pivot"])
+    assert robot.joint_names == ["rail"]
+    assert robot.passive_joints == ["pivot"]
+    assert robot.file_options["passive"] == ["pivot"]
+    for options, message in (
+        ({"passive": ["pole"]}, "passive: cart.xml has no hinge or slide 'pole'"),
+        ({"passive": ["pivot"], "lock": ["pivot"]}, "passive: joint pivot of cart.xml is in lock too"),
+        ({"passive": ["pivot"], "joints": ["rail", "pivot"]}, "passive: joint pivot of cart.xml is listed in joints"),
+    ):
+        with pytest.raises(InvalidParameter, match=message):
+            load_robot(file, **options)
+    mimic = '<equality><joint joint1="pivot" joint2="rail" polycoef="0 2 0 0 0"/></equality>'
+    file.write_text(text.replace("<keyframe>", f"{mimic}<keyframe>").replace("0.1 0.4", "0.1 0.2"))
+    assert load_robot(file).locked == {"pivot": "mimics rail"}
+    follower = load_robot(file, passive=["pivot"])
+    assert isinstance(follower, MujocoPlant)
+    assert follower.coordinates([0.3]) == pytest.approx([0.3, 0.6])
+    run = tarc.simulate(
+        follower, law(0.1), tarc.signals.Sinusoid(amplitude=0.2, frequency=2.0, offset=0.1), 0.3, initial_torque="rest"
+    )
+    np.testing.assert_allclose(run.data["passive_position"].values, 2 * run.data["position"].values, atol=0.02)

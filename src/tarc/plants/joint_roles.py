@@ -54,7 +54,11 @@ class JointRoles:
 
 
 def choose_joints(
-    spec: mujoco.MjSpec, selected: Sequence[str] | None = None, lock: Lock | None = None, label: str = "robot"
+    spec: mujoco.MjSpec,
+    selected: Sequence[str] | None = None,
+    lock: Lock | None = None,
+    free: Sequence[str] | None = None,
+    label: str = "robot",
 ) -> JointRoles:
     """Return the roles of the joints; those without a name get one.
 
@@ -69,6 +73,8 @@ def choose_joints(
         Names of the joints to drive, or None.
     lock
         Joints to lock, or None.
+    free
+        Joints to make passive, or None.
     label
         The file's name.
 
@@ -89,12 +95,13 @@ def choose_joints(
         if equality.type == mujoco.mjtEq.mjEQ_JOINT and equality.active
     }
     to_lock = _names_to_lock(lock, kinds, label)
+    to_free = _names_to_free(free, plain, to_lock, label)
     actuated = actuated_joints(spec)
     if selected is None:
-        driven = [name for name in plain if name not in leaders and name not in to_lock]
+        driven = [name for name in plain if name not in leaders and name not in (*to_lock, *to_free)]
         driven = driven if actuated is None else [name for name in driven if name in actuated]
     else:
-        driven = _checked(selected, plain, to_lock, label)
+        driven = _checked(selected, plain, to_lock, to_free, label)
     if not driven:
         raise RobotFileError(_nothing_to_drive(plain, actuated, label))
     indirect = _driven_through_tendons(spec, plain)
@@ -105,6 +112,8 @@ def choose_joints(
             continue
         if name in to_lock:
             locked[name] = "as given"
+        elif name in to_free:
+            passive.append(name)
         elif kind not in PLAIN:
             locked[name] = "free or a ball"
         elif name in leaders:
@@ -122,9 +131,10 @@ def choose_joints(
             f"{label}: joint {balls[0]!r} is a ball; a law drives hinges and slides. Lock it: lock={balls}, on the "
             f"command line --lock {','.join(balls)}"
         )
-    free = [name for name in locked if kinds[name] == mujoco.mjtJoint.mjJNT_FREE and name not in to_lock]
+    floating = [name for name in locked if kinds[name] == mujoco.mjtJoint.mjJNT_FREE and name not in to_lock]
     pulled = [name for name, reason in locked.items() if reason.startswith("driven")]
-    notes = _notes(passive) if is_asked else _notes(passive, free, pulled)
+    unasked = [name for name in passive if name not in to_free]
+    notes = _notes(unasked) if is_asked else _notes(unasked, floating, pulled)
     _fix_inside(spec)
     return JointRoles(driven, passive, locked, notes)
 
@@ -154,7 +164,26 @@ def _names_to_lock(lock: Lock | None, kinds: Mapping[str, mujoco.mjtJoint], labe
     return names
 
 
-def _checked(selected: Sequence[str], plain: Sequence[str], to_lock: Collection[str], label: str) -> list[str]:
+def _names_to_free(
+    free: Sequence[str] | None, plain: Sequence[str], to_lock: Collection[str], label: str
+) -> Collection[str]:
+    """Return the joints to make passive, after a check of their names."""
+    names = [free] if isinstance(free, str) else list(free or ())
+    for name in names:
+        if name not in plain:
+            raise InvalidParameter(
+                f"passive: {label} has no hinge or slide {name!r}; it has {', '.join(plain)}."
+                f"{check.did_you_mean(str(name), plain)}",
+                "passive",
+            )
+        if name in to_lock:
+            raise InvalidParameter(f"passive: joint {name} of {label} is in lock too; leave out one", "passive")
+    return names
+
+
+def _checked(
+    selected: Sequence[str], plain: Sequence[str], to_lock: Collection[str], to_free: Collection[str], label: str
+) -> list[str]:
     """Return the joints that the user lists, after a check."""
     if plain and not selected:
         raise InvalidParameter(f"joints: got none; give some of {', '.join(plain)}, or leave it out", "joints")
@@ -167,6 +196,10 @@ def _checked(selected: Sequence[str], plain: Sequence[str], to_lock: Collection[
             )
         if name in to_lock:
             raise InvalidParameter(f"lock: joint {name} of {label} is listed in joints too; leave out one", "lock")
+        if name in to_free:
+            raise InvalidParameter(
+                f"passive: joint {name} of {label} is listed in joints too; leave out one", "passive"
+            )
     if len(set(selected)) < len(selected):
         raise InvalidParameter(f"joints: got {list(selected)}; names a joint of {label} twice", "joints")
     return list(selected)

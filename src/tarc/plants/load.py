@@ -20,6 +20,7 @@ def load_robot(
     *,
     joints: Sequence[str] | None = None,
     lock: Lock | None = None,
+    passive: Sequence[str] | None = None,
     home: Home | None = None,
     armature: Numbers | None = None,
     viscous: Numbers | None = None,
@@ -52,6 +53,9 @@ def load_robot(
         Names of the joints to drive. The plant's joints keep the order of the file.
     lock
         Joints to lock in the home posture, by name, or positions [rad or m] to lock them at, by name.
+    passive
+        Names of joints that move without a torque, beside those without an actuator in a file with actuators. A joint
+        that mimics another then follows it by a constraint, in MuJoCo.
     home
         Home posture [rad or m]: one number per joint in the order of ``joints`` or of the file, or numbers by name.
         A name may also be that of a locked joint. None for the keyframe ``home``, else zero, or the middle of a range
@@ -102,6 +106,7 @@ def load_robot(
         path,
         joints=joints,
         lock=lock,
+        passive=passive,
         home=home,
         armature=armature,
         viscous=viscous,

@@ -111,6 +111,7 @@ class MujocoPlant(Plant):
         *,
         joints: Sequence[str] | None = None,
         lock: Lock | None = None,
+        passive: Sequence[str] | None = None,
         home: Home | None = None,
         armature: Numbers | None = None,
         viscous: Numbers | None = None,
@@ -134,6 +135,8 @@ class MujocoPlant(Plant):
             Names of the joints to drive; None for those with an actuator, or all in a file without actuators.
         lock
             Joints to lock in the home posture, by name, or positions [rad or m] to lock them at, by name.
+        passive
+            Names of joints that move without a torque, beside those without an actuator.
         home
             Home posture [rad or m]: one number per joint in the order of ``joints`` or of the file, or numbers by name.
             A name may also be that of a locked joint. None for the keyframe ``home``, else as in `load_robot`.
@@ -168,7 +171,7 @@ class MujocoPlant(Plant):
             spec = read_specification(file)
         check_links(spec, file.name)
         names = [joints] if isinstance(joints, str) else joints
-        roles = choose_joints(spec, names, lock, file.name)
+        roles = choose_joints(spec, names, lock, passive, file.name)
         acting = acting_constraints(spec, roles.moving, file.name)
         is_lock_enough = bool(roles.passive) and is_free_without(spec, roles.driven, file.name)
         kinematics = compile_kinematics(spec, file.name)
@@ -188,23 +191,15 @@ class MujocoPlant(Plant):
         spec.option.disableflags |= flags.mjDSBL_AUTORESET | (0 if contact else flags.mjDSBL_CONTACT)
         start = {name: float(posture[name][0]) for name in roles.moving}
         plant = cls(spec, roles, start, tool or "", check.number("payload", payload, 0), file.name)
-        options = {
-            "joints": None if names is None else list(names),
-            "lock": dict(lock) if isinstance(lock, Mapping) else None if lock is None else list(lock),
-            "home": dict(home) if isinstance(home, Mapping) else home,
-            **friction,
-            "payload": payload or None,
-            "tool": tool,
-            "contact": contact or None,
-            "balance_inertia": balance_inertia or None,
-            "actuators": None if actuators == "file" else actuators,
-        }
+        options = {"joints": names, "lock": lock, "passive": passive, "home": home, **friction, "tool": tool}
+        options |= {"payload": payload or None, "contact": contact or None, "balance_inertia": balance_inertia or None}
+        options |= {"actuators": None if actuators == "file" else actuators}
         plant._constraints, plant._is_lock_enough = list(acting.values()), is_lock_enough
         plant._choose_home(is_home_free)
         plant.servo = None if servo is None else replace(servo, torque_limits=plant._torque_limits)
         plant._velocity_limits = velocity_limits(file, plant.joint_names, file.name)
         plant._acceleration_limits = acceleration_limits(file, plant.joint_names)
-        plant._file_options = {"file": str(path), **{key: value for key, value in options.items() if value is not None}}
+        plant._file_options = {"file": str(path)} | _plain_options(options)
         return plant
 
     def _choose_home(self, is_free: bool) -> None:
@@ -552,3 +547,16 @@ def _set_joints(spec: mujoco.MjSpec, names: Sequence[str], values: Mapping[str, 
         if value is not None:
             for joint, number in zip(names, check.vector(name, value, len(names), 0), strict=True):
                 set_joint(joints[joint], name, float(number))
+
+
+def _plain_options(options: Mapping[str, Any]) -> dict[str, object]:
+    """Return what is given, with names in lists and positions by name in dictionaries of their own."""
+    plain: dict[str, object] = {}
+    for key, value in options.items():
+        if isinstance(value, Mapping):
+            plain[key] = dict(value)
+        elif key in ("joints", "lock", "passive") and value is not None:
+            plain[key] = [value] if isinstance(value, str) else list(value)
+        elif value is not None:
+            plain[key] = value
+    return plain
