@@ -288,6 +288,19 @@ def test_too_weak_elsewhere_is_a_warning(folder):
     assert "which the certificate excludes: keep away" in why
 
 
+def test_friction_that_takes_the_torque_is_a_warning(folder):
+    (folder / "arm.urdf").write_text(arm())
+    limits = np.array([7.0, 5.0])
+    for coulomb, is_named in (([4.0, 4.9], True), ([4.0, 3.0], False)):
+        plant = MujocoPlant.from_file("arm.urdf", coulomb=coulomb)
+        held = gravity_load([plant], joint_workspace(plant), limits)
+        last = assumptions([plant], joint_workspace(plant), limits, held, own=False)[-1]
+        assert (last.label == "friction") is is_named
+        if is_named:
+            assert last.value == "98 % of the torque limit"
+            assert last.reason.startswith("WARNING: dry friction takes 4.9 of 5 N m of joint elbow")
+
+
 def test_what_the_file_leaves_open_is_said(folder):
     endless = joint("shoulder", "base", "upper", "continuous", '<limit effort="80" velocity="3"/>')
     mimic = joint("finger", "fore", "tip", inside='<limit lower="0" upper="1" effort="9"/><mimic joint="elbow"/>')

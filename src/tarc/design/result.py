@@ -111,7 +111,9 @@ class Design:
         """
         rate = self.requirements.torque_rate
         return Scenario.parse(
-            writer.scenario_content(self.law, self.plants, self.workspace, self.sensor, duration, rate)
+            writer.scenario_content(
+                self.law, self.plants, self.workspace, self.sensor, self.torque_noise, duration, rate
+            )
         )
 
     def to_yaml(self, *, command: str = "", file: Path | None = None) -> str:

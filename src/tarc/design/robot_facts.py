@@ -14,6 +14,8 @@ from tarc.design.choice import DesignChoice
 from tarc.design.infeasible import infeasible_design
 from tarc.plants.base import Plant
 
+LARGE_FRICTION = 0.7
+"""Dry friction over the torque limit of a joint from which it is named."""
 WEIGHT_SAMPLES = 200
 """Sampled postures for the load of gravity."""
 
@@ -189,7 +191,7 @@ def assumptions(
         reason = f"{plant.payload_place}; M(q) grows linearly with it, so that the two ends stand for all between"
         choices.append(DesignChoice(("disturbance",), "payload", masses_text, reason))
     if load is not None:
-        choices += [_torque_limit(plant, limits, own), _weight(plant, load)]
+        choices += [_torque_limit(plant, limits, own), _weight(plant, load), *_friction(plant, limits)]
     return choices
 
 
@@ -257,6 +259,21 @@ def _torque_limit(plant: Plant, limits: np.ndarray, own: bool) -> DesignChoice:
         text += f"; none is known for {', '.join(unknown)}"
     reason = f"{text}; torque noise is compared with it, and the certificate holds below it"
     return DesignChoice(("law", "torque_limit"), "torque limit", value, reason)
+
+
+def _friction(plant: Plant, limits: np.ndarray) -> list[DesignChoice]:
+    """Return a warning where dry friction alone takes most of a joint's torque."""
+    friction = np.broadcast_to(plant.parameters.get("coulomb", np.zeros(1)), limits.shape)
+    shares = friction / limits
+    joint = int(np.argmax(shares))
+    if shares[joint] < LARGE_FRICTION:
+        return []
+    text = (
+        f"WARNING: dry friction takes {friction[joint]:.3g} of {limits[joint]:.3g} {plant.torque_units[joint]} of "
+        f"joint {plant.joint_names[joint]}, so that the torque is at its limit wherever the joint moves, which the "
+        "certificate excludes: correct the friction of the file (coulomb), or leave the joint out (joints)"
+    )
+    return [DesignChoice(("law", "torque_limit"), "friction", f"{100 * shares[joint]:.3g} % of the torque limit", text)]
 
 
 def _weight(plant: Plant, load: GravityLoad) -> DesignChoice:

@@ -195,7 +195,7 @@ class StressCase:
         workspace = self.design.workspace
         if workspace.reference is not None:
             return workspace.reference
-        sines = slow_sines(self.design.law, self.design.plants, workspace)
+        sines = slow_sines(self.design.law, self.design.plants, workspace, self.design.torque_noise)
         if not self.is_faster:
             return sines
         return replace(sines, frequency=speed_factor(sines, self.workspace) * np.asarray(sines.frequency))

@@ -46,6 +46,10 @@ DURATION = 10.0
 """Duration of the scenario [s]."""
 MAX_GRAVITY_SHARE = 0.7
 """Largest gravity torque along the sines, over the torque limit; the amplitudes are reduced until it is met."""
+NOISE_PEAK = 4.0
+"""Torque that gravity leaves to the noise, over its RMS."""
+N_POSTURES = 500
+"""Number of postures among which one is looked for where gravity leaves torque."""
 COMMENT_WIDTH = 110
 """Largest number of characters per line of a comment."""
 MAX_LINE_WIDTH = 10**6
@@ -64,6 +68,7 @@ def scenario_content(
     plants: Sequence[Plant],
     workspace: Workspace,
     sensor: Encoder,
+    torque_noise: np.ndarray,
     duration: float = DURATION,
     torque_rate: Numbers | None = None,
 ) -> Content:
@@ -79,7 +84,7 @@ def scenario_content(
         "law": law_section(law),
         "estimator": estimator_section(law.estimator),
         "sensor": {key: value for key, value in _non_defaults(sensor).items() if value is not None},
-        "reference": reference_section(law, plants, workspace),
+        "reference": reference_section(law, plants, workspace, torque_noise),
     }
     if len(plants) > 1:
         mass = float(np.squeeze(plants[-1].parameters["payload"]))
@@ -152,11 +157,13 @@ def estimator_section(estimator: Estimator) -> Content:
     return {"kind": type(estimator).__name__, **options, "degree": _plain(getattr(estimator, "degree", None))}
 
 
-def reference_section(law: TDC | TARC, plants: Sequence[Plant], workspace: Workspace) -> Content:
+def reference_section(
+    law: TDC | TARC, plants: Sequence[Plant], workspace: Workspace, torque_noise: np.ndarray
+) -> Content:
     """Return the section of the workspace's own reference, or of `slow_sines`."""
     if workspace.reference is not None:
         return {"kind": type(workspace.reference).__name__, **_non_defaults(workspace.reference, without=("robot",))}
-    sines = slow_sines(law, plants, workspace)
+    sines = slow_sines(law, plants, workspace, torque_noise)
     return {
         "kind": "Sinusoid",
         "amplitude": np.asarray(sines.amplitude).tolist(),
@@ -166,35 +173,51 @@ def reference_section(law: TDC | TARC, plants: Sequence[Plant], workspace: Works
     }
 
 
-def slow_sines(law: TDC | TARC, plants: Sequence[Plant], workspace: Workspace) -> Sinusoid:
+def slow_sines(law: TDC | TARC, plants: Sequence[Plant], workspace: Workspace, torque_noise: np.ndarray) -> Sinusoid:
     """Return sines about the home posture that begin at rest.
 
     The amplitudes are at most a quarter of the workspace's width, and smaller where gravity alone would take most of
-    the torque. The frequencies keep each joint below its largest speed and acceleration.
+    the torque. Where it does so in the home posture itself, the sines are about the closest of `N_POSTURES` sampled
+    postures where it does not. The frequencies keep each joint below its largest speed and acceleration.
     """
-    low, high = workspace.low, workspace.high
-    sines: Sinusoid | None = None
-    for share in (1.0, 0.5, 0.25, 0.1):
-        amplitude = share * np.minimum(MAX_AMPLITUDE, (high - low) / 4)
-        middle = np.clip(np.clip(plants[0].home, low, high), low + amplitude, high - amplitude)
-        frequency = BASE_FREQUENCY * (1 + 0.2 * np.arange(law.n_joints))
-        if workspace.speed is not None and workspace.acceleration is not None:
-            width = np.maximum(amplitude, 1e-9)
-            fastest = np.minimum(workspace.speed / width, (workspace.acceleration / width) ** 0.5)
-            frequency = np.minimum(frequency, MAX_SPEED_SHARE * fastest)
-        sines = Sinusoid(
-            amplitude=amplitude.round(4), frequency=frequency.round(3), phase=np.pi / 2, offset=middle.round(4)
-        )
-        if _gravity_leaves_torque(law, plants[-1], sines):
-            break
-    assert sines is not None
+    limits = np.minimum(MAX_GRAVITY_SHARE * law.torque_limits, law.torque_limits - NOISE_PEAK * torque_noise)
+    home = np.clip(plants[0].home, workspace.low, workspace.high)
+    for middle in (home, _light_posture(plants[-1], workspace, home, limits)):
+        for share in (1.0, 0.5, 0.25, 0.1):
+            sines = _sines_about(middle, share, workspace)
+            postures = sines.sample(np.linspace(0, DURATION, 100))[0].T
+            if np.all(_gravity_shares(plants[-1], postures, limits) <= 1):
+                return sines
     return sines
 
 
-def _gravity_leaves_torque(law: TDC | TARC, plant: Plant, path: Sinusoid) -> bool:
-    postures = path.sample(np.linspace(0, DURATION, 100))[0].T
-    torques = [np.abs(np.asarray(plant.gravity_torque(posture))) for posture in postures]
-    return bool(np.all(np.array(torques) <= MAX_GRAVITY_SHARE * law.torque_limits))
+def _sines_about(middle: np.ndarray, share: float, workspace: Workspace) -> Sinusoid:
+    """Return sines about a posture with a share of their largest amplitude, in numbers of four decimals."""
+    low, high = workspace.low, workspace.high
+    amplitude = share * np.minimum(MAX_AMPLITUDE, (high - low) / 4)
+    offset = np.clip(np.clip(middle, low + amplitude, high - amplitude).round(4), low, high)
+    room = np.minimum(offset - low, high - offset)
+    amplitude = np.floor(1e4 * np.minimum(amplitude, room) + 1e-6) / 1e4
+    frequency = BASE_FREQUENCY * (1 + 0.2 * np.arange(len(middle)))
+    if workspace.speed is not None and workspace.acceleration is not None:
+        width = np.maximum(amplitude, 1e-9)
+        fastest = np.minimum(workspace.speed / width, (workspace.acceleration / width) ** 0.5)
+        frequency = np.minimum(frequency, MAX_SPEED_SHARE * fastest)
+    return Sinusoid(amplitude=amplitude, frequency=frequency.round(3), phase=np.pi / 2, offset=offset)
+
+
+def _light_posture(plant: Plant, workspace: Workspace, home: np.ndarray, limits: np.ndarray) -> np.ndarray:
+    """Return the sampled posture closest to home where gravity needs half of the limits, or that with the least."""
+    postures = workspace.sample(N_POSTURES)
+    shares = _gravity_shares(plant, postures, limits)
+    distances = np.linalg.norm(postures - home, axis=1)
+    return postures[np.argmin(np.where(shares <= max(0.5, shares.min()), distances, np.inf))]
+
+
+def _gravity_shares(plant: Plant, postures: np.ndarray, limits: np.ndarray) -> np.ndarray:
+    """Return the largest gravity torque over its limit at each posture (k, n), shape (k,)."""
+    torques = np.array([np.abs(np.asarray(plant.gravity_torque(posture))) for posture in postures])
+    return np.max(torques / np.maximum(limits, 1e-9), axis=1)
 
 
 def _non_defaults(part: "DataclassInstance", without: Sequence[str] = ()) -> Content:
