@@ -25,7 +25,7 @@ def printed(**changes: Any) -> str:
     }
     console = Console(width=300)
     with console.capture() as capture:
-        _print_trial(console, design, StressRun(**{**values, **changes}))
+        _print_trial(console, design, StressRun(**{**values, **changes}), 1.5e-3)
     return capture.get()
 
 
@@ -41,6 +41,7 @@ def test_a_run_as_predicted():
     [
         ({"saturation_share": 0.144}, "this motion needs more than the torque limits in 14.40% of the samples"),
         ({"torque_noise": np.array([0.21, 0.1])}, "the torque noise of joint1 is above twice the predicted one"),
+        ({"rms_error": 3.1e-3}, "the error is above twice the predicted one"),
         ({"rms_error": np.nan, "status": "diverged at 1 s"}, "diverged at 1 s, which is not as predicted"),
     ],
 )
