@@ -31,6 +31,7 @@ def printed(**changes: Any) -> str:
 
 def test_a_run_as_predicted():
     assert printed() == (
+        "predicted RMS error for the motion of the file: 1.5 mrad\n"
         "tried in simulation: completed, RMS error 2 mrad, torque noise at most 0.8 of the predicted one\n"
         "torque rate reached: 300 N m/s, at joint1\n"
     )
