@@ -22,6 +22,7 @@ from benchmarks.page_values.registry import table
 from tarc.design import Design, design_controller
 from tarc.design.stress_case import StressCase
 from tarc.plants import Gearbox
+from tarc.plants.symbolic import SymbolicPlant
 from tarc.signals import Drive, Encoder, TorqueLimits
 
 FOLDER = Path(__file__).resolve().parents[1] / "runs" / "not_covered"
@@ -132,6 +133,8 @@ def _gearbox(arm: Arm, resonance: float, backlash: float, encoder: str) -> dict[
     K_i = (2πf)² / (1/J_i + (M⁻¹)_ii)
     """
     plant = arm.design.plants[-1]
+    if not isinstance(plant, SymbolicPlant):
+        raise TypeError(f"{plant.label}: got {type(plant).__name__}; gears need a plant in symbols")
     n = plant.n_joints
     rigid = Gearbox(plant=plant, stiffness=1.0, encoder=encoder)
     posture = arm.reference.sample([0.0])[0][:, 0]

@@ -75,4 +75,5 @@ def test_laws_share_what_depends_on_the_inertia_and_on_the_loop_alone(monkeypatc
     for kind, certificate in alone.certificates.items():
         assert second.certificates[kind].margin == certificate.margin
     assert other.stability_map is not first.stability_map
+    assert first.spread is not None
     assert other.certificates["lemma1"].evidence.min_ratio == pytest.approx(2 * first.spread.min_ratio)

@@ -1,6 +1,7 @@
 """Limits of magnitude, rate and resolution between law and robot, in simulation and on the machine."""
 
 import tracemalloc
+from typing import Any
 
 import numpy as np
 import pytest
@@ -100,7 +101,7 @@ def test_without_limits_the_function_is_that_of_the_law():
 @pytest.mark.parametrize("kind", [laws.PID, laws.TDC, laws.TARC, laws.ADRC], ids=lambda kind: kind.__name__)
 def test_simulated_is_deployed(kind):
     """The controller, with the same limits and the measured positions of a run, gives the torques of that run."""
-    options = {"integral_gain": 3.0} if kind is laws.PID else {}
+    options: Any = {"integral_gain": 3.0} if kind is laws.PID else {}
     law = make_law(kind, **options)
     arm = plants.TwoLinkArm()
     reference = Sinusoid(amplitude=[0.4, 0.4], frequency=3.0)
@@ -119,7 +120,8 @@ def test_simulated_is_deployed(kind):
 @pytest.mark.parametrize("kind", [laws.PID, laws.TDC, laws.TARC], ids=lambda kind: kind.__name__)
 def test_a_reported_torque_is_as_good_as_a_limit_of_ones_own(kind):
     """A robot that limits the torque itself and reports it, against limits in the controller."""
-    law = make_law(kind, **({"integral_gain": 3.0} if kind is laws.PID else {}))
+    options: Any = {"integral_gain": 3.0} if kind is laws.PID else {}
+    law = make_law(kind, **options)
     knows = Controller(law, torque_limits=LIMITS)
     hears = Controller(law)
     rng = np.random.default_rng(1)
@@ -171,7 +173,8 @@ def test_an_unknown_torque_leaves_the_returned_one():
 @pytest.mark.parametrize("kind", [laws.PID, laws.TDC, laws.TARC], ids=lambda kind: kind.__name__)
 def test_a_law_that_is_told_does_not_wind_up(kind):
     """After two seconds against a limit, the torque turns as soon as the error does."""
-    law = make_law(kind, joints=1, **({"integral_gain": 3.0} if kind is laws.PID else {}))
+    options: Any = {"integral_gain": 3.0} if kind is laws.PID else {}
+    law = make_law(kind, joints=1, **options)
     limits = TorqueLimits(magnitude=1.0, rate=100.0)
     times = {}
     for name in ("told", "not told"):
@@ -208,7 +211,7 @@ def test_limits_that_make_no_sense_are_refused(options, message):
 def test_other_arguments_are_refused():
     law = make_law(laws.TDC)
     with pytest.raises(InvalidParameter, match=r"torque_limits: got 3.0; needs a tarc.signals.TorqueLimits"):
-        Controller(law, torque_limits=3.0)
+        Controller(law, torque_limits=3.0)  # type: ignore[arg-type]
     controller = Controller(law)
     controller.reset(np.zeros(2))
     with pytest.raises(InvalidParameter, match=r"got shape \(3,\) for applied_torque; needs \(2,\)"):

@@ -3,6 +3,7 @@
 import sysconfig
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -61,7 +62,7 @@ ARM = tarc.plants.TwoLinkArm()
 REFERENCE = tarc.signals.Sinusoid(amplitude=[0.3, 0.4], frequency=[2.0, 3.0], phase=np.pi / 2, offset=[0.2, 1.0])
 
 
-def make_law(kind=tarc.laws.TDC, **options):
+def make_law(kind: Any = tarc.laws.TDC, **options: Any) -> Any:
     given = {
         "inertia": 0.3 * ARM.mean_inertia(REFERENCE.sample(np.linspace(0, 4, 50))[0]),
         "natural_frequency": 12.0,

@@ -7,7 +7,7 @@ from scipy.linalg import eigh
 
 import tarc
 from tarc.core.errors import InvalidParameter
-from tarc.plants import Gearbox, MassSpringDamper, TwoLinkArm, load_robot
+from tarc.plants import Gearbox, MassSpringDamper, RigidBody, TwoLinkArm, load_robot
 from tarc.plants.gearbox import elastic_torque, stribeck_friction
 from tarc.scenario.model import Scenario
 from tarc.signals import Encoder, ParameterSchedule, Sinusoid
@@ -134,6 +134,7 @@ def test_a_stiff_gearbox_moves_as_the_robot_with_its_motors():
 
 def test_rotor_inertia_moves_to_the_motors():
     arm = load_robot("ur5e", armature=0.1)
+    assert isinstance(arm, RigidBody)
     plant = Gearbox(plant=arm, stiffness=1e4)
     q = np.linspace(0.1, 0.6, 6)
     M = plant.inertia(np.concatenate([q, q]))

@@ -1,5 +1,7 @@
 """Joints of a file without an actuator: simulated, not driven; or locked."""
 
+from typing import Any
+
 import mujoco
 import numpy as np
 import pytest
@@ -210,11 +212,12 @@ def test_joints_are_passive_on_request_in_any_file(tmp_path):
     assert robot.joint_names == ["rail"]
     assert robot.passive_joints == ["pivot"]
     assert robot.file_options["passive"] == ["pivot"]
-    for options, message in (
+    cases: Any = (
         ({"passive": ["pole"]}, "passive: cart.xml has no hinge or slide 'pole'"),
         ({"passive": ["pivot"], "lock": ["pivot"]}, "passive: joint pivot of cart.xml is in lock too"),
         ({"passive": ["pivot"], "joints": ["rail", "pivot"]}, "passive: joint pivot of cart.xml is listed in joints"),
-    ):
+    )
+    for options, message in cases:
         with pytest.raises(InvalidParameter, match=message):
             load_robot(file, **options)
     mimic = '<equality><joint joint1="pivot" joint2="rail" polycoef="0 2 0 0 0"/></equality>'

@@ -6,7 +6,7 @@ import pytest
 import tarc
 from tarc.analysis.workspace import Workspace
 from tarc.core.errors import InvalidParameter
-from tarc.plants import MassSpringDamper, PositionServo, TwoLinkArm, load_robot
+from tarc.plants import MassSpringDamper, PositionServo, RigidBody, TwoLinkArm, load_robot
 
 PERIOD = 1e-3
 STILL = tarc.signals.Sinusoid(amplitude=0.0, frequency=1.0, offset=0.2)
@@ -187,6 +187,7 @@ duration: 0.2
 
 def test_only_what_a_file_gives_is_written_as_arguments_of_it():
     arm = load_robot("ur5e", armature=0.1)
+    assert isinstance(arm, RigidBody)
     assert arm.file_options == {"file": "ur5e", "armature": 0.1}
     assert PositionServo(arm, kp=500.0).file_options == {}
     assert tarc.plants.Gearbox(plant=arm, stiffness=5000.0).file_options == {}
