@@ -91,13 +91,19 @@ def test_stated_error_is_that_of_a_finer_run():
 def test_the_cheapest_method_that_suffices_is_chosen():
     order = {"midpoint": 1e-4, "Runge–Kutta": 1e-6}
 
-    def error(method: Integration) -> float:
-        return order[method.integrator] / method.substeps ** (2 if method.integrator == "midpoint" else 4)
+    def trial(method: Integration) -> tuple[float, bool]:
+        return order[method.integrator] / method.substeps ** (2 if method.integrator == "midpoint" else 4), False
 
-    assert choose_integration(error, 1e-3) == Integration("midpoint", 1)
-    assert choose_integration(error, 1e-5) == Integration("Runge–Kutta", 1)
-    assert choose_integration(error, 1e-8) == Integration("Runge–Kutta", 4)
-    assert choose_integration(lambda method: float("nan"), 1e-8).substeps == 64
+    assert choose_integration(trial, 1e-3) == Integration("midpoint", 1)
+    assert choose_integration(trial, 1e-5) == Integration("Runge–Kutta", 1)
+    assert choose_integration(trial, 1e-8) == Integration("Runge–Kutta", 4)
+    assert choose_integration(lambda method: (float("nan"), False), 1e-8).substeps == 64
+
+
+def test_a_run_that_diverges_is_refined_only_as_long_as_that_may_be_the_integration():
+    assert choose_integration(lambda method: (1.0, True), 1e-8) == Integration("Runge–Kutta", 8)
+    coarse = choose_integration(lambda method: (method.substeps**-4.0, method.substeps < 5), 1e-6)
+    assert coarse.substeps == 32
 
 
 def test_the_tolerance_follows_the_encoder():

@@ -19,6 +19,9 @@ MAX_ERROR = 1e-9
 
 MAX_SUBSTEPS = 64
 
+DIVERGED_SUBSTEPS = 8
+"""Runge–Kutta steps per period from which a run that diverges is not refined."""
+
 REFINEMENT = 4
 """Ratio of the number of steps of the reference solution to those that it judges."""
 
@@ -97,24 +100,26 @@ def _hold(
     return q, dq
 
 
-def choose_integration(error_of: Callable[[Integration], float], tolerance: float) -> Integration:
+def choose_integration(trial: Callable[[Integration], tuple[float, bool]], tolerance: float) -> Integration:
     """Return the cheapest method and steps whose error is small enough, or `MAX_SUBSTEPS` where none is.
+
+    A run that diverges with `DIVERGED_SUBSTEPS` diverges with more, and at its speeds none is accurate.
 
     Parameters
     ----------
-    error_of
-        Error [rad or m] of a run.
+    trial
+        Error [rad or m] of a run, and whether the run diverged.
     tolerance
         Largest error [rad or m].
     """
     chosen = Integration("midpoint", 1)
-    if error_of(chosen) <= tolerance:
+    if trial(chosen)[0] <= tolerance:
         return chosen
     chosen = Integration("Runge–Kutta", 1)
-    while chosen.substeps < MAX_SUBSTEPS:
-        error = error_of(chosen)
-        if error <= tolerance:
-            break
+    while True:
+        error, diverged = trial(chosen)
+        most = DIVERGED_SUBSTEPS if diverged else MAX_SUBSTEPS
+        if error <= tolerance or chosen.substeps >= most:
+            return chosen
         factor = (error / tolerance) ** 0.25 if np.isfinite(error) else MAX_SUBSTEPS
-        chosen = replace(chosen, substeps=int(min(np.ceil(chosen.substeps * max(factor, 1.1)), MAX_SUBSTEPS)))
-    return chosen
+        chosen = replace(chosen, substeps=int(min(np.ceil(chosen.substeps * max(factor, 1.1)), most)))

@@ -174,9 +174,12 @@ def simulate(
     method = Integration("Runge–Kutta", substeps or 1)
     if substeps is None:
         pilot = min(duration, PILOT_PERIODS * law.period)
-        method = choose_integration(
-            lambda method: simulation.run(plant, initial, method, pilot, False)[1], max_error(sensor)
-        )
+
+        def trial(method: Integration) -> tuple[float, bool]:
+            run, error = simulation.run(plant, initial, method, pilot, False)
+            return error, not run.status.completed
+
+        method = choose_integration(trial, max_error(sensor))
     return simulation.run(plant, initial, method, duration, progress)[0]
 
 
