@@ -652,10 +652,10 @@ def _ceilings(found: Sequence[Result]) -> Sheet:
         [one.name, f"{one.natural_frequency:.3g}", *(_number(one.ceilings[name]) for name in names)] for one in found
     ]
     note = (
-        "The greatest natural frequency that bears the spread at the window chosen, – for none; each column "
+        "The greatest natural frequency that tolerates the spread at the window chosen, – for none; each column "
         "leaves one thing "
         "more out of what is asked, first of all that the inertia may change at any speed. The "
-        "last bears every inertia of the workspace as long as it does not change, no proof for a robot that moves."
+        "last tolerates every inertia of the workspace as long as it does not change, no proof for a robot that moves."
     )
     return Sheet("What holds the natural frequency back [rad/s]", ["robot", "chosen", *names], rows, note)
 

@@ -51,4 +51,4 @@ def assert_equals_tdc(kind: type[laws.Law], **options: Any) -> None:
 
 
 SMALL_INERTIA = 0.05 * np.array([[3.0, 1.0], [1.0, 1.0]])
-"""An M̂ for `track` that literal time-delay estimation bears."""
+"""An M̂ for `track` that literal time-delay estimation tolerates."""

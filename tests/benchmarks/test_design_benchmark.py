@@ -52,10 +52,10 @@ def test_each_thing_left_out_of_the_certificate_allows_more_bandwidth(report):
 def test_tables_and_files_hold_what_was_measured(report, tmp_path):
     for sheet in bench.sheets([report]):
         assert all(len(row) == len(sheet.heads) for row in sheet.rows)
-    bench.write([report], {"other": "nothing bears it"}, tmp_path)
+    bench.write([report], {"other": "nothing tolerates it"}, tmp_path)
     text = (tmp_path / "design.md").read_text(encoding="utf-8")
     assert "two-link: m I" in text
-    assert "other: no design. nothing bears it" in text
+    assert "other: no design. nothing tolerates it" in text
     with (tmp_path / "noise.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert [float(row["measured"]) for row in rows] == pytest.approx(report.measured)

@@ -219,7 +219,7 @@ def hand_form(design, centre, radius, step, evidence, angles):
 
 @pytest.mark.parametrize(("design", "centre"), BOTH)
 @pytest.mark.parametrize("relative", [3.0, 30.0])
-def test_bears_against_a_dense_grid(design, centre, relative):
+def test_tolerates_against_a_dense_grid(design, centre, relative):
     (channel,) = decoupled_channels(design.law)
     parts, step = UncertainLoop.from_channel(channel, 0.0, intersample=False), relative / centre * PERIOD
     evidence, size = max_radius(parts, centre, max_change=step)
@@ -234,7 +234,7 @@ def test_bears_against_a_dense_grid(design, centre, relative):
 
 @pytest.mark.parametrize("slope", [0.0, 100.0])
 @pytest.mark.parametrize("weight", [0.0, 3000.0])
-def test_bears_nothing_that_was_changed(slope, weight):
+def test_tolerates_nothing_that_was_changed(slope, weight):
     (channel,) = decoupled_channels(LITERAL.law)
     parts, centre, step, stiffness = UncertainLoop.from_channel(channel, slope, intersample=True), 0.08, 0.1, 20.0
     evidence, size = max_radius(parts, centre, weight, max_change=step, stiffness=stiffness)

@@ -178,7 +178,7 @@ def test_between_the_ball_and_the_stable_range_is_inconclusive():
 
 
 def test_ur5e():
-    """Its spread over the whole range of its joints is near 24 with the best M̂: five periods, synchronised, bear it."""
+    """Its spread over the whole range of its joints is near 24 with the best M̂: a synchronised loop tolerates it."""
     arm = plants.MujocoPlant.from_file("ur5e", armature=0.1)
     everywhere = Workspace.from_joint_limits(arm)
     X, spread = best_inertia_shape(arm, everywhere, samples=200)
@@ -284,7 +284,7 @@ def test_advice_for_a_refuted_design(law, delay, message):
 
 
 def test_advice_where_no_ball_is_wide_enough():
-    """A loop that bears no ball at all is told so, without an error."""
+    """A loop that tolerates no ball at all is inconclusive, without an error."""
     law = adaptive_law(max_gain=1e6)
     verdict = certify_arm(law)
     assert verdict.verdict == "inconclusive"
@@ -595,7 +595,7 @@ def test_a_tube_about_a_path_is_searched_too():
 
 
 def test_what_fast_motion_adds_is_not_covered_and_said_so():
-    """At constant speed an arm without gravity has a stiffness of its own, which a certified loop need not bear."""
+    """At constant speed an arm without gravity has a stiffness of its own, which a certified loop need not tolerate."""
     arm, box = plants.TwoLinkArm(gravity=0.0), Workspace.box([-3.0, 0.8], [3.0, 2.2])
     X, _ = best_inertia_shape(arm, box, samples=200)
     law = make_tdc(3, True, natural_frequency=2.0, inertia=0.006 * X)

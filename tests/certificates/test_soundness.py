@@ -52,7 +52,7 @@ def test_recurrences_by_hand_are_the_laws(seed):
 
 
 def test_a_false_certificate_would_be_found(monkeypatch):
-    """The benchmark itself: told that everything is certified, it disagrees."""
+    """The benchmark itself: given that everything is certified, it disagrees."""
     from reference import soundness_checks
 
     class Liar:

@@ -316,6 +316,7 @@ def test_limits_are_asked_for(designed_folder, monkeypatch):
         (folder / name).unlink()
 
 
+@pytest.mark.slow
 def test_too_fast_for_the_rate_says_both_ways_out(designed_folder, tmp_path):
     """The natural frequency and the rate that the message names do, and a little more than either does not."""
     folder, _ = designed_folder
@@ -330,7 +331,7 @@ def test_too_fast_for_the_rate_says_both_ways_out(designed_folder, tmp_path):
     assert found, message
     natural_frequency, rate = float(found[1]), float(found[2])
     assert 2 < natural_frequency < 200
-    # but for gravity, what a loop bears depends on the natural frequency times the period
+    # but for gravity, what a loop tolerates depends on the natural frequency times the period
     assert natural_frequency * rate == pytest.approx(200 * 500, rel=0.2)
     for within in (
         ["--natural-frequency", found[1], "--control-rate", "500"],

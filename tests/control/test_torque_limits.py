@@ -123,15 +123,15 @@ def test_a_reported_torque_is_as_good_as_a_limit_of_ones_own(kind):
     options: Any = {"integral_gain": 3.0} if kind is laws.PID else {}
     law = make_law(kind, **options)
     knows = Controller(law, torque_limits=LIMITS)
-    hears = Controller(law)
+    informed = Controller(law)
     rng = np.random.default_rng(1)
     applied = np.zeros(2)
     knows.reset(np.zeros(2))
-    hears.reset(np.zeros(2))
+    informed.reset(np.zeros(2))
     for _ in range(200):
         arguments = 0.3 * rng.normal(size=(4, 2))
         expected = knows.step(*arguments)
-        command = hears.step(*arguments, applied_torque=applied)
+        command = informed.step(*arguments, applied_torque=applied)
         applied = LIMITS.apply(command, applied, PERIOD)
         np.testing.assert_allclose(applied, expected, atol=1e-9)
 
@@ -156,29 +156,29 @@ def test_a_reported_torque_allocates_nothing():
 
 def test_an_unknown_torque_leaves_the_returned_one():
     law = make_law(laws.TDC)
-    plain, hears = Controller(law, span=20.0), Controller(law, span=20.0)
+    plain, informed = Controller(law, span=20.0), Controller(law, span=20.0)
     plain.reset(np.zeros(2))
-    hears.reset(np.zeros(2))
+    informed.reset(np.zeros(2))
     rng = np.random.default_rng(1)
     for unknown in ([np.nan, np.nan], None, [np.inf, np.nan]):
         arguments = 0.3 * rng.normal(size=(4, 2))
-        np.testing.assert_array_equal(plain.step(*arguments), hears.step(*arguments, applied_torque=unknown))
+        np.testing.assert_array_equal(plain.step(*arguments), informed.step(*arguments, applied_torque=unknown))
     past = plain.step(*np.zeros((4, 2))).copy()
-    hears.step(*np.zeros((4, 2)))
-    hears.step(*np.zeros((4, 2)), applied_torque=[np.nan, 7.0])
+    informed.step(*np.zeros((4, 2)))
+    informed.step(*np.zeros((4, 2)), applied_torque=[np.nan, 7.0])
     plain.step(*np.zeros((4, 2)), applied_torque=[past[0], 7.0])
-    np.testing.assert_array_equal(plain.step(*np.zeros((4, 2))), hears.step(*np.zeros((4, 2))))
+    np.testing.assert_array_equal(plain.step(*np.zeros((4, 2))), informed.step(*np.zeros((4, 2))))
 
 
 @pytest.mark.parametrize("kind", [laws.PID, laws.TDC, laws.TARC], ids=lambda kind: kind.__name__)
-def test_a_law_that_is_told_does_not_wind_up(kind):
+def test_a_law_that_knows_the_applied_torque_does_not_wind_up(kind):
     """After two seconds against a limit, the torque turns as soon as the error does."""
     options: Any = {"integral_gain": 3.0} if kind is laws.PID else {}
     law = make_law(kind, joints=1, **options)
     limits = TorqueLimits(magnitude=1.0, rate=100.0)
     times = {}
-    for name in ("told", "not told"):
-        controller = Controller(law, torque_limits=limits if name == "told" else None)
+    for name in ("known", "unknown"):
+        controller = Controller(law, torque_limits=limits if name == "known" else None)
         controller.reset([0.0])
         for _ in range(2000):
             controller.step([0.0], [2.0], [0.0], [0.0])
@@ -186,9 +186,9 @@ def test_a_law_that_is_told_does_not_wind_up(kind):
         while controller.step([0.0], [-2.0], [0.0], [0.0])[0] > 0 and count < 3000:
             count += 1
         times[name] = count
-    assert times["told"] <= 30
+    assert times["known"] <= 30
     if kind is not laws.TARC:
-        assert times["not told"] > 300
+        assert times["unknown"] > 300
 
 
 @pytest.mark.parametrize(

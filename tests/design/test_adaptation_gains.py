@@ -19,7 +19,7 @@ PERIOD = 1e-3
 
 @pytest.fixture(scope="module")
 def loops():
-    """Loops that bear a spread and a slope as steep as K1."""
+    """Loops that tolerate a spread and a slope as steep as K1."""
     trials = enumerate_candidates(PERIOD, natural_frequencies=[5.0, 10.0, 25.0], windows=[4, 10], degrees=[2])
     return [one for one in assess_candidates(trials, RobustnessSpec.from_spread(3.0), slope_ratio=1.0) if one.feasible]
 

@@ -61,7 +61,7 @@ def test_diagonal_is_that_of_the_whole():
     assert np.count_nonzero(found.error) == 3
 
 
-def test_coulomb_friction_is_told_apart():
+def test_coulomb_friction_is_distinguished():
     found = inertia_from_data(*measured_motion(M3, coulomb=np.array([1.0, 0.5, 0.1])), T, diagonal=False)
     np.testing.assert_allclose(found.inertia, M3, rtol=0.02, atol=0.005)
 

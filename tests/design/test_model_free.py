@@ -36,7 +36,7 @@ def test_what_is_certified_is_what_was_asked_for(expected):
     assert made.torque_noise.shape == (2,)
 
 
-def test_a_spread_that_no_loop_bears_is_said():
+def test_a_spread_that_no_loop_tolerates_is_said():
     with pytest.raises(InfeasibleDesign, match="spread: required 1000; .* tolerate at most ") as error:
         design_without_model([1.0], 1000.0, 20.0)
     (relaxation,) = error.value.relaxations

@@ -273,7 +273,7 @@ def test_wheeled_robot_keeps_its_energy_without_torque_and_friction() -> None:
 
 def test_wheeled_robot_runs_straight_and_reaches_torque_over_friction() -> None:
     robot = WheeledMobileRobot(coulomb=0.0, viscous=0.2, payload=3.0)
-    inertia = 20.0 * 0.095**2 / 2 + 0.01  # each wheel bears half of m + payload, and itself
+    inertia = 20.0 * 0.095**2 / 2 + 0.01  # each wheel carries half of m + payload, and itself
     q, dq = integrate(robot, np.zeros(2), np.zeros(2), np.array([0.8, 0.8]), 2e-3, 500)
     speed = 0.8 / 0.2 * (1 - np.exp(-0.2 / inertia * 1.0))
     assert np.allclose(dq[-1], speed, rtol=1e-9)

@@ -14,7 +14,7 @@ PERIOD = 1e-3
 
 @dataclass(frozen=True)
 class LawParameters:
-    """A law in numbers, and the inertia ratio and slope of its robust term that it is to bear."""
+    """A law in numbers, and the inertia ratio and slope of its robust term that it is to tolerate."""
 
     natural_frequency: float = 10.0
     damping_ratio: float = 1.0

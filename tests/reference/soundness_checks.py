@@ -164,7 +164,7 @@ def check_slow_balls(
                     rng.uniform(0.02, 1.0) / max(most_negative_real_part(known.w_to_q, known.closed)[0], 1e-9)
                 )
             if rng.random() < 1 / 3:
-                # a constant stiffness that the loop bears or nearly does: a pole at one has v = h/ρ0 q
+                # a constant stiffness that the loop tolerates or nearly does: a pole at one has v = h/ρ0 q
                 stiffness = float(centre * design.natural_frequency**2 * np.exp(rng.uniform(-3, 0.5)))
                 weight = float(stiffness / centre * np.exp(rng.uniform(-1, 3)))
         if weight:

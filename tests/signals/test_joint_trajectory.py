@@ -84,9 +84,9 @@ def test_a_file_as_ros_prints_it(tmp_path):
     assert np.allclose(position, [[1.0, 0.8], [0.0, 0.5]], rtol=0, atol=1e-14)
     assert np.allclose(velocity, [[0.1, -0.3], [0.0, -1e-5]], rtol=0, atol=1e-14)
     assert np.allclose(acceleration, [[0.0, 0.4], [0.2, 0.0]], rtol=0, atol=1e-13)
-    told = JointTrajectory(path=path, starts_at_zero=False)
-    assert np.array_equal(told.sample([1.0, 1.5])[0], [[0.0, 0.0], [1.0, 1.0]])
-    assert not told.sample([1.0])[1].any()
+    delayed = JointTrajectory(path=path, starts_at_zero=False)
+    assert np.array_equal(delayed.sample([1.0, 1.5])[0], [[0.0, 0.0], [1.0, 1.0]])
+    assert not delayed.sample([1.0])[1].any()
 
 
 @pytest.mark.parametrize("key", ["joint_trajectory", "trajectory"])

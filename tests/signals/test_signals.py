@@ -275,7 +275,7 @@ def test_times_count_from_the_first_stamp(tmp_path: Path) -> None:
 
 
 def encoder_readings(encoder: Encoder, positions: np.ndarray, noise: Any = None) -> np.ndarray:
-    """Return what the encoder makes of positions (n, k)."""
+    """Return the readings of the encoder at positions (n, k)."""
     noise = np.zeros(positions.shape) if noise is None else noise
     state, readings = encoder.init(positions[:, 0]), []
     for position, disturbance in zip(positions.T, noise.T, strict=True):

@@ -51,7 +51,7 @@ def test_stable_interval(window, synchronised, low, high):
     ("window", "synchronised", "delay", "unknown", "known"),
     [(10, False, 1, 0.2129, 0.4662), (10, False, 2, 0.1795, 0.6287), (10, True, 2, 1.678, 2.226)],
 )
-def test_a_law_that_knows_its_delay_bears_more(window, synchronised, delay, unknown, known):
+def test_a_law_that_knows_its_delay_tolerates_more(window, synchronised, delay, unknown, known):
     """Upper limits with a computation delay, the torques fed back being the newest, or those that acted."""
     rounding = 1e-9  # a mode that stays, see below, is on the circle to rounding
     for knows, expected in ((False, unknown), (True, known)):

@@ -138,8 +138,10 @@ def test_cart_pole_under_a_law_moves_by_its_own_equations():
         for i in range(substeps):
             time = (k + i / substeps) * PERIOD
             total = force + 0.5 * np.sin(3.0 * time)
-            rates = lambda _, x, total=total: cart_pole_rates(x, total)  # noqa: E731
-            state = solve_ivp(rates, (0, PERIOD / substeps), state, rtol=1e-10, atol=1e-12).y[:, -1]
+            span = 0, PERIOD / substeps
+            state = solve_ivp(
+                lambda _, x, force: cart_pole_rates(x, force), span, state, args=(total,), rtol=1e-10, atol=1e-12
+            ).y[:, -1]
     end = data.isel(time=-1)
     assert state[0] == pytest.approx(float(end["position"][0]), abs=1e-6)
     assert state[1] == pytest.approx(float(end["passive_position"][0]), abs=1e-6)
