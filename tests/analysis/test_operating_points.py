@@ -6,13 +6,8 @@ import pytest
 import tarc
 from tarc.analysis import Workspace
 from tarc.analysis.inertia_ratio import extreme_ratio_functions
-from tarc.analysis.operating_points import (
-    InertiaRate,
-    OperatingPoint,
-    UncertaintyNorm,
-    linearise_point,
-    linearise_points,
-)
+from tarc.analysis.operating_points import OperatingPoint, linearise_point, linearise_points
+from tarc.analysis.worst_points import InertiaRate, UncertaintyNorm
 from tarc.plants.base import Plant
 from tarc.signals.references import Sinusoid
 

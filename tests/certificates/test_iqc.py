@@ -16,8 +16,9 @@ from tampering import replaced, reread, scaled, without
 from tarc import plants, signals, simulate
 from tarc.analysis import Workspace, stable_interval
 from tarc.analysis.linearise import decoupled_channels
-from tarc.analysis.operating_points import OperatingPoint, inertia_rates, uncertainty_samples
+from tarc.analysis.operating_points import OperatingPoint, uncertainty_samples
 from tarc.analysis.uncertain_loop import UncertainLoop
+from tarc.analysis.worst_points import inertia_rates
 from tarc.certificates import certify_robot, certify_varying_ratio
 from tarc.certificates.iqc import Multiplier, rate_penalty, satisfies_iqc
 from tarc.certificates.varying_ratio import max_radius

@@ -16,9 +16,10 @@ from tarc.analysis import Workspace, stable_interval
 from tarc.analysis.inertia_ratio import inverse_ratios
 from tarc.analysis.inertia_shape import best_inertia_shape
 from tarc.analysis.linearise import decoupled_channels
-from tarc.analysis.operating_points import OperatingPoint, sample_points, uncertainty_samples
+from tarc.analysis.operating_points import OperatingPoint, uncertainty_samples
 from tarc.analysis.rest_stability import rest_state_matrix
 from tarc.analysis.uncertain_loop import UncertainLoop
+from tarc.analysis.worst_points import sample_points
 from tarc.certificates import certify_robot, certify_varying_ratio
 from tarc.certificates.base import Certificate
 from tarc.certificates.varying_ratio import Ball

@@ -7,8 +7,9 @@ import numpy as np
 
 from tarc.analysis.inertia_ratio import InertiaSpread
 from tarc.analysis.linearise import Channel
-from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS, SampledPoints, UncertaintySamples
+from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS, UncertaintySamples
 from tarc.analysis.uncertain_loop import FrequencyResponses, UncertainLoop
+from tarc.analysis.worst_points import SampledPoints
 from tarc.certificates.iqc import best_multiplier
 from tarc.certificates.robot_evidence import MaxRatePoint
 from tarc.certificates.varying_ratio import Ball, RadiusProof, best_centre, make_ball, max_radius

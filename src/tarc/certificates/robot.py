@@ -13,13 +13,9 @@ from tarc.analysis.linearise import (
     joints_share_loop,
     require_inertia,
 )
-from tarc.analysis.operating_points import (
-    OperatingPoint,
-    SampledPoints,
-    linearise_point,
-    max_rate_point,
-)
+from tarc.analysis.operating_points import OperatingPoint, linearise_point
 from tarc.analysis.workspace import Workspace
+from tarc.analysis.worst_points import SampledPoints, max_rate_point
 from tarc.certificates.ball_search import NO_CANDIDATE, BallCandidate, fit_ball
 from tarc.certificates.base import Certificate, LoopMatrices, Verdict
 from tarc.certificates.robot_evidence import LinearisedPoint, MaxRatePoint, RobotEvidence, WorstPoints

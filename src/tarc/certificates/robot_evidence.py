@@ -5,14 +5,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from tarc.analysis.operating_points import (
-    NEGLIGIBLE_STIFFNESS,
-    UncertaintySamples,
-    inertia_rates,
-    to_nominal_coordinates,
-)
+from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS, UncertaintySamples, to_nominal_coordinates
 from tarc.analysis.rest_stability import rest_state_matrix
 from tarc.analysis.stability import UnstableMode, Witness, unstable_mode
+from tarc.analysis.worst_points import inertia_rates
 from tarc.certificates.base import Evidence, Judgement, LoopMatrices, Verdict
 from tarc.certificates.varying_ratio import Ball
 from tarc.core.types import Array

@@ -1,0 +1,370 @@
+"""The worst operating points of a robot over a workspace, by samples and local search with exact derivatives."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
+from typing import Protocol
+
+import numpy as np
+
+from tarc.analysis.inertia_ratio import InertiaSpread
+from tarc.analysis.operating_points import (
+    NEGLIGIBLE_STIFFNESS,
+    OperatingPoint,
+    UncertaintySamples,
+    linearise_point,
+    matrix_roots,
+    uncertainty_samples,
+)
+from tarc.analysis.workspace import Workspace
+from tarc.core.errors import InvalidParameter
+from tarc.core.types import Array
+from tarc.numerics.local_search import local_maximum
+from tarc.plants.base import Plant
+
+N_SEARCHES = 3
+"""Number of points from which a local search starts."""
+MAX_CORNER_JOINTS = 9
+"""Number of joints up to which all combinations of their largest speeds are tried."""
+MAX_MOTION_CHANGES = 3
+"""Largest number of joints whose speed or acceleration a search changes."""
+
+
+@dataclass(frozen=True, eq=False)
+class SampledPoints:
+    """Operating points of a robot in a workspace, with the uncertainty at each.
+
+    Attributes
+    ----------
+    nominal
+        M̂ [kg m² or kg], shape (n, n).
+    workspace
+        The postures and their speeds.
+    unit_samples
+        The sampled variables of the workspace on the unit cube, shape (k, v).
+    points
+        The points; the first two are those of the smallest and the largest inertia ratio at rest.
+    uncertainty
+        Their linearised uncertainty.
+    """
+
+    nominal: Array
+    workspace: Workspace
+    unit_samples: Array
+    points: list[OperatingPoint]
+    uncertainty: UncertaintySamples
+
+    @classmethod
+    def from_robot(
+        cls,
+        plants: Sequence[Plant],
+        spread: InertiaSpread,
+        nominal: Array,
+        workspace: Workspace,
+        samples: int,
+        seed: int,
+    ) -> "SampledPoints":
+        """Return the two postures of the extreme inertia ratios, and sampled points.
+
+        Parameters
+        ----------
+        plants
+            The robot, or several.
+        spread
+            Inertia ratios of the robot for this M̂ and workspace.
+        nominal
+            M̂ [kg m² or kg], shape (n, n).
+        workspace
+            The postures and their speeds.
+        samples, seed
+            Number of sampled postures, and the seed.
+        """
+        extremes = (spread.min_plant, spread.min_posture), (spread.max_plant, spread.max_posture)
+        points = [OperatingPoint.at_rest(plants[index], posture) for index, posture in extremes]
+        points += sample_points(plants, workspace, samples, seed)
+        unit_samples = workspace.unit_samples(samples, seed)
+        return cls(nominal, workspace, unit_samples, points, uncertainty_samples(nominal, points))
+
+    def refine_worst(self, centre: float, position_weight: float, lead_time: float) -> "SampledPoints":
+        """Return the points with those that a local search for the largest joint norm adds.
+
+        The search starts from the points of the largest norms, from the stiffest, and from the first two.
+        """
+        norm = UncertaintyNorm(self.nominal, centre, position_weight, lead_time)
+        stiffest = int(np.argmax(self.uncertainty.stiffness_norms(lead_time)))
+        worst = np.argsort(self.uncertainty.joint_norms(centre, position_weight, lead_time))[::-1][:N_SEARCHES]
+        starts = [self.points[i] for i in dict.fromkeys([0, 1, stiffest, *worst.tolist()])]
+        return self._with_points(
+            [_maximise_motion(self._maximise_posture(start, norm, centre), self.workspace, norm) for start in starts]
+        )
+
+    def add_stiffest(self, lead_time: float) -> "SampledPoints":
+        """Return the points with those that a local search for the largest ‖[H, C/θ]‖ adds."""
+        norm = UncertaintyNorm(self.nominal, None, 1.0, lead_time)
+
+        def search(start: OperatingPoint) -> OperatingPoint:
+            moving = _maximise_motion(start, self.workspace, norm)
+            return _maximise_motion(self._maximise_posture(moving, norm, scale), self.workspace, norm)
+
+        sampled_norms = self.uncertainty.stiffness_norms(lead_time)
+        scale = max(float(sampled_norms.max()), NEGLIGIBLE_STIFFNESS)
+        return self._with_points([search(self.points[i]) for i in np.argsort(sampled_norms)[::-1][:N_SEARCHES]])
+
+    def _with_points(self, added: list[OperatingPoint]) -> "SampledPoints":
+        uncertainty = self.uncertainty | uncertainty_samples(self.nominal, added)
+        return replace(self, points=[*self.points, *added], uncertainty=uncertainty)
+
+    def _maximise_posture(self, start: OperatingPoint, function: "PointFunction", scale: float) -> OperatingPoint:
+        return _maximise_posture(start, self.workspace, self.unit_samples, function, scale)
+
+
+class PointFunction(Protocol):
+    """A function of operating points, which a local search makes large."""
+
+    def values(self, points: Sequence[OperatingPoint]) -> Array:
+        """Return the number of each of k points, shape (k,)."""
+        ...
+
+    def value_and_gradient(self, point: OperatingPoint) -> tuple[float, Array]:
+        """Return the number of a point and its derivatives over the posture, shape (n,)."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class UncertaintyNorm:
+    """The norm ‖[E − ρ0 I, H/η, C/(η θ)]‖, or ‖[H, C/θ]‖/η without a centre.
+
+    With u and w the singular vectors of the norm σ of K = M̂^½ M⁻¹ X − [ρ0 I, 0, 0], its derivatives are those of
+
+        uᵀ M̂^½ M⁻¹ (dX − dM M⁻¹ X) w,    X = [M̂^½, (∂(M q̈ + N)/∂q) M̂^−½/η, (∂N/∂q̇) M̂^−½/(η θ)].
+
+    Parameters
+    ----------
+    nominal
+        M̂ [kg m² or kg], shape (n, n).
+    centre
+        ρ0; None to leave E out.
+    position_weight, lead_time
+        η [1/s²] and θ [s]; without a lead time C is left out.
+    """
+
+    nominal: Array
+    centre: float | None
+    position_weight: float
+    lead_time: float
+
+    def values(self, points: Sequence[OperatingPoint]) -> Array:
+        """Return the norms of k points, shape (k,)."""
+        samples = uncertainty_samples(self.nominal, points)
+        if self.centre is None:
+            return samples.stiffness_norms(self.lead_time) / self.position_weight
+        return samples.joint_norms(self.centre, self.position_weight, self.lead_time)
+
+    def value_and_gradient(self, point: OperatingPoint) -> tuple[float, Array]:
+        """Return the norm of a point and its derivatives over the posture, shape (n,)."""
+        M, D, G = linearise_point(point)
+        root, inverse_root = self._roots
+        n = len(M)
+        position_share = 1 / self.position_weight
+        velocity_share = position_share / self.lead_time if self.lead_time and point.is_moving else 0.0
+        inertia_part = 0 * root if self.centre is None else root
+        X = np.hstack([inertia_part, position_share * G @ inverse_root, velocity_share * D @ inverse_root])
+        K = root @ np.linalg.solve(M, X)
+        K[:, :n] -= (self.centre or 0.0) * np.eye(n)
+        left, norms, right = np.linalg.svd(K, full_matrices=False)
+        u, w = left[:, 0], right[0]
+        p, y = np.linalg.solve(M, np.column_stack([root @ u, X @ w])).T
+        of_inertia = -np.outer(p, y)
+        of_stiffness = position_share * np.outer(p, inverse_root @ w[n : 2 * n])
+        of_damping = velocity_share * np.outer(p, inverse_root @ w[2 * n :])
+        weight = np.hstack([of_inertia, of_damping, of_stiffness])
+        gradient = point.plant.tangent_gradient(point.position, weight, point.velocity, point.acceleration)
+        if np.any(of_damping):  # C leaves out the damping at rest
+            at_rest = np.hstack([0 * of_inertia, of_damping, 0 * of_stiffness])
+            gradient = gradient - point.plant.tangent_gradient(point.position, at_rest)
+        return float(norms[0]), gradient
+
+    @cached_property
+    def _roots(self) -> tuple[Array, Array]:
+        return matrix_roots(self.nominal)
+
+
+@dataclass(frozen=True, eq=False)
+class InertiaRate:
+    """The largest ‖dE⁻¹/dt‖ of `inertia_rates`, for M̂ (n, n) and the largest speed of each joint (n,)."""
+
+    nominal: Array
+    speed: Array
+
+    def values(self, points: Sequence[OperatingPoint]) -> Array:
+        """Return the rates of k points, shape (k,)."""
+        slopes = np.array([point.plant.inertia_slopes(point.position) for point in points])
+        return inertia_rates(self.nominal, slopes, self.speed)
+
+    def value_and_gradient(self, point: OperatingPoint) -> tuple[float, Array]:
+        """Return the rate of a point and its derivatives over the posture, shape (n,)."""
+        joints = np.flatnonzero(self.speed)
+        directions = np.eye(len(self.speed))[joints] * self.speed
+        if len(joints) <= MAX_CORNER_JOINTS:
+            directions = _corner_signs(len(joints)) @ directions
+        inverse_root = matrix_roots(self.nominal)[1]
+        slopes = point.plant.inertia_slopes(point.position)
+        rates = inverse_root @ np.tensordot(directions, slopes, 1) @ inverse_root
+        values, vectors = np.linalg.eigh(rates)
+        largest = np.abs(values).argmax(axis=1)
+        norms = np.abs(values).max(axis=1)
+        chosen = np.arange(len(directions)) if len(joints) > MAX_CORNER_JOINTS else norms.argmax(keepdims=True)
+        gradient = np.zeros(len(self.speed))
+        for i in chosen.tolist():
+            vector = inverse_root @ vectors[i, :, largest[i]]
+            weight = np.sign(values[i, largest[i]]) * np.outer(vector, vector)
+            gradient += point.plant.inertia_rate_gradient(point.position, directions[i], weight)
+        return float(norms[chosen].sum()), gradient
+
+
+def sample_points(plants: Sequence[Plant], workspace: Workspace, samples: int, seed: int) -> list[OperatingPoint]:
+    """Return each robot at rest in sampled postures, then moving there if the workspace has speeds.
+
+    There each joint moves and accelerates at its limit, in one direction or the other at random.
+    """
+    postures = workspace.sample(samples, seed)
+    at_rest = [OperatingPoint.at_rest(plant, posture) for posture in postures for plant in plants]
+    if workspace.speed is None or workspace.acceleration is None or not np.any(workspace.speed):
+        return at_rest
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], size=(len(postures), 2, workspace.n_joints))
+    return at_rest + [
+        OperatingPoint(plant, posture, sign[0] * workspace.speed, sign[1] * workspace.acceleration)
+        for posture, sign in zip(postures, signs, strict=True)
+        for plant in plants
+    ]
+
+
+def max_rate_point(
+    plants: Sequence[Plant], nominal: Array, workspace: Workspace, samples: int, seed: int
+) -> OperatingPoint:
+    """Return the point with the largest of `inertia_rates`, from samples and a local search from the largest.
+
+    Raises
+    ------
+    InvalidParameter
+        For a workspace without speeds.
+    """
+    speed = workspace.speed
+    if speed is None:
+        raise InvalidParameter(
+            "workspace: it has no speed, so nothing bounds how fast the inertia changes; give one with "
+            "with_speed_limits"
+        )
+
+    function = InertiaRate(nominal, speed)
+    resting = [
+        OperatingPoint.at_rest(plant, posture) for posture in workspace.sample(samples, seed) for plant in plants
+    ]
+    rates = function.values(resting)
+    best = [resting[i] for i in np.argsort(rates)[::-1][:N_SEARCHES]]
+    units, scale = workspace.unit_samples(samples, seed), max(float(rates.max()), 1e-12)
+    best += [_maximise_posture(start, workspace, units, function, scale) for start in best]
+    return best[int(np.argmax(function.values(best)))]
+
+
+def max_inertia_rate(plants: Sequence[Plant], nominal: Array, workspace: Workspace, samples: int, seed: int) -> float:
+    """Return the largest of `inertia_rates` over a workspace [1/s]; infinite without a speed."""
+    if workspace.speed is None:
+        return np.inf
+    point = max_rate_point(plants, nominal, workspace, samples, seed)
+    return float(InertiaRate(nominal, workspace.speed).values([point])[0])
+
+
+def inertia_rates(nominal: Array, slopes: Array, speed: Array) -> Array:
+    """Return the largest ‖dE⁻¹/dt‖ [1/s] within the speed limits.
+
+    dE⁻¹/dt = Σ q̇_i M̂^−½ (∂M/∂q_i) M̂^−½ is linear in q̇. So its norm is largest where each joint moves at its limit, in
+    one direction or the other. Above `MAX_CORNER_JOINTS` joints the sum of the norms bounds it.
+
+    Parameters
+    ----------
+    nominal
+        M̂ [kg m² or kg], shape (n, n).
+    slopes
+        ∂M/∂q_i, shape (k, n, n, n).
+    speed
+        Largest speed of each joint [rad/s or m/s], shape (n,).
+
+    Returns
+    -------
+    Array
+        Shape (k,).
+    """
+    joints = np.flatnonzero(speed)
+    if not joints.size:
+        return np.zeros(len(slopes))
+    inverse_root = matrix_roots(nominal)[1]
+    rates = inverse_root @ slopes[:, joints] @ inverse_root * speed[joints, None, None]
+    if len(joints) > MAX_CORNER_JOINTS:
+        return np.linalg.norm(rates, 2, axis=(2, 3)).sum(axis=1)
+    corners = np.einsum("sj,kjab->ksab", _corner_signs(len(joints)), rates)
+    return np.abs(np.linalg.eigvalsh(corners)).max(axis=(1, 2))
+
+
+def _corner_signs(n_joints: int) -> Array:
+    """Return all combinations of signs, the first one always positive, shape (2ⁿ⁻¹, n)."""
+    return np.array([[1.0, *signs] for signs in product([-1.0, 1.0], repeat=n_joints - 1)])
+
+
+def _maximise_motion(start: OperatingPoint, workspace: Workspace, function: PointFunction) -> OperatingPoint:
+    """Return a point of larger value in the same posture.
+
+    The speed or acceleration of one joint at a time becomes its limit, in one direction or the other, or zero.
+    """
+    if not start.is_moving or workspace.speed is None or workspace.acceleration is None:
+        return start
+    limits, n = np.concatenate([workspace.speed, workspace.acceleration]), start.plant.n_joints
+    best, best_value = start, float(function.values([start])[0])
+    for _ in range(MAX_MOTION_CHANGES):
+        motion = np.concatenate([best.velocity, best.acceleration])
+        changed = [
+            np.where(np.arange(2 * n) == i, sign * limits, motion)
+            for i in range(2 * n)
+            for sign in (-1, 0, 1)
+            if sign * limits[i] != motion[i]
+        ]
+        candidates = [best._replace(velocity=motion[:n], acceleration=motion[n:]) for motion in changed]
+        candidate_values = function.values(candidates)
+        if not candidate_values.max() > (1 + 1e-9) * best_value:
+            break
+        best, best_value = candidates[int(np.argmax(candidate_values))], float(candidate_values.max())
+    return best
+
+
+def _maximise_posture(
+    start: OperatingPoint, workspace: Workspace, unit_samples: Array, function: PointFunction, scale: float
+) -> OperatingPoint:
+    """Return a point of larger value with the same velocity and acceleration.
+
+    The search starts from the posture of the start, in a tube from the sample that is closest to it.
+    """
+    width = workspace.high - workspace.low
+    free = np.flatnonzero(width > 0)
+    if not free.size:
+        return start
+    if workspace.reference is None:
+        unit = (start.position - workspace.low) / np.where(width > 0, width, 1.0)
+    else:
+        distances = np.linalg.norm(workspace.at_unit_points(unit_samples) - start.position, axis=1)
+        unit = unit_samples[np.argmin(distances)]
+
+    def unit_at(free_units: Array) -> Array:
+        full = unit.copy()
+        full[free] = free_units
+        return full
+
+    def point_at(free_units: Array) -> OperatingPoint:
+        return start._replace(position=workspace.at_unit_points(unit_at(free_units)[None])[0])
+
+    def at(free_units: Array) -> tuple[float, Array]:
+        value, gradient = function.value_and_gradient(point_at(free_units))
+        return value, gradient @ workspace.unit_slopes(unit_at(free_units))[:, free]
+
+    _, best = local_maximum(at, unit[free], scale=scale, tolerance=1e-5, max_iterations=30)
+    return point_at(best)
