@@ -11,7 +11,7 @@ from tarc.certificates.robot import certify_robot
 from tarc.core.errors import DesignWarning
 from tarc.design.prediction import predict_error
 from tarc.design.result import Design
-from tarc.design.writer import slow_sines
+from tarc.design.trial_motion import slow_sines
 from tarc.estimators.algebraic import Algebraic
 from tarc.laws.tarc import TARC
 from tarc.laws.tdc import TDC
