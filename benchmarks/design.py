@@ -45,7 +45,7 @@ from tarc.design.candidates import Candidate
 from tarc.design.noise import measurement_deviation
 from tarc.design.robustness import RobustnessSpec
 from tarc.design.selection import MIN_SPREAD_MARGIN
-from tarc.design.writer import BASE_FREQUENCY
+from tarc.design.trial_motion import BASE_FREQUENCY
 from tarc.plants.base import Plant
 from tarc.simulation.run import Run
 
