@@ -32,6 +32,7 @@ def certify_time(checkout: Path, robot: str) -> float:
         When the command fails, with the end of its output.
     """
     environment = os.environ | {"PYTHONPATH": str(checkout / "src")}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)  # an installation has its modules compiled
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-c", COMMAND, "certify", robot, "-o", folder]
         start = time.perf_counter()
@@ -45,6 +46,8 @@ def certify_time(checkout: Path, robot: str) -> float:
 def certify_against(old_checkout: Path, robot: str = "ur5e", rounds: int = 5) -> Row:
     """Return the row of `tarc certify`: the median over the rounds of old time / new time."""
     old_times, new_times = [], []
+    for checkout in (old_checkout, ROOT):
+        certify_time(checkout, robot)  # fills the caches of Python and of fonts
     for i in range(rounds):
         turns = [(old_checkout, old_times), (ROOT, new_times)]
         for checkout, times in turns if i % 2 == 0 else reversed(turns):

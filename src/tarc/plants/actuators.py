@@ -16,7 +16,7 @@ from tarc.core.types import Array
 from tarc.plants.robot_file import compile_model
 from tarc.plants.servo import Servo
 
-WAY_OUT = "actuators='torque' (robot.actuators in a scenario) drives the joints by torques in its place"
+HINT = "actuators='torque' (robot.actuators in a scenario) drives the joints by torques in its place"
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +123,7 @@ def _loop(joint: str, parts: Sequence[_Actuator], label: str) -> tuple[_Actuator
     positions = [part for part in parts if part.kind == "position"]
     if len(positions) > 1:
         names = " and ".join(part.name for part in positions)
-        raise RobotFileError(f"{label}: the actuators {names} both command the position of joint {joint}. {WAY_OUT}")
+        raise RobotFileError(f"{label}: the actuators {names} both command the position of joint {joint}. {HINT}")
     ordered = [part for kind in ("position", "torque", "velocity") for part in parts if part.kind == kind]
     main = ordered[0] if ordered else _Actuator("", "torque", 1.0, 0.0, 0.0, -np.inf, np.inf, False)
     return main, [part for part in ordered[1:] if part.damping > 0]
@@ -173,7 +173,7 @@ def _read(actuator: mujoco.MjsActuator, autolimits: bool, label: str) -> _Actuat
     if not is_loop:
         raise RobotFileError(
             f"{label}: the actuator {name!r} of joint {actuator.target!r} is none of torque, position or velocity. "
-            f"{WAY_OUT}"
+            f"{HINT}"
         )
     is_velocity = per_length == 0.0 and np.isclose(gain, -per_speed)
     kind = "position" if per_length < 0 else "velocity" if is_velocity else "torque"

@@ -99,14 +99,14 @@ class Plant(ABC):
         if self.constraints:
             raise InvalidParameter(
                 f"plant: {purpose} needs joints that move independently, and {self.label} has "
-                f"{' and '.join(self.constraints)}. {self.way_out_of_constraints}",
+                f"{' and '.join(self.constraints)}. {self.constraints_hint}",
                 "robot",
             )
         if passive:
             joints = f"joint{'s' if len(passive) > 1 else ''} {', '.join(passive)}"
             raise InvalidParameter(
                 f"plant: no torque acts on the {joints} of {self.label}, "
-                f"and {purpose} needs one on every joint. {self.way_out_of_passive}",
+                f"and {purpose} needs one on every joint. {self.passive_hint}",
                 "robot",
             )
 
@@ -115,12 +115,12 @@ class Plant(ABC):
         return np.asarray(self.gravity_torque(coordinates))[list(self.driven)]
 
     @property
-    def way_out_of_constraints(self) -> str:
+    def constraints_hint(self) -> str:
         """Return how to do without what couples the coordinates, for messages."""
         return "Simulate it only, or use a copy of the file without that"
 
     @property
-    def way_out_of_passive(self) -> str:
+    def passive_hint(self) -> str:
         """Return how to do without passive coordinates, for messages."""
         return "Use a plant without passive coordinates, such as one in which they are fixed"
 

@@ -55,14 +55,14 @@ class DelegatingPlant(Plant):
         return self.facts.coordinates(position)
 
     @property
-    def way_out_of_constraints(self) -> str:
+    def constraints_hint(self) -> str:
         """Return how to do without what couples the coordinates, for messages."""
-        return self.facts.way_out_of_constraints
+        return self.facts.constraints_hint
 
     @property
-    def way_out_of_passive(self) -> str:
+    def passive_hint(self) -> str:
         """Return how to do without passive coordinates, for messages."""
-        return self.facts.way_out_of_passive
+        return self.facts.passive_hint
 
     @property
     def label(self) -> str:

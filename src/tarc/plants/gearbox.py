@@ -296,7 +296,7 @@ class Gearbox(Component, DelegatingPlant, SymbolicPlant):
         return [*self.units, *self.units] if self.is_elastic else self.units
 
     @property
-    def way_out_of_passive(self) -> str:
+    def passive_hint(self) -> str:
         """Return how to do without an elastic gearbox, for messages."""
         return "An elastic gearbox moves by itself: use the robot without it"
 

@@ -303,12 +303,12 @@ class MujocoPlant(Plant):
         return gains
 
     @property
-    def way_out_of_constraints(self) -> str:
+    def constraints_hint(self) -> str:
         """Return how to do without what couples the joints, for messages: lock the passive ones if that is enough."""
-        return lock_hint(self.passive_joints) if self._is_lock_enough else super().way_out_of_constraints
+        return lock_hint(self.passive_joints) if self._is_lock_enough else super().constraints_hint
 
     @property
-    def way_out_of_passive(self) -> str:
+    def passive_hint(self) -> str:
         """Return how to lock the passive joints, for messages."""
         return lock_hint(self.passive_joints)
 
