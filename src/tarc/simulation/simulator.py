@@ -173,13 +173,7 @@ def simulate(
         return simulation.run_in_mujoco(plant, initial, inputs, progress)
     method = Integration("Runge–Kutta", substeps or 1)
     if substeps is None:
-        pilot = min(duration, PILOT_PERIODS * law.period)
-
-        def trial(method: Integration) -> tuple[float, bool]:
-            run, error = simulation.run(plant, initial, method, pilot, False)
-            return error, not run.status.completed
-
-        method = choose_integration(trial, max_error(sensor))
+        method = simulation.choose_method(plant, initial, min(duration, PILOT_PERIODS * law.period))
     return simulation.run(plant, initial, method, duration, progress)[0]
 
 
@@ -228,6 +222,15 @@ class _Simulation:
         period = self.controller.law.period
         error = integration_error(plant, record, inputs.disturbance[:, :, 0], period, method)
         return self._label(inputs, record, monitor, method.integrator, error), error
+
+    def choose_method(self, plant: SymbolicPlant, initial: InitialConditions, duration: float) -> Integration:
+        """Return the method and steps that integrate a run of this duration to `max_error`."""
+
+        def trial(method: Integration) -> tuple[float, bool]:
+            run, error = self.run(plant, initial, method, duration, False)
+            return error, not run.status.completed
+
+        return choose_integration(trial, max_error(self.controller.sensor))
 
     def _label(
         self, inputs: SampledInputs, record: Record, monitor: DivergenceMonitor, integrator: str, error: float
