@@ -279,7 +279,7 @@ class LawCertification:
         if isinstance(estimator, Algebraic):
             window = estimator.samples - 1
             longest = max(min(4 * window, 40), 30, 1.3 * window)  # the time grows with its cube
-            windows = sorted({*np.geomspace(estimator.degree, longest, 14).astype(int).tolist(), window})
+            windows = sorted({*np.geomspace(estimator.degree, longest, 11).astype(int).tolist(), window})
             laws = [
                 self.law if count == window else replace(self.law, estimator=replace(estimator, window=count * period))
                 for count in windows

@@ -102,5 +102,5 @@ def save_figures(certifications: dict[str, "LawCertification"], folder: Path) ->
             figures["paper"] = conditions_figure(conditions)
             for kind, figure in figures.items():
                 files.append(folder / f"{file_stem(name)}-{kind}.png")
-                figure.savefig(files[-1], dpi=110, pil_kwargs={"compress_level": 3})
+                figure.savefig(files[-1], dpi=110, pil_kwargs={"compress_level": 1})
     return files

@@ -99,7 +99,7 @@ def _constant_ratio(certificate: "Certificate") -> Figure:
     _eigenvalues(
         circle, {f"ρ = {ratio:.4g}": np.linalg.eigvals(_block(loops, ratio)) for ratio in dict.fromkeys((low, high))}
     )
-    ratios = np.geomspace(low / 30, high * 30, 400)
+    ratios = np.geomspace(low / 30, high * 30, 250)
     largest = np.array([max(np.max(np.abs(np.linalg.eigvals(A + r * b @ c))) for A, b, c in loops) for r in ratios])
     gap = np.maximum(np.abs(largest - 1), 1e-9)
     radius.loglog(ratios, gap, color="0.3", lw=0.6)
