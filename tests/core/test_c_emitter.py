@@ -9,7 +9,7 @@ import pytest
 
 from law_catalogue import ESTIMATORS, concrete_laws, make_law
 from tarc import estimators, laws
-from tarc.core.c_emitter import ARITHMETIC, COMPARISONS, LOGICAL, emit
+from tarc.core.c_emitter import ARITHMETIC, COMPARISONS, LOGICAL, Constants, emit
 from tarc.core.codegen import CompiledLoop, compiled, compiler
 from tarc.core.errors import InvalidParameter
 from tarc.core.tracing import trace
@@ -115,12 +115,13 @@ def test_inputs_and_outputs_that_casadi_leaves_out():
     np.testing.assert_array_equal(np.array(machine(x=[1.0, 2.0])["sum"])[:, 0], [1.0, 2.0])
 
 
+@pytest.mark.parametrize("in_array", [False, True], ids=["literals", "array"])
 @pytest.mark.parametrize("kind", concrete_laws(), ids=lambda kind: kind.__name__)
-def test_no_warnings(kind, tmp_path):
+def test_no_warnings(kind, in_array, tmp_path):
     law = replace(make_law(kind), estimator=estimators.Algebraic(window=0.05, degree=2))
     function, _ = trace(law.step, *law.example())
     source = tmp_path / "law.c"
-    source.write_text(emit(function, "law_step"))
+    source.write_text(emit(function, "law_step", Constants(in_array)))
     command = [*compiler(), *STRICT, "-fsyntax-only", str(source)]
     process = subprocess.run(command, capture_output=True, text=True, check=False)
     assert process.returncode == 0, process.stderr

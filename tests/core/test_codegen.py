@@ -1,5 +1,7 @@
 """Compiled functions: the same results, a cache, and clear complaints."""
 
+from collections import Counter
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from tarc import Controller, laws, plants, signals, simulate
 from tarc.core import codegen as native
 from tarc.core.errors import CompilationError, MissingTool
 from tarc.core.tracing import trace
+from tarc.simulation import casadi_backend
 
 REFERENCE = signals.Sinusoid(amplitude=[0.3, 0.4], frequency=[2.0, 3.0])
 SENSOR = signals.Encoder(bits=16, dropout=0.01)
@@ -27,6 +30,32 @@ def test_fused_run_is_the_same(synchronised):
     ]
     np.testing.assert_array_equal(runs[1].data["torque"], runs[0].data["torque"])
     np.testing.assert_array_equal(runs[1].data["missing"], runs[0].data["missing"])
+
+
+def test_gains_are_arguments_of_the_machine_code():
+    """Laws and plants that differ in their numbers share one library, and each gives its own bits."""
+    for frequency, mass in ((41.3, 1.07), (57.9, 0.83)):
+        law = make_law(laws.TARC, natural_frequency=frequency)
+        plant = plants.TwoLinkArm(masses=[mass, 0.71])
+        runs = [
+            simulate(plant, law, REFERENCE, 0.2, sensor=SENSOR, native=native, substeps=1) for native in (False, True)
+        ]
+        np.testing.assert_array_equal(runs[1].data["torque"], runs[0].data["torque"])
+    assert len(list(native.cache().glob("*.so"))) == 1
+
+
+def test_many_runs_of_one_loop_are_compiled(monkeypatch):
+    """Runs of one loop with other gains add up until compiling pays off."""
+    monkeypatch.setattr(casadi_backend, "SHORT_RUN", 1e4)
+    monkeypatch.setattr(casadi_backend, "LONG_RUN", 1e6)
+    monkeypatch.setattr(casadi_backend, "_interpreted_work", Counter())
+    n_compiled = []
+    for frequency in np.linspace(41.3, 57.9, 12):
+        law = make_law(laws.TARC, natural_frequency=frequency)
+        simulate(plants.TwoLinkArm(), law, REFERENCE, 0.2, sensor=SENSOR, substeps=1)
+        n_compiled.append(len(list(native.cache().glob("*.so"))))
+    assert n_compiled[0] == 0
+    assert n_compiled[-1] == 1
 
 
 def test_mujoco_run_is_the_same():

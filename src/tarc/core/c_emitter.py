@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import casadi as ca
 import numpy as np
 
+from tarc.core import array_ops as ops
 from tarc.core.errors import InvalidParameter, UnsupportedLaw
 
 ARITHMETIC = {
@@ -53,13 +54,59 @@ COMPARISONS = {
 LOGICAL = {ca.OP_NOT: "!{0}", ca.OP_AND: "{0} && {1}", ca.OP_OR: "{0} || {1}"}
 
 
-def emit(function: ca.Function, name: str) -> str:
+LITERALS = frozenset({0.0, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, ops.HUGE})
+"""Magnitudes of constants that stand in the text of an equation, and not for a parameter."""
+
+
+class Constants:
+    """Where the constants of a function stand: in its C, or in an array that each call is handed.
+
+    Functions that differ only in the values of their parameters have the same C with constants in an array, so that
+    it is compiled once.
+
+    Attributes
+    ----------
+    values
+        The array's numbers, in the order in which they are met.
+    """
+
+    def __init__(self, in_array: bool):
+        self.in_array = in_array
+        self.values: list[float] = []
+
+    def scalar(self, value: float) -> str:
+        """Return the C expression of a constant."""
+        if not self.in_array or abs(value) in LITERALS or value != value:
+            return _number(value)
+        self.values.append(value)
+        return f"c[{len(self.values) - 1}]"
+
+    def vector(self, name: str, values: list[float]) -> str:
+        """Return the C declaration of an array of constants."""
+        if not self.in_array:
+            return f"static const double {name}[{len(values)}] = {{{', '.join(map(_number, values))}}};"
+        self.values += values
+        return f"const double *const {name} = c + {len(self.values) - len(values)};"
+
+    @property
+    def parameter(self) -> str:
+        """Return the parameter of each function in C."""
+        return ", const double *c" if self.in_array else ""
+
+    @property
+    def argument(self) -> str:
+        """Return the argument of each call in C."""
+        return ", c" if self.in_array else ""
+
+
+def emit(function: ca.Function, name: str, constants: Constants | None = None) -> str:
     """Return C99 source of a traced function and of the functions that it calls.
 
-    It defines ``static void NAME(const double *const *arg, double *const *res)``. Each input or output is the column
-    of its stored elements, as CasADi orders them. The statements follow the instructions one by one. A compiler that
-    does not contract products (``-ffp-contract=off``) gives the numbers of CasADi's virtual machine to the last bit.
-    Comparisons are of the type ``bool``.
+    It defines ``static void NAME(const double *const *arg, double *const *res)``, with ``const double *c`` at the end
+    where the constants are in an array. Each input or output is the column of its stored elements, as CasADi orders
+    them. The statements follow the instructions one by one. A compiler that does not contract products
+    (``-ffp-contract=off``) gives the numbers of CasADi's virtual machine to the last bit. Comparisons are of the type
+    ``bool``.
 
     Parameters
     ----------
@@ -67,6 +114,8 @@ def emit(function: ca.Function, name: str) -> str:
         Traced with ``casadi.SX``. What it calls is traced so too, or multiplies its input by a constant matrix.
     name
         Name of the function in C.
+    constants
+        Where constants stand, filled with those of the function; None for in the C.
 
     Raises
     ------
@@ -75,6 +124,7 @@ def emit(function: ca.Function, name: str) -> str:
     UnsupportedLaw
         For a call of a library, such as that of MuJoCo by a law with a `MujocoPlant` as its model.
     """
+    constants = constants or Constants(in_array=False)
     parts = ["#include <math.h>", "#include <stdbool.h>", "#include <string.h>", ""]
     for callee in _callees(function):
         if not callee.is_a("SXFunction") and not callee.is_a("MXFunction"):
@@ -82,14 +132,16 @@ def emit(function: ca.Function, name: str) -> str:
                 f"native: the law calls {callee.name()}, which a library evaluates and which has no C; leave native "
                 "out, or give the law a model in symbols"
             )
-        body = _scalar_body(callee) if callee.is_a("SXFunction") else _product_body(callee)
-        parts += [f"static void {_signature(callee.name())}", *body, ""]
-    parts += [f"static void {_signature(name)}", *_scalar_body(function), ""]
+        body = _scalar_body if callee.is_a("SXFunction") else _product_body
+        parts += _definition(callee.name(), body(callee, constants), constants)
+    parts += _definition(name, _scalar_body(function, constants), constants)
     return "\n".join(parts)
 
 
-def _signature(name: str) -> str:
-    return f"{name}(const double *const *arg, double *const *res)"
+def _definition(name: str, body: list[str], constants: Constants) -> list[str]:
+    parameters = f"const double *const *arg, double *const *res{constants.parameter}"
+    used = ["  (void)c;"] if constants.in_array else []
+    return [f"static void {name}({parameters})", "{", *used, *body, "}", ""]
 
 
 def _callees(function: ca.Function) -> list[ca.Function]:
@@ -134,9 +186,9 @@ class _Registers:
         return name if is_bool else f"({name} != 0.0)"
 
 
-def _scalar_body(function: ca.Function) -> list[str]:
-    """Return the body of a function of scalar instructions."""
-    lines = ["{"]
+def _scalar_body(function: ca.Function, constants: Constants) -> list[str]:
+    """Return the statements of a function of scalar instructions."""
+    lines: list[str] = []
     callees = {callee.name(): callee for callee in _callees(function)}
     called = _called_names(function)
     registers = _Registers()
@@ -148,14 +200,18 @@ def _scalar_body(function: ca.Function) -> list[str]:
             place, element = outputs
             lines.append(f"  res[{place}][{element}] = {registers.real(inputs[0])};")
         elif operation == ca.OP_CALL:
-            lines += _call(k, callees[next(called)], [registers.real(index) for index in inputs], len(outputs))
+            values = [registers.real(index) for index in inputs]
+            lines += _call(k, callees[next(called)], values, len(outputs), constants)
             for element, output in enumerate(outputs):
                 registers.put(output, f"y{k}[{element}]")
         else:
-            text, is_bool = _expression(function, k, operation, inputs, registers)
+            if operation == ca.OP_CONST:
+                text, is_bool = constants.scalar(function.instruction_constant(k)), False
+            else:
+                text, is_bool = _expression(function, k, operation, inputs, registers)
             lines.append(f"  const {'bool' if is_bool else 'double'} a{k} = {text};")
             registers.put(outputs[0], f"a{k}", is_bool)
-    return [*lines, "}"]
+    return lines
 
 
 def _expression(
@@ -166,8 +222,6 @@ def _expression(
     if operation == ca.OP_INPUT:
         place, element = inputs
         return f"arg[{place}][{element}]", False
-    if operation == ca.OP_CONST:
-        return _number(function.instruction_constant(k)), False
     if operation in COMPARISONS:
         return COMPARISONS[operation].format(*map(real, inputs)), True
     if operation in LOGICAL:
@@ -182,21 +236,22 @@ def _expression(
     )
 
 
-def _call(k: int, callee: ca.Function, values: list[str], n_outputs: int) -> list[str]:
+def _call(k: int, callee: ca.Function, values: list[str], n_outputs: int, constants: Constants) -> list[str]:
     """Return the statements of a call, whose results are in the array ``y<k>``."""
     ends_in = np.cumsum([0, *(callee.nnz_in(i) for i in range(callee.n_in()))])
     ends_out = np.cumsum([0, *(callee.nnz_out(i) for i in range(callee.n_out()))])
     arguments = ", ".join(f"x{k} + {start}" for start in ends_in[:-1])
     results = ", ".join(f"y{k} + {start}" for start in ends_out[:-1])
+    pointers = f"(const double *const[]){{{arguments}}}, (double *const[]){{{results}}}"
     return [
         f"  const double x{k}[{len(values)}] = {{{', '.join(values)}}};",
         f"  double y{k}[{n_outputs}];",
-        f"  {callee.name()}((const double *const[]){{{arguments}}}, (double *const[]){{{results}}});",
+        f"  {callee.name()}({pointers}{constants.argument});",
     ]
 
 
-def _product_body(function: ca.Function) -> list[str]:
-    """Return the body of a function that multiplies its one input (n, m) by a constant matrix (m, p) on the right."""
+def _product_body(function: ca.Function, constants: Constants) -> list[str]:
+    """Return the statements of a function that multiplies its one input (n, m) by a constant matrix (m, p) on the right."""
     operations = [function.instruction_id(k) for k in range(function.n_instructions())]
     if sorted(operations) != sorted([ca.OP_CONST, ca.OP_CONST, ca.OP_INPUT, ca.OP_MTIMES, ca.OP_OUTPUT]):
         raise InvalidParameter(f"{function.name()}: it is called, and is no product with a constant matrix")
@@ -208,10 +263,9 @@ def _product_body(function: ca.Function) -> list[str]:
     ]
     rows, columns = constant.shape
     height = function.size1_in(0)
-    numbers = ", ".join(_number(float(number)) for number in np.array(constant).T.ravel())
+    weights = [float(number) for number in np.array(constant).T.ravel()]
     return [
-        "{",
-        f"  static const double weights[{rows * columns}] = {{{numbers}}};",
+        f"  {constants.vector('weights', weights)}",
         f"  for (int column = 0; column < {columns}; ++column)",
         f"    for (int row = 0; row < {height}; ++row) {{",
         "      double sum = 0.0;",
@@ -219,5 +273,4 @@ def _product_body(function: ca.Function) -> list[str]:
         f"        sum += arg[0][row + {height} * k] * weights[k + {rows} * column];",
         f"      res[0][row + {height} * column] = sum;",
         "    }",
-        "}",
     ]

@@ -15,7 +15,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from tarc.core.c_emitter import emit
+from tarc.core.c_emitter import Constants, emit
 from tarc.core.errors import CompilationError, InvalidParameter, MissingTool
 from tarc.core.types import Array
 
@@ -64,6 +64,8 @@ def compiled(function: ca.Function) -> ca.Function:
 class CompiledLoop:
     """A traced step and its loop over periods in machine code.
 
+    The constants of the step are arguments of the machine code, so that steps with other parameters share it.
+
     Parameters
     ----------
     function
@@ -79,9 +81,11 @@ class CompiledLoop:
 
     def __init__(self, function: ca.Function):
         self._sizes = function.nnz_in(0), function.nnz_in(1), function.nnz_out(1)
-        self._run = ctypes.CDLL(str(_library(_with_loop(function)))).run
-        self._run.argtypes = [ctypes.c_long, *[ctypes.c_void_p] * 3]
+        constants = Constants(in_array=True)
+        self._run = ctypes.CDLL(str(_library(_with_loop(function, constants)))).run
+        self._run.argtypes = [ctypes.c_long, *[ctypes.c_void_p] * 4]
         self._run.restype = None
+        self._constants = np.array(constants.values)
 
     def run(self, state: Array, inputs: Array) -> Array:
         """Step once per row of the inputs, shape (periods, inputs); return the outputs, shape (periods, outputs).
@@ -95,22 +99,23 @@ class CompiledLoop:
             )
         inputs = np.ascontiguousarray(inputs, dtype=float)
         outputs = np.empty((len(inputs), n_outputs))
-        self._run(len(inputs), state.ctypes.data, inputs.ctypes.data, outputs.ctypes.data)
+        arrays = state, inputs, outputs, self._constants
+        self._run(len(inputs), *(array.ctypes.data for array in arrays))
         return outputs
 
 
-def _with_loop(function: ca.Function) -> str:
-    """Return C with ``run``, which steps a function period by period."""
+def _with_loop(function: ca.Function, constants: Constants) -> str:
+    """Return C with ``run``, which steps a function period by period with the constants that it is handed."""
     n_state, n_inputs, n_outputs = function.nnz_in(0), function.nnz_in(1), function.nnz_out(1)
-    return f"""{emit(function, "step")}
-void run(long periods, double *state, const double *inputs, double *outputs);
-void run(long periods, double *state, const double *inputs, double *outputs)
+    return f"""{emit(function, "step", constants)}
+void run(long periods, double *state, const double *inputs, double *outputs, const double *c);
+void run(long periods, double *state, const double *inputs, double *outputs, const double *c)
 {{
   double next[{max(n_state, 1)}];
   for (long k = 0; k < periods; ++k) {{
     const double *const arg[] = {{state, inputs + {n_inputs} * k}};
     double *const res[] = {{next, outputs + {n_outputs} * k}};
-    step(arg, res);
+    step(arg, res, c);
     memcpy(state, next, {n_state} * sizeof(double));
   }}
 }}

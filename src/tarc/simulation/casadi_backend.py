@@ -1,5 +1,6 @@
 """The closed loop as one CasADi function, for plants in symbols."""
 
+from collections import Counter
 from collections.abc import Callable
 
 import casadi as ca
@@ -16,7 +17,13 @@ from tarc.simulation.record import Record
 from tarc.simulation.sampled_inputs import InitialConditions, SampledInputs
 
 LONG_RUN = 1e8
-"""Instructions, half a second of the virtual machine, from which a run is compiled by default."""
+"""Instructions, half a second of the virtual machine, from which a loop is compiled by default."""
+
+SHORT_RUN = 5e6
+"""Instructions up to which a run ends in the virtual machine before its C is written."""
+
+_interpreted_work: Counter[tuple[int, ...]] = Counter()
+"""Instructions that this process has interpreted of loops of the same sizes, such as those of a search for gains."""
 
 
 def run_casadi(
@@ -49,15 +56,28 @@ def run_casadi(
 
 
 def _engine(function: ca.Function, state: Array, n_periods: int, native: bool | None) -> Callable[[Array], Array]:
-    """Return what steps the loop: machine code if ``native``, by default for a long run that compiles."""
+    """Return what steps the loop: machine code if ``native``, by default where that takes less time."""
     if native is None:
-        if n_instructions(function) * n_periods < LONG_RUN:
+        if not _pays_off(function, n_periods):
             return _interpreted(function, state)
         try:
             return _compiled(function, state)
         except (MissingTool, CompilationError):
             return _interpreted(function, state)
     return _compiled(function, state) if native else _interpreted(function, state)
+
+
+def _pays_off(function: ca.Function, n_periods: int) -> bool:
+    """Return whether this run, with those like it before, is long enough to be compiled.
+
+    Loops that differ only in their parameters share their machine code, so that one compilation serves all of them.
+    """
+    work = n_instructions(function) * n_periods
+    if work < SHORT_RUN:
+        return False
+    sizes = function.n_instructions(), function.nnz_in(0), function.nnz_in(1), function.nnz_out(1)
+    _interpreted_work[sizes] += work
+    return _interpreted_work[sizes] >= LONG_RUN
 
 
 def _compiled(function: ca.Function, state: Array) -> Callable[[Array], Array]:
