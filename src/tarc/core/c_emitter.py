@@ -251,7 +251,7 @@ def _call(k: int, callee: ca.Function, values: list[str], n_outputs: int, consta
 
 
 def _product_body(function: ca.Function, constants: Constants) -> list[str]:
-    """Return the statements of a function that multiplies its one input (n, m) by a constant matrix (m, p) on the right."""
+    """Return the statements of a product of the one input (n, m) with a constant matrix (m, p) on its right."""
     operations = [function.instruction_id(k) for k in range(function.n_instructions())]
     if sorted(operations) != sorted([ca.OP_CONST, ca.OP_CONST, ca.OP_INPUT, ca.OP_MTIMES, ca.OP_OUTPUT]):
         raise InvalidParameter(f"{function.name()}: it is called, and is no product with a constant matrix")
