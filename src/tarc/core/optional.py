@@ -17,6 +17,7 @@ EXTRAS = {
     "certify": _CERTIFY,
     "cli": _CLI,
     "ik": _IK,
+    "logs": (*_CLI, "mcap", "mcap_ros2"),
     "plot": _PLOT,
     "robots": _ROBOTS,
     "sim": _SIM,
