@@ -31,7 +31,7 @@ def _closed_loop(native: bool) -> Row:
     n = arm.n_joints
     drive = DigitalController(tarc.signals.Encoder(bits=17), law(np.full(n, 0.1), 10, 50.0, arm.torque_limits))
     reference = tarc.signals.Sinusoid(amplitude=0.2, frequency=np.linspace(1.0, 2.0, n), offset=arm.home)
-    plan = sample_inputs(arm, drive.law, reference, 40.0, drive.sensor, [], 1, 0)
+    plan = sample_inputs(arm, drive.law.period, reference, 40.0, drive.sensor, [], 1, 0)
     begin = initial_conditions(arm, plan, None, 0.0, "rest")
     record = run_mujoco(arm, drive, begin, plan, Stopwatch(plan), native).arrays
     torque = np.ascontiguousarray(record["torque"])
@@ -71,7 +71,7 @@ def symbolic() -> list[Row]:
     n = arm.n_joints
     drive = DigitalController(tarc.signals.Encoder(bits=17), law(np.full(n, 0.1), 10, 50.0, arm.torque_limits))
     reference = tarc.signals.Sinusoid(amplitude=0.2, frequency=np.linspace(1.0, 2.0, n), offset=arm.home)
-    plan = sample_inputs(arm, drive.law, reference, 10.0, drive.sensor, [], 1, 0)
+    plan = sample_inputs(arm, drive.law.period, reference, 10.0, drive.sensor, [], 1, 0)
     begin = initial_conditions(arm, plan, None, 0.0, "rest")
     rows = []
     for integrator in ("midpoint", "Runge–Kutta"):

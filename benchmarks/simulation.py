@@ -23,7 +23,7 @@ def fused(
     """Measure a control period [s]: law, plant and recording; one a stretch."""
     drive = DigitalController(tarc.signals.Encoder(), law(0.05 * arm.inertia([0.0, np.pi / 2]), 10, 2000.0))
     reference = tarc.signals.Sinusoid(amplitude=0.6, frequency=[2.0, 2.5])
-    plan = sample_inputs(arm, drive.law, reference, 50.0, drive.sensor, [], substeps, 0)
+    plan = sample_inputs(arm, drive.law.period, reference, 50.0, drive.sensor, [], substeps, 0)
     begin, watch = initial_conditions(arm, plan, None, 0.0, "rest"), Stopwatch(plan, between)
     run_casadi(ClosedLoop(arm, drive, substeps), begin, plan, watch, native)
     return watch.times

@@ -82,6 +82,19 @@ def test_a_diverged_law_is_a_result():
     assert "wild & --" in found.to_latex()
 
 
+def test_a_law_that_is_unstable_at_rest_is_named_and_never_marked():
+    parts = {
+        "hidden": {"kind": "TDC", "inertia": {"fraction": 0.23}, "natural_frequency": 15.0},
+        "calm": {"kind": "PID", "inertia": {"fraction": 0.1}, "natural_frequency": 4.0},
+    }
+    found = compare(short_scenario("two_link_payload", "sensor={}"), parts, jobs=1)
+    assert found.runs["hidden"].status.completed
+    assert found.measures["hidden"]["rms_error"] < found.measures["calm"]["rms_error"]
+    assert found.front == ["calm"]
+    assert "stable from" in found.unstable["hidden"]
+    assert "completed, unstable at rest" in found.to_csv()
+
+
 def test_writes_what_it_says(tmp_path):
     found = compare(short_scenario(), ["tarc", "tdc"], jobs=1)
     files = found.save(tmp_path / "deep" / "folder")

@@ -10,7 +10,7 @@ import pytest
 import tarc
 from tarc import TarcError
 from tarc.scenario.yaml_text import read_yaml
-from tarc.study import SearchSpace, torque_variation_limit, tune
+from tarc.study import SearchSpace, tune
 from tarc.study.tuning import FAILURE_SCORE, objective
 
 TARC = str(Path(sys.executable).parent / "tarc")
@@ -27,7 +27,7 @@ def training_scenario(name="train_two_link"):
 
 def test_finds_what_a_sweep_finds():
     one = training_scenario()
-    limit = torque_variation_limit(one, 15.0)
+    limit = 1500.0
     sweep = [objective(one, TDC.law({"natural_frequency": b}, 1e-3), limit) for b in np.geomspace(3.0, 40.0, 40)]
     law, score = tune(TDC, [one], [limit], trials=25, progress=False)
     assert score <= min(sweep) + 0.1
@@ -88,6 +88,7 @@ def test_command_writes_gains_and_how_they_were_found(tmp_path):
     call = [TARC, "tune", "train_two_link", "--laws", "tdc,pid", "--trials", "2", "--jobs", "1", "-o", "g.yaml"]
     done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True, check=True)
     assert "written: g.yaml" in done.stdout
+    assert "train_two_link: torque variation at most 1" in done.stdout
     content = read_yaml((tmp_path / "g.yaml").read_text(), "g.yaml")
     assert set(content["laws"]) == {"tdc", "pid"}
     assert content["command"].startswith("tarc tune train_two_link --laws tdc,pid --trials 2")

@@ -1,19 +1,26 @@
 """`tarc tune`: search the gains of laws."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tarc.cli.options import Jobs, names_of
+from tarc.cli.options import Jobs, names_of, numbers_of
 from tarc.core.files import writing
+
+if TYPE_CHECKING:
+    from tarc.scenario.model import Scenario
 
 Scenarios = Annotated[list[str], typer.Argument(help="Training scenarios: YAML files or names of shipped ones.")]
 Laws = Annotated[str, typer.Option(metavar="A,B", help="Names of laws with commas between, or all.")]
 Trials = Annotated[int, typer.Option(help="Number of sets of gains to try per law.")]
 Budget = Annotated[
-    float,
-    typer.Option(help="Largest torque variation, over that of the scenario's own law with a perfect sensor."),
+    str,
+    typer.Option(
+        metavar="NUMBERS",
+        help="Largest torque variation \\[N m/s or N/s], one number or one per scenario. Default: what the motion "
+        "needs, and what the encoders' noise makes in a PD loop; no law of the scenario enters.",
+    ),
 ]
 Seed = Annotated[int, typer.Option(help="Seed of the search.")]
 GainsFile = Annotated[Path, typer.Option("--out", "-o", help="The file to write.")]
@@ -23,14 +30,16 @@ def tune(
     scenarios: Scenarios,
     laws: Laws = "all",
     trials: Trials = 60,
-    budget: Budget = 10.0,
+    budget: Budget = "",
     seed: Seed = 0,
     jobs: Jobs = None,
     out: GainsFile = Path("gains.yaml"),
 ) -> None:
     """Search the gains of laws for the least RMS error under a limit on torque variation, the same for all laws.
 
-    It prints the score of each law, the mean log RMS error, and writes the gains as YAML.
+    It prints the limits and the score of each law, the mean log RMS error.
+    It names the scenarios in which a law is unstable at rest, and writes
+    the gains as YAML.
 
     Example: tarc tune train_two_link --laws tdc,tarc --trials 30
 
@@ -38,21 +47,46 @@ def tune(
     """
     from tarc.scenario.model import Scenario
     from tarc.scenario.yaml_text import write_yaml
-    from tarc.study import default_search_spaces, torque_variation_limit, tune_all
+    from tarc.study import default_search_spaces, tune_all
+    from tarc.study.tuning import unstable_scenarios
 
     names = list(default_search_spaces()) if laws.strip() == "all" else names_of(laws)
     training = [Scenario.load(name) for name in scenarios]
-    limits = [torque_variation_limit(scenario, budget) for scenario in training]
+    limits = limits_of(budget, training)
     tuned = tune_all(names, training, limits, trials=trials, seed=seed, jobs=jobs)
-    command = f"tarc tune {' '.join(scenarios)} --laws {laws} --trials {trials} --budget {budget:g} --seed {seed}"
+    own = f" --budget {budget}" if budget else ""
+    command = f"tarc tune {' '.join(scenarios)} --laws {laws} --trials {trials}{own} --seed {seed}"
+    unstable = {name: where for name, (law, _) in tuned.items() if (where := unstable_scenarios(law, training))}
     content = {
         "command": command,
         "limits": {scenario.name: round(limit, 1) for scenario, limit in zip(training, limits, strict=True)},
         "scores": {name: round(score, 4) for name, (_, score) in tuned.items()},
+        **({"unstable_at_rest": unstable} if unstable else {}),
         "laws": {name: law for name, (law, _) in tuned.items()},
     }
     with writing("--out", out):
         out.write_text(write_yaml(content), encoding="utf-8")
-    for name, (_, score) in sorted(tuned.items(), key=lambda item: item[1][1]):
-        print(f"{name:20} {score:8.3f}")
+    for name, (_, score) in sorted(tuned.items(), key=lambda item: (item[0] in unstable, item[1][1])):
+        mark = f"   unstable at rest in {', '.join(unstable[name])}" if name in unstable else ""
+        print(f"{name:20} {score:8.3f}{mark}")
     print(f"written: {out}")
+
+
+def limits_of(budget: str, training: list["Scenario"]) -> list[float]:
+    """Return the largest torque variation in each scenario, as given or by the rule, and print it.
+
+    Raises
+    ------
+    InvalidParameter
+        For numbers that are not above zero, or not as many as the scenarios.
+    """
+    from tarc.core import validation as check
+    from tarc.study import torque_variation_budget
+
+    given = numbers_of("--budget", budget)
+    if given is not None:
+        return check.vector("--budget", given, len(training), 0, strict=True).tolist()
+    budgets = [torque_variation_budget(scenario) for scenario in training]
+    for scenario, rule in zip(training, budgets, strict=True):
+        print(f"{scenario.name}: torque variation at most {rule}")
+    return [rule.total for rule in budgets]

@@ -73,6 +73,15 @@ class Run:
         )
 
     @property
+    def instability(self) -> str:
+        """Return in words the posture in which the loop is unstable at rest, and the remedy; empty where none is."""
+        return str(self.data.attrs.get("unstable_at_rest", ""))
+
+    def with_attributes(self, **attributes: object) -> "Run":
+        """Return the same run with more attributes of its dataset."""
+        return Run(self.data.assign_attrs(attributes))
+
+    @property
     def title(self) -> str:
         """Return law and robot, such as ``TARC on ur5e.xml``."""
         return str(self.data.attrs.get("title", "run"))

@@ -91,7 +91,7 @@ def check_compatible(plant: Plant, law: Law, reference: Reference, sensor: Encod
 
 def sample_inputs(
     plant: Plant,
-    law: Law,
+    period: float,
     reference: Reference,
     duration: float,
     sensor: Encoder,
@@ -110,7 +110,6 @@ def sample_inputs(
         For a duration below one period or above `MAX_PERIODS`, and for events that the plant cannot have.
     """
     n = plant.n_joints
-    period = law.period
     n_periods = round(check.number("duration", duration, period, high=MAX_PERIODS * period) / period)
     times = np.arange(n_periods) * period
     substep_times = np.arange(n_periods * substeps) * (period / substeps)

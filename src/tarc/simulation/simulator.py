@@ -168,13 +168,16 @@ def simulate(
     inputs = simulation.sample(substeps or 1, duration)
     initial = initial_conditions(plant, inputs, initial_position, initial_velocity, initial_torque)
     warn_if_beyond_limits(plant, inputs, initial, isinstance(plant, MujocoPlant), acceleration_limits)
-    warn_if_unstable(plant, controller.law, inputs, computation_delay)
+    instability = describe_instability_at_rest(plant, controller.law, inputs, computation_delay)
+    if instability:
+        warnings.warn(instability, DesignWarning, stacklevel=2)
     if isinstance(plant, MujocoPlant):
-        return simulation.run_in_mujoco(plant, initial, inputs, progress)
+        return simulation.run_in_mujoco(plant, initial, inputs, progress).with_attributes(unstable_at_rest=instability)
     method = Integration("Runge–Kutta", substeps or 1)
     if substeps is None:
         method = simulation.choose_method(plant, initial, min(duration, PILOT_PERIODS * law.period))
-    return simulation.run(plant, initial, method, duration, progress)[0]
+    run, _ = simulation.run(plant, initial, method, duration, progress)
+    return run.with_attributes(unstable_at_rest=instability)
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,9 +196,9 @@ class _Simulation:
 
     def sample(self, substeps: int, duration: float) -> SampledInputs:
         """Sample the inputs of a run."""
-        law, sensor = self.controller.law, self.controller.sensor
+        period, sensor = self.controller.law.period, self.controller.sensor
         return sample_inputs(
-            self.plant, law, self.reference, duration, sensor, self.events, substeps, self.seed, self.jitter
+            self.plant, period, self.reference, duration, sensor, self.events, substeps, self.seed, self.jitter
         )
 
     def run_in_mujoco(
@@ -240,10 +243,13 @@ class _Simulation:
         return Run(data.assign_attrs(integrator=integrator, integration_error=error, jitter=self.jitter))
 
 
-def warn_if_unstable(
+def describe_instability_at_rest(
     plant: Plant, law: Law, inputs: SampledInputs, computation_delay: int, n_postures: int = 60
-) -> None:
-    """Warn of a loop that is unstable at rest in a posture of the reference, with the remedy."""
+) -> str:
+    """Return in words the posture of the reference in which a loop is unstable at rest, and the remedy; empty for none.
+
+    Empty also for a law that `unstable_posture` does not decide.
+    """
     indices = np.unique(np.linspace(0, len(inputs.times) - 1, n_postures).astype(int))
     times = inputs.times[indices]
     postures = inputs.reference[0][:, indices]
@@ -253,8 +259,7 @@ def warn_if_unstable(
         if np.any(is_present):
             witnesses.append(unstable_posture(law, present_plant, postures[:, is_present], computation_delay))
     worst = max(filter(None, witnesses), key=lambda witness: witness.growth_rate, default=None)
-    if worst:
-        warnings.warn(describe_instability(law, worst, computation_delay), DesignWarning, stacklevel=3)
+    return describe_instability(law, worst, computation_delay) if worst else ""
 
 
 def _simulable(plant: Plant) -> SymbolicPlant | MujocoPlant:

@@ -79,12 +79,21 @@ class Comparison:
         return {key: (label, scale, unit_for_joints(unit, ("m",))) for key, (label, scale, unit) in COLUMNS.items()}
 
     @property
+    def unstable(self) -> dict[str, str]:
+        """Laws that are unstable at rest in a posture of the reference, each with that posture and the remedy.
+
+        A law whose rest stability is not decided is not among them: one with a model of the robot, and one whose gains
+        differ between the joints.
+        """
+        return {name: run.instability for name, run in self.runs.items() if run.instability}
+
+    @property
     def front(self) -> list[str]:
-        """Laws that no other beats in both RMS error and torque variation, by error."""
+        """Laws that no other beats in both RMS error and torque variation, by error; none that is unstable at rest."""
         points = {
             name: (measures["rms_error"], measures["torque_variation"])
             for name, measures in self.measures.items()
-            if measures
+            if measures and name not in self.unstable
         }
         best = [
             name
@@ -93,8 +102,13 @@ class Comparison:
         ]
         return sorted(best, key=lambda name: points[name])
 
+    def status_in_words(self, name: str) -> str:
+        """Return how the run of a law ended, and whether its loop is unstable at rest."""
+        return f"{self.runs[name].status}{', unstable at rest' if name in self.unstable else ''}"
+
     def __repr__(self) -> str:
         failed = f", failed: {', '.join(self.failures)}" if self.failures else ""
+        failed += f", unstable at rest: {', '.join(self.unstable)}" if self.unstable else ""
         return f"<Comparison in {self.scenario.name}: {', '.join(self.runs)}{failed}; front: {', '.join(self.front)}>"
 
     def _repr_html_(self) -> str:
@@ -113,7 +127,7 @@ class Comparison:
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(["law", "status", *COLUMNS])
         for name, measures in self.measures.items():
-            writer.writerow([name, self.runs[name].status, *(measures.get(key, "") for key in COLUMNS)])
+            writer.writerow([name, self.status_in_words(name), *(measures.get(key, "") for key in COLUMNS)])
         for name, reason in self.failures.items():
             writer.writerow([name, f"failed: {reason}", *("" for _ in COLUMNS)])
         return text.getvalue()

@@ -15,7 +15,8 @@ from tarc.core.errors import DesignWarning, InvalidParameter, JointLimitWarning
 from tarc.core.optional import require
 from tarc.core.progress import Progress
 from tarc.scenario.model import Scenario
-from tarc.study.comparison import check_comparable
+from tarc.simulation.run import Run
+from tarc.study.comparison import check_comparable, run_one
 from tarc.study.search_space import SPACES, SearchSpace
 
 FAILURE_SCORE = 20.0
@@ -29,17 +30,6 @@ def default_search_spaces() -> dict[str, SearchSpace]:
     return SPACES
 
 
-def torque_variation_limit(scenario: Scenario, factor: float = 10.0) -> float:
-    """Return a multiple of the torque variation [N m/s] of the scenario's own law with a perfect sensor.
-
-    The task alone, without noise, causes that variation. The factor is a budget for noise and chatter, the same for
-    all laws.
-    """
-    perfect = Scenario.parse({**scenario.model_dump(), "sensor": {}})
-    run = next(iter(perfect.run(progress=False).values()))
-    return factor * run.metrics(start_time=scenario.metrics_start)["torque_variation"]
-
-
 def objective(scenario: Scenario, part: dict[str, Any], limit: float) -> float:
     """Return log(RMS error), plus a penalty where the torque variation [N m/s] is above a limit.
 
@@ -47,7 +37,7 @@ def objective(scenario: Scenario, part: dict[str, Any], limit: float) -> float:
     """
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore", DesignWarning)
-        warnings.simplefilter("ignore", JointLimitWarning)  # the run without noise has warned
+        warnings.simplefilter("ignore", JointLimitWarning)
         try:
             trial = Scenario.parse({**scenario.model_dump(), "law": part})
             run = next(iter(trial.run(progress=False).values()))
@@ -128,6 +118,16 @@ def tune(
     with Progress("tuning", trials, progress) as bar:
         study.optimize(score, n_trials=trials if space.free else 1, callbacks=[lambda *_: bar.advance()])
     return space.law(study.best_params, period), float(study.best_value)
+
+
+def unstable_scenarios(law: dict[str, Any], scenarios: Sequence[Scenario]) -> list[str]:
+    """Return the names of the scenarios in which a law is unstable at rest in a posture of the reference."""
+    names = []
+    for scenario in scenarios:
+        result = run_one(scenario.model_dump(), "law", law)
+        if isinstance(result, Run) and result.instability:
+            names.append(scenario.name)
+    return names
 
 
 def _fits(space: SearchSpace, scenario: Scenario) -> bool:

@@ -20,6 +20,7 @@ def comparison_summary(comparison: Comparison, files: list[Path]) -> dict[str, A
     laws = {
         name: {
             "status": str(comparison.runs[name].status),
+            "unstable_at_rest": comparison.unstable.get(name, ""),
             "measures": {key: value if math.isfinite(value) else None for key, value in measures.items()},
         }
         for name, measures in comparison.measures.items()
@@ -52,11 +53,14 @@ def print_comparison(comparison: Comparison, files: list[Path]) -> None:
     for name in sorted(measures, key=lambda name: measures[name].get("rms_error", math.inf)):
         values = measures[name]
         cells = [f"{scale * values[key]:.4g}" if key in values else "–" for key, (_, scale, _) in shown.items()]
-        status = comparison.runs[name].status
-        ended = str(status) if status.completed else f"[red]{status}[/red]"
+        status = comparison.status_in_words(name)
+        is_sound = comparison.runs[name].status.completed and name not in comparison.unstable
+        ended = status if is_sound else f"[red]{status}[/red]"
         table.add_row(f"{name} *" if name in front else name, *cells, ended)
     console.print(table)
     console.print("* no other law has both a smaller RMS error and a smaller torque variation")
+    for name, text in comparison.unstable.items():
+        console.print(f"{name} is never marked: {escape(text)}", highlight=False)
     for name, reason in comparison.failures.items():
         console.print(f"{name} did not run: {escape(reason)}")
     print_written(console, files)
