@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from tarc.control.controller import Controller
     from tarc.core.errors import DesignWarning, JointLimitWarning, MissingTool, RobotFileWarning, TarcError
     from tarc.core.version import __version__
+    from tarc.logs.replayed import Replay, replay
     from tarc.scenario.cartesian import CartesianWaypoints
     from tarc.scenario.model import Scenario
     from tarc.simulation.run import Run, Status
@@ -25,6 +26,7 @@ __all__ = [
     "DesignWarning",
     "JointLimitWarning",
     "MissingTool",
+    "Replay",
     "RobotFileWarning",
     "Run",
     "Scenario",
@@ -39,6 +41,7 @@ __all__ = [
     "laws",
     "paper",
     "plants",
+    "replay",
     "signals",
     "simulate",
     "study",
@@ -53,12 +56,14 @@ __getattr__, __dir__, _ = lazy_attributes(
         "JointLimitWarning": "tarc.core.errors",
         "RobotFileWarning": "tarc.core.errors",
         "MissingTool": "tarc.core.errors",
+        "Replay": "tarc.logs.replayed",
         "Run": "tarc.simulation.run",
         "Scenario": "tarc.scenario.model",
         "Status": "tarc.simulation.run",
         "TarcError": "tarc.core.errors",
         "__version__": "tarc.core.version",
         "certify_law": "tarc.certification",
+        "replay": "tarc.logs.replayed",
         "simulate": "tarc.simulation.simulator",
     },
     ("analysis", "certificates", "design", "estimators", "laws", "paper", "plants", "signals", "study"),

@@ -100,3 +100,23 @@ class Algebraic(WindowedEstimator):
         """Return in rows the coefficients of the best polynomial in time over ς, from samples newest first."""
         age = -np.linspace(0, 1, self.samples)
         return np.linalg.pinv(np.vander(age, self.degree + 1, increasing=True))
+
+
+def polynomial_weights(ages: np.ndarray, degree: int, derivative: int) -> np.ndarray:
+    """Return the least-squares weights [s^−j] of samples at uneven ages for a derivative at age 0.
+
+    With A_im = (−age_i / ς)^m, m = 0 … Λ, the weights are row j of (AᵀA)⁻¹Aᵀ times j! / ς^j. They are exact on
+    polynomials up to the degree Λ, whatever the ages; even ages give those of `Algebraic`.
+
+    Parameters
+    ----------
+    ages
+        Time since each sample was measured [s], shape (…, N + 1), more than Λ of them different.
+    degree
+        Λ.
+    derivative
+        j, at most Λ.
+    """
+    span = np.maximum(np.max(np.abs(ages), axis=-1, keepdims=True), 1e-300)
+    powers = (-ages / span)[..., None] ** np.arange(degree + 1)
+    return np.linalg.pinv(powers)[..., derivative, :] * factorial(derivative) / span**derivative
