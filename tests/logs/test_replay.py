@@ -104,8 +104,8 @@ def test_refusals(log, arm, law):
     three = RobotLog(times=log.times, position=np.hstack([log.position, log.position[:, :1]]), torque=None)
     with pytest.raises(InvalidParameter, match=r"has 2 joints .* the log 3"):
         tarc.replay(three, arm)
+    every = log.select(np.arange(0, len(log.times), 2))
     with pytest.raises(InvalidParameter, match=r"period of 0.001 s; the log has 2 joints and 0.002 s"):
-        every = log.select(np.arange(0, len(log.times), 2))
         tarc.replay(every, law=law, window=0.010)
 
 

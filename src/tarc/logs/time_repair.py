@@ -85,8 +85,8 @@ def repair_time(log: RobotLog, *, period: float | None = None, cutoff: float = 2
         Δt = (Δq · v̄) / (v̄ · v̄),    v̄ the mean of q̇ at both rows
 
     Where these steps are whole periods but for noise, rows are ticks of the robot's clock. A step of 0 is then a stale
-    row, and a step of 2 a missing one. Where the robot rests, the stamps count. Otherwise each row is shifted by its own s,
-    until the shifts repeat.
+    row, and a step of 2 a missing one. Where the robot rests, the stamps count. Otherwise each row is shifted by its
+    own s, until the shifts repeat.
 
     Parameters
     ----------
