@@ -20,7 +20,8 @@ def options(**given):
 
 def test_the_encoder_is_given_by_bits_or_by_its_step_per_joint():
     assert requirements_of(options()).sensor.bits == 17
-    assert requirements_of(options(encoder_bits=20)).sensor.bits == 20
+    assert requirements_of(options(encoder_bits="20")).sensor.bits == 20
+    assert list(requirements_of(options(encoder_bits="20,17")).sensor.bits) == [20, 17]
     sensor = requirements_of(options(encoder_resolution="5e-6,2e-5")).sensor
     assert sensor.bits is None
     np.testing.assert_array_equal(sensor.step_size, [5e-6, 2e-5])

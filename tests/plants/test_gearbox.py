@@ -75,6 +75,26 @@ def test_a_motor_crosses_the_play_before_the_link_moves():
     assert run.y[2, 1] > 0.0
 
 
+@pytest.mark.parametrize("speed", [0.02, 0.5])
+def test_a_mass_bounces_between_the_teeth_with_the_period_of_spring_and_flight(speed):
+    """Beside a motor that stands, T = 2π √(m/K) + 2 b/v: half a swing at each tooth, and the free flight twice."""
+    width, stiffness, mass = 0.01, 3000.0, 2.0
+    plant = Gearbox(plant=MASS, stiffness=stiffness, motor_inertia=1e12, backlash=width)
+
+    def slope(_, x):
+        return np.concatenate([x[2:], plant.evaluate("acceleration", x[:2], x[2:], np.zeros(1))])
+
+    def middle(_, x):
+        return x[0]
+
+    middle.direction = 1.0
+    period = 2 * np.pi * np.sqrt(mass / stiffness) + 2 * width / speed
+    start = np.array([-1e-9, 0.0, speed, 0.0])
+    run = solve_ivp(slope, (0, 3.2 * period), start, rtol=1e-9, atol=1e-12, max_step=period / 200, events=middle)
+    np.testing.assert_allclose(np.diff(run.t_events[0]), period, rtol=1e-6)
+    assert len(run.t_events[0]) == 4
+
+
 def test_stribeck_curve():
     """F_S about rest, F_C + (F_S − F_C)/e at the Stribeck speed, F_C + F_v q̇ far above; odd."""
     p = {"coulomb": 2.0, "breakaway": 3.0, "stribeck_speed": 0.1, "viscous": 0.5, "friction_width": 1e-4}

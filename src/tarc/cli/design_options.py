@@ -43,10 +43,12 @@ def _options(field: Field, text: str) -> list[inspect.Parameter]:
         text = "Number of control periods per second \\[Hz]."
         return [_parameter("control_rate", float, 1 / DesignRequirements.period, text)]
     if field.name == "sensor":
-        bits = "Resolution of the encoders \\[bits per turn, or per 2π m of a linear scale]."
+        bits = (
+            "Resolution of the encoders \\[bits per turn, or per 2π m of a linear scale], one number or one per joint."
+        )
         step = "Step of the encoders \\[rad or m], one number or one per joint, instead of the bits."
         return [
-            _parameter("encoder_bits", int, DEFAULT_ENCODER_BITS, bits),
+            _parameter("encoder_bits", str, str(DEFAULT_ENCODER_BITS), bits, metavar="NUMBERS"),
             _parameter("encoder_resolution", str, "", step, metavar="NUMBERS", show_default=False),
         ]
     if field.type == NUMBERS:
@@ -82,9 +84,21 @@ def requirements_of(options: dict[str, Any]) -> DesignRequirements:
     values["law"] = values["law"].upper()
     period = 1 / check.number("--control-rate", rate, 0, strict=True)
     if resolution is None:
-        sensor = Encoder(bits=check.integer("--encoder-bits", bits, 1, 52))
-    elif bits == DEFAULT_ENCODER_BITS:
+        sensor = Encoder(bits=_bits(bits))
+    elif bits == str(DEFAULT_ENCODER_BITS):
         sensor = Encoder(resolution=resolution)
     else:
         raise InvalidParameter("--encoder-bits, --encoder-resolution: both are given; give one of them")
     return DesignRequirements(period=period, sensor=sensor, **values)
+
+
+def _bits(text: str) -> int | list[int]:
+    """Return the bits of all encoders, or those of each joint."""
+    from tarc.core import validation as check
+
+    try:
+        values = [int(part) for part in text.split(",")]
+    except ValueError:
+        raise InvalidParameter(f"--encoder-bits: got {text!r}; needs whole numbers from 1 to 52") from None
+    bits = [check.integer("--encoder-bits", value, 1, 52) for value in values]
+    return bits if len(bits) > 1 else bits[0]
