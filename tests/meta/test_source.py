@@ -40,6 +40,7 @@ INSIDE_FUNCTIONS = PLOT_METHODS | NEEDS_EXTRA | NEEDS_NUMPY | NEEDS_XARRAY
 BLANKET_HANDLERS = {
     ("tarc.cli.main", "TarcError"),  # prints the message
     ("tarc.laws.base", "Exception"),  # of a function that the user gives
+    ("tarc.scenario.user_law", "Exception"),  # of a file that the user gives
 }
 
 MAX_SHARE_OF_ANY = 0.01

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tarc.cli.options import Figures, Json, Out, ScenarioName, Set, drawing_figures, file_stem, numbers_of
+from tarc.cli.options import Figures, Json, LawKind, Out, ScenarioName, Set, drawing_figures, file_stem, numbers_of
 from tarc.core.files import make_folder, writing
 
 if TYPE_CHECKING:
@@ -37,6 +37,7 @@ Samples = Annotated[int, typer.Option(help="Number of sampled postures, before t
 def certify(
     scenario: ScenarioName,
     set_: Set = None,
+    law: LawKind = "",
     out: Out = None,
     tube: Tube = 0.01,
     full_range: FullRange = False,
@@ -58,7 +59,7 @@ def certify(
     from tarc.cli.tables import certify as tables
     from tarc.scenario.model import Scenario
 
-    loaded = Scenario.load(scenario, set_ or [])
+    loaded = Scenario.load(scenario, set_ or [], law=law)
     folder = make_folder("--out", out or Path("runs") / file_stem(loaded.name))
     certifications = loaded.certify(
         tube=tube,

@@ -12,14 +12,31 @@ from tarc.core.files import make_folder
 Laws = Annotated[
     str,
     typer.Option(
-        metavar="A,B", help="Names of tuned laws with commas between, or all. Default: the laws of the scenario."
+        metavar="A,B",
+        help="Names of tuned laws with commas between, or all. Default: the laws of the gains file, else those of the "
+        "scenario.",
     ),
+]
+OwnLaw = Annotated[
+    str,
+    typer.Option(
+        "--law",
+        metavar="FILE.py:CLASS",
+        help="A law from your own file, or one of tarc.laws, beside the others. It takes the parameters of the "
+        "scenario's first law that it has too; give others by --set law.KEY=VALUE.",
+    ),
+]
+Gains = Annotated[
+    Path | None,
+    typer.Option(help="A file that tarc tune wrote. Its laws run, or with --laws those of them that are named."),
 ]
 
 
 def compare(
     scenario: ScenarioName,
     laws: Laws = "",
+    gains: Gains = None,
+    law: OwnLaw = "",
     set_: Set = None,
     out: Out = None,
     jobs: Jobs = None,
@@ -32,15 +49,22 @@ def compare(
     scenarios. An unknown name lists them.
 
     Example: tarc compare ur5e --laws tarc,tdc,tdc-sync
+
+    Example: tarc compare my_robot.yaml --gains my_gains.yaml
     """
     from tarc.cli.tables import compare as tables
     from tarc.scenario.model import Scenario
-    from tarc.study import compare, tuned_laws
+    from tarc.study import compare, load_gains
+    from tarc.study.comparison import choose_laws
 
-    loaded = Scenario.load(scenario, set_ or [])
+    settings = set_ or []
+    loaded = Scenario.load(scenario, settings)
     folder = make_folder("--out", out or Path("runs") / f"{file_stem(loaded.name)}-compared")
-    names = list(tuned_laws()) if laws.strip() == "all" else names_of(laws)
-    comparison = compare(loaded, names or None, jobs=jobs)
+    names = None if laws.strip() == "all" else names_of(laws)
+    tuned = {} if gains is None else load_gains(gains)
+    own = Scenario.load(scenario, settings, law=law).laws if law else {}
+    chosen = choose_laws(loaded, names, tuned)
+    comparison = compare(loaded, {**chosen, **own}, jobs=jobs)
     files = comparison.save(folder, figures)
     if as_json:
         print(json.dumps(tables.comparison_summary(comparison, files), indent=2, allow_nan=False))

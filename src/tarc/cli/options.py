@@ -18,6 +18,15 @@ Set = Annotated[
         help="Change a key of the scenario, such as law.natural_frequency=15. May be repeated.",
     ),
 ]
+LawKind = Annotated[
+    str,
+    typer.Option(
+        "--law",
+        metavar="FILE.py:CLASS",
+        help="A law from your own file, or one of tarc.laws, in place of the scenario's. It keeps the parameters of "
+        "the scenario's first law that it has too; give others by --set law.KEY=VALUE.",
+    ),
+]
 Out = Annotated[
     Path | None,
     typer.Option("--out", "-o", help="Folder for the results. Default: one in runs/ that is named after the scenario."),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tarc.cli.options import Figures, Json, Out, ScenarioName, Set, drawing_figures, file_stem
+from tarc.cli.options import Figures, Json, LawKind, Out, ScenarioName, Set, drawing_figures, file_stem
 from tarc.core.files import make_folder, writing
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ Native = Annotated[bool, typer.Option("--native", help="Compile the loop to mach
 def run(
     scenario: ScenarioName,
     set_: Set = None,
+    law: LawKind = "",
     out: Out = None,
     native: Native = False,
     as_json: Json = False,
@@ -32,7 +33,7 @@ def run(
     from tarc.scenario.model import Scenario
 
     settings = [*(set_ or []), *(["native=true"] if native else [])]
-    run_scenario(Scenario.load(scenario, settings), out, as_json, figures)
+    run_scenario(Scenario.load(scenario, settings, law=law), out, as_json, figures)
 
 
 def run_scenario(scenario: "Scenario", out: Path | None, as_json: bool, figures: bool) -> None:

@@ -1,5 +1,7 @@
 """`tarc tune`: search the gains of laws."""
 
+import shlex
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,9 +12,27 @@ from tarc.core.files import writing
 
 if TYPE_CHECKING:
     from tarc.scenario.model import Scenario
+    from tarc.study import SearchSpace
 
 Scenarios = Annotated[list[str], typer.Argument(help="Training scenarios: YAML files or names of shipped ones.")]
-Laws = Annotated[str, typer.Option(metavar="A,B", help="Names of laws with commas between, or all.")]
+Laws = Annotated[
+    str,
+    typer.Option(metavar="A,B", help="Names of laws with commas between, or all. Default: all, or the one of --law."),
+]
+OwnLaw = Annotated[
+    str,
+    typer.Option(
+        "--law",
+        metavar="FILE.py:CLASS",
+        help="A law from your own file. Inertia, natural frequency and window are searched in the common ranges.",
+    ),
+]
+Range = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--range", metavar="KEY=LOW,HIGH", help="Range of a further gain of the law of --law. May be repeated."
+    ),
+]
 Trials = Annotated[int, typer.Option(help="Number of sets of gains to try per law.")]
 Budget = Annotated[
     str,
@@ -28,7 +48,9 @@ GainsFile = Annotated[Path, typer.Option("--out", "-o", help="The file to write.
 
 def tune(
     scenarios: Scenarios,
-    laws: Laws = "all",
+    laws: Laws = "",
+    law: OwnLaw = "",
+    range_: Range = None,
     trials: Trials = 60,
     budget: Budget = "",
     seed: Seed = 0,
@@ -43,26 +65,31 @@ def tune(
 
     Example: tarc tune train_two_link --laws tdc,tarc --trials 30
 
+    Example: tarc tune my_robot.yaml --law my_law.py:MyLaw --range max_push=0.1,100
+
     The shipped gains come from: tarc tune train_two_link train_ur5e train_masses
     """
     from tarc.scenario.model import Scenario
     from tarc.scenario.yaml_text import write_yaml
     from tarc.study import default_search_spaces, tune_all
+    from tarc.study.gains_file import relative_laws
     from tarc.study.tuning import unstable_scenarios
 
-    names = list(default_search_spaces()) if laws.strip() == "all" else names_of(laws)
+    own = own_space(law, range_ or [])
+    everything = list(default_search_spaces())
+    names = everything if laws.strip() == "all" or not (laws.strip() or own) else names_of(laws)
+    names += list(own)
     training = [Scenario.load(name) for name in scenarios]
     limits = limits_of(budget, training)
-    tuned = tune_all(names, training, limits, trials=trials, seed=seed, jobs=jobs)
-    own = f" --budget {budget}" if budget else ""
-    command = f"tarc tune {' '.join(scenarios)} --laws {laws} --trials {trials}{own} --seed {seed}"
+    tuned = tune_all(names, training, limits, trials=trials, seed=seed, jobs=jobs, spaces=own)
+    command = shlex.join(["tarc", *sys.argv[1:]])
     unstable = {name: where for name, (law, _) in tuned.items() if (where := unstable_scenarios(law, training))}
     content = {
         "command": command,
         "limits": {scenario.name: round(limit, 1) for scenario, limit in zip(training, limits, strict=True)},
         "scores": {name: round(score, 4) for name, (_, score) in tuned.items()},
         **({"unstable_at_rest": unstable} if unstable else {}),
-        "laws": {name: law for name, (law, _) in tuned.items()},
+        "laws": relative_laws({name: law for name, (law, _) in tuned.items()}, out.parent),
     }
     with writing("--out", out):
         out.write_text(write_yaml(content), encoding="utf-8")
@@ -70,6 +97,33 @@ def tune(
         mark = f"   unstable at rest in {', '.join(unstable[name])}" if name in unstable else ""
         print(f"{name:20} {score:8.3f}{mark}")
     print(f"written: {out}")
+
+
+def own_space(law: str, ranges: list[str]) -> "dict[str, SearchSpace]":
+    """Return the search space of the law from a user's own file, by its name; empty for no law.
+
+    Raises
+    ------
+    InvalidParameter
+        For a range that is not two numbers, and ranges without a law.
+    """
+    from tarc.core.errors import InvalidParameter
+    from tarc.scenario.user_law import absolute_kind, is_user_law, law_name
+    from tarc.study import user_search_space
+
+    if not law:
+        if ranges:
+            raise InvalidParameter(f"--range: got {ranges[0]!r} without --law, whose gains it is for")
+        return {}
+    found = {}
+    for text in ranges:
+        key, _, ends = text.partition("=")
+        numbers = numbers_of("--range", ends)
+        if not isinstance(numbers, list) or len(numbers) != 2 or not 0 < numbers[0] < numbers[1]:
+            raise InvalidParameter(f"--range: got {text!r}; needs KEY=LOW,HIGH with 0 < LOW < HIGH")
+        found[key.strip()] = (numbers[0], numbers[1])
+    kind = absolute_kind(law, Path.cwd()) if is_user_law(law) else law
+    return {law_name(kind): user_search_space(kind, found)}
 
 
 def limits_of(budget: str, training: list["Scenario"]) -> list[float]:

@@ -3,6 +3,9 @@
 Laws, estimators and sensors are written once with Python operators and these functions; NumPy runs them as they stand,
 CasADi traces them. Vectors have shape (n,) in NumPy and n-by-1 in CasADi. A history keeps one column per sample, newest
 first. Every product is then matrix times vector in both.
+
+Python's ``if``, ``and``, ``or``, ``not``, ``min`` and ``max`` cannot decide on a symbol. Write `where`, `logical_and`,
+`logical_or`, `logical_not`, `minimum` and `maximum`. Functions of the module ``math`` give NaN for one.
 """
 
 import hashlib
@@ -74,7 +77,7 @@ def sign(x: Vector) -> Vector:
     return ca.sign(x) if symbolic(x) else np.sign(x)
 
 
-def magnitude(x: Vector) -> Vector:
+def abs(x: Vector) -> Vector:
     """Return |x|, element by element."""
     return ca.fabs(x) if symbolic(x) else np.abs(x)
 
@@ -94,12 +97,72 @@ def exp(x: Vector) -> Vector:
     return ca.exp(x) if symbolic(x) else np.exp(x)
 
 
+def sqrt(x: Vector) -> Vector:
+    """Return the square root, element by element."""
+    return ca.sqrt(x) if symbolic(x) else np.sqrt(x)
+
+
+def log(x: Vector) -> Vector:
+    """Return the natural logarithm, element by element."""
+    return ca.log(x) if symbolic(x) else np.log(x)
+
+
+def sin(x: Vector) -> Vector:
+    """Return the sine [rad], element by element."""
+    return ca.sin(x) if symbolic(x) else np.sin(x)
+
+
+def cos(x: Vector) -> Vector:
+    """Return the cosine [rad], element by element."""
+    return ca.cos(x) if symbolic(x) else np.cos(x)
+
+
+def tan(x: Vector) -> Vector:
+    """Return the tangent [rad], element by element."""
+    return ca.tan(x) if symbolic(x) else np.tan(x)
+
+
+def arcsin(x: Vector) -> Vector:
+    """Return the inverse sine [rad], element by element."""
+    return ca.asin(x) if symbolic(x) else np.arcsin(x)
+
+
+def arccos(x: Vector) -> Vector:
+    """Return the inverse cosine [rad], element by element."""
+    return ca.acos(x) if symbolic(x) else np.arccos(x)
+
+
+def arctan(x: Vector) -> Vector:
+    """Return the inverse tangent [rad], element by element."""
+    return ca.atan(x) if symbolic(x) else np.arctan(x)
+
+
+def sinh(x: Vector) -> Vector:
+    """Return the hyperbolic sine, element by element."""
+    return ca.sinh(x) if symbolic(x) else np.sinh(x)
+
+
+def cosh(x: Vector) -> Vector:
+    """Return the hyperbolic cosine, element by element."""
+    return ca.cosh(x) if symbolic(x) else np.cosh(x)
+
+
+def tanh(x: Vector) -> Vector:
+    """Return the hyperbolic tangent, element by element."""
+    return ca.tanh(x) if symbolic(x) else np.tanh(x)
+
+
+def arctan2(y: Vector, x: Vector) -> Vector:
+    """Return the angle of the point (x, y) [rad], element by element."""
+    return ca.atan2(y, x) if symbolic(y, x) else np.arctan2(y, x)
+
+
 def norm(x: Vector, least: float = 0.0) -> Vector:
     """Return the Euclidean norm, not below ``least``; differentiable at x = 0 when ``least`` > 0."""
     squares = ca.sumsqr(x) if symbolic(x) else np.sum(np.square(x))
     if least > 0:
         squares = maximum(squares, least**2)
-    return ca.sqrt(squares) if symbolic(x) else np.sqrt(squares)
+    return sqrt(squares)
 
 
 def power(x: Vector, exponent: float, layer: float) -> Vector:

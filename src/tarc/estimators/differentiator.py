@@ -107,7 +107,7 @@ class RobustDifferentiator(Estimator):
 
     def _explicit(self, sigma: Vector) -> tuple[Any, Any, Any]:
         k0, k1, k2 = self._injections
-        sign, size = ops.sign(sigma), ops.magnitude(sigma)
+        sign, size = ops.sign(sigma), ops.abs(sigma)
         return k0 * size ** (2 / 3) * sign, k1 * size ** (1 / 3) * sign, k2 * sign
 
     def _implicit(self, sigma: Vector) -> tuple[Any, Any, Any]:
@@ -115,7 +115,7 @@ class RobustDifferentiator(Estimator):
         T = self.sampling_period
         k0, k1, k2 = self._injections
         a2, a1, a0 = T * k0, T**2 * k1, T**3 / 2 * k2
-        excess = ops.maximum(ops.magnitude(sigma) - a0, 0.0)
+        excess = ops.maximum(ops.abs(sigma) - a0, 0.0)
         # each term alone bounds the root from above, and from there Newton's method falls to it
         x = ops.minimum(ops.minimum(excess ** (1 / 3), (excess / a2) ** 0.5), excess / a1)
         for _ in range(NEWTON_STEPS):

@@ -12,7 +12,8 @@ import numpy as np
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
 from tarc.core.component import Component
-from tarc.core.errors import InvalidParameter
+from tarc.core.errors import InvalidParameter, UnsupportedLaw
+from tarc.core.symbol_errors import explain_symbol_error
 from tarc.core.system import System
 from tarc.core.types import Tree, Vector
 from tarc.core.validation import Numbers
@@ -190,7 +191,7 @@ class Law(Component, System):
             state.torque[:, -1],
             fault,
         )
-        control_state, torque_command, signals = self.control(state.control, tracking)
+        control_state, torque_command, signals = self._control(state.control, tracking)
         torque_ok = ops.logical_and(ops.all_finite(torque_command), ops.logical_not(fault))
         position = ops.where(estimate.valid, value.position, state.position)
         safe = self._safe(position, state.torque[:, 0])
@@ -201,6 +202,16 @@ class Law(Component, System):
         past = ops.shift_in(state.torque, torque)
         next_state = LawState(estimator, control_state, past, position, reference, missing, fault)
         return next_state, LawOutput(torque, signals)
+
+    def _control(self, state: Tree, tracking: ControlInput) -> tuple[Tree, Vector, dict[str, Vector]]:
+        """Evaluate `control`; say what to write instead where it decides by the value of a symbol."""
+        try:
+            return self.control(state, tracking)
+        except (RuntimeError, ValueError, TypeError) as error:
+            reason = explain_symbol_error(error)
+            if not reason:
+                raise
+            raise UnsupportedLaw(f"law: {type(self).__name__} cannot be traced: {reason}") from error
 
     def _safe(self, position: Vector, torque: Vector) -> Vector:
         if callable(self.safe_torque):

@@ -7,6 +7,8 @@ from typing import Any
 
 from tarc.core import validation as check
 from tarc.core.errors import ScenarioError
+from tarc.scenario.schema import parameters_of_law
+from tarc.scenario.user_law import absolute_kind, is_user_law, relative_kind
 from tarc.scenario.yaml_text import read_yaml
 
 SHIPPED = Path(str(files("tarc.scenario"))) / "shipped"
@@ -63,6 +65,8 @@ FILE_KEYS = (("robot", "file"), ("reference", "path"))
 
 def resolve_files(content: dict[str, Any], folder: Path) -> None:
     """Replace the names of files beside a scenario, or among the shipped ones, by their absolute paths."""
+    for law in _user_laws(content):
+        law["kind"] = absolute_kind(law["kind"], folder)
     for section, key in FILE_KEYS:
         part = content.get(section)
         name = part.get(key) if isinstance(part, dict) else None
@@ -75,12 +79,34 @@ def resolve_files(content: dict[str, Any], folder: Path) -> None:
 
 def relative_files(content: dict[str, Any], folder: Path) -> None:
     """Replace absolute paths by shipped names or by paths from a folder: the reverse of `resolve_files`."""
+    for law in _user_laws(content):
+        law["kind"] = relative_kind(law["kind"], folder)
     for section, key in FILE_KEYS:
         part = content.get(section)
         if isinstance(part, dict) and isinstance(part.get(key), str) and Path(part[key]).is_absolute():
             file = Path(part[key])
             is_shipped = file.parent == SHIPPED.resolve()
             part[key] = file.name if is_shipped else Path(os.path.relpath(file, folder.resolve())).as_posix()
+
+
+def _user_laws(content: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the sections of the laws from a user's own file."""
+    laws = content.get("law")
+    parts = laws if isinstance(laws, list) else [laws]
+    return [part for part in parts if isinstance(part, dict) and is_user_law(part.get("kind"))]
+
+
+def use_law(content: dict[str, Any], kind: str) -> None:
+    """Replace the laws of a scenario's dictionary by one of another kind, with the parameters that it shares.
+
+    The parameters come from the first law. A kind from a user's own file is sought in the working directory.
+    """
+    laws = content.get("law")
+    first = laws[0] if isinstance(laws, list) and laws else laws
+    kind = absolute_kind(kind, Path.cwd()) if is_user_law(kind) else kind
+    known = {"estimator", *parameters_of_law(kind)}
+    shared = {key: value for key, value in first.items() if key in known} if isinstance(first, dict) else {}
+    content["law"] = {"kind": kind, **shared}
 
 
 def apply_setting(content: dict[str, Any], setting: str) -> None:

@@ -21,8 +21,16 @@ from tarc.estimators.base import Estimator
 from tarc.laws.base import Law
 from tarc.plants.base import Plant
 from tarc.scenario.cartesian import CartesianWaypoints
-from tarc.scenario.loader import apply_setting, find_scenario, read_scenario, relative_files, resolve_files
+from tarc.scenario.loader import (
+    apply_setting,
+    find_scenario,
+    read_scenario,
+    relative_files,
+    resolve_files,
+    use_law,
+)
 from tarc.scenario.schema import Component, check_component, scenario_error
+from tarc.scenario.user_law import check_user_law, law_name
 from tarc.scenario.yaml_text import write_yaml
 from tarc.signals.drive import Drive
 from tarc.signals.references import Reference
@@ -91,7 +99,8 @@ class Scenario(BaseModel):
         ``file`` (MJCF, URDF or a shipped robot) with the options of `tarc.plants.load_robot`, or ``kind``
         (a class of `tarc.plants`) with its parameters.
     law
-        ``kind`` and parameters, or a list of them, to be run side by side. ``inertia`` may be one number for all
+        ``kind`` and parameters, or a list of them, to be run side by side. The kind is a class of `tarc.laws`, or
+        ``my_file.MyLaw`` for one in a file beside the scenario. ``inertia`` may be one number for all
         joints. With ``{fraction: 0.1}`` it is that fraction of the robot's mean inertia along the reference, and with
         ``diagonal: true`` also, of its diagonal. ``estimator`` replaces the scenario's for this law.
     estimator, reference, sensor
@@ -161,8 +170,18 @@ class Scenario(BaseModel):
         return scenario
 
     @classmethod
-    def load(cls, path: str | Path, settings: Sequence[str] = ()) -> Self:
+    def load(cls, path: str | Path, settings: Sequence[str] = (), *, law: str = "") -> Self:
         """Read a YAML file, or a shipped scenario by name; then apply settings such as ``law.natural_frequency=15``.
+
+        Parameters
+        ----------
+        path
+            The file, or the name.
+        settings
+            Each ``section.key=value``.
+        law
+            Kind of a law in place of the scenario's, such as ``my_file.py:MyLaw``, or one of `tarc.laws`. It keeps the
+            parameters of the scenario's first law that it has too.
 
         Raises
         ------
@@ -171,6 +190,8 @@ class Scenario(BaseModel):
         """
         file = find_scenario(path)
         content = read_scenario(file)
+        if law:
+            use_law(content, law)
         for setting in settings:
             apply_setting(content, setting)
         resolve_files(content, file.parent)
@@ -181,7 +202,7 @@ class Scenario(BaseModel):
         """The laws as written, by name: the label or the kind, with a number where two are of the same."""
         laws: dict[str, dict[str, Any]] = {}
         for part in self.law if isinstance(self.law, list) else [self.law]:
-            name = kind = str(part.get("label", part.get("kind")))
+            name = kind = str(part.get("label", law_name(str(part.get("kind")))))
             number = 2
             while name in laws:
                 name = f"{kind} {number}"
@@ -294,7 +315,10 @@ class Scenario(BaseModel):
         limits = getattr(plant, "torque_limits", None)
         if part.options.get("torque_limit") is None and limits is not None and np.any(np.isfinite(limits)):
             more["torque_limit"] = limits
-        return part.build(**more)
+        law = part.build(**more)
+        if law.__module__.startswith("tarc_user_"):
+            check_user_law(law, part.path)
+        return law
 
     def _fraction(self, given: dict[str, Any], path: str, plant: Plant, reference: Reference) -> np.ndarray:
         """Return the fraction of the robot's mean inertia along the reference."""

@@ -19,6 +19,7 @@ from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter, ScenarioError
 from tarc.plants.load import load_robot
 from tarc.scenario.cartesian import CartesianWaypoints
+from tarc.scenario.user_law import is_user_law, load_law
 
 SECTIONS: dict[str, tuple[types.ModuleType, type]] = {
     "robot": (tarc.plants, tarc.plants.EulerLagrange),
@@ -91,6 +92,20 @@ def parameters(kind: Any) -> dict[str, Parameter]:
         for name, default in defaults.items()
         if name not in SET_BY_SCENARIO
     }
+
+
+def parameters_of_law(kind: str) -> dict[str, Parameter]:
+    """Return the parameters of a law of tarc.laws, or of one from a user's own file.
+
+    Raises
+    ------
+    InvalidParameter
+        For an unknown kind, and as in `load_law`.
+    """
+    if is_user_law(kind):
+        return parameters(load_law(kind))
+    kinds = catalogue("law")
+    return parameters(kinds[check.one_of("law.kind", kind, kinds)])
 
 
 def _allowed(hint: Any) -> Any:
@@ -204,10 +219,12 @@ def check_component(section: str, part: dict[str, Any], path: str = "") -> Compo
     if name is None:
         hint = ", or file: for MJCF, URDF and shipped robots" if section == "robot" else ""
         raise InvalidParameter(f"{path}.kind: missing; known are {', '.join(kinds)}{hint}", f"{path}.kind")
+    if section == "law" and is_user_law(name):
+        kinds = {str(name): load_law(str(name), f"{path}.kind")}
     check.one_of(f"{path}.kind", str(name), kinds)
     options = {key: value for key, value in part.items() if key != "kind"}
     kind = kinds[str(name)]
-    return Component(path, kind, _checked_options(kind, options, path, str(name)))
+    return Component(path, kind, _checked_options(kind, options, path, getattr(kind, "__name__", str(name))))
 
 
 def _checked_options(kind: Callable[..., Any], options: dict[str, Any], path: str, label: str) -> dict[str, Any]:

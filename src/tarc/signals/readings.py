@@ -81,7 +81,7 @@ class ReadingCheck:
         """Return the last valid reading from now on, and the unwrapped reading, NaN where it jumps; each (n,)."""
         unwrapped = self.unwrap(last, reading)
         limits = np.minimum(np.broadcast_to(self._steps, (last.shape[0],)), ops.HUGE)
-        is_valid = ops.magnitude(unwrapped - last) <= limits
+        is_valid = ops.abs(unwrapped - last) <= limits
         return ops.where(is_valid, unwrapped, last), ops.where(is_valid, unwrapped, np.nan)
 
 

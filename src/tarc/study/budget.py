@@ -57,9 +57,12 @@ def torque_variation_budget(scenario: Scenario) -> TorqueVariationBudget:
         V = Σ|Δτ|/T + Σ_i √(2/π) ‖Δw‖ σ_i/T,     τ = M(q) q̈ᵈ + N(q, q̇ᵈ) − d
 
     The first term is that of the inverse dynamics along the reference, with payloads and disturbances d, from
-    ``metrics_start`` on. The second is the mean of |Δτ| for white noise in PD control with the mean inertia M̄ along
-    the reference: τ = −M̄ (K1 q̂ + K2 v̂), K1 = ωn², K2 = 2 ωn, ωn T = 0.03. q̂ and v̂ are value and slope of a line
-    through the last 10 periods. w are its weights, and σ is the deviation of M̄ times the measured position.
+    ``metrics_start`` on. The second is the mean of |Δτ| for white noise in a PD loop:
+
+        τ = −M̄ (K1 q̂ + K2 v̂),     K1 = ωn²,  K2 = 2 ωn,  ωn T = 0.03
+
+    M̄ is the mean inertia along the reference. q̂ and v̂ are value and slope of a line through the last 10 periods. The
+    weights of K1 q̂ + K2 v̂ are w. The deviation of M̄ times the measured position is σ.
 
     Raises
     ------

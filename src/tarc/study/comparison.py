@@ -82,8 +82,7 @@ class Comparison:
     def unstable(self) -> dict[str, str]:
         """Laws that are unstable at rest in a posture of the reference, each with that posture and the remedy.
 
-        A law whose rest stability is not decided is not among them: one with a model of the robot, and one whose gains
-        differ between the joints.
+        The check leaves out laws with a model of the robot, and laws whose gains differ between the joints.
         """
         return {name: run.instability for name, run in self.runs.items() if run.instability}
 
@@ -291,12 +290,43 @@ def check_comparable(scenario: Scenario) -> None:
         )
 
 
+def choose_laws(
+    scenario: Scenario, names: list[str] | None, gains: dict[str, dict[str, Any]]
+) -> dict[str, dict[str, Any]]:
+    """Return laws by name from a file of gains, the scenario and the tuned laws, in this order.
+
+    Parameters
+    ----------
+    scenario
+        The scenario that they run in.
+    names
+        Their names; None for all, and none for those of the file, else those of the scenario.
+    gains
+        Laws by name of the file; empty for none.
+
+    Raises
+    ------
+    InvalidParameter
+        For an unknown name.
+    """
+    if names is not None and not names:
+        return gains or scenario.laws
+    tuned = laws_for(scenario)
+    if names is None:
+        return {**tuned, **gains}
+    return _named(names, {**tuned, **scenario.laws, **gains})
+
+
 def _chosen(scenario: Scenario, laws: Iterable[str] | dict[str, dict[str, Any]] | None) -> dict[str, dict[str, Any]]:
     if laws is None:
         return scenario.laws
     if isinstance(laws, dict):
         return laws
-    laws_by_name = {**laws_for(scenario), **scenario.laws}
+    return _named(laws, {**laws_for(scenario), **scenario.laws})
+
+
+def _named(laws: Iterable[str], laws_by_name: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Return laws by name in the order of the names."""
     names = list(dict.fromkeys(laws))
     for name in names:
         check.one_of("laws", name, laws_by_name)

@@ -4,6 +4,11 @@ import copy
 from dataclasses import dataclass, field
 from typing import Any
 
+from tarc.core import validation as check
+from tarc.core.errors import InvalidParameter
+from tarc.scenario.schema import parameters_of_law
+from tarc.scenario.user_law import law_name
+
 
 @dataclass(frozen=True)
 class SearchSpace:
@@ -46,6 +51,37 @@ class SearchSpace:
             if node is not None:
                 values[key] = float(node)
         return values
+
+
+def user_search_space(kind: str, ranges: dict[str, tuple[float, float]]) -> SearchSpace:
+    """Return the search space of any law: the common ranges of the gains that it has, and ranges of its own.
+
+    Parameters
+    ----------
+    kind
+        A class of `tarc.laws`, or ``my_file.py:MyLaw`` from a user's own file.
+    ranges
+        Smallest and largest value of further gains, by name.
+
+    Raises
+    ------
+    InvalidParameter
+        For a gain that the law lacks, and one that needs a range.
+    """
+    known = parameters_of_law(kind)
+    for key in ranges:
+        section, *_ = key.split(".")
+        check.one_of("range", section, [*known, "estimator"])
+    free = {key: value for key, value in COMMON.items() if key.split(".")[0] in (*known, "estimator")} | ranges
+    model = {"model": "robot"} if "model" in known and known["model"].needed else {}
+    covered = {key.split(".")[0] for key in free} | set(model)
+    missing = [name for name, parameter in known.items() if parameter.needed and name not in covered]
+    if missing:
+        raise InvalidParameter(
+            f"range: {law_name(kind)} needs a range for {', '.join(missing)}, such as --range {missing[0]}=0.1,10",
+            missing[0],
+        )
+    return SearchSpace(_law(kind, **model), free)
 
 
 INERTIA = {"inertia.fraction": (0.02, 1.5)}

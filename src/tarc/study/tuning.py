@@ -2,7 +2,7 @@
 
 import os
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
@@ -149,6 +149,7 @@ def tune_all(
     trials: int = 60,
     seed: int = 0,
     jobs: int | None = None,
+    spaces: Mapping[str, SearchSpace] | None = None,
     progress: bool | None = None,
 ) -> dict[str, tuple[dict[str, Any], float]]:
     """Search the gains of several laws with `tune`, each in its own process; first those that others extend.
@@ -161,6 +162,8 @@ def tune_all(
         As in `tune`.
     jobs
         Number of processes; None for one per core.
+    spaces
+        Further search spaces by name, such as that of `user_search_space`.
 
     Returns
     -------
@@ -172,7 +175,7 @@ def tune_all(
     InvalidParameter
         For an unknown name, and for a process that was killed.
     """
-    spaces = default_search_spaces()
+    spaces = {**default_search_spaces(), **(spaces or {})}
     for name in names:
         check.one_of("laws", name, spaces)
     contents = [scenario.model_dump() for scenario in scenarios]
@@ -190,7 +193,7 @@ def tune_all(
             futures = {}
             for name in group:
                 warm_start = tuned[spaces[name].extends][0] if spaces[name].extends else None
-                futures[pool.submit(_tune_one, name, contents, list(limits), trials, seed, warm_start)] = name
+                futures[pool.submit(_tune_one, spaces[name], contents, list(limits), trials, seed, warm_start)] = name
             for future in as_completed(futures):
                 try:
                     tuned[futures[future]] = future.result()
@@ -203,7 +206,7 @@ def tune_all(
 
 
 def _tune_one(
-    name: str,
+    space: SearchSpace,
     contents: list[dict[str, Any]],
     limits: list[float],
     trials: int,
@@ -212,7 +215,7 @@ def _tune_one(
 ) -> tuple[dict[str, Any], float]:
     scenarios = [Scenario.parse(content) for content in contents]
     return tune(
-        default_search_spaces()[name],
+        space,
         scenarios,
         limits,
         trials=trials,
