@@ -217,12 +217,12 @@ def _inertia(law: Law | None, plant: Plant | None, record: EvenRecord, fraction:
 
 
 def _plain(part: object, n_rows: int) -> dict[str, Any]:
-    """Return the fields of a result that are no rows over time, arrays as lists."""
+    """Return the fields of a result that are no rows over time: arrays as lists, what is not finite as None."""
     result: dict[str, Any] = {}
     for name, value in vars(part).items():
         if isinstance(value, np.ndarray):
             if name not in ("times", "is_new") and len(value) != n_rows:
-                result[name] = value.tolist()
+                result[name] = np.where(np.isfinite(value), value.astype(object), None).tolist()
         elif value is not None:
             result[name] = value
     return result
