@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import tarc
@@ -144,3 +145,38 @@ def test_bad_input(scenario, arguments, message):
 def test_a_law_without_an_inertia_is_refused():
     with pytest.raises(UnsupportedLaw, match="needs? a law with an inertia"):
         certify_law("PID", ARM, BOX)  # type: ignore[arg-type]
+
+
+def swing_scenario(*laws, **changes):
+    """Return a scenario of a two-link arm that swings."""
+    return tarc.Scenario.parse(
+        {
+            "robot": {"kind": "TwoLinkArm"},
+            "law": list(laws),
+            "estimator": {"kind": "Algebraic", "window": 0.01, "degree": 2},
+            "reference": {"kind": "Sinusoid", "amplitude": [0.3, 0.2], "frequency": [1.0, 2.0]},
+            "duration": 7.0,
+            **changes,
+        }
+    )
+
+
+CALM = {"kind": "TDC", "inertia": {"fraction": 0.05}, "natural_frequency": 10.0}
+WITH_MODEL = {"kind": "ComputedTorque", "model": "robot", "natural_frequency": 10.0}
+
+
+def test_a_law_without_certificates_is_skipped_and_named():
+    found = swing_scenario(WITH_MODEL, CALM).certify(samples=30)
+    assert list(found) == ["TDC"]
+    assert "ComputedTorque" in found.skipped["ComputedTorque"]
+    with pytest.raises(UnsupportedLaw, match="ComputedTorque"):
+        swing_scenario(WITH_MODEL).certify(samples=30)
+    with pytest.raises(UnsupportedLaw, match="no certificate applies to any"):
+        swing_scenario(WITH_MODEL, {**WITH_MODEL, "label": "again"}).certify(samples=30)
+
+
+def test_the_speeds_are_those_of_the_reference():
+    point = swing_scenario(CALM).certify(samples=30)["TDC"].verdict.evidence.max_rate_point
+    assert point.velocity_limits == pytest.approx([1.2 * 0.3, 1.2 * 0.4], rel=1e-6)
+    assert swing_scenario(CALM).certify(samples=30, speed=np.inf)["TDC"].verdict.evidence.rate is None
+    assert swing_scenario(CALM).certify(samples=30, full_range=True)["TDC"].verdict.evidence.rate is None

@@ -96,6 +96,26 @@ def test_what_is_written_is_what_is_said(designed_folder):
     assert all((folder / name).read_bytes().startswith(b"\x89PNG") for name in names if name.endswith("png"))
 
 
+def test_a_trajectory_gives_postures_and_speeds(tmp_path):
+    (tmp_path / "arm.urdf").write_text(ROBOT)
+    times = np.linspace(0, 4, 201)
+    motion = np.column_stack([times, 0.4 * np.sin(times) ** 2, 0.3 + 0.2 * np.sin(2 * times) ** 2])
+    np.savetxt(tmp_path / "motion.csv", motion, delimiter=",", header="time,shoulder,elbow", comments="")
+    call = ["design", "arm.urdf", "--trajectory", "motion.csv", "--tube", "0.02", *ASKED, "--law", "tdc"]
+    invoke_tarc(*call, "--no-figures", "-o", "out.yaml", folder=tmp_path)
+    written = (tmp_path / "out.yaml").read_text()
+    content = read_yaml(written, "out.yaml")
+    assert content["reference"] == {
+        "kind": "RecordedReference",
+        "path": "motion.csv",
+        "joint_names": ["shoulder", "elbow"],
+    } or (content["reference"]["path"] == "motion.csv")
+    assert content["duration"] == pytest.approx(4.0)
+    assert re.search(r"tarc certify .* --tube 0.02 --speed 0.48", " ".join(written.replace("#", " ").split()))
+    (run,) = Scenario.load(tmp_path / "out.yaml", ["duration=1.0", "metrics_start=0.5"]).run().values()
+    assert run.status.completed
+
+
 def test_the_table_fits_a_terminal_and_tells_each_choice(designed_folder):
     _, printed = designed_folder
     assert max(cell_len(line.rstrip()) for line in printed.splitlines()[:-1]) <= 80

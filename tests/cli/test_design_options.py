@@ -11,7 +11,20 @@ from tarc.cli.design_options import requirements_of
 def options(**given):
     """Every option at its default, but the given ones."""
     parameters = inspect.signature(design).parameters.values()
-    own = ("robot", "out", "joints", "armature", "viscous", "coulomb", "tool", "stress_test", "as_json", "figures")
+    own = (
+        "robot",
+        "out",
+        "joints",
+        "armature",
+        "viscous",
+        "coulomb",
+        "tool",
+        "trajectory",
+        "tube",
+        "stress_test",
+        "as_json",
+        "figures",
+    )
     defaults = {
         p.name: p.default for p in parameters if p.name not in (*own, "balance_inertia", "home", "lock", "actuators")
     }

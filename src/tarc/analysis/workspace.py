@@ -15,6 +15,12 @@ from tarc.signals.references import Reference
 TIME_TO_MAX_SPEED = 0.25
 """Time in which a robot reaches its largest speed [s] where its acceleration is not given."""
 
+REFERENCE_SPEED_FACTOR = 1.2
+"""Largest speed of a joint over that of its reference, where the reference gives the speeds."""
+
+SPEED_SAMPLES = 20_001
+"""Times at which the speeds of a reference are read."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Workspace:
@@ -178,6 +184,25 @@ class Workspace:
         if acceleration is not None:
             acceleration = check.vector("acceleration", acceleration, self.n_joints, 0)
         return replace(self, speed=speed, acceleration=acceleration)
+
+    def with_reference_speeds(self) -> "Workspace":
+        """Return the same postures with the largest speed and acceleration of each joint of the reference, times 1.2.
+
+        For a reference at rest the speed is any.
+
+        Raises
+        ------
+        InvalidParameter
+            For a workspace without a reference.
+        """
+        if self.reference is None:
+            raise InvalidParameter("reference: the workspace has none whose speeds it could take; give a speed")
+        times = np.linspace(self.low[0], self.high[0], SPEED_SAMPLES)
+        _, velocities, accelerations = self.reference.sample(times)
+        speed, acceleration = (np.abs(rates).max(axis=1) for rates in (velocities, accelerations))
+        if not np.any(speed):
+            return self.with_speed_limits(None)
+        return self.with_speed_limits(REFERENCE_SPEED_FACTOR * speed, REFERENCE_SPEED_FACTOR * acceleration)
 
     def scale_speed(self, factor: float) -> "Workspace":
         """Return the same postures with speeds and accelerations multiplied by a factor."""

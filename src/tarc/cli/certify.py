@@ -10,7 +10,7 @@ from tarc.cli.options import Figures, Json, LawKind, Out, ScenarioName, Set, dra
 from tarc.core.files import make_folder, writing
 
 if TYPE_CHECKING:
-    from tarc.certification import LawCertification
+    from tarc.scenario.model import CertifiedLaws
 
 Tube = Annotated[float, typer.Option(help="Largest distance of each joint from its reference \\[rad or m].")]
 FullRange = Annotated[
@@ -21,14 +21,15 @@ Speed = Annotated[
     str,
     typer.Option(
         metavar="NUMBERS",
-        help="Largest joint speed \\[rad/s or m/s], one number or one per joint. Default: any speed.",
+        help="Largest joint speed \\[rad/s or m/s], one number or one per joint; inf for any. Default: 1.2 times those "
+        "of the reference, with its accelerations; with --full-range any speed.",
     ),
 ]
 Acceleration = Annotated[
     str,
     typer.Option(
         metavar="NUMBERS",
-        help="Largest joint acceleration \\[rad/s² or m/s²]. Default: reaches the largest speed in 0.25 s.",
+        help="Largest joint acceleration \\[rad/s² or m/s²]. Default: reaches a given speed in 0.25 s.",
     ),
 ]
 Samples = Annotated[int, typer.Option(help="Number of sampled postures, before the local search for worse ones.")]
@@ -74,10 +75,10 @@ def certify(
     if as_json:
         print(json.dumps(tables.certificate_summary(loaded, certifications, files), indent=2, allow_nan=False))
     else:
-        tables.print_certificates(loaded, certifications, files)
+        tables.print_certificates(loaded, certifications, files, own_speeds=not (speed or full_range))
 
 
-def save_certificates(certifications: dict[str, "LawCertification"], folder: Path) -> list[Path]:
+def save_certificates(certifications: "CertifiedLaws", folder: Path) -> list[Path]:
     """Write certificates as JSON into a folder, one file per law; return the files."""
     files = []
     for name, certification in certifications.items():
@@ -89,7 +90,7 @@ def save_certificates(certifications: dict[str, "LawCertification"], folder: Pat
     return files
 
 
-def save_figures(certifications: dict[str, "LawCertification"], folder: Path) -> list[Path]:
+def save_figures(certifications: "CertifiedLaws", folder: Path) -> list[Path]:
     """Write the figures of each law into a folder: its design, its certificates, the conditions of the paper."""
     from tarc.plotting.certificates import FIGURES, conditions_figure, design_figure
 

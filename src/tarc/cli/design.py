@@ -14,9 +14,12 @@ from tarc.cli.options import Figures, Json, drawing_figures, names_of, names_or_
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from tarc.analysis.workspace import Workspace
     from tarc.design.result import Design
+    from tarc.plants.base import Plant
 
 PANEL = "The robot"
+MOTION_PANEL = "The motion"
 Robot = Annotated[str, typer.Argument(help="An MJCF or URDF file, or the name of a shipped robot.")]
 DesignFile = Annotated[
     Path,
@@ -93,6 +96,18 @@ Actuators = Annotated[
         rich_help_panel=PANEL,
     ),
 ]
+Trajectory = Annotated[
+    Path | None,
+    typer.Option(
+        help="A motion to design for, instead of all that the joints reach: a CSV file of time, q1, q2, … or a ROS "
+        "JointTrajectory as YAML. Its speeds, times 1.2, are the largest, unless --speed gives others.",
+        rich_help_panel=MOTION_PANEL,
+    ),
+]
+Tube = Annotated[
+    float,
+    typer.Option(help="Largest distance of each joint from the trajectory \\[rad or m].", rich_help_panel=MOTION_PANEL),
+]
 StressTest = Annotated[
     bool,
     typer.Option(
@@ -116,6 +131,8 @@ def design(
     tool: Tool = "",
     balance_inertia: BalanceInertia = False,
     actuators: Actuators = "file",
+    trajectory: Trajectory = None,
+    tube: Tube = 0.05,
     stress_test: StressTest = False,
     as_json: Json = False,
     figures: Figures = True,
@@ -131,6 +148,8 @@ def design(
     about a minute.
 
     Example: tarc design ur5e --payload 0 5 --armature 0.1 -o design.yaml
+
+    Example: tarc design arm.urdf --trajectory motion.csv --armature 0.1
 
     Then: tarc run design.yaml; tarc certify design.yaml --full-range
     """
@@ -152,7 +171,7 @@ def design(
         balance_inertia=balance_inertia,
         actuators=actuators,
     )
-    required = requirements_of(requirements)
+    required = requirements_of(requirements, None if trajectory is None else workspace_of(trajectory, tube, plant))
     file = check_writable(out, "--out")
     result = design_controller(plant, required)
     trial, predicted = try_design(result), predict_design_error(result)
@@ -164,6 +183,17 @@ def design(
         print(json.dumps(tables.design_summary(result, trial, predicted, files, limits), indent=2, allow_nan=False))
     elif limits:
         tables.print_limits(limits)
+
+
+def workspace_of(trajectory: Path, tube: float, plant: "Plant") -> "Workspace":
+    """Return the postures about the motion of a file, with its speeds."""
+    from tarc.analysis.workspace import Workspace
+    from tarc.signals import JointTrajectory, RecordedReference
+
+    kind = JointTrajectory if trajectory.suffix.lower() in (".yaml", ".yml") else RecordedReference
+    reference = kind(path=str(trajectory.expanduser().resolve()))
+    workspace = Workspace.from_reference(reference, reference.end_time, tube=tube).for_joints(plant.joint_names)
+    return workspace.with_reference_speeds()
 
 
 def _draw(result: "Design") -> "dict[str, Figure]":

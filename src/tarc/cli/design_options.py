@@ -3,7 +3,7 @@
 import inspect
 from collections.abc import Callable
 from dataclasses import MISSING, Field, fields
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -11,6 +11,9 @@ from tarc.cli.options import numbers_of
 from tarc.core.docstrings import parameter_texts
 from tarc.core.errors import InvalidParameter
 from tarc.design.requirements import DEFAULT_ENCODER_BITS, LAWS, DesignRequirements
+
+if TYPE_CHECKING:
+    from tarc.analysis.workspace import Workspace
 
 PANEL = "What the design must meet"
 WITHOUT_OPTION = ("workspace",)
@@ -63,8 +66,8 @@ def _parameter(name: str, kind: Any, default: object, text: str, *names: str, **
     return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
 
-def requirements_of(options: dict[str, Any]) -> DesignRequirements:
-    """Return the requirements that the options give.
+def requirements_of(options: dict[str, Any], workspace: "Workspace | None" = None) -> DesignRequirements:
+    """Return the requirements that the options give, on a workspace or on the default one.
 
     Raises
     ------
@@ -89,7 +92,7 @@ def requirements_of(options: dict[str, Any]) -> DesignRequirements:
         sensor = Encoder(resolution=resolution)
     else:
         raise InvalidParameter("--encoder-bits, --encoder-resolution: both are given; give one of them")
-    return DesignRequirements(period=period, sensor=sensor, **values)
+    return DesignRequirements(period=period, sensor=sensor, workspace=workspace, **values)
 
 
 def _bits(text: str) -> int | list[int]:

@@ -20,6 +20,7 @@ from tarc.estimators.algebraic import Algebraic
 from tarc.laws.tarc import TARC
 from tarc.laws.tdc import TDC
 from tarc.plants.base import Plant
+from tarc.scenario.loader import FILE_KEYS
 from tarc.scenario.model import Scenario
 from tarc.signals.sensors import Encoder
 
@@ -124,12 +125,13 @@ class Design:
         command
             The command that made the design, for the first line.
         file
-            Where the text is to be written. A robot's file in the same folder gets a relative path.
+            Where the text is to be written. The files of robot and motion in its folder get relative paths.
         """
         content = self.scenario().model_dump(mode="json", exclude_defaults=True)
-        robot = content["robot"]
-        if file is not None and "file" in robot:
-            robot["file"] = writer.relative_path(Path(robot["file"]), file.parent)
+        for section, key in FILE_KEYS:
+            part = content[section]
+            if file is not None and key in part:
+                part[key] = writer.relative_path(Path(part[key]), file.parent)
         options = writer.certify_options(self.plants[0], self.workspace)
         header = writer.header_lines(self.certificates["robot"], options, command, file)
         return writer.to_commented_yaml(content, self.choices, header)

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from tarc.analysis.workspace import Workspace
 from tarc.certification import LawCertification, certify_law
 from tarc.core import validation as check
-from tarc.core.errors import InvalidParameter, ScenarioError
+from tarc.core.errors import InvalidParameter, NotLinearisable, ScenarioError, UnsupportedLaw
 from tarc.core.files import file_in_folder, writing
 from tarc.core.progress import Progress
 from tarc.core.validation import Numbers
@@ -86,6 +86,20 @@ class Setup:
     drive: Drive | None
     events: list[Event]
     laws: dict[str, Any]
+
+
+class CertifiedLaws(dict[str, LawCertification]):
+    """Certifications of laws by name.
+
+    Attributes
+    ----------
+    skipped
+        Reasons by name of the laws to which no certificate applies.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.skipped: dict[str, str] = {}
 
 
 class Scenario(BaseModel):
@@ -349,8 +363,10 @@ class Scenario(BaseModel):
         acceleration: Numbers | None = None,
         samples: int = 2000,
         progress: bool | None = None,
-    ) -> dict[str, LawCertification]:
+    ) -> "CertifiedLaws":
         """Certify every law, by name, on the robot with each payload and schedule that it meets.
+
+        A law to which no certificate applies is skipped; the result's ``skipped`` has its name and the reason.
 
         Parameters
         ----------
@@ -359,34 +375,52 @@ class Scenario(BaseModel):
         full_range
             Certify for the whole range of the joints, instead of the reference and the tube about it.
         speed
-            Largest speed of the joints [rad/s or m/s], one number or one per joint; None for any.
+            Largest speed of the joints [rad/s or m/s], one number or one per joint, ``inf`` for any. Default: 1.2 times
+            those of the reference, with its accelerations, as in `Workspace.with_reference_speeds`. With
+            ``full_range`` the default is any.
         acceleration
-            Largest acceleration of the joints [rad/s² or m/s²]. Default: reaches the maximum speed in 0.25 s.
+            Largest acceleration of the joints [rad/s² or m/s²]. Default: reaches a given speed in 0.25 s.
         samples
             Number of postures to sample.
         progress
             Show a progress bar when it takes more than two seconds; None for when standard error is a terminal.
+
+        Raises
+        ------
+        UnsupportedLaw, NotLinearisable
+            Where no certificate applies to any of the laws.
         """
         setup = self.build()
         changes = scheduled_plants(setup.plant, setup.events)
         plants = [plant for start, plant in changes if start < self.duration]
-        workspace = (
-            Workspace.from_joint_limits(setup.plant)
-            if full_range
-            else Workspace.from_reference(setup.reference, self.duration, tube=tube)
-        ).with_speed_limits(speed, acceleration)
-        certificates: dict[str, LawCertification] = {}
+        if full_range:
+            workspace = Workspace.from_joint_limits(setup.plant).with_speed_limits(speed, acceleration)
+        else:
+            workspace = Workspace.from_reference(setup.reference, self.duration, tube=tube)
+            own = workspace.with_reference_speeds()
+            workspace = own if speed is None else workspace.with_speed_limits(speed)
+            workspace = (
+                workspace if acceleration is None else workspace.with_speed_limits(workspace.speed, acceleration)
+            )
+        certificates = CertifiedLaws()
         with Progress("certifying", 9 * len(setup.laws), progress) as bar:
             for name, law in setup.laws.items():
-                certificates[name] = certify_law(
-                    law,
-                    plants,
-                    workspace,
-                    computation_delay=self.computation_delay,
-                    samples=samples,
-                    others=tuple(certificates.values()),
-                    on_certificate=lambda _: bar.advance(),
-                )
+                try:
+                    certificates[name] = certify_law(
+                        law,
+                        plants,
+                        workspace,
+                        computation_delay=self.computation_delay,
+                        samples=samples,
+                        others=tuple(certificates.values()),
+                        on_certificate=lambda _: bar.advance(),
+                    )
+                except (UnsupportedLaw, NotLinearisable) as error:
+                    if len(setup.laws) == 1:
+                        raise
+                    certificates.skipped[name] = str(error)
+        if not certificates:
+            raise UnsupportedLaw(f"law: no certificate applies to any. {' '.join(certificates.skipped.values())}")
         return certificates
 
     def run(self, progress: bool | None = None) -> dict[str, "Run"]:

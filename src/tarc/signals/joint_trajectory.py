@@ -78,6 +78,11 @@ class JointTrajectory(Reference):
         return hermite_curve(self._times, *(state[:, order] for state in states))
 
     @property
+    def end_time(self) -> float:
+        """Return the time of the last point [s]."""
+        return float(self._times[-1])
+
+    @property
     def n_joints(self) -> int:
         """Return the number of joints n."""
         return len(self._points.joint_names)

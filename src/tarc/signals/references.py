@@ -308,6 +308,11 @@ class RecordedReference(Reference):
         return make_interp_spline(self._times, positions, k=5)
 
     @property
+    def end_time(self) -> float:
+        """Return the time of the last row [s]."""
+        return float(self._times[-1])
+
+    @property
     def n_joints(self) -> int:
         """Return the number of joints n."""
         return self._record.table.shape[1] - 1

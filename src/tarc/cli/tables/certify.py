@@ -8,11 +8,11 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from tarc.analysis.workspace import REFERENCE_SPEED_FACTOR
 from tarc.certificates.base import Certificate
-from tarc.certification import LawCertification
 from tarc.cli.tables.console import VERDICT_COLOURS, WIDE, print_written
 from tarc.core.formatting import format_vector
-from tarc.scenario.model import Scenario
+from tarc.scenario.model import CertifiedLaws, Scenario
 
 CERTIFICATES = {
     "robot": "this robot, however it moves in the workspace",
@@ -43,9 +43,7 @@ def _findings(certificate: Certificate) -> dict[str, Any]:
     return {key: None if value in ("inf", "-inf", "nan") else value for key, value in flat.items()}
 
 
-def certificate_summary(
-    scenario: Scenario, certifications: dict[str, LawCertification], files: list[Path]
-) -> dict[str, Any]:
+def certificate_summary(scenario: Scenario, certifications: CertifiedLaws, files: list[Path]) -> dict[str, Any]:
     """Return certificates as plain data, ready for JSON; their matrices are in the files."""
     laws = {
         name: {
@@ -66,13 +64,24 @@ def certificate_summary(
     return {
         "name": scenario.name,
         "certificates": laws,
+        "skipped": certifications.skipped,
         "not_certified": scenario.not_certified,
         "files": [str(file) for file in files],
     }
 
 
-def print_certificates(scenario: Scenario, certifications: dict[str, LawCertification], files: list[Path]) -> None:
-    """Print a table per law, its worst postures and, where it is not certified, what to change."""
+def print_certificates(
+    scenario: Scenario, certifications: CertifiedLaws, files: list[Path], *, own_speeds: bool = False
+) -> None:
+    """Print a table per law, its worst postures and, where it is not certified, what to change.
+
+    Parameters
+    ----------
+    scenario, certifications, files
+        What was certified, the results, and where they are.
+    own_speeds
+        Whether the largest speeds are those of the reference.
+    """
     console = Console()
     for name, certification in certifications.items():
         table = Table(title=f"{scenario.name}: {name}", title_justify="left")
@@ -106,11 +115,15 @@ def print_certificates(scenario: Scenario, certifications: dict[str, LawCertific
         console.print(spread, highlight=False)
         if evidence.rate is not None and evidence.max_rate_point is not None:
             speeds = format_vector(evidence.max_rate_point.velocity_limits)
-            console.print(f"no joint faster than ({speeds}), M changes by at most {evidence.rate:.3g} M̂ per second")
+            source = f", {REFERENCE_SPEED_FACTOR:g} times the reference; see --speed" if own_speeds else ""
+            rate = f"M changes by at most {evidence.rate:.3g} M̂ per second"
+            console.print(f"no joint faster than ({speeds}){source}; {rate}", highlight=False)
         text = certification.suggestion
         if text:
             console.print(f"[{VERDICT_COLOURS[verdict.verdict]}]{escape(text)}[/]", highlight=False)
         console.print()
+    for name, reason in certifications.skipped.items():
+        console.print(f"[yellow]{escape(name)} is skipped: {escape(reason)}[/]", highlight=False)
     if scenario.not_certified:
         parts = ", ".join(scenario.not_certified)
         console.print(f"[yellow]in the scenario, and covered by no certificate: {escape(parts)}[/]", highlight=False)
