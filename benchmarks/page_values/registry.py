@@ -23,6 +23,10 @@ NO_VALUE = "–"
 Value: TypeAlias = float | str
 
 
+class DataMissingError(Exception):
+    """Records that a source needs are not on this computer."""
+
+
 class Source(NamedTuple):
     """A function that returns values by key, and whether it takes minutes."""
 

@@ -79,6 +79,7 @@ def _window_tables(replay: "Replay") -> list[Table]:
                 f"Acceleration of a window of {1e3 * check.window:g} ms, whose delay is predicted as {predicted}",
                 {
                     "delay [ms]": (check.delay, lambda value: f"{1e3 * value:.3f}"),
+                    "by velocity [ms]": (check.delay_by_velocity, lambda value: f"{1e3 * value:.3f}"),
                     "error by rows": (check.error_of_rows, _number()),
                     "by stamps": (check.error_of_stamps, _number()),
                     "repaired": (check.error, _number()),

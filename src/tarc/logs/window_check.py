@@ -13,6 +13,8 @@ from tarc.signals.robot_log import RobotLog
 
 BAND = 0.25
 """Cut-off of the motion against which a delay is measured, over 1/ς."""
+MOTION_BAND = 0.2
+"""The same over the cut-off of the smooth motion, at most."""
 MAX_RECORDED_DELAY = 0.05
 """Largest delay of a recorded velocity that is looked for [s]."""
 
@@ -28,7 +30,10 @@ class WindowCheck:
     predicted_delay
         Group delay of the acceleration [s].
     delay
-        Measured delay of the acceleration [s], shape (n,).
+        Measured delay of the acceleration against the smooth motion [s], shape (n,).
+    delay_by_velocity
+        Measured delay against the derivative of the recorded velocity, whose own delay is added [s], shape (n,). None
+        without a recorded velocity.
     error_of_rows
         RMS error of the acceleration with each row taken as one period [rad/s² or m/s²], shape (n,).
     error_of_stamps
@@ -44,6 +49,7 @@ class WindowCheck:
     window: float
     predicted_delay: float
     delay: Array
+    delay_by_velocity: Array | None
     error_of_rows: Array
     error_of_stamps: Array
     error: Array
@@ -70,7 +76,13 @@ class VelocityCheck:
     error: Array
 
 
-def check_window(log: RobotLog, timing: LogTiming, record: EvenRecord, window: float, cutoff: float) -> WindowCheck:
+def check_window(
+    log: RobotLog,
+    timing: LogTiming,
+    record: EvenRecord,
+    window: float,
+    cutoff: float,
+) -> WindowCheck:
     """Compare the acceleration of a window of degree 2 with the smooth motion.
 
     Parameters
@@ -98,11 +110,13 @@ def check_window(log: RobotLog, timing: LogTiming, record: EvenRecord, window: f
     first, last = record.times[inner.start], record.times[inner.stop - 1]
     rows = (timing.times >= first) & (timing.times <= last) & np.isfinite(by_rows).all(axis=1)
     rows &= np.isfinite(by_stamps).all(axis=1)
-    band = min(cutoff, BAND / window)
+    band = min(MOTION_BAND * cutoff, BAND / window)
+    slow = record.smooth(np.nan_to_num(estimate), band)(record.times)
     return WindowCheck(
         window=window,
         predicted_delay=delay,
-        delay=np.array([_window_delay(record, column, i, inner, band, window) for i, column in enumerate(estimate.T)]),
+        delay=_delays(slow, record.position, 2, record, inner, band, window),
+        delay_by_velocity=_delay_by_velocity(slow, record, inner, band, window),
         error_of_rows=_rms(by_rows[rows] - truth_of_rows[rows]),
         error_of_stamps=_rms(by_stamps[rows] - truth_of_rows[rows]),
         error=_rms((estimate - record.motion(record.times, 2))[inner]),
@@ -120,22 +134,36 @@ def check_velocity(record: EvenRecord, cutoff: float) -> VelocityCheck | None:
     found = []
     for i, column in enumerate(record.velocity[inner].T):
         motion = record.smooth(record.position[:, [i]], cutoff)
-        delay, correlation = _delay(column, _derivative(motion), times, -MAX_RECORDED_DELAY, MAX_RECORDED_DELAY)
+        delay, correlation = _delay(column, _derivative(motion, 1), times, -MAX_RECORDED_DELAY, MAX_RECORDED_DELAY)
         difference = column - motion(times - delay, 1)[:, 0]
         found.append((delay, correlation, float(np.sqrt(np.mean(difference**2)))))
     delays, correlations, errors = np.array(found).T
     return VelocityCheck(delay=delays, correlation=correlations, error=errors)
 
 
-def _window_delay(record: EvenRecord, estimate: Array, joint: int, inner: slice, band: float, window: float) -> float:
-    """Return the delay of a joint's acceleration estimate against the motion below a frequency."""
-    slow = record.smooth(record.position[:, [joint]], band)
-    return _delay(estimate[inner], lambda times: slow(times, 2)[:, 0], record.times[inner], -window, window)[0]
+def _delays(
+    estimate: Array, values: Array, derivative: int, record: EvenRecord, inner: slice, band: float, window: float
+) -> Array:
+    """Return the delay of each joint's estimate against a derivative of values below a frequency."""
+    found = []
+    for i, column in enumerate(estimate[inner].T):
+        slow = _derivative(record.smooth(values[:, [i]], band), derivative)
+        found.append(_delay(column, slow, record.times[inner], -window, window)[0])
+    return np.array(found)
 
 
-def _derivative(motion: Curve) -> Callable[[Array], Array]:
-    """Return the velocity of one joint as a function of times."""
-    return lambda times: motion(times, 1)[:, 0]
+def _delay_by_velocity(estimate: Array, record: EvenRecord, inner: slice, band: float, window: float) -> Array | None:
+    """Return the delay against the derivative of the recorded velocity, that of the velocity itself added."""
+    if record.velocity is None:
+        return None
+    recorded = record.smooth(record.velocity, band)(record.times, 1)
+    own = _delays(recorded, record.position, 2, record, inner, band, MAX_RECORDED_DELAY)
+    return _delays(estimate, record.velocity, 1, record, inner, band, window) + own
+
+
+def _derivative(motion: Curve, derivative: int) -> Callable[[Array], Array]:
+    """Return a derivative of one joint as a function of times."""
+    return lambda times: motion(times, derivative)[:, 0]
 
 
 def _delay(
