@@ -1,6 +1,8 @@
 """`tarc certify`: certify a scenario's laws."""
 
 import json
+import shlex
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,7 +12,7 @@ from tarc.cli.options import Figures, Json, LawKind, Out, ScenarioName, Set, dra
 from tarc.core.files import make_folder, writing
 
 if TYPE_CHECKING:
-    from tarc.scenario.model import CertifiedLaws
+    from tarc.scenario.model import CertifiedLaws, Scenario
 
 Tube = Annotated[float, typer.Option(help="Largest distance of each joint from its reference \\[rad or m].")]
 FullRange = Annotated[
@@ -72,10 +74,27 @@ def certify(
     files = save_certificates(certifications, folder)
     if figures:
         files += save_figures(certifications, folder)
+    commands = certifying_commands(loaded, certifications)
     if as_json:
-        print(json.dumps(tables.certificate_summary(loaded, certifications, files), indent=2, allow_nan=False))
+        print(
+            json.dumps(tables.certificate_summary(loaded, certifications, files, commands), indent=2, allow_nan=False)
+        )
     else:
-        tables.print_certificates(loaded, certifications, files, own_speeds=not (speed or full_range))
+        tables.print_certificates(loaded, certifications, files, commands, own_speeds=not (speed or full_range))
+
+
+def certifying_commands(scenario: "Scenario", certifications: "CertifiedLaws") -> dict[str, str]:
+    """Return for each law that was not certified this command with settings that certify it, where any were found."""
+    from tarc.scenario.repair import certifying_settings
+
+    commands = {}
+    for name, certification in certifications.items():
+        if not certification.verdict.certified:
+            settings = certifying_settings(scenario, certifications, name)
+            options = [word for setting in settings for word in ("--set", setting)]
+            if options:
+                commands[name] = shlex.join(["tarc", *sys.argv[1:], *options])
+    return commands
 
 
 def save_certificates(certifications: "CertifiedLaws", folder: Path) -> list[Path]:

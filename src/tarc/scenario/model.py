@@ -93,12 +93,17 @@ class CertifiedLaws(dict[str, LawCertification]):
 
     Attributes
     ----------
+    plants, workspace, samples
+        What they were certified for: the robot with each payload and schedule, postures and speeds, sampled postures.
     skipped
         Reasons by name of the laws to which no certificate applies.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, plants: Sequence[Plant], workspace: Workspace, samples: int) -> None:
         super().__init__()
+        self.plants = tuple(plants)
+        self.workspace = workspace
+        self.samples = samples
         self.skipped: dict[str, str] = {}
 
 
@@ -402,7 +407,7 @@ class Scenario(BaseModel):
             workspace = (
                 workspace if acceleration is None else workspace.with_speed_limits(workspace.speed, acceleration)
             )
-        certificates = CertifiedLaws()
+        certificates = CertifiedLaws(plants, workspace, samples)
         with Progress("certifying", 9 * len(setup.laws), progress) as bar:
             for name, law in setup.laws.items():
                 try:

@@ -43,7 +43,9 @@ def _findings(certificate: Certificate) -> dict[str, Any]:
     return {key: None if value in ("inf", "-inf", "nan") else value for key, value in flat.items()}
 
 
-def certificate_summary(scenario: Scenario, certifications: CertifiedLaws, files: list[Path]) -> dict[str, Any]:
+def certificate_summary(
+    scenario: Scenario, certifications: CertifiedLaws, files: list[Path], commands: dict[str, str]
+) -> dict[str, Any]:
     """Return certificates as plain data, ready for JSON; their matrices are in the files."""
     laws = {
         name: {
@@ -65,13 +67,19 @@ def certificate_summary(scenario: Scenario, certifications: CertifiedLaws, files
         "name": scenario.name,
         "certificates": laws,
         "skipped": certifications.skipped,
+        "try": commands,
         "not_certified": scenario.not_certified,
         "files": [str(file) for file in files],
     }
 
 
 def print_certificates(
-    scenario: Scenario, certifications: CertifiedLaws, files: list[Path], *, own_speeds: bool = False
+    scenario: Scenario,
+    certifications: CertifiedLaws,
+    files: list[Path],
+    commands: dict[str, str],
+    *,
+    own_speeds: bool = False,
 ) -> None:
     """Print a table per law, its worst postures and, where it is not certified, what to change.
 
@@ -79,6 +87,8 @@ def print_certificates(
     ----------
     scenario, certifications, files
         What was certified, the results, and where they are.
+    commands
+        Commands by law that certify it with other gains.
     own_speeds
         Whether the largest speeds are those of the reference.
     """
@@ -121,6 +131,8 @@ def print_certificates(
         text = certification.suggestion
         if text:
             console.print(f"[{VERDICT_COLOURS[verdict.verdict]}]{escape(text)}[/]", highlight=False)
+        if name in commands:
+            console.print(f"Try: {escape(commands[name])}", highlight=False, soft_wrap=True)
         console.print()
     for name, reason in certifications.skipped.items():
         console.print(f"[yellow]{escape(name)} is skipped: {escape(reason)}[/]", highlight=False)

@@ -1,0 +1,132 @@
+"""Settings of a scenario with which a law that was not certified is certified: each is tried."""
+
+import copy
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
+from itertools import islice
+from typing import Any
+
+import numpy as np
+
+from tarc.analysis.linearise import joints_share_loop
+from tarc.certificates.robot import certify_robot
+from tarc.certificates.varying_ratio import certify_varying_ratio
+from tarc.core.errors import NoStableRatio
+from tarc.laws.pole_placement import PolePlacement
+from tarc.laws.tarc import TARC
+from tarc.laws.tde import TDE
+from tarc.scenario.loader import apply_setting
+from tarc.scenario.model import CertifiedLaws, Scenario
+
+FREQUENCY_FACTORS = (1.0, 0.7, 0.5, 0.35, 0.25)
+"""Factors of the natural frequency that are tried, the smallest change first."""
+
+MAX_TRIALS = 6
+"""Most changes that are certified."""
+
+MIN_SPREAD_SHARE = 0.95
+"""Least spread that a loop must tolerate to be tried, over that of the robot."""
+
+
+def certifying_settings(scenario: Scenario, certified: CertifiedLaws, name: str) -> list[str]:
+    """Return the smallest change of a law that the certificate of the robot certifies; empty where none was found.
+
+    M̂ is moved to the middle of the ratios that the loop tolerates. Where that does not suffice, synchronised time-delay
+    estimation is tried, then lower natural frequencies. For TARC the largest gain is lowered with their square. Each
+    change is certified with the numbers that are returned, on the same robot, postures and samples.
+
+    Parameters
+    ----------
+    scenario
+        The scenario.
+    certified
+        Result of `Scenario.certify`.
+    name
+        A law in it.
+
+    Returns
+    -------
+    list
+        Settings as `Scenario.load` takes them, such as ``law.inertia.fraction=0.44``.
+    """
+    law, part = certified[name].law, scenario.laws[name]
+    if not joints_share_loop(law) or not np.isfinite(law.robust_slope_bound) or "inertia" not in part:
+        return []
+    place = f"law.{list(scenario.laws).index(name)}" if isinstance(scenario.law, list) else "law"
+    for changes in islice(_changes(law, part, certified, name), MAX_TRIALS):
+        settings = [f"{place}.{change}" for change in changes]
+        if _is_certified(scenario, certified, name, settings):
+            return settings
+    return []
+
+
+def _changes(law: PolePlacement, part: dict[str, Any], certified: CertifiedLaws, name: str) -> Iterator[list[str]]:
+    """Yield changes of a law whose loop tolerates the robot's spread, the smallest first."""
+    robot = certified[name].verdict.evidence
+    centre = (robot.min_ratio * robot.max_ratio) ** 0.5
+    literal = isinstance(law, TDE) and law.uses_tde and not law.synchronised
+    for factor in FREQUENCY_FACTORS:
+        if factor < 1 and np.ndim(part.get("natural_frequency", [])) > 0:
+            return
+        for synchronised in (False, True) if literal else (False,):
+            variant, settings = _variant(law, part, factor, synchronised)
+            slope = variant.robust_slope_bound
+            with suppress(NoStableRatio):
+                tolerated = certify_varying_ratio(
+                    variant, slope=slope, rate=robot.rate, computation_delay=certified[name].computation_delay
+                ).evidence
+                if tolerated.ratio_spread < MIN_SPREAD_SHARE * robot.ratio_spread:
+                    continue
+                scale = (tolerated.min_ratio * tolerated.max_ratio) ** 0.5 / centre
+                yield [_scaled_inertia(part["inertia"], scale), *settings]
+
+
+def _variant(
+    law: PolePlacement, part: dict[str, Any], factor: float, synchronised: bool
+) -> tuple[PolePlacement, list[str]]:
+    """Return a law with a lower natural frequency, or synchronised, and the settings that make it."""
+    changes: dict[str, Any] = {}
+    if synchronised:
+        changes |= {"synchronised": True, "delay": None}
+    if factor < 1:
+        changes["natural_frequency"] = _rounded(factor * part["natural_frequency"])
+        if isinstance(law, TARC) and law.max_gain is not None:
+            changes["max_gain"] = max(_rounded(factor**2 * law.max_gain), law.start_gain)
+    texts = {True: "true", None: "null"}
+    settings = [
+        f"{key}={texts.get(value, value) if isinstance(value, bool | None) else value}"
+        for key, value in changes.items()
+        if key != "delay" or part.get("delay") is not None
+    ]
+    return replace(law, **changes), settings
+
+
+def _scaled_inertia(inertia: Any, scale: float) -> str:
+    """Return the setting that multiplies M̂ by a number."""
+    if isinstance(inertia, dict):
+        return f"inertia.fraction={_rounded(scale * inertia['fraction'])}"
+    values = scale * np.asarray(inertia, dtype=float)
+    return f"inertia={np.vectorize(_rounded)(values).tolist()}".replace(" ", "")
+
+
+def _rounded(value: float) -> float:
+    """Return a number of three digits."""
+    return float(f"{value:.3g}")
+
+
+def _is_certified(scenario: Scenario, certified: CertifiedLaws, name: str, settings: list[str]) -> bool:
+    """Return whether the certificate of the robot certifies a law with these settings."""
+    content = copy.deepcopy(scenario.model_dump())
+    for setting in settings:
+        apply_setting(content, setting)
+    changed = Scenario.parse(content)
+    plant = changed.build_plant()
+    law = changed.build_laws(plant, changed.build_reference(plant).for_run(plant.joint_names, changed.duration))[name]
+    return certify_robot(
+        law,
+        certified.plants,
+        certified.workspace,
+        computation_delay=scenario.computation_delay,
+        samples=certified.samples,
+    ).certified
