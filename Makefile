@@ -54,7 +54,7 @@ docs-check: docs ## build the documentation and run its code
 
 # The demo's versions first, then those of the tests, which agree with them; UPGRADE=--upgrade takes the newest ones.
 lock: .venv/uv ## pin the versions that pyproject.toml allows, with hashes
-	$(UV) $(COMPILE) --extra cli --group build $(UPGRADE) -o requirements.lock
+	$(UV) $(COMPILE) --extra cli --extra view --group build $(UPGRADE) -o requirements.lock
 	$(UV) $(COMPILE) --extra all --group dev $(UPGRADE) --constraint requirements.lock -o requirements-dev.lock
 
 clean: ## remove .venv, caches and results

@@ -87,6 +87,32 @@ def demo() -> None:
     draw(run_figure(Scenario.load("ur5e").run()), "demo.png")
 
 
+def animation() -> None:
+    """Take a picture of the demo's animation in Chromium."""
+    runs = Scenario.load("ur5e").run()
+    with tempfile.TemporaryDirectory() as folder:
+        page, picture = Path(folder, "run.html"), Path(folder, "animation.png")
+        runs["TARC"].animate(page, others={"TDC": runs["TDC"]})
+        options = [
+            "--headless=new",
+            "--no-sandbox",
+            "--use-angle=swiftshader",
+            "--enable-unsafe-swiftshader",
+            "--virtual-time-budget=14000",
+            "--window-size=1100,860",
+            f"--screenshot={picture}",
+        ]
+        subprocess.run(["chromium", *options, page.as_uri()], check=True)
+        box = (
+            0,
+            172,
+            1100,
+            812,
+        )  # without a note on drawing without a graphics card
+        Image.open(picture).crop(box).save(picture)
+        shrink(picture, IMAGES / "animation.png")
+
+
 def certified_demo() -> None:
     """Certify the demo's TARC."""
     draw(design_figure(Scenario.load("ur5e").certify()["TARC"]), "design.png")
@@ -125,6 +151,7 @@ def law_pages() -> None:
 
 FIGURES: dict[str, Callable[[], None]] = {
     "demo": demo,
+    "animation": animation,
     "certified-demo": certified_demo,
     "examples": examples,
     "first-robot": first_robot,
@@ -137,7 +164,7 @@ FIGURES: dict[str, Callable[[], None]] = {
     "tightness": tightness,
     "laws": law_pages,
 }
-LONG = {"laws"}
+LONG = {"laws", "animation"}
 
 
 def main() -> None:

@@ -57,6 +57,13 @@ def test_run_writes_what_it_says(scenario):
     assert metrics["rms_error"] == pytest.approx(run.metrics()["rms_error"], rel=1e-12)
 
 
+def test_run_writes_an_animation_of_all_laws(scenario):
+    run_tarc("run", "swing.yaml", "--no-figures", "--animate", "swing.html", cwd=scenario)
+    assert "<title>TARC on Pendulum, TDC on Pendulum</title>" in (scenario / "swing.html").read_text(encoding="utf-8")
+    done = run_tarc("run", "swing.yaml", "--animate", "nosuch/swing.html", cwd=scenario, status=2)
+    assert "the folder nosuch does not exist" in done.stderr
+
+
 def test_divergence_is_a_result_not_a_failure(scenario):
     out = run_tarc("run", "swing.yaml", "--set", "law.inertia=3.0", "--json", "--no-figures", cwd=scenario).stdout
     results = json.loads(out)["runs"]

@@ -17,6 +17,7 @@ PLOT_METHODS = {
     ("tarc.design.result", "tarc.plotting.design"),
     ("tarc.estimators.base", "tarc.plotting.runs"),
     ("tarc.logs.replayed", "tarc.plotting.replay"),
+    ("tarc.simulation.run", "tarc.plotting.animation"),
     ("tarc.simulation.run", "tarc.plotting.runs"),
     ("tarc.study.comparison", "tarc.plotting.comparison"),
 }

@@ -33,6 +33,15 @@ Out = Annotated[
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the results as JSON instead of a table.")]
 Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw figures.")]
+Animate = Annotated[
+    Path | None,
+    typer.Option(
+        "--animate",
+        metavar="FILE",
+        help="Write the robots in 3D, with the reference as a ghost, in one file of HTML that any browser opens. "
+        "Needs the extra view.",
+    ),
+]
 Jobs = Annotated[int | None, typer.Option(help="Number of processes. Default: one per core.")]
 
 

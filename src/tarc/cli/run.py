@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tarc.cli.options import Figures, Json, LawKind, Out, ScenarioName, Set, drawing_figures, file_stem
-from tarc.core.files import make_folder, writing
+from tarc.cli.options import Animate, Figures, Json, LawKind, Out, ScenarioName, Set, drawing_figures, file_stem
+from tarc.core.files import file_in_folder, make_folder, writing
+from tarc.core.optional import require
 
 if TYPE_CHECKING:
     from tarc.scenario.model import Scenario
@@ -25,6 +26,7 @@ def run(
     native: Native = False,
     as_json: Json = False,
     figures: Figures = True,
+    animate: Animate = None,
 ) -> None:
     """Simulate a scenario; write its trajectories as netCDF, and figures, and print its measures.
 
@@ -33,12 +35,18 @@ def run(
     from tarc.scenario.model import Scenario
 
     settings = [*(set_ or []), *(["native=true"] if native else [])]
-    run_scenario(Scenario.load(scenario, settings, law=law), out, as_json, figures)
+    run_scenario(Scenario.load(scenario, settings, law=law), out, as_json, figures, animate)
 
 
-def run_scenario(scenario: "Scenario", out: Path | None, as_json: bool, figures: bool) -> None:
+def run_scenario(
+    scenario: "Scenario", out: Path | None, as_json: bool, figures: bool, animation: Path | None = None
+) -> None:
     """Run a scenario, write its results and print them."""
     from tarc.cli.tables import run as tables
+
+    if animation is not None:
+        require("view", "--animate")
+        file_in_folder("--animate", animation)
 
     folder = make_folder("--out", out or Path("runs") / file_stem(scenario.name))
     try:
@@ -49,6 +57,8 @@ def run_scenario(scenario: "Scenario", out: Path | None, as_json: bool, figures:
     files = save_runs(scenario, runs, folder)
     if figures:
         files += save_figures(runs, folder)
+    if animation is not None:
+        files.append(save_animation(runs, animation))
     if as_json:
         print(json.dumps(tables.run_summary(scenario, runs, files), indent=2, allow_nan=False))
     else:
@@ -75,3 +85,11 @@ def save_figures(runs: dict[str, "Run"], folder: Path) -> list[Path]:
             files.append(folder / name)
             run_figure(runs, kind).savefig(files[-1], dpi=110)
     return files
+
+
+def save_animation(runs: dict[str, "Run"], path: Path) -> Path:
+    """Write all runs side by side as an animation; return the file."""
+    from tarc.plotting.animation import animate
+
+    with drawing_figures():
+        return animate(runs, None, path)

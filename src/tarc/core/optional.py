@@ -22,6 +22,7 @@ EXTRAS = {
     "robots": _ROBOTS,
     "sim": _SIM,
     "study": (*_CLI, "optuna"),
+    "view": (*_SIM, "collada", "trimesh", "viser"),
 }
 """Modules that each extra of ``pyproject.toml`` installs."""
 

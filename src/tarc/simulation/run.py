@@ -13,6 +13,7 @@ from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter
 from tarc.core.files import file_in_folder, writing
 from tarc.core.units import unit_for_joints
+from tarc.plants.base import Plant
 from tarc.simulation.quantities import JOINT_KINDS, MEASURES, measure_unit
 
 if TYPE_CHECKING:
@@ -56,9 +57,16 @@ class Run:
     data
         ``xarray.Dataset`` over time [s] and joint; `tarc.simulation.quantities.VARIABLES` lists what it may contain.
         Its attributes describe how the run was made.
+    plant
+        The robot as simulated; None for a run that was loaded or comes from another process.
     """
 
     data: xr.Dataset
+    plant: Plant | None = None
+
+    def __reduce__(self) -> tuple[type["Run"], tuple[xr.Dataset]]:
+        """Return how to pickle a run: without the robot, whose symbols belong to one process."""
+        return Run, (self.data,)
 
     @property
     def status(self) -> Status:
@@ -79,7 +87,7 @@ class Run:
 
     def with_attributes(self, **attributes: object) -> "Run":
         """Return the same run with more attributes of its dataset."""
-        return Run(self.data.assign_attrs(attributes))
+        return Run(self.data.assign_attrs(attributes), self.plant)
 
     @property
     def title(self) -> str:
@@ -177,6 +185,42 @@ class Run:
         from tarc.plotting.runs import run_figure
 
         return run_figure({self.title.split()[0]: self, **(others or {})}, style)
+
+    def animate(
+        self,
+        path: str | Path,
+        *,
+        others: Mapping[str, "Run"] | None = None,
+        plant: Plant | None = None,
+        frame_rate: float = 30.0,
+    ) -> Path:
+        """Write the robot in three dimensions, with its reference as a translucent ghost, in one file of HTML.
+
+        The file needs no network and no server: a browser opens it from the disk. It has a slider of the time and a
+        button to play. Robots from files have the shapes of the file, and capsules between the joints where it has
+        none. Planar arms and the pendulum are capsules.
+
+        Parameters
+        ----------
+        path
+            File to write, such as ``run.html``.
+        others
+            Further runs of the same robot to show beside this one, by name.
+        plant
+            The robot; None for the one that was simulated. A run that was loaded needs it.
+        frame_rate
+            Postures per second of the run [1/s]; at most 3000 postures in all.
+
+        Raises
+        ------
+        InvalidParameter
+            For a robot without bodies in space, one that was not simulated here, and a file that cannot be written.
+        MissingTool
+            Without the extra ``view``.
+        """
+        from tarc.plotting.animation import animate
+
+        return animate({self.title.split()[0]: self, **(others or {})}, plant, path, frame_rate)
 
     def save(self, path: str | Path) -> Path:
         """Write the dataset as netCDF; the file appears once it is complete.

@@ -240,7 +240,8 @@ class _Simulation:
     ) -> Run:
         index = monitor.divergence_index
         data = dataset(self.plant, self.controller, self.reference, inputs, record, index, self.seed, self.drive)
-        return Run(data.assign_attrs(integrator=integrator, integration_error=error, jitter=self.jitter))
+        attributes = {"integrator": integrator, "integration_error": error, "jitter": self.jitter}
+        return Run(data.assign_attrs(attributes), self.plant)
 
 
 def describe_instability_at_rest(
