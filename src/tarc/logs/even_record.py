@@ -1,6 +1,6 @@
 """A log on the ticks of its robot's clock, and the smooth motion through it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import comb
 
 import numpy as np
@@ -93,6 +93,17 @@ class EvenRecord:
         """Return the rows that are farther than a margin [s] from both ends, at least half of all."""
         rows = min(int(np.ceil(margin / self.period)), len(self.times) // 4)
         return slice(rows, len(self.times) - rows)
+
+    def split(self, count: int) -> list["EvenRecord"]:
+        """Return parts of equal length, in the order of time."""
+        length = len(self.times) // count
+        tables = ("times", "position", "is_measured", "velocity", "torque", "reference")
+        parts = []
+        for k in range(count):
+            rows = slice(k * length, (k + 1) * length)
+            some = {name: value[rows] for name in tables if (value := getattr(self, name)) is not None}
+            parts.append(replace(self, **some))
+        return parts
 
     def position_noise(self) -> Array:
         """Return the standard deviation of white noise of the positions [rad or m], shape (n,).

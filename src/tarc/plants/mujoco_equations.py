@@ -8,6 +8,8 @@ MuJoCo model instead. The world is the root link, and each joint of a body has a
 # pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportReturnType=false
 # pyright: reportIncompatibleMethodOverride=false, reportIncompatibleVariableOverride=false
 
+from collections.abc import Sequence
+
 from tarc.core.optional import require
 
 require("robots", "tarc.plants.RigidBody")
@@ -53,8 +55,43 @@ def rigid_body_equations(
     ----------
     Featherstone, Rigid Body Dynamics Algorithms, 2008: composite rigid bodies and recursive Newton–Euler.
     """
+    spatial = {body: _about_centre(mass, model.body_ipos[body], inertias[body]) for body, mass in masses.items()}
+    return _equations(model, q, dq, spatial)
+
+
+def rigid_body_regressor(
+    model: mujoco.MjModel, q: ca.SX, dq: ca.SX, ddq: ca.SX, bodies: Sequence[int]
+) -> tuple[ca.SX, Array]:
+    """Return Y(q, q̇, q̈), shape (n, 10 b), and the parameters p, shape (10 b,), of the torque Y p of moving bodies.
+
+    The parameters of a body are its mass m, its first moments m c_x, m c_y, m c_z and its inertia about the origin of
+    its frame, I_xx, I_yy, I_zz, I_xy, I_xz, I_yz, in the axes of its frame. The torque is linear in them.
+
+    Parameters
+    ----------
+    model
+        The compiled model.
+    q, dq, ddq
+        Position, velocity and acceleration, shape (n, 1).
+    bodies
+        Numbers of the b bodies; the others have no part in the torque.
+
+    References
+    ----------
+    Khalil and Dombre, Modeling, Identification and Control of Robots, 2002, chapter 12.
+    """
+    symbols = ca.SX.sym("p", 10 * len(bodies))
+    empty = dict.fromkeys(range(1, model.nbody), ca.SX.zeros(6, 6))
+    parts = dict(zip(bodies, ca.vertsplit(symbols, 10), strict=True))
+    M, bias = _equations(model, q, dq, empty | {body: _about_origin(part) for body, part in parts.items()})
+    values = np.concatenate([_parameters_about_origin(model, body) for body in bodies])
+    return ca.jacobian(M @ ddq + bias, symbols), values
+
+
+def _equations(model: mujoco.MjModel, q: ca.SX, dq: ca.SX, spatial: dict[int, ca.SX]) -> tuple[ca.SX, ca.SX]:
+    """Return M(q) and C(q, q̇) q̇ + g(q) with the spatial inertia (6, 6) of each body but the world."""
     math = SpatialMath()
-    factory = _MujocoFactory(math, model, masses, inertias)
+    factory = _MujocoFactory(math, model, spatial)
     algorithms = RBDAlgorithms(Model.build(factory, [joint.name for joint in factory.moving]), math)
     algorithms.set_frame_velocity_representation(Representations.BODY_FIXED_REPRESENTATION)
     base = ca.SX.eye(4)
@@ -139,14 +176,14 @@ class _Joint(Joint):
 class _MujocoFactory(ModelFactory):
     """Links and joints of a compiled model."""
 
-    def __init__(self, math: SpatialMath, model: mujoco.MjModel, masses: dict[int, ca.SX], inertias: dict[int, ca.SX]):
+    def __init__(self, math: SpatialMath, model: mujoco.MjModel, spatial: dict[int, ca.SX]):
         self.math = math
         self.name = "robot"
         self.moving: list[_Joint] = []
         self._links = [_Link(math, _WORLD, ca.SX.zeros(6, 6))]
         self._joints: list[_Joint] = []
         for body in range(1, model.nbody):
-            self._add(model, body, _spatial_inertia(masses[body], model.body_ipos[body], inertias[body]))
+            self._add(model, body, spatial[body])
 
     def _add(self, model: mujoco.MjModel, body: int, inertia: ca.SX) -> None:
         """Add a body, with one link for each of its joints."""
@@ -194,8 +231,27 @@ def _sparse(matrix: Array) -> ca.SX:
     return ca.SX(ca.sparsify(ca.DM(matrix)))
 
 
-def _spatial_inertia(mass: ca.SX, centre: Array, about_centre: ca.SX) -> ca.SX:
+def _about_centre(mass: ca.SX, centre: Array, about_centre: ca.SX) -> ca.SX:
     """Return the inertia (6, 6) at the origin of a body with its centre of mass at a place, linear part first."""
     cross = ca.sparsify(ca.skew(ca.DM(centre)))
     coupling = mass * ca.SX(cross)
     return ca.blockcat([[mass * ca.SX.eye(3), coupling.T], [coupling, about_centre + mass * ca.SX(cross @ cross.T)]])
+
+
+def _about_origin(p: ca.SX) -> ca.SX:
+    """Return the inertia (6, 6) at the origin of a body from its ten parameters, linear part first."""
+    mass, first, (xx, yy, zz, xy, xz, yz) = p[0], p[1:4], ca.vertsplit(p[4:])
+    coupling = ca.skew(first)
+    return ca.blockcat(
+        [[mass * ca.SX.eye(3), coupling.T], [coupling, ca.blockcat([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])]]
+    )
+
+
+def _parameters_about_origin(model: mujoco.MjModel, body: int) -> Array:
+    """Return the ten parameters of a body of the model."""
+    mass, centre = model.body_mass[body], model.body_ipos[body]
+    axes = rotation_matrix(model.body_iquat[body])
+    about_centre = axes @ np.diag(model.body_inertia[body]) @ axes.T
+    inertia = about_centre + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    rows, columns = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]
+    return np.concatenate([[mass], mass * centre, inertia[rows, columns]])

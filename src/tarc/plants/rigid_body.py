@@ -15,7 +15,7 @@ from tarc.core import validation as check
 from tarc.core.types import Array
 from tarc.plants.delegating import DelegatingPlant
 from tarc.plants.mujoco import PAYLOAD_RADIUS, MujocoPlant
-from tarc.plants.mujoco_equations import rigid_body_equations
+from tarc.plants.mujoco_equations import rigid_body_equations, rigid_body_regressor
 from tarc.plants.robot_file import rotation_matrix
 from tarc.plants.symbolic import Equations, SymbolicPlant
 
@@ -80,6 +80,18 @@ class RigidBody(DelegatingPlant, SymbolicPlant):
         inertia = axes @ np.diag(model.body_inertia[body]) @ axes.T
         nominal = ca.SX(ca.sparsify(ca.DM((inertia + inertia.T) / 2)))
         return mass / model.body_mass[body] * nominal if model.body_mass[body] > 0 else nominal
+
+    def link_regressor(self) -> tuple[ca.Function, Array]:
+        """Return the function Y(q, q̇, q̈), shape (n, 10 b), of the torque of b moving links, and their parameters p.
+
+        The torque of the links is Y p. The parameters of a link are mass, first moments and inertia about the origin of
+        its frame, as `rigid_body_regressor` of `tarc.plants.mujoco_equations` has them.
+        """
+        model, n = self.mujoco.model, self.n_coordinates
+        moving = [b for b in self._links if model.body_mass[b] > 0 and model.body_weldid[b] != 0]
+        motion = [ca.SX.sym(name, n) for name in ("q", "dq", "ddq")]
+        regressor, values = rigid_body_regressor(model, *motion, moving)
+        return ca.Function("link_regressor", motion, [ca.densify(regressor)], {"cse": True}), values
 
     @property
     def parameters(self) -> dict[str, Array]:
