@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from tarc.control.controller import Controller
     from tarc.core.errors import DesignWarning, JointLimitWarning, MissingTool, RobotFileWarning, TarcError
     from tarc.core.version import __version__
+    from tarc.logs.identified_model import IdentifiedModel, identify_model, inertia_from_log
     from tarc.logs.replayed import Replay, replay
     from tarc.scenario.cartesian import CartesianWaypoints
     from tarc.scenario.model import Scenario
@@ -24,6 +25,7 @@ __all__ = [
     "CartesianWaypoints",
     "Controller",
     "DesignWarning",
+    "IdentifiedModel",
     "JointLimitWarning",
     "MissingTool",
     "Replay",
@@ -38,6 +40,8 @@ __all__ = [
     "certify_law",
     "design",
     "estimators",
+    "identify_model",
+    "inertia_from_log",
     "laws",
     "paper",
     "plants",
@@ -56,6 +60,9 @@ __getattr__, __dir__, _ = lazy_attributes(
         "JointLimitWarning": "tarc.core.errors",
         "RobotFileWarning": "tarc.core.errors",
         "MissingTool": "tarc.core.errors",
+        "IdentifiedModel": "tarc.logs.identified_model",
+        "identify_model": "tarc.logs.identified_model",
+        "inertia_from_log": "tarc.logs.identified_model",
         "Replay": "tarc.logs.replayed",
         "Run": "tarc.simulation.run",
         "Scenario": "tarc.scenario.model",

@@ -21,6 +21,8 @@ MIN_ROWS = 5 * N_BLOCKS
 """Fewest instants."""
 MAX_RELATIVE_ERROR = 0.25
 """Largest standard error over the inertia itself."""
+MIN_DIRECTION = 0.01
+"""Least size of a direction of the motion, over the largest."""
 TINY = 1e-300
 """Smallest divisor."""
 
@@ -41,6 +43,8 @@ class InertiaFit:
         As in `tarc.design.IdentifiedInertia`, shape (n,).
     condition
         Condition number of the correlation of the joints' accelerations.
+    directions
+        Number of independent directions, above 1 % of the largest, in which positions and accelerations move.
     """
 
     window: float
@@ -50,6 +54,7 @@ class InertiaFit:
     explained: Array
     torque_share: Array
     condition: float
+    directions: int
 
     @classmethod
     def from_record(cls, q: Array, tau: Array, period: float, n_periods: int, degree: int) -> "InertiaFit | None":
@@ -68,7 +73,7 @@ class InertiaFit:
             M[i], error[i], explained[i], one_condition = _fit_row(X, y, block)
             condition = max(condition, one_condition)
         torque_share = np.std(acceleration @ M.T, axis=0) / np.maximum(np.std(torque, axis=0), TINY)
-        return cls(n_periods * period, len(complete), M, error, explained, torque_share, condition)
+        return cls(n_periods * period, len(complete), M, error, explained, torque_share, condition, _directions(place, acceleration))
 
     def check_identifiable(self) -> None:
         """Check that the motion determines M.
@@ -81,7 +86,9 @@ class InertiaFit:
         if self.condition > MAX_CONDITION:
             raise NotIdentifiable(
                 f"position: the joints accelerate together: their condition number is {self.condition:.3g} and may be "
-                f"at most {MAX_CONDITION:g}; give each joint frequencies of its own, as excitation_reference(…) does"
+                f"at most {MAX_CONDITION:g}. Positions and accelerations move in {self.directions} directions, and "
+                f"{2 * len(self.inertia)} would tell inertia from gravity. Give each joint frequencies of its own, as "
+                "excitation_reference(…) does"
             )
         inertia, error = np.diag(self.inertia), np.diag(self.error)
         is_weak = (self.explained < MIN_EXPLAINED) | (self.torque_share < MIN_TORQUE_SHARE)
@@ -105,6 +112,14 @@ def _regression_rows(q: Array, tau: Array, period: float, n_periods: int, degree
     inputs = tau[:-1], (q[1:] + q[:-1]) / 2, velocity, np.sign(smooth)
     parts = _filter(q, w), *(_filter(values, c) for values in inputs)
     return np.hstack(parts)[:: max(1, n_periods // 4)]
+
+
+def _directions(place: Array, acceleration: Array) -> int:
+    """Return the number of singular values above 1 % of the largest, of columns of unit deviation."""
+    columns = np.hstack([place, acceleration])
+    columns = (columns - columns.mean(axis=0)) / np.maximum(np.std(columns, axis=0), TINY)
+    values = np.sqrt(np.maximum(np.linalg.eigvalsh(columns.T @ columns), 0.0))
+    return int(np.count_nonzero(values > MIN_DIRECTION * values[-1]))
 
 
 def _fit_row(X: Array, y: Array, block: Array) -> tuple[Array, Array, float, float]:

@@ -10,6 +10,7 @@ import numpy as np
 from tarc.core.errors import InvalidParameter, NotIdentifiable
 from tarc.core.progress import Progress
 from tarc.core.types import Array
+from tarc.design.identification import IdentifiedInertia, inertia_from_data
 from tarc.logs.even_record import EvenRecord
 from tarc.logs.least_squares import N_BLOCKS, Fit, Interval, fit
 from tarc.logs.model_check import model_torque
@@ -69,8 +70,8 @@ class IdentifiedModel:
     explained
         Share that the model identified on the beginning explains on the end, shape (n,).
     inertia_ratio
-        Least and greatest eigenvalue of M_file(q)⁻¹ M(q) along the record, with the identified M. It is not the file's
-        robot where these are far from 1, and no robot at all where the least is negative.
+        Least and greatest eigenvalue of M_file(q)⁻¹ M(q) along the record, with the identified M and a rotor inertia of
+        at least zero. It is not the file's robot where these are far from 1.
     has_links
         Whether the mass, centre and inertia of each link were identified too.
     """
@@ -90,19 +91,46 @@ class IdentifiedModel:
     has_links: bool
 
     def design_options(self) -> list[str]:
-        """Return the options of `tarc design` and `tarc certify` for this robot: the least rotor inertia is the safe one."""
+        """Return the options of `tarc design` for this robot.
+
+        They have the low end of the rotor inertia, with which the eigenvalues of M(q)⁻¹M̂ spread most, and both ends of
+        the load. What is below zero becomes zero.
+        """
 
         def numbers(values: Array) -> str:
-            return ",".join(f"{value:.3g}" for value in values)
+            return ",".join(f"{value:.3g}" for value in np.maximum(values, 0.0))
 
         options = [
             f"--armature {numbers(self.armature.low)}",
             f"--viscous {numbers(self.viscous.value)}",
             f"--coulomb {numbers(self.coulomb.value)}",
         ]
-        if self.payload is not None:
-            options.append(f"--payload {self.payload.low:.3g} {self.payload.high:.3g}")
+        if self.payload is not None and self.payload.high > 0:
+            options.append(f"--payload {max(float(self.payload.low), 0.0):.3g} {float(self.payload.high):.3g}")
         return options
+
+    def remarks(self) -> list[str]:
+        """Return what the numbers say about the record or the file, beyond themselves."""
+        found = []
+        negative = [name for name, high in zip(self.joint_names, self.armature.high, strict=True) if high < 0]
+        if negative:
+            found.append(
+                f"rotor inertia below zero at {', '.join(negative)}: the torque is measured behind the rotor, or the "
+                "links of the file are too heavy. It counts as zero"
+            )
+        if self.payload is not None and self.payload.high < 0:
+            found.append(f"the tool of the file is {-float(self.payload.value):.2g} kg heavier than that of the robot")
+        wide = np.flatnonzero(self.armature.high - self.armature.low > np.maximum(np.abs(self.armature.value), 1e-3))
+        if wide.size:
+            found.append(
+                f"rotor inertia is uncertain at {', '.join(self.joint_names[i] for i in wide)}: accelerate these "
+                "joints more, such as by tarc.design.excitation_reference"
+            )
+        if self.actuation_delay.low > 0:
+            found.append(f"torque acts {1e3 * float(self.actuation_delay.value):.1f} ms after it is recorded")
+        if self.actuation_delay.high < 0:
+            found.append(f"torque is recorded {-1e3 * float(self.actuation_delay.value):.1f} ms after it acts")
+        return found
 
     def summary(self) -> dict[str, Any]:
         """Return all numbers as lists, intervals with value, low and high."""
@@ -119,13 +147,12 @@ class _Regression:
     """Torque of a robot along a record, linear in what is identified."""
 
     def __init__(self, record: EvenRecord, plant: RigidBody, cutoff: float, with_links: bool):
-        if record.torque is None:
-            raise NotIdentifiable("log: it has no torques; without them only `tarc replay` has something to say")
+        torque = _torque(record)
         inner = record.inner(1 / cutoff)
         count = len(record.times[inner])
         step = max(1, count // MAX_INSTANTS)
         self.times = record.times[inner][::step]
-        self.torque = record.torque[inner][::step]
+        self.torque = torque[inner][::step]
         if len(self.times) < MIN_INSTANTS:
             raise NotIdentifiable(
                 f"log: it has {len(self.times)} instants between its ends; needs {MIN_INSTANTS}: record for longer"
@@ -254,6 +281,42 @@ def identify_model(
     return _result(record, plant, regression, solution, width)
 
 
+def inertia_from_log(
+    log: RobotLog | str | Path,
+    *,
+    columns: LogColumns | Mapping[str, Any] | str | Path | None = None,
+    period: float | None = None,
+    start_time: float | None = None,
+    stop_time: float | None = None,
+    cutoff: float = 25.0,
+) -> IdentifiedInertia:
+    """Identify M̂ from a log alone, by `tarc.design.inertia_from_data` on repaired times.
+
+    Parameters
+    ----------
+    log, columns, period, start_time, stop_time, cutoff
+        As in `identify_model`.
+
+    Raises
+    ------
+    InvalidParameter
+        For a log that does not read.
+    NotIdentifiable
+        For a log without torques, and a motion that does not show M.
+    """
+    rows = log if isinstance(log, RobotLog) else read_log(log, columns)
+    rows = rows.between(start_time, stop_time)
+    record = EvenRecord.from_log(rows, repair_time(rows, period=period, cutoff=cutoff), cutoff)
+    return inertia_from_data(record.position, _torque(record), record.period)
+
+
+def _torque(record: EvenRecord) -> Array:
+    """Return the torques of a record."""
+    if record.torque is None:
+        raise NotIdentifiable("log: it has no torques, which identification needs; name their columns")
+    return record.torque
+
+
 def _misfit(regression: _Regression, width: float) -> float:
     """Return the log of what a fit without delay leaves at the joints, for a width of dry friction."""
     base, X = regression.at(0.0, width)
@@ -307,7 +370,7 @@ def _result(
         encoder_noise=_noise(record),
         explained_by_file=_explained(regression.torque[end] - own, regression.torque[end]),
         explained=solution.explained,
-        inertia_ratio=_inertia_ratio(plant, regression, per_joint["armature"].value, values[other]),
+        inertia_ratio=_inertia_ratio(plant, regression, np.maximum(per_joint["armature"].value, 0.0), values[other]),
         has_links=regression.with_links,
     )
 
