@@ -213,3 +213,17 @@ def test_a_law_has_its_model_and_compiles():
     runs = [tarc.simulate(robot, law, reference, 0.3, initial_torque="rest", native=native) for native in (False, True)]
     np.testing.assert_array_equal(runs[0].data["torque"], runs[1].data["torque"])
     assert runs[0].status.completed
+
+
+@pytest.mark.parametrize("name", ["ur5e", "panda"])
+def test_the_regressor_of_the_links_gives_the_torque_of_the_file(name):
+    """Y(q, q̇, q̈) p = M(q) q̈ + N(q, q̇) without rotor inertia and friction."""
+    arm = load_robot(name)
+    n = arm.n_joints
+    bare = arm.with_parameters({"armature": np.zeros(n), "viscous": np.zeros(n), "coulomb": np.zeros(n)})
+    regressor, parameters = arm.link_regressor()
+    rng = np.random.default_rng(1)
+    for _ in range(3):
+        q, dq, ddq = arm.home + rng.normal(size=n), rng.normal(size=n), rng.normal(size=n)
+        torque = np.array(regressor(q, dq, ddq)) @ parameters
+        np.testing.assert_allclose(torque, bare.inertia(q) @ ddq + bare.bias(q, dq), atol=1e-10)

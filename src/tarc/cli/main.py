@@ -11,6 +11,7 @@ from tarc.cli.certify import certify
 from tarc.cli.compare import compare
 from tarc.cli.demo import demo
 from tarc.cli.design import design
+from tarc.cli.identify import identify
 from tarc.cli.replay import replay
 from tarc.cli.run import run
 from tarc.cli.show import show
@@ -29,7 +30,7 @@ app = typer.Typer(
     add_completion=False,
 )
 
-for command in (run, demo, certify, design, compare, tune, replay, show):
+for command in (run, demo, certify, design, compare, tune, replay, identify, show):
     app.command()(command)
 
 

@@ -73,7 +73,16 @@ class InertiaFit:
             M[i], error[i], explained[i], one_condition = _fit_row(X, y, block)
             condition = max(condition, one_condition)
         torque_share = np.std(acceleration @ M.T, axis=0) / np.maximum(np.std(torque, axis=0), TINY)
-        return cls(n_periods * period, len(complete), M, error, explained, torque_share, condition, _directions(place, acceleration))
+        return cls(
+            n_periods * period,
+            len(complete),
+            M,
+            error,
+            explained,
+            torque_share,
+            condition,
+            _directions(place, acceleration),
+        )
 
     def check_identifiable(self) -> None:
         """Check that the motion determines M.

@@ -15,13 +15,14 @@ from tarc.logs.even_record import EvenRecord
 from tarc.logs.least_squares import N_BLOCKS, Fit, Interval, fit
 from tarc.logs.model_check import model_torque
 from tarc.logs.time_repair import repair_time
+from tarc.plants.base import Plant
 from tarc.plants.load import load_robot
 from tarc.plants.rigid_body import RigidBody
 from tarc.signals.log_columns import LogColumns
 from tarc.signals.log_file import read_log
 from tarc.signals.robot_log import RobotLog
 
-MAX_INSTANTS = 4000
+MAX_INSTANTS = 2000
 """Instants of a record that are used."""
 MIN_INSTANTS = 400
 """Fewest instants."""
@@ -206,7 +207,7 @@ class _Solution:
 
 def identify_model(
     log: RobotLog | str | Path,
-    robot: RigidBody | str | Path,
+    robot: Plant | str | Path,
     *,
     columns: LogColumns | Mapping[str, Any] | str | Path | None = None,
     links: bool | None = None,
@@ -264,7 +265,8 @@ def identify_model(
     if not isinstance(plant, RigidBody) or plant.n_joints != rows.n_joints:
         kind = f"{plant.label} with {plant.n_joints} joints, as {type(plant).__name__}"
         raise InvalidParameter(
-            f"robot: got {kind}; needs a robot from a file in symbols with the {rows.n_joints} joints of the log", "robot"
+            f"robot: got {kind}; needs a robot from a file in symbols with the {rows.n_joints} joints of the log",
+            "robot",
         )
     with Progress("identification", 4 + 2 * N_DELAYS, progress) as bar:
         record = EvenRecord.from_log(rows, repair_time(rows, period=period, cutoff=cutoff), cutoff)
@@ -382,9 +384,7 @@ def _noise(record: EvenRecord) -> Interval:
     return Interval.about(value, np.std(parts, axis=0, ddof=1) / np.sqrt(N_BLOCKS))
 
 
-def _inertia_ratio(
-    plant: RigidBody, regression: _Regression, armature: Array, other: Array
-) -> tuple[float, float]:
+def _inertia_ratio(plant: RigidBody, regression: _Regression, armature: Array, other: Array) -> tuple[float, float]:
     """Return the extreme eigenvalues of M_file(q)⁻¹ M(q) along a record."""
     from scipy.linalg import eigh
 

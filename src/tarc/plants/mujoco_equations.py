@@ -64,8 +64,8 @@ def rigid_body_regressor(
 ) -> tuple[ca.SX, Array]:
     """Return Y(q, q̇, q̈), shape (n, 10 b), and the parameters p, shape (10 b,), of the torque Y p of moving bodies.
 
-    The parameters of a body are its mass m, its first moments m c_x, m c_y, m c_z and its inertia about the origin of
-    its frame, I_xx, I_yy, I_zz, I_xy, I_xz, I_yz, in the axes of its frame. The torque is linear in them.
+    The torque is linear in them. Each body has its mass m, its first moments m c_x, m c_y, m c_z, and its inertia I_xx,
+    I_yy, I_zz, I_xy, I_xz, I_yz about the origin of its frame. All are in the axes of that frame.
 
     Parameters
     ----------

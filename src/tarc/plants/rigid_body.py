@@ -89,9 +89,9 @@ class RigidBody(DelegatingPlant, SymbolicPlant):
         """
         model, n = self.mujoco.model, self.n_coordinates
         moving = [b for b in self._links if model.body_mass[b] > 0 and model.body_weldid[b] != 0]
-        motion = [ca.SX.sym(name, n) for name in ("q", "dq", "ddq")]
-        regressor, values = rigid_body_regressor(model, *motion, moving)
-        return ca.Function("link_regressor", motion, [ca.densify(regressor)], {"cse": True}), values
+        q, dq, ddq = (ca.SX.sym(name, n) for name in ("q", "dq", "ddq"))
+        regressor, values = rigid_body_regressor(model, q, dq, ddq, moving)
+        return ca.Function("link_regressor", [q, dq, ddq], [ca.densify(regressor)], {"cse": True}), values
 
     @property
     def parameters(self) -> dict[str, Array]:
