@@ -19,6 +19,7 @@ PLOT_METHODS = {
     ("tarc.logs.replayed", "tarc.plotting.replay"),
     ("tarc.simulation.run", "tarc.plotting.animation"),
     ("tarc.simulation.run", "tarc.plotting.runs"),
+    ("tarc.simulation.run", "tarc.plotting.viewer"),
     ("tarc.study.comparison", "tarc.plotting.comparison"),
 }
 """Imports that run upward; the contract in pyproject.toml lists the same."""

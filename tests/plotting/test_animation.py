@@ -16,7 +16,7 @@ from tarc.core.errors import InvalidParameter
 from tarc.plants.file_shapes import find_mesh
 from tarc.plants.geometry import robot_geometry
 from tarc.plants.shapes import RobotGeometry, capsule
-from tarc.plotting.animation import _coordinates
+from tarc.plotting.motion import drawn_coordinates
 
 LINKS = """
 <robot name="arm">
@@ -172,8 +172,8 @@ def test_robot_behind_an_elastic_gearbox_is_drawn_at_its_links(tmp_path):
     plant = plants.Gearbox(plant=arm, stiffness=1e4, motor_inertia=0.1, encoder="motor")
     run = run_of(plant, duration=0.05, inertia=0.1 * np.eye(2))
     times = run.data["time"].values
-    assert _coordinates(run, plant, "position", times) == pytest.approx(run.data["passive_position"].values)
-    assert _coordinates(run, plant, "reference", times) == pytest.approx(run.data["reference"].values)
+    assert drawn_coordinates(run, plant, "position", times) == pytest.approx(run.data["passive_position"].values)
+    assert drawn_coordinates(run, plant, "reference", times) == pytest.approx(run.data["reference"].values)
 
 
 def test_what_has_no_bodies_is_refused(tmp_path):

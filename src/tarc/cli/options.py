@@ -42,6 +42,12 @@ Animate = Annotated[
         "Needs the extra view.",
     ),
 ]
+View = Annotated[
+    bool,
+    typer.Option(
+        "--view", help="Play each run in MuJoCo's viewer; closing its window shows the next. Needs a display."
+    ),
+]
 Jobs = Annotated[int | None, typer.Option(help="Number of processes. Default: one per core.")]
 
 

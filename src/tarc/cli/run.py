@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tarc.cli.options import Animate, Figures, Json, LawKind, Out, ScenarioName, Set, drawing_figures, file_stem
+from tarc.cli.options import Animate, Figures, Json, LawKind, Out, ScenarioName, Set, View, drawing_figures, file_stem
 from tarc.core.files import file_in_folder, make_folder, writing
 from tarc.core.optional import require
 
@@ -27,6 +27,7 @@ def run(
     as_json: Json = False,
     figures: Figures = True,
     animate: Animate = None,
+    view: View = False,
 ) -> None:
     """Simulate a scenario; write its trajectories as netCDF, and figures, and print its measures.
 
@@ -35,11 +36,16 @@ def run(
     from tarc.scenario.model import Scenario
 
     settings = [*(set_ or []), *(["native=true"] if native else [])]
-    run_scenario(Scenario.load(scenario, settings, law=law), out, as_json, figures, animate)
+    run_scenario(Scenario.load(scenario, settings, law=law), out, as_json, figures, animate, view)
 
 
 def run_scenario(
-    scenario: "Scenario", out: Path | None, as_json: bool, figures: bool, animation: Path | None = None
+    scenario: "Scenario",
+    out: Path | None,
+    as_json: bool,
+    figures: bool,
+    animation: Path | None = None,
+    view: bool = False,
 ) -> None:
     """Run a scenario, write its results and print them."""
     from tarc.cli.tables import run as tables
@@ -47,6 +53,8 @@ def run_scenario(
     if animation is not None:
         require("view", "--animate")
         file_in_folder("--animate", animation)
+    if view:
+        require_display()
 
     folder = make_folder("--out", out or Path("runs") / file_stem(scenario.name))
     try:
@@ -63,6 +71,15 @@ def run_scenario(
         print(json.dumps(tables.run_summary(scenario, runs, files), indent=2, allow_nan=False))
     else:
         tables.print_runs(scenario, runs, files)
+    for result in runs.values() if view else ():
+        result.view()
+
+
+def require_display() -> None:
+    """Refuse to simulate for a viewer that cannot open."""
+    from tarc.plotting.viewer import require_window
+
+    require_window()
 
 
 def save_runs(scenario: "Scenario", runs: dict[str, "Run"], folder: Path) -> list[Path]:

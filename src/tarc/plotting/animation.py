@@ -16,12 +16,12 @@ import trimesh
 import viser
 
 from tarc.core import validation as check
-from tarc.core.errors import InvalidParameter
 from tarc.core.files import file_in_folder, writing
 from tarc.core.types import Array
 from tarc.plants.base import Plant
-from tarc.plants.geometry import drawn_plant, robot_geometry
+from tarc.plants.geometry import robot_geometry
 from tarc.plants.shapes import RobotGeometry
+from tarc.plotting.motion import drawn_coordinates, robot_of
 from tarc.simulation.run_events import payload_mass
 
 if TYPE_CHECKING:
@@ -67,9 +67,9 @@ def animate(runs: Mapping[str, "Run"], plant: Plant | None, path: str | Path, fr
     """
     target = file_in_folder("animate", path)
     check.number("frame_rate", frame_rate, 0, strict=True)
-    robot = next(iter(runs.values())).plant if plant is None else plant
-    if robot is None:
-        raise InvalidParameter("plant: a run that was loaded has no robot; give the robot that was simulated")
+    robot = robot_of(next(iter(runs.values())), plant)
+    for run in runs.values():
+        robot_of(run, robot)
     geometry = robot_geometry(robot)
     end = max(float(run.data["time"].values[-1]) for run in runs.values())
     times = np.linspace(0.0, end, min(int(np.ceil(end * frame_rate)) + 1, MAX_FRAMES))
@@ -87,38 +87,12 @@ class _Motion:
 
     def __init__(self, run: "Run", plant: Plant, geometry: RobotGeometry, times: Array):
         data = run.data
-        if data["joint"].values.tolist() != plant.joint_names:
-            raise InvalidParameter(
-                f"plant: {plant.label} has the joints {', '.join(plant.joint_names)}, and the run has "
-                f"{', '.join(data['joint'].values.tolist())}; give the robot that was simulated"
-            )
-        actual = _coordinates(run, plant, "position", times)
-        wanted = _coordinates(run, plant, "reference", times)
+        actual = drawn_coordinates(run, plant, "position", times)
+        wanted = drawn_coordinates(run, plant, "reference", times)
         self.robot = geometry.poses(actual)
         self.ghost = geometry.poses(wanted)
         self.payload = payload_mass(data, times)
         self.extent = geometry.extent(np.concatenate([actual[:: max(len(times) // 50, 1)], wanted[:1]]))
-
-
-def _coordinates(run: "Run", plant: Plant, name: str, times: Array) -> Array:
-    """Return the coordinates of the drawn robot, with the joints at a recorded position, shape (k, m)."""
-    recorded = run.data["time"].values
-    joints = _at_times(times, recorded, run.data[name].values)
-    coordinates = np.zeros((len(times), plant.n_coordinates))
-    if plant.constraints and name == "reference":
-        return np.array([plant.coordinates(row) for row in joints])
-    coordinates[:, list(plant.measured)] = joints
-    if plant.unmeasured:
-        is_elastic = plant.n_coordinates > drawn_plant(plant).n_coordinates
-        other = joints if is_elastic and name == "reference" else None
-        passive = _at_times(times, recorded, run.data["passive_position"].values) if other is None else other
-        coordinates[:, list(plant.unmeasured)] = passive
-    return coordinates[:, : drawn_plant(plant).n_coordinates]
-
-
-def _at_times(times: Array, recorded: Array, values: Array) -> Array:
-    """Interpolate the columns of values (k, n) at other times."""
-    return np.column_stack([np.interp(times, recorded, column) for column in values.T])
 
 
 def _record(motions: Mapping[str, _Motion], geometry: RobotGeometry, times: Array) -> str:

@@ -222,6 +222,27 @@ class Run:
 
         return animate({self.title.split()[0]: self, **(others or {})}, plant, path, frame_rate)
 
+    def view(self, *, plant: Plant | None = None, speed: float = 1.0) -> None:
+        """Play the run in MuJoCo's viewer, with the reference as a ghost, until the window is closed.
+
+        Parameters
+        ----------
+        plant
+            The robot, from a file; None for the one that was simulated. A run that was loaded needs it.
+        speed
+            Time of the run per time on the clock.
+
+        Raises
+        ------
+        InvalidParameter
+            For a robot that is not from a file, or that was not simulated here.
+        MissingTool
+            Where there is no display; `animate` needs none.
+        """
+        from tarc.plotting.viewer import view
+
+        view(self, plant, speed)
+
     def save(self, path: str | Path) -> Path:
         """Write the dataset as netCDF; the file appears once it is complete.
 
