@@ -90,6 +90,10 @@ class Arm:
             given = {**common, **arguments}
             return tarc.simulate(given.pop("plant", plant), self.design.law, self.reference, DURATION, **given)
 
+    def encoder(self, **effect: float) -> dict[str, Any]:
+        """Return the design's encoder with an effect, as an argument of `simulate`."""
+        return {"sensor": replace(self.design.sensor, **effect)}
+
     def stands(self, effect: Effect, value: float) -> bool:
         """Return whether a run with an effect completes without twice the error."""
         run = self.run(effect.arguments(self, value))
@@ -160,6 +164,9 @@ EFFECTS = (
         50.0,
         lambda arm, periods: {"sensor": Encoder(bits=arm.design.sensor.bits, delay=periods)},
     ),
+    Effect("jitter of the reading", "periods", 0.001, 1.0, lambda arm, share: arm.encoder(timing_jitter=share)),
+    Effect("stale readings", "per cent", 0.1, 90.0, lambda arm, share: arm.encoder(stale=share / 100)),
+    Effect("lost packets", "per cent", 0.1, 90.0, lambda arm, share: arm.encoder(packet_loss=share / 100)),
     Effect("jitter of the period", "periods", 0.05, 0.9, lambda arm, share: {"jitter": share}),
     Effect(
         "limit of the torque's rate",

@@ -46,7 +46,7 @@ def data_folder() -> Path:
         Where there is none.
     """
     named = os.environ.get("TARC_ROBOT_DATA")
-    places = [Path(named)] if named else [folder / "shared" / "data" for folder in (ROOT.parent, Path("/work"))]
+    places = [Path(named)] if named else [folder / "shared" / "data" for folder in (ROOT.parent,)]
     for place in places:
         if (place / "panda").is_dir() and (place / "kuka_kr300").is_dir():
             return place

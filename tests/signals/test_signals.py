@@ -348,6 +348,45 @@ def test_encoder_loses_the_given_share_of_samples_and_never_the_first() -> None:
     )
 
 
+def test_encoder_loses_packets_of_all_joints_and_repeats_readings() -> None:
+    encoder = Encoder(packet_loss=0.1, stale=0.2)
+    noise = encoder.sample_noise(3, 20_000, np.random.default_rng(1))
+    lost, stale = np.isnan(noise), np.isposinf(noise)
+    assert np.array_equal(lost, np.tile(lost[0], (3, 1)))
+    assert np.array_equal(stale, np.tile(stale[0], (3, 1)))
+    assert lost[0].mean() == pytest.approx(0.1, abs=0.01)
+    assert stale[0].mean() == pytest.approx(0.2 * 0.9, abs=0.01)
+    assert not (lost | stale)[:, 0].any()
+    positions = np.tile(np.arange(200.0), (3, 1))
+    readings = encoder_readings(encoder, positions, noise[:, :200])
+    newest = np.where(stale[0, :200], np.nan, positions[0])
+    for k in range(1, 200):
+        before = readings[0, k - 1]
+        expected = np.nan if lost[0, k] else before if stale[0, k] else newest[k]
+        assert np.array_equal(readings[:, k], np.full(3, expected), equal_nan=True)
+
+
+def test_an_age_by_jitter_reads_the_position_before() -> None:
+    """Of a parabola, to rounding, since the interpolation is exact on cubics; on top of a delay."""
+    period, delay = 1e-2, 1.25
+    encoder = Encoder(timing_jitter=0.6, delay=delay)
+    times = period * np.arange(40)
+    ages = encoder.sample_age(40, np.random.default_rng(2))
+    assert ages is not None
+    assert 0 <= ages.min() < 0.1 < 0.5 < ages.max() <= 0.6
+    state, readings = encoder.init(np.array([2.0])), []
+    for time, age in zip(times, ages, strict=True):
+        value = EncoderInput(np.array([2 + time**2]), period * np.array([2 * time]), np.zeros(1), np.array([age]))
+        state, reading = encoder.step(state, value)
+        readings.append(reading[0])
+    # a whole period of delay hands on the reading of the instant before, with its own age
+    true = 2 + (times[1:-1] - period * (0.25 + ages[1:-1])) ** 2
+    assert readings[2:] == pytest.approx(true, abs=1e-12)
+    assert Encoder().sample_age(5, np.random.default_rng(0)) is None
+    with pytest.raises(InvalidParameter, match="at most one together with the fraction of the delay"):
+        Encoder(timing_jitter=0.8, delay=1.25)
+
+
 def test_encoder_noise_has_its_standard_deviation_and_follows_the_seed() -> None:
     encoder = Encoder(noise=1e-3)
     noise = encoder.sample_noise(2, 100_000, np.random.default_rng(7))

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tarc.control.digital_controller import checked_limits, limited_start, limited_step
+from tarc.control.stamped_window import StampedWindow
 from tarc.core import array_ops as ops
 from tarc.core.codegen import compiled
 from tarc.core.errors import ControllerNotReset, InvalidParameter
@@ -115,6 +116,9 @@ class Controller:
         self._call = CompiledStep(compiled(function) if native else function)
         n = law.n_joints
         self._past_torque = self._place_of_past_torque(state)
+        self._law_state = state
+        self._stamped: StampedWindow | None = None
+        self._window_places: tuple[np.ndarray, np.ndarray] | None = None
         self._applied, self._magnitudes, self._is_known = np.zeros(n), np.zeros(n), np.zeros(n, dtype=bool)
         self._sizes = n, n, n, n
         vector = self._call.value
@@ -181,6 +185,8 @@ class Controller:
         self._call.reset(pack(self._checked_state(state) if self._check.is_needed else state))
         self._call.output[:] = 0
         self._warned, self._ready = False, True
+        if self._stamped is not None:
+            self._stamped.reset(state.position)
 
     def step(
         self,
@@ -190,6 +196,7 @@ class Controller:
         acceleration_reference: Samples,
         *,
         applied_torque: Samples | None = None,
+        time: float | None = None,
     ) -> np.ndarray:
         """Return the torque [N m or N] for this period from the measured position and the reference, all of shape (n,).
 
@@ -203,13 +210,19 @@ class Controller:
             Torque that your robot really applied in answer to the step before [N m or N], shape (n,), where it
             reports one. The law, its anti-windup and a limit of the rate go on from there. NaN or None where it is
             unknown; then the torque that was returned counts as applied.
+        time
+            When the position was measured [s], on a clock of your own, for an `Algebraic` estimator. The derivatives
+            are then those of the polynomial that fits the samples at their own times best. They are exact on
+            polynomials up to the degree. A time that repeats marks a stale sample, which counts as missing. Give the
+            time in every step or in none. None takes the samples as even. Past torques count as even in
+            both cases. With a time, memory is allocated.
 
         Raises
         ------
         ControllerNotReset
             Before the first `reset`.
         InvalidParameter
-            For other shapes than (n,).
+            For other shapes than (n,), a time that decreases, and a time for another estimator.
         """
         if not self._ready:
             raise ControllerNotReset(
@@ -230,6 +243,8 @@ class Controller:
             ) from None
         if applied_torque is not None:
             self._note_applied(applied_torque)
+        if time is not None:
+            self._take_time(time)
         self._call.step()
         if self._fault[0] and not self._warned:
             self._warned = True
@@ -239,6 +254,40 @@ class Controller:
                 getattr(self.law.safe_torque, "__name__", self.law.safe_torque),
             )
         return self._torque
+
+    def _take_time(self, time: float) -> None:
+        """Put the window that matches the time of this sample into the estimator's state."""
+        if self._stamped is None:
+            self._stamped = StampedWindow(self.law.estimator, self.law.n_joints)
+            self._window_places = self._places_of_window()
+            self._stamped.reset(self._call.state[self._window_places[0][:, 0]])
+        stamped, places = self._stamped, self._window_places
+        if not stamped.is_new(time):
+            self._position[:] = np.nan
+            return
+        _, position = self._check.step(
+            stamped.last_position, np.where(ops.finite(self._position), self._position, np.nan)
+        )
+        past, prediction = stamped.even(time, position)
+        if places is not None:
+            known = np.isfinite(prediction)
+            self._call.state[places[0][known, :-1]] = past[known]
+            self._call.state[places[1][known]] = prediction[known]
+
+    def _places_of_window(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return where the packed state has the estimator's window (n, N + 1), newest first, and prediction (n,)."""
+        estimator = self._law_state.estimator
+        n, samples = estimator.window.shape
+        marks = 1.0 + np.arange(n * (samples + 1))
+        marked = estimator._replace(window=marks[: n * samples].reshape(n, samples), prediction=marks[n * samples :])
+        blank = self._law_state._replace(estimator=marked)
+        packed = pack(self._checked_state(blank) if self._check.is_needed else blank)
+        empty = self._law_state._replace(
+            estimator=estimator._replace(window=0 * estimator.window, prediction=0 * estimator.prediction)
+        )
+        differs = packed - pack(self._checked_state(empty) if self._check.is_needed else empty)
+        order = np.array([int(np.flatnonzero(differs == mark)[0]) for mark in marks])
+        return order[: n * samples].reshape(n, samples), order[n * samples :]
 
     def _note_applied(self, torque: Samples) -> None:
         """Replace the newest past torque where the torque is known, without allocation."""

@@ -13,12 +13,15 @@ from tarc.core.types import Array, Vector
 from tarc.core.validation import Numbers
 from tarc.estimators.oracle import TrueDerivatives
 from tarc.laws.base import Law, LawInput, LawOutput, LawState
-from tarc.signals.sensors import Encoder, EncoderInput, EncoderState
+from tarc.signals.sensors import NO_AGE, Encoder, EncoderInput, EncoderState
 from tarc.signals.torque_limits import TorqueLimits
 
 
 class ControllerInput(NamedTuple):
-    """True position and velocity, reference with two derivatives, sensor noise, each of shape (n,)."""
+    """True position and velocity, reference with two derivatives, sensor noise, each of shape (n,).
+
+    ``age`` is that of the sample, as in `EncoderInput`.
+    """
 
     position: Vector
     velocity: Vector
@@ -26,6 +29,7 @@ class ControllerInput(NamedTuple):
     velocity_reference: Vector
     acceleration_reference: Vector
     noise: Vector
+    age: Vector = NO_AGE
 
 
 class ControllerState(NamedTuple):
@@ -89,7 +93,7 @@ class DigitalController(System):
     def step(self, state: ControllerState, value: ControllerInput) -> tuple[ControllerState, ControllerOutput]:
         """Measure, compute, apply."""
         travel = self.law.period * value.velocity
-        sensor, measured = self.sensor.step(state.sensor, EncoderInput(value.position, travel, value.noise))
+        sensor, measured = self.sensor.step(state.sensor, EncoderInput(value.position, travel, value.noise, value.age))
         reference = value.reference, value.velocity_reference, value.acceleration_reference
         law, output = limited_step(self.law, self.torque_limits, state.law, LawInput(measured, *reference))
         delay_line = ops.shift_in(state.torque_delay_line, output.torque)

@@ -181,11 +181,11 @@ class WindowedEstimator(Estimator):
         valid = ops.finite(value)
         position = ops.where(valid, value, state.prediction)
         window = ops.shift_in(state.window, position)
-        sums = ops.weighted_sum(window, self._table)
+        sums = ops.weighted_sum(window, self.sums)
         return WindowState(window, sums[:, 0]), Estimate(position, sums[:, 1], sums[:, 2], valid)
 
     @cached_property
-    def _table(self) -> np.ndarray:
+    def sums(self) -> np.ndarray:
         """Return the weights of prediction, velocity and acceleration as columns, zero where there is none."""
         acceleration = self.weights(2) if self.max_derivative > 1 else np.zeros(len(self.prediction))
         return np.stack([self.prediction, self.weights(1), acceleration], axis=1)

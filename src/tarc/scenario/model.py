@@ -41,6 +41,8 @@ from tarc.simulation.sampled_inputs import Event, scheduled_plants
 if TYPE_CHECKING:
     from tarc.simulation.run import Run
 
+SENSOR_EFFECTS = ("delay", "dropout", "packet_loss", "stale", "timing_jitter")
+"""Parameters of the encoder that no certificate covers."""
 POSTURES_OF_MEAN_INERTIA = 200
 """Number of postures along the reference over which the inertia is averaged."""
 
@@ -297,7 +299,7 @@ class Scenario(BaseModel):
         """The keys of the scenario whose effect no certificate covers, such as ``gearbox`` and ``jitter``."""
         keys = ["gearbox", "torque_limits", "drive", "jitter"]
         keys = [key for key in keys if getattr(self, key)]
-        return [*keys, *(f"sensor.{key}" for key in ("delay", "dropout") if np.any(self.sensor.get(key, 0)))]
+        return [*keys, *(f"sensor.{key}" for key in SENSOR_EFFECTS if np.any(self.sensor.get(key, 0)))]
 
     def build_plant(self) -> Plant:
         """Construct the robot."""

@@ -20,15 +20,20 @@ SAME_INSTANT = 1e-9
 """Fraction of a period below which a delay counts as whole periods."""
 
 
+NO_AGE = np.zeros(0)
+
+
 class EncoderInput(NamedTuple):
     """True position, velocity times the period, and noise of this instant, each of shape (n,).
 
-    A NaN in the noise is a lost sample.
+    A NaN in the noise is a lost sample, and infinity a reading that repeats the one of the period before. ``age`` is
+    that of the sample by jitter [periods], shape (1,), or (0,) without jitter.
     """
 
     position: Vector
     travel: Vector
     noise: Vector
+    age: Vector = NO_AGE
 
 
 class EncoderState(NamedTuple):
@@ -50,8 +55,8 @@ class Encoder(Component, System):
 
         r(t_k) = [q(t_k − δT) + noise] to the nearest step
 
-    Without arguments it is perfect. All randomness comes from the simulation's seed. Every number but the dropout is
-    one for all joints, or one per joint.
+    Without arguments it is perfect. All randomness comes from the simulation's seed. Resolution, span,
+    noise, delay and largest step are one number for all joints, or one per joint.
 
     Between two sampling instants the true position is the cubic (Hermite) polynomial through the positions and
     velocities at both. It is off by T⁴/384 of the largest fourth derivative. Before the start the robot is at rest.
@@ -76,6 +81,13 @@ class Encoder(Component, System):
         δ, the age of a sample in periods, also a fraction such as 0.4.
     dropout
         Probability that a joint's sample is lost; it reaches the law as NaN.
+    packet_loss
+        Probability that the samples of all joints are lost at once.
+    stale
+        Probability that all joints repeat their readings of the period before.
+    timing_jitter
+        Largest age of a sample by the jitter of its clock [periods]. It is uniform from 0 on, the same for all joints
+        of an instant, and comes on top of the delay. With the fraction of the delay it is at most one.
     max_step
         Largest distance of a sample from the last valid one [rad or m]; None for any. A sample farther away counts as
         missing. After missing samples the joint must still be that close.
@@ -87,19 +99,30 @@ class Encoder(Component, System):
     noise: Numbers = 0.0
     delay: Numbers = 0.0
     dropout: float = 0.0
+    packet_loss: float = 0.0
+    stale: float = 0.0
+    timing_jitter: float = 0.0
     max_step: Numbers | None = None
 
     def __post_init__(self) -> None:
         if self.bits is not None and self.resolution is not None:
             raise InvalidParameter("bits, resolution: both are given; give one of them")
         _ = self.reading_check
-        check.number("dropout", self.dropout, 0, high=0.99)
+        for name in ("dropout", "packet_loss", "stale"):
+            check.number(name, getattr(self, name), 0, high=0.99)
         if self.bits is not None:
             for bits in np.ravel(np.asarray(self.bits, dtype=object)):
                 check.integer("bits", bits, 1, 52)
         for name in ("resolution", "noise", "delay"):
             if getattr(self, name) is not None:
                 numbers_of_at_least_zero(name, getattr(self, name))
+        check.number("timing_jitter", self.timing_jitter, 0, high=1)
+        if np.max(self._fraction) + self.timing_jitter > 1 + SAME_INSTANT:
+            raise InvalidParameter(
+                f"timing_jitter: got {self.timing_jitter:g} with a delay of {self.delay!r} periods; needs at most one "
+                "together with the fraction of the delay; add whole periods to the delay instead",
+                "timing_jitter",
+            )
         if self.resolution is not None and not np.any(self.step_size > 0):
             raise InvalidParameter(
                 f"resolution: got {self.resolution!r}; needs a number above 0, or None for no quantisation"
@@ -133,13 +156,23 @@ class Encoder(Component, System):
         return np.array(0.0 if self.resolution is None else self.resolution, dtype=float)
 
     def sample_noise(self, n_joints: int, count: int, rng: np.random.Generator) -> np.ndarray:
-        """Draw the noise of a whole run, shape (n, count), NaN where a sample is lost; the first one never is."""
+        """Draw the noise of a whole run, shape (n, count).
+
+        It is NaN where a sample is lost, and infinite where it repeats the reading before; the first one is neither.
+        """
         noise = np.reshape(self.noise, (-1, 1)) * rng.standard_normal((n_joints, count))
         if self.dropout:
             lost = rng.random((n_joints, count)) < self.dropout
             lost[:, 0] = False
             noise[lost] = np.nan
+        for probability, mark in ((self.stale, np.inf), (self.packet_loss, np.nan)):
+            if probability:
+                noise[:, 1:][:, rng.random(count - 1) < probability] = mark
         return noise
+
+    def sample_age(self, count: int, rng: np.random.Generator) -> np.ndarray | None:
+        """Draw the age of each sample of a run by jitter [periods], shape (count,); None without jitter."""
+        return self.timing_jitter * rng.random(count) if self.timing_jitter else None
 
     @cached_property
     def _whole_delay(self) -> np.ndarray:
@@ -153,7 +186,7 @@ class Encoder(Component, System):
 
     @property
     def _has_fraction(self) -> bool:
-        return bool(np.any(self._fraction > SAME_INSTANT))
+        return bool(np.any(self._fraction > SAME_INSTANT)) or self.timing_jitter > 0
 
     def quantise(self, position: Vector) -> Vector:
         """Round to the nearest step."""
@@ -182,6 +215,8 @@ class Encoder(Component, System):
         if self._has_fraction:
             position = self._earlier(state, value)
         reading = self.quantise(position + value.noise)
+        if self.stale:
+            reading = ops.where(value.noise > ops.HUGE, state.delay_line[:, 0], reading)
         last_valid = state.last_valid
         if self.reading_check.is_needed:
             # the readings 0 … span, −span/2 … span/2 and without end differ by whole turns, so they unwrap to the same
@@ -193,6 +228,8 @@ class Encoder(Component, System):
     def _earlier(self, state: EncoderState, value: EncoderInput) -> Vector:
         """Return the true position a fraction of a period before this instant, by cubic Hermite interpolation."""
         s = 1 - self._fraction
+        if value.age.shape[0]:
+            s = s - value.age
         return (
             (1 + 2 * s) * (1 - s) ** 2 * state.past_position
             + s * (1 - s) ** 2 * state.past_travel

@@ -39,7 +39,8 @@ def run_casadi(
     parameters = {name: np.array(loop.plant.parameters[name]) for name in inputs.schedules}
     zero = np.zeros(n)
     period = np.full(0 if inputs.periods is None else 1, loop.controller.law.period)
-    value = LoopInput(zero, zero, zero, zero, np.zeros((n, loop.substeps)), parameters, period)
+    age = np.zeros(0 if inputs.age is None else 1)
+    value = LoopInput(zero, zero, zero, zero, np.zeros((n, loop.substeps)), parameters, period, age)
     function, example = trace(loop.step, state, value, name="period")
     advance = _engine(function, pack(state), len(inputs.times), native)
     n_periods = len(inputs.times)
@@ -108,4 +109,5 @@ def _input_rows(inputs: SampledInputs) -> np.ndarray:
     n, n_periods, substeps = inputs.disturbance.shape
     disturbance = inputs.disturbance.transpose(2, 0, 1).reshape(n * substeps, n_periods)
     periods = [] if inputs.periods is None else [inputs.periods[None]]
-    return np.concatenate([*inputs.reference, inputs.noise, disturbance, *inputs.schedules.values(), *periods]).T
+    ages = [] if inputs.age is None else [inputs.age[None]]
+    return np.concatenate([*inputs.reference, inputs.noise, disturbance, *inputs.schedules.values(), *periods, *ages]).T

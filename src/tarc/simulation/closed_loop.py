@@ -23,7 +23,8 @@ NO_NUMBERS = np.zeros(0)
 class LoopInput(NamedTuple):
     """Inputs of one period: reference and noise (n,), disturbance (n, substeps), plant parameters by name.
 
-    ``period`` is the length of this period [s], shape (1,), where periods differ; else it has shape (0,).
+    ``period`` is the length of this period [s], shape (1,), where periods differ; else it has shape (0,). ``age`` is
+    that of the sample [periods], shape (1,), where it differs; else it has shape (0,).
     """
 
     reference: Vector
@@ -33,6 +34,7 @@ class LoopInput(NamedTuple):
     disturbance: Vector
     parameters: dict[str, Any]
     period: Vector = NO_NUMBERS
+    age: Vector = NO_NUMBERS
 
 
 class LoopState(NamedTuple):
@@ -96,7 +98,7 @@ class ClosedLoop(System):
         q: Vector = state.position
         dq: Vector = state.velocity
         motion = self._measured(q), self._measured(dq)
-        controller, output = self.controller.step(state.controller, ControllerInput(*motion, *value[:4]))
+        controller, output = self.controller.step(state.controller, ControllerInput(*motion, *value[:4], value.age))
         period = value.period if value.period.shape[0] else self.controller.law.period
         drive, torques = self._drive(state.drive, output.torque, period)
         torque = output.torque

@@ -67,7 +67,8 @@ class _MujocoLoop:
 
         state = controller.init(initial.position[list(plant.measured)], initial.torque, inputs.noise[:, 0])
         zero = np.zeros(n)
-        value = _Measurement(zero, ControllerInput(*[zero] * 6))
+        age = np.zeros(0 if inputs.age is None else 1)
+        value = _Measurement(zero, ControllerInput(*[zero] * 6, age))
         function, self.example = trace(_step_with_true_derivatives(controller), state, value, name="controller")
         self._set_up_servo()
         function = _with_simulator_arrays(function, plant, () if self.is_segmented else self._commanded)
@@ -177,7 +178,8 @@ def run_mujoco(
     """Step the plant in MuJoCo; call the controller between the steps over fixed memory."""
     n, n_periods = plant.n_joints, len(inputs.times)
     changes = _parameter_changes(inputs)
-    input_rows = np.concatenate([*inputs.reference, inputs.noise, inputs.disturbance[:, :, 0]]).T
+    ages = [] if inputs.age is None else [inputs.age[None]]
+    input_rows = np.concatenate([*inputs.reference, inputs.noise, *ages, inputs.disturbance[:, :, 0]]).T
     stop = 0
     n_checked = 0
     with monitor.progress, without_log_file():
@@ -226,7 +228,7 @@ def _with_simulator_arrays(
     """
     n, m = plant.n_joints, plant.n_coordinates
     joints, others = list(plant.measured), list(plant.unmeasured)
-    x, outside = ca.SX.sym("x", controller.nnz_in(0)), ca.SX.sym("outside", 5 * n)
+    x, outside = ca.SX.sym("x", controller.nnz_in(0)), ca.SX.sym("outside", controller.nnz_in(1) - 2 * n)
     q, v, a, last = (ca.SX.sym(name, m) for name in ("q", "v", "a", "last"))
     x_next, y = controller(x, ca.vertcat(last[joints], q[joints], v[joints], outside[:-n]))
     output, control = y[n : 2 * n], ca.SX.zeros(plant.model.nu)

@@ -41,6 +41,8 @@ class SampledInputs:
         Disturbances, payloads and schedules of which the arrays are samples.
     periods
         Length of each period [s], shape (k,), where they differ; None where they do not.
+    age
+        Age of each sample by the jitter of the sensor's clock [periods], shape (k,); None without.
     """
 
     times: np.ndarray
@@ -50,6 +52,7 @@ class SampledInputs:
     schedules: dict[str, np.ndarray]
     events: tuple[Event, ...] = ()
     periods: np.ndarray | None = None
+    age: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -143,6 +146,7 @@ def sample_inputs(
         schedules,
         tuple(events),
         periods,
+        sensor.sample_age(n_periods, noise_rng),
     )
 
 
