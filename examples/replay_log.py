@@ -5,6 +5,7 @@ replay finds the true time of each row again. On these times it measures delay a
 that a model explains. `tarc replay` does the same for the log of your robot.
 """
 
+import numpy as np
 
 import tarc
 
