@@ -1,10 +1,12 @@
 """Options of `tarc design` become requirements."""
 
 import inspect
+from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
-from tarc.cli.design import design
+from tarc.cli.design import design, workspace_of
 from tarc.cli.design_options import requirements_of
 
 
@@ -45,3 +47,17 @@ def test_numbers_per_joint_and_the_rate():
     assert requirements.speed == [1.0, 2.0]
     assert requirements.period == 0.002
     assert requirements.law == "TDC"
+
+
+def test_a_trajectory_with_velocities_may_be_csv_or_yaml(tmp_path):
+    (tmp_path / "motion.csv").write_text("time,a,a/velocity\n0,0.1,0\n2,0.7,0\n", encoding="utf-8")
+    (tmp_path / "motion.yaml").write_text(
+        "joint_names: [a]\npoints:\n"
+        "  - {positions: [0.1], velocities: [0], time_from_start: {sec: 0, nanosec: 0}}\n"
+        "  - {positions: [0.7], velocities: [0], time_from_start: {sec: 2, nanosec: 0}}\n",
+        encoding="utf-8",
+    )
+    arm = SimpleNamespace(joint_names=["a"])
+    spaces = [workspace_of(tmp_path / f"motion.{kind}", 0.05, arm) for kind in ("csv", "yaml")]
+    assert spaces[0].speed == spaces[1].speed
+    assert float(spaces[0].speed[0]) == pytest.approx(1.2 * 0.45, rel=0.01)

@@ -190,10 +190,20 @@ def workspace_of(trajectory: Path, tube: float, plant: "Plant") -> "Workspace":
     from tarc.analysis.workspace import Workspace
     from tarc.signals import JointTrajectory, RecordedReference
 
-    kind = JointTrajectory if trajectory.suffix.lower() in (".yaml", ".yml") else RecordedReference
-    reference = kind(path=str(trajectory.expanduser().resolve()))
+    file = trajectory.expanduser()
+    kind = JointTrajectory if file.suffix.lower() in (".yaml", ".yml") or _has_velocities(file) else RecordedReference
+    reference = kind(path=str(file.resolve()))
     workspace = Workspace.from_reference(reference, reference.end_time, tube=tube).for_joints(plant.joint_names)
     return workspace.with_reference_speeds()
+
+
+def _has_velocities(file: Path) -> bool:
+    """Return whether the head of a text file has columns such as ``elbow/velocity``, as a JointTrajectory does."""
+    try:
+        with file.open(encoding="utf-8") as text:
+            return "/velocity" in text.readline()
+    except (OSError, UnicodeDecodeError):
+        return False  # the reader of the file says what is wrong
 
 
 def _draw(result: "Design") -> "dict[str, Figure]":
