@@ -30,7 +30,7 @@ PANDA = LogColumns(
     velocity="exciting_traj_velocity.txt",
     torque="exciting_traj_torques.txt",
 )
-PANDA_PART = {"start_time": 2.2, "stop_time": 19.6}
+PANDA_PART = 2.2, 19.6
 """Part of the Panda's record without its start and end [s]."""
 KUKA_RUNS = ("A", "B", "C")
 KUKA_WINDOWS = (0.012, 0.020, 0.040)
@@ -56,8 +56,8 @@ def data_folder() -> Path:
 @cache
 def panda(whole: bool = True) -> tarc.Replay:
     """Return the replay of the Panda's record, all of it or the part without start and end."""
-    part = {} if whole else PANDA_PART
-    return tarc.replay(data_folder() / "panda", "panda", columns=PANDA, window=0.010, **part)
+    start, stop = (None, None) if whole else PANDA_PART
+    return tarc.replay(data_folder() / "panda", "panda", columns=PANDA, window=0.010, start_time=start, stop_time=stop)
 
 
 @cache
@@ -112,7 +112,9 @@ def delay_table() -> str:
     for k, window in enumerate(KUKA_WINDOWS):
         checks = [kuka(run).windows[k] for run in KUKA_RUNS]
         by_motion = 1e3 * np.concatenate([check.delay for check in checks])
-        by_velocity = 1e3 * np.concatenate([np.ravel(check.delay_by_velocity) for check in checks]).astype(float)
+        by_velocity = 1e3 * np.concatenate(
+            [check.delay_by_velocity for check in checks if check.delay_by_velocity is not None]
+        )
         rows.append(
             [
                 f"{1e3 * window:g}",

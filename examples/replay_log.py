@@ -34,7 +34,8 @@ found = tarc.replay(log, arm, law=law, start_time=0.5)
 timing, window = found.timing, found.windows[0]
 print(f"stale {timing.stale:.1%}, missing {timing.missing:.1%}, residual {1e6 * np.max(timing.residual):.1f} µrad")
 print(f"delay {1e3 * window.delay.mean():.2f} ms, predicted {1e3 * window.predicted_delay:.2f} ms")
-print(f"explained {found.model.explained.round(4)}")
+if found.model is not None:
+    print(f"explained {found.model.explained.round(4)}")
 found.save_report("replay.html")
 figure = found.plot()
 figure.savefig("replay_log.png", dpi=110)

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from benchmarks.page_values.registry import DataMissingError, Source
+from benchmarks.page_values.registry import DataMissingError, Source, Value
 
 from benchmarks import numbers, real_robots
 
@@ -44,8 +44,10 @@ def test_without_the_records_the_page_keeps_its_values(monkeypatch, tmp_path, ca
     monkeypatch.setenv("TARC_ROBOT_DATA", str(tmp_path))
     kept = tmp_path / "numbers.json"
     monkeypatch.setattr(numbers, "VALUES", kept)
-    monkeypatch.setattr(numbers, "SOURCES", {"real_robots": Source(real_robots.data_folder, long=False)})
-    values = {"real_robots": {"noise": 0.5}}
+    real_robots.panda.cache_clear()
+    real_robots.kuka.cache_clear()
+    monkeypatch.setattr(numbers, "SOURCES", {"real_robots": Source(real_robots.values, long=False)})
+    values: dict[str, dict[str, Value]] = {"real_robots": {"noise": 0.5}}
     numbers.save(values)
     numbers.compute(["real_robots"], values)
     assert "skipped: no records of real robots" in capsys.readouterr().out

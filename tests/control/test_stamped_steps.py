@@ -72,7 +72,7 @@ def test_a_repeated_time_is_a_missing_sample_and_an_absolute_encoder_is_unwrappe
         loop.step(position, position, np.zeros(2), np.zeros(2), time=time)
     assert loop.signals["velocity_estimate"] == pytest.approx([2.0, 2.0], rel=1e-6)
     assert loop.missing == 0
-    loop.step(position, position, np.zeros(2), np.zeros(2), time=times[-1])
+    loop.step(np.zeros(2), np.zeros(2), np.zeros(2), np.zeros(2), time=times[-1])
     assert loop.missing == 1
     loop.reset([0.0, 0.0])
     loop.step(np.zeros(2), np.zeros(2), np.zeros(2), np.zeros(2), time=0.0)

@@ -173,9 +173,11 @@ def replay(
     rows = rows.between(start_time, stop_time)
     plant = load_robot(robot) if isinstance(robot, str | Path) else robot
     sensor = Encoder()
-    if isinstance(law, Scenario | str | Path):
+    if law is None or isinstance(law, Law):
+        own_law = law
+    else:
         setup = (law if isinstance(law, Scenario) else Scenario.load(law)).build()
-        law, sensor = next(iter(setup.laws.values())), setup.sensor
+        own_law, sensor = next(iter(setup.laws.values())), setup.sensor
         plant = setup.plant if plant is None else plant
     if plant is not None and plant.n_joints != rows.n_joints:
         raise InvalidParameter(
@@ -185,8 +187,8 @@ def replay(
         )
     timing = repair_time(rows, period=period, cutoff=cutoff)
     record = EvenRecord.from_log(rows, timing, cutoff)
-    sizes = _windows(window, law, timing.period)
-    inertia = _inertia(law, plant, record, inertia_fraction)
+    sizes = _windows(window, own_law, timing.period)
+    inertia = _inertia(own_law, plant, record, inertia_fraction)
     return Replay(
         log=rows,
         record=record,
@@ -195,7 +197,7 @@ def replay(
         velocity=check_velocity(record, cutoff),
         model=None if plant is None else check_model(record, plant, cutoff),
         delay_estimation=None if inertia is None else check_delay_estimation(record, inertia, sizes[0], cutoff),
-        shadow=None if law is None else check_shadow(record, law, sensor, plant, cutoff),
+        shadow=None if own_law is None else check_shadow(record, own_law, sensor, plant, cutoff),
     )
 
 
@@ -216,13 +218,20 @@ def _inertia(law: Law | None, plant: Plant | None, record: EvenRecord, fraction:
     return check.number("inertia_fraction", fraction, 0, strict=True) * mean_inertia(record, plant)
 
 
+def _finite(values: Any) -> Any:
+    """Return nested lists with None for what is not finite."""
+    if isinstance(values, list):
+        return [_finite(value) for value in values]
+    return values if np.isfinite(values) else None
+
+
 def _plain(part: object, n_rows: int) -> dict[str, Any]:
     """Return the fields of a result that are no rows over time: arrays as lists, what is not finite as None."""
     result: dict[str, Any] = {}
     for name, value in vars(part).items():
         if isinstance(value, np.ndarray):
             if name not in ("times", "is_new") and len(value) != n_rows:
-                result[name] = np.where(np.isfinite(value), value.astype(object), None).tolist()
+                result[name] = _finite(value.tolist())
         elif value is not None:
             result[name] = value
     return result

@@ -86,14 +86,15 @@ def check_shadow(
     motion = record.motion if record.reference is None else record.smooth(record.reference, cutoff)
     desired = [motion(record.times, order) for order in range(3)]
     position = np.where(record.is_measured[:, None], record.position, np.nan)
-    command, faults = _commands(law, position, desired, record.torque)
+    applied = record.torque
+    command, faults = _commands(law, position, desired, applied)
     sigma = record.position_noise()
     assumed = measurement_deviation(sensor, n)
     noise = np.random.default_rng(SEED).standard_normal(position.shape)
     inner = record.inner(10 / cutoff)
 
     def torque_noise(deviation: Array) -> Array:
-        noisy, _ = _commands(law, position + noise * deviation, desired, record.torque)
+        noisy, _ = _commands(law, position + noise * deviation, desired, applied)
         return np.sqrt(np.mean((noisy - command)[inner] ** 2, axis=0))
 
     difference = np.sqrt(np.mean((command - record.torque)[inner] ** 2, axis=0))

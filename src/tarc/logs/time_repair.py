@@ -102,7 +102,7 @@ def repair_time(log: RobotLog, *, period: float | None = None, cutoff: float = 2
     InvalidParameter
         For a log that never moves or has too few complete rows, and a cut-off that its rate does not allow.
     """
-    complete = np.isfinite(log.position).all(axis=1)
+    complete: Array = np.all(np.isfinite(log.position), axis=1)
     if np.count_nonzero(complete) < MIN_ROWS:
         raise InvalidParameter(f"log: {np.count_nonzero(complete)} rows of {log.label} are complete; needs {MIN_ROWS}")
     stamps = log.times - log.times[0]
@@ -129,7 +129,7 @@ def repair_time(log: RobotLog, *, period: float | None = None, cutoff: float = 2
             times = nominal * ticks
         else:
             times = _shifted(log.position, stamps, usable, weights, cutoff)
-    is_new = complete.copy()
+    is_new = np.array(complete)
     is_new[1:] &= (np.diff(times) > 0) if on_clock else ~repeats[1:]
     _, residual = _smooth(times[is_new], log.position[is_new], cutoff)
     n_periods = round((times[-1] - times[0]) / nominal) + 1

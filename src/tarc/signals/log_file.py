@@ -228,8 +228,10 @@ def _hdf5_arrays(file: Path) -> Iterator[tuple[str, Array]]:
     found: list[tuple[str, Array]] = []
 
     def visit(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset) and item.dtype.kind in "biuf" and item.size > 1 and item.ndim <= 2:
-            found.append((name.replace("/", "."), np.squeeze(np.asarray(item, dtype=float))))
+        if isinstance(item, h5py.Dataset) and item.dtype.kind in "biuf":
+            values = np.squeeze(np.asarray(item, dtype=float))
+            if values.size > 1 and values.ndim <= 2:
+                found.append((name.replace("/", "."), values))
 
     with h5py.File(file, "r") as content:
         content.visititems(visit)

@@ -68,7 +68,7 @@ class _MujocoLoop:
         state = controller.init(initial.position[list(plant.measured)], initial.torque, inputs.noise[:, 0])
         zero = np.zeros(n)
         age = np.zeros(0 if inputs.age is None else 1)
-        value = _Measurement(zero, ControllerInput(*[zero] * 6, age))
+        value = _Measurement(zero, ControllerInput(*[zero] * 6)._replace(age=age))
         function, self.example = trace(_step_with_true_derivatives(controller), state, value, name="controller")
         self._set_up_servo()
         function = _with_simulator_arrays(function, plant, () if self.is_segmented else self._commanded)
