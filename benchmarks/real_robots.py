@@ -12,6 +12,7 @@ import numpy as np
 
 import tarc
 from benchmarks.page_values.registry import DataMissingError, Value, table
+from tarc.logs.model_check import check_delay_estimation
 from tarc.signals import LogColumns, read_log
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -32,6 +33,8 @@ PANDA = LogColumns(
 )
 PANDA_PART = 2.2, 19.6
 """Part of the Panda's record without its start and end [s]."""
+CUTOFFS = (10.0, 20.0, 30.0, 40.0)
+"""Frequencies below which the torque counts as true [Hz]."""
 KUKA_RUNS = ("A", "B", "C")
 KUKA_WINDOWS = (0.012, 0.020, 0.040)
 """[s]"""
@@ -146,6 +149,18 @@ def joint_table() -> str:
     return table(["joint", *(f"{i + 1}" for i in range(found.log.n_joints))], rows)
 
 
+def spread_of_cutoffs() -> dict[str, Value]:
+    """Return the least and largest mean of what time-delay estimation leaves, for torques below 10 to 40 Hz."""
+    left = panda().delay_estimation
+    assert left is not None
+    checks = [check_delay_estimation(panda().record, left.inertia, left.window, cutoff) for cutoff in CUTOFFS]
+    shares = {
+        "synchronised": [100 * float(np.mean(check.synchronised)) for check in checks if check is not None],
+        "literal": [100 * float(np.mean(check.literal)) for check in checks if check is not None],
+    }
+    return {f"{name}_{kind.__name__}": kind(values) for name, values in shares.items() for kind in (min, max)}
+
+
 def values() -> dict[str, Value]:
     """Return the tables and numbers of the page."""
     left, check = panda().delay_estimation, panda().windows[0]
@@ -160,6 +175,7 @@ def values() -> dict[str, Value]:
         "literal": 100 * float(np.mean(left.literal)),
         "synchronised_raw": 100 * float(np.mean(left.synchronised_raw)),
         "literal_raw": 100 * float(np.mean(left.literal_raw)),
+        **spread_of_cutoffs(),
         "stamped": float(np.sqrt(np.mean(check.error_of_stamps**2))),
         "even_rows": float(np.sqrt(np.mean(check.error_of_rows**2))),
         "repaired": float(np.sqrt(np.mean(check.error**2))),
