@@ -26,7 +26,7 @@ from PIL import Image
 from benchmarks.comparison import MEASURES, SCENARIOS
 from benchmarks.latex import to_latex
 from tarc import laws
-from tarc.plotting.runs import COLOURS
+from tarc.plotting.style import COLOURS, StyledFigure
 from tarc.scenario.yaml_text import read_yaml, write_yaml
 from tarc.study import tuned_laws
 
@@ -167,7 +167,7 @@ def figure(variants: Iterable[str], results: dict[str, Result], others: Iterable
         return None
     result = results[scenario]
     colours = dict(zip(names, COLOURS, strict=False))
-    canvas = Figure(figsize=(7.6, 3.9), layout="constrained")
+    canvas = StyledFigure(figsize=(7.6, 3.9), layout="constrained")
     grid = canvas.add_gridspec(1, 2)
     left, right = canvas.add_subfigure(grid[0]), canvas.add_subfigure(grid[1])
     draw_plane(left.subplots(), result, colours, others)

@@ -186,11 +186,10 @@ def _cell(one: Balls | None) -> str:
 
 def figure(found: Measured, path: Path) -> None:
     """Shares over the window and over the delay."""
-    from matplotlib.figure import Figure
 
-    from tarc.plotting.runs import COLOURS
+    from tarc.plotting.style import COLOURS, StyledFigure
 
-    drawing = Figure(figsize=(10, 4.2), layout="constrained")
+    drawing = StyledFigure(figsize=(10, 4.2), layout="constrained")
     left, right = drawing.subplots(1, 2, sharey=True)
     for colour, natural_frequency in zip(COLOURS, BANDWIDTHS, strict=False):
         for synchronised, style in ((False, "o-"), (True, "s--")):

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from tarc.plotting.runs import COLOURS
+from tarc.plotting.style import COLOURS, StyledFigure
 
 if TYPE_CHECKING:
     from tarc.certificates.base import Certificate
@@ -94,7 +94,7 @@ def _constant_ratio(certificate: "Certificate") -> Figure:
     evidence = certificate.evidence
     low, high = evidence.min_ratio, evidence.max_ratio
     loops = [(loop.A, loop.B, loop.C) for loop in evidence.loops]
-    figure = Figure(figsize=(9, 4.2))
+    figure = StyledFigure(figsize=(9, 4.2))
     circle, radius = figure.subplots(1, 2, gridspec_kw=_margins(left=0.1, right=0.98, wspace=0.6))
     _eigenvalues(
         circle, {f"ρ = {ratio:.4g}": np.linalg.eigvals(_block(loops, ratio)) for ratio in dict.fromkeys((low, high))}
@@ -115,7 +115,7 @@ def _constant_ratio(certificate: "Certificate") -> Figure:
 
 def _sector(certificate: "Certificate") -> Figure:
     """Draw S(e^{jω}), which must stay to the right of −1/k."""
-    figure = Figure(figsize=(5.5, 4.5))
+    figure = StyledFigure(figsize=(5.5, 4.5))
     axes = figure.subplots(gridspec_kw=_margins(left=0.2, right=0.96))
     z = np.exp(1j * np.geomspace(1e-5, np.pi, 3000))[:, None, None]
     least = 0.0
@@ -141,7 +141,7 @@ def _varying_ratio(certificate: "Certificate") -> Figure:
     """Draw the gain that limits the radius over frequency, and the ratios that are allowed and that the robot has."""
     evidence = certificate.evidence
     ball = evidence.ball
-    figure = Figure(figsize=(9, 3.8))
+    figure = StyledFigure(figsize=(9, 3.8))
     left, right = figure.subplots(1, 2, gridspec_kw=_margins(left=0.07, right=0.98, wspace=0.22, bottom=0.14, top=0.89))
     rows = {"allowed": (np.nan, np.nan)}
     if ball is not None:
@@ -181,7 +181,7 @@ def conditions_figure(certificates: Sequence["Certificate"]) -> Figure:
             labels.append(f"{TITLES[certificate.kind]}, {name}")
             eigenvalues.append(float(np.linalg.eigvalsh(form * scale * scale[:, None])[0]))
             colours.append(VERDICT_COLOURS[certificate.verdict])
-    figure = Figure(figsize=(8, 1.2 + 0.32 * len(labels)), layout="constrained")
+    figure = StyledFigure(figsize=(8, 1.2 + 0.32 * len(labels)), layout="constrained")
     axes = figure.subplots()
     rows = np.arange(len(labels))[::-1]
     axes.barh(rows, eigenvalues, height=0.6, color=colours)
@@ -218,7 +218,7 @@ FIGURES: dict[str, Callable[[Any], Figure]] = {
 def design_figure(certification: "LawCertification") -> Figure:
     """Draw stability over window and ratio, gains over frequency, and eigenvalues of a law that was certified."""
     law, verdict = certification.law, certification.verdict
-    figure = Figure(figsize=(13, 8))
+    figure = StyledFigure(figsize=(13, 8))
     margins = _margins(left=0.065, right=0.98, bottom=0.07, top=0.92, wspace=0.17, hspace=0.24)
     (map_axes, circle), (error, torque) = figure.subplots(2, 2, gridspec_kw=margins)
     _map(map_axes, certification.stability_map)

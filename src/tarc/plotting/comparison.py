@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from tarc.plotting.runs import COLOURS
+from tarc.plotting.style import COLOURS, StyledFigure
 
 if TYPE_CHECKING:
     from tarc.study.comparison import Comparison
@@ -19,7 +19,7 @@ MARKERS = "osD^vP*X<>"
 
 def plane(comparison: "Comparison") -> Figure:
     """Draw RMS error over torque variation, both logarithmic, with the Pareto front."""
-    figure = Figure(figsize=(8.5, 5.5), layout="constrained")
+    figure = StyledFigure(figsize=(8.5, 5.5), layout="constrained")
     axes = figure.subplots()
     points = {
         name: (measures["torque_variation"], 1e3 * measures["rms_error"])
@@ -52,7 +52,7 @@ def plane(comparison: "Comparison") -> Figure:
 def side(comparison: "Comparison") -> Figure:
     """Draw the norm of the error and the torque of the strongest joint, of every law on the same axes."""
     runs = comparison.runs
-    figure = Figure(figsize=(11, max(3.0, 1.1 * len(runs))), layout="constrained")
+    figure = StyledFigure(figsize=(11, max(3.0, 1.1 * len(runs))), layout="constrained")
     grid = figure.subplots(max(len(runs), 1), 2, sharex=True, sharey="col", squeeze=False)
     for i, ((name, run), row) in enumerate(zip(runs.items(), grid, strict=False)):
         data, colour = run.data, COLOURS[i % len(COLOURS)]
@@ -82,7 +82,7 @@ def side(comparison: "Comparison") -> Figure:
 def gain(comparison: "Comparison") -> Figure:
     """Draw the gain of the laws that adapt one, and the norm that drives it."""
     runs = {name: run for name, run in comparison.runs.items() if "gain" in run.data}
-    figure = Figure(figsize=(9, max(2.5, 1.8 * len(runs))), layout="constrained")
+    figure = StyledFigure(figsize=(9, max(2.5, 1.8 * len(runs))), layout="constrained")
     grid = figure.subplots(max(len(runs), 1), 1, sharex=True, squeeze=False)[:, 0]
     for i, ((name, run), axes) in enumerate(zip(runs.items(), grid, strict=False)):
         data = run.data

@@ -14,7 +14,7 @@ from tarc.design.candidates import Candidate
 from tarc.design.result import Design
 from tarc.design.writer import plant_name
 from tarc.plotting.certificates import design_figure
-from tarc.plotting.runs import COLOURS
+from tarc.plotting.style import COLOURS, StyledFigure
 
 STAR: dict[str, Any] = {"marker": "*", "ms": 18, "color": COLOURS[3], "mec": "black", "mew": 0.8, "ls": "", "zorder": 5}
 WIDEST = 300.0
@@ -23,7 +23,7 @@ WIDEST = 300.0
 
 def plot_front(design: Design) -> Figure:
     """Draw torque noise against the error after a step, for every feasible loop and the chosen one."""
-    figure = Figure(figsize=(8.5, 5.0), layout="constrained")
+    figure = StyledFigure(figsize=(8.5, 5.0), layout="constrained")
     axes = figure.subplots()
     plant = design.plants[0]
     limit = design.law.torque_limits if design.law.torque_limit is not None else np.full(design.law.n_joints, np.inf)
@@ -78,7 +78,7 @@ def plot_reach(design: Design) -> Figure:
 
 
 def _region(design: Design) -> Figure:
-    figure = Figure(figsize=(9.5, 4.4), layout="constrained")
+    figure = StyledFigure(figsize=(9.5, 4.4), layout="constrained")
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
     feasible = [loop for loop in design.candidates if loop.feasible]
     limited = design.law.torque_limit is not None
@@ -153,7 +153,7 @@ def _frequent(values: list[Any]) -> np.ndarray:
 
 
 def _map(design: Design, sides: dict[bool, tuple[np.ndarray, np.ndarray, np.ndarray]]) -> Figure:
-    figure = Figure(figsize=(9.5, 4.4), layout="constrained")
+    figure = StyledFigure(figsize=(9.5, 4.4), layout="constrained")
     panels = figure.subplots(1, 2, sharey=True)
     level = np.log10(design.spread)
     drawn: Any = None
@@ -195,7 +195,7 @@ def _map(design: Design, sides: dict[bool, tuple[np.ndarray, np.ndarray, np.ndar
 
 
 def _lines(design: Design) -> Figure:
-    figure = Figure(figsize=(8.5, 4.4), layout="constrained")
+    figure = StyledFigure(figsize=(8.5, 4.4), layout="constrained")
     axes = figure.subplots()
     feasible: list[Candidate] = []
     for synchronised, colour, word in ((False, COLOURS[1], "literal"), (True, COLOURS[0], "synchronised")):

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from tarc.estimators.algebraic import Algebraic
 from tarc.logs.tables import Table, replay_tables
-from tarc.plotting.runs import COLOURS
+from tarc.plotting.style import COLOURS, StyledFigure
 
 if TYPE_CHECKING:
     from tarc.logs.replayed import Replay
@@ -40,7 +40,7 @@ def replay_figure(replay: "Replay") -> Figure:
     torque, n = replay.record.torque, replay.log.n_joints
     across = min(n, JOINTS_ACROSS)
     rows = 0 if torque is None else int(np.ceil(n / across))
-    figure = Figure(figsize=(12, 6.4 + 1.9 * rows), layout="constrained")
+    figure = StyledFigure(figsize=(12, 6.4 + 1.9 * rows), layout="constrained")
     grid = figure.add_gridspec(2 + rows, 2 * across, height_ratios=[1.5, 1.5, *([1.0] * rows)])
     _steps(figure.add_subplot(grid[0, :across]), replay)
     _stamps(figure.add_subplot(grid[0, across:]), replay)
