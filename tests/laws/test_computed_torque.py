@@ -135,3 +135,50 @@ def test_a_model_from_a_file_has_no_machine_code():
     law = make_law(laws.ComputedTorque, joints=6, model=plants.MujocoPlant.from_file("ur5e"))
     with pytest.raises(UnsupportedLaw, match="native: the law calls rigid_body, .* or give the law a model in symbols"):
         Controller(law, native=True)
+
+
+def loaded_error(start_time, **options):
+    """RMS error of an arm with a load that the model lacks, held in a posture."""
+    model = plants.TwoLinkArm(viscous=0.5)
+    law = make_law(laws.ComputedTorque, model=model, natural_frequency=10.0, **options)
+    still = signals.Sinusoid(amplitude=[0.0, 0.0], frequency=1.0, offset=[0.4, 0.7])
+    robot = model.with_parameters({"payload": 1.0})
+    return simulate(robot, law, still, 6.0).metrics(start_time=start_time)["rms_error"]
+
+
+def test_the_integral_removes_the_offset_of_a_load():
+    assert loaded_error(5.0) > 0.02
+    assert loaded_error(5.0, integral_gain=3.0) < 1e-4
+
+
+def test_the_integral_grows_by_eulers_rule_and_is_held_at_a_limit():
+    arm = plants.TwoLinkArm()
+    options = {"model": arm, "natural_frequency": 10.0, "integral_gain": 2.0}
+    reference = np.array([0.01, 0.02])
+    value = LawInput(np.zeros(2), reference, np.zeros(2), np.zeros(2))
+    for limit, growth in ((None, [1, 2, 3]), (1e-3, [1, 1, 1])):
+        law = make_law(laws.ComputedTorque, torque_limit=limit, **options)
+        state = law.init(np.zeros(2))
+        integrals = []
+        for _ in growth:
+            state, output = law.step(state, value)
+            integrals.append(output.signals["integral"])
+        np.testing.assert_allclose(integrals, PERIOD * 2.0 * 100.0 * np.outer(growth, reference), rtol=1e-9)
+
+
+def test_friction_at_the_reference():
+    arm = plants.TwoLinkArm(viscous=[0.5, 0.7], coulomb=0.4)
+    plain, changed = (
+        make_law(laws.ComputedTorque, model=arm, friction_at_reference=choice) for choice in (False, True)
+    )
+    rng = np.random.default_rng(2)
+    start, value = rng.normal(size=2), LawInput(*rng.normal(size=(4, 2)))
+    (_, first), (_, second) = (law.step(law.init(start), value) for law in (plain, changed))
+    velocity = first.signals["velocity_estimate"]
+    friction = [arm.evaluate("friction", value.position, rate) for rate in (value.velocity_reference, velocity)]
+    np.testing.assert_allclose(second.torque - first.torque, friction[0] - friction[1], rtol=1e-9, atol=1e-12)
+
+
+def test_friction_at_the_reference_needs_a_robot_in_symbols(robot):
+    with pytest.raises(InvalidParameter, match="friction_at_reference: got a model MujocoPlant"):
+        make_law(laws.ComputedTorque, model=robot, friction_at_reference=True)

@@ -7,6 +7,7 @@ import pytest
 from law_catalogue import make_law
 from tarc import certificates, estimators, laws, plants, signals, simulate
 from tarc.core.errors import InvalidParameter
+from tarc.laws import LawInput
 
 MASS = plants.MassSpringDamper(masses=(1.0,), springs=0.0, dampers=0.0)
 
@@ -87,3 +88,29 @@ def test_certificate_knows_the_continuous_limit():
 def test_bad_parameters():
     with pytest.raises(InvalidParameter, match="integral_gain: got -1; needs a finite number of at least 0"):
         make_law(laws.PID, integral_gain=-1.0)
+
+
+def test_gravity_compensation_adds_the_gravity_of_the_model():
+    arm = plants.TwoLinkArm(viscous=0.5, coulomb=0.3)
+    plain, compensated = make_law(laws.PID), make_law(laws.PID, model=arm)
+    value = LawInput(np.array([0.3, 0.8]), np.array([0.2, 0.9]), np.ones(2), np.zeros(2))
+    torques = [law.step(law.init(np.array([0.3, 0.8])), value)[1].torque for law in (plain, compensated)]
+    np.testing.assert_allclose(torques[1] - torques[0], arm.gravity_torque(np.array([0.3, 0.8])), rtol=1e-12)
+    assert compensated.has_model
+    assert not compensated.without_model().has_model
+
+
+def test_pd_with_gravity_compensation_holds_where_pd_sags():
+    arm, posture = plants.TwoLinkArm(viscous=0.5), np.array([0.4, 0.7])
+    still = signals.Sinusoid(amplitude=[0.0, 0.0], frequency=1.0, offset=posture)
+    errors = []
+    for model in (None, arm):
+        law = make_law(laws.PID, model=model, natural_frequency=8.0, estimator=estimators.BackwardDifference())
+        errors.append(simulate(arm, law, still, 2.0).metrics(start_time=1.5)["rms_error"])
+    assert errors[0] > 0.1
+    assert errors[1] < 1e-9
+
+
+def test_a_model_of_other_joints_is_refused():
+    with pytest.raises(InvalidParameter, match="model: it has 1 joints, the inertia 2"):
+        make_law(laws.PID, model=plants.Pendulum())

@@ -8,11 +8,10 @@ import numpy as np
 
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
-from tarc.core.errors import InvalidParameter
 from tarc.core.types import Vector
 from tarc.laws.base import ControlInput
 from tarc.laws.lyapunov import solution
-from tarc.laws.model_based import inertia_and_bias
+from tarc.laws.model_based import check_model, inertia_and_bias
 from tarc.laws.pole_placement import PolePlacement
 from tarc.plants.base import Plant
 
@@ -63,12 +62,8 @@ class CorlessLeitmann(PolePlacement):
         super().__post_init__()
         check.number("uncertainty_bound", self.uncertainty_bound, 0)
         check.number("boundary_layer", self.boundary_layer, 0, strict=True)
-        if self.model is not None and not isinstance(self.model, Plant):
-            raise InvalidParameter(f"model: got {self.model!r}; needs one of tarc.plants, or None")
-        if self.model is not None and self.model.n_joints != self.n_joints:
-            raise InvalidParameter(
-                f"model: it has {self.model.n_joints} joints, the inertia {self.n_joints}; they must be the same"
-            )
+        if self.model is not None:
+            check_model(self.model, self.n_joints)
 
     @cached_property
     def P(self) -> np.ndarray:

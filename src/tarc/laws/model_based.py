@@ -59,6 +59,15 @@ class ModelBased(Law):
         """Evaluate the law's equation."""
 
 
+def check_model(model: Plant, n_joints: int) -> None:
+    """Refuse a model that is no robot of `tarc.plants`, and one of another number of joints."""
+    if not isinstance(model, Plant):
+        raise InvalidParameter(f"model: got {model!r}; needs one of tarc.plants, or None")
+    if model.n_joints != n_joints:
+        raise InvalidParameter(f"model: it has {model.n_joints} joints, the inertia {n_joints}; they must be the same")
+    model.require_fully_driven("the model of a law")
+
+
 def inertia_and_bias(model: Plant, position: Vector, velocity: Vector) -> tuple[Vector, Vector]:
     """Return M(q), shape (n, n), and N(q, q̇), shape (n,), of a robot at numbers or at CasADi symbols.
 

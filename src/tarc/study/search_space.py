@@ -156,6 +156,7 @@ SPACES: dict[str, SearchSpace] = {
         {**COMMON, "adaptation_rate": (1.0, 1e4), "dead_zone": (1e-3, 1.0), **LAYER},
     ),
     "pid": SearchSpace(_law("PID"), {**COMMON, "integral_gain": (0.1, 30.0)}),
+    "pd-gravity": SearchSpace(_law("PID", model="robot"), COMMON),
     "adrc": SearchSpace(_law("ADRC"), {**INERTIA, **POLES, "observer_bandwidth": (20.0, 1000.0)}),
     "super-twisting": SearchSpace(
         _law("SuperTwisting"), {**COMMON, "disturbance_rate": (1.0, 1e4), "boundary_layer": (1e-3, 1.0)}
@@ -179,4 +180,8 @@ SPACES: dict[str, SearchSpace] = {
         },
     ),
     "computed-torque": SearchSpace(_law("ComputedTorque", model="robot"), {**POLES, **WINDOW}),
+    "computed-torque-integral": SearchSpace(
+        _law("ComputedTorque", model="robot", friction_at_reference=True),
+        {**POLES, **WINDOW, "integral_gain": (0.1, 30.0)},
+    ),
 }
