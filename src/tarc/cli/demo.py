@@ -1,5 +1,6 @@
 """`tarc demo`: the shipped UR5e scenario."""
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -7,6 +8,8 @@ import typer
 
 from tarc.cli.options import Figures, Json
 from tarc.cli.run import run_scenario
+from tarc.core.files import make_folder
+from tarc.core.optional import EXTRAS, is_installed
 
 DemoFolder = Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")]
 
@@ -14,8 +17,15 @@ DemoFolder = Annotated[Path, typer.Option("--out", "-o", help="Folder for the re
 def demo(out: DemoFolder = Path("runs/demo"), as_json: Json = False, figures: Figures = True) -> None:
     """Simulate a UR5e that follows a trajectory with encoders alone and picks up 5 kg half-way, under TARC and TDC.
 
+    It writes figures, and with the extra view an animation in 3D.
+
     Example: tarc demo -o runs/demo
     """
     from tarc.scenario.model import Scenario
 
-    run_scenario(Scenario.load("ur5e"), out, as_json, figures)
+    animation = None
+    if figures and all(is_installed(module) for module in EXTRAS["view"]):
+        animation = make_folder("--out", out) / "animation.html"
+    elif figures:
+        print("no animation: it needs the extra view; pip install 'tarc-control[view]'", file=sys.stderr)
+    run_scenario(Scenario.load("ur5e"), out, as_json, figures, animation)
