@@ -112,6 +112,40 @@ def test_a_trajectory_gives_postures_and_speeds(tmp_path):
     assert run.status.completed
 
 
+OWN_LAW = """
+from dataclasses import dataclass
+import tarc
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Soft(tarc.laws.TDE):
+    stiffness: float = 2.0
+    @property
+    def robust_slope_bound(self):
+        return self.stiffness
+    def robust_init(self):
+        return ()
+    def robust(self, state, tracking):
+        return state, -self.stiffness * tracking.error, {}
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Other(tarc.laws.PID):
+    pass
+"""
+
+
+def test_a_law_of_ones_own_is_designed(tmp_path):
+    (tmp_path / "arm.urdf").write_text(ROBOT)
+    (tmp_path / "mine.py").write_text(OWN_LAW)
+    call = ["design", "arm.urdf", *ASKED, "--speed", "inf", "--no-figures", "-o", "out.yaml", "--json"]
+    summary = json.loads(invoke_tarc(*call, "--law", "mine.py:Soft", folder=tmp_path).stdout)
+    assert read_yaml((tmp_path / "out.yaml").read_text(), "out")["law"]["kind"] == "mine.py:Soft"
+    assert Scenario.load(tmp_path / "out.yaml").certify(samples=60, full_range=True)["Soft"].verdict.certified
+    predicted, tried = summary["predicted_rms_error"], summary["trial"]["rms_error"]
+    assert 0.5 < predicted / tried < 2
+    refused = invoke_tarc(*call, "--law", "mine.py:Other", folder=tmp_path, status=2)
+    assert "Other extends no time-delay estimation" in str(refused.exception)
+
+
 def test_the_table_fits_a_terminal_and_tells_each_choice(designed_folder):
     _, printed = designed_folder
     assert max(cell_len(line.rstrip()) for line in printed.splitlines()[:-1]) <= 80

@@ -20,7 +20,7 @@ WITHOUT_OPTION = ("workspace",)
 """Requirements that Python alone can give."""
 NUMBERS = "Numbers | None"
 """Type of a requirement that is one number, or one per joint; an option takes them with commas between."""
-METAVARS = {"payload": "LOW HIGH", "law": "|".join(LAWS)}
+METAVARS = {"payload": "LOW HIGH", "law": "|".join([*LAWS, "FILE.py:CLASS"])}
 
 
 def requirement_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -84,7 +84,8 @@ def requirements_of(options: dict[str, Any], workspace: "Workspace | None" = Non
     for name, value in values.items():
         if kinds[name] == NUMBERS:
             values[name] = numbers_of(f"--{name.replace('_', '-')}", value)
-    values["law"] = values["law"].upper()
+    if "." not in values["law"]:
+        values["law"] = values["law"].upper()
     period = 1 / check.number("--control-rate", rate, 0, strict=True)
     if resolution is None:
         sensor = Encoder(bits=_bits(bits))

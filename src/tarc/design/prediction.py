@@ -9,13 +9,18 @@ from tarc.analysis.linearise import Channel, decoupled_channels
 from tarc.core import validation as check
 from tarc.core.types import Array
 from tarc.design.noise import measurement_deviation
+from tarc.laws.base import ControlInput
 from tarc.laws.pole_placement import PolePlacement
 from tarc.laws.tarc import TARC
+from tarc.laws.tde import TDE
 from tarc.numerics.norms import h2_norm
 from tarc.plants.base import Plant
 from tarc.plants.symbolic import SymbolicPlant
 from tarc.signals.references import Reference
 from tarc.signals.sensors import Encoder
+
+SMALL_ERROR = 1e-9
+"""Error [rad or m] at which the slope of a robust term is taken."""
 
 SETTLING_TIMES = 10.0
 """Time at rest before the reference starts, in 1/ωn of the slowest joint."""
@@ -116,10 +121,23 @@ def predict_error(
 
 
 def _robust_stiffness(law: PolePlacement, gain: float) -> Array:
-    """Return α ĉ P2/ε, which the robust term adds to K1 in its boundary layer, shape (n, n)."""
+    """Return what the robust term adds to K1 near zero error, shape (n, n): α ĉ P2/ε for TARC."""
+    if isinstance(law, TDE) and not isinstance(law, TARC) and law.robust_slope_bound > 0:
+        return _robust_slope(law)
     if not isinstance(law, TARC):
         return np.zeros((law.n_joints, law.n_joints))
     return law.gain_factor * gain / law.boundary_layer * law.P2
+
+
+def _robust_slope(law: TDE) -> Array:
+    """Return −∂Δu/∂e1 at rest by a small difference, shape (n, n)."""
+    zero = np.zeros(law.n_joints)
+    _, estimate = law.estimator.step(law.estimator.init(zero), zero)
+    columns = []
+    for error in SMALL_ERROR * np.eye(law.n_joints):
+        tracking = ControlInput(estimate, error, zero, zero, zero, np.zeros(()))
+        columns.append(-law.robust(law.robust_init(), tracking)[1] / SMALL_ERROR)
+    return np.column_stack(columns)
 
 
 class _OpenLoop:

@@ -67,7 +67,8 @@ class DesignRequirements:
         Largest rate of the torque that the robot's interface accepts [N m/s or N/s], one number or one per joint. A
         trial run must keep to it. Default: any.
     law
-        ``TARC``, with the adaptive switching gain, or ``TDC``, without.
+        ``TARC``, with the adaptive switching gain, or ``TDC``, without. Or ``my_file.py:MyLaw``: a law of your own that
+        extends `tarc.laws.TDE`, at the defaults of its own parameters.
     diagonal
         Restrict M̂ to diagonal matrices.
     computation_delay
@@ -104,7 +105,8 @@ class DesignRequirements:
     def __post_init__(self) -> None:
         from tarc.core import validation as check
 
-        check.one_of("law", self.law, LAWS)
+        if not self.has_own_law:
+            check.one_of("law", self.law, LAWS)
         check.number("period", self.period, 0, strict=True)
         low, high = (check.number("payload", mass, 0) for mass in self.payload)
         if high < low:
@@ -125,9 +127,14 @@ class DesignRequirements:
             raise InvalidParameter("workspace, joint_range: both are given; give one of them")
 
     @property
+    def has_own_law(self) -> bool:
+        """Whether the law is from a user's own file."""
+        return "." in self.law
+
+    @property
     def slope_ratio(self) -> float:
-        """Largest slope of the robust term over K1."""
-        return SLOPE_RATIO[self.law]
+        """Largest slope of the robust term over K1, for which loops are chosen."""
+        return SLOPE_RATIO.get(self.law, max(SLOPE_RATIO.values()))
 
     @property
     def has_budget(self) -> bool:

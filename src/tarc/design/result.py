@@ -22,6 +22,7 @@ from tarc.laws.tdc import TDC
 from tarc.plants.base import Plant
 from tarc.scenario.loader import FILE_KEYS
 from tarc.scenario.model import Scenario
+from tarc.scenario.user_law import relative_kind
 from tarc.signals.sensors import Encoder
 
 if TYPE_CHECKING:
@@ -128,10 +129,12 @@ class Design:
             Where the text is to be written. The files of robot and motion in its folder get relative paths.
         """
         content = self.scenario().model_dump(mode="json", exclude_defaults=True)
-        for section, key in FILE_KEYS:
-            part = content[section]
-            if file is not None and key in part:
-                part[key] = writer.relative_path(Path(part[key]), file.parent)
+        if file is not None:
+            for section, key in FILE_KEYS:
+                if key in content[section]:
+                    content[section][key] = writer.relative_path(Path(content[section][key]), file.parent)
+            if self.requirements.has_own_law:
+                content["law"]["kind"] = relative_kind(content["law"]["kind"], file.parent)
         options = writer.certify_options(self.plants[0], self.workspace)
         header = writer.header_lines(self.certificates["robot"], options, command, file)
         return writer.to_commented_yaml(content, self.choices, header)

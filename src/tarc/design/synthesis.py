@@ -11,7 +11,7 @@ from tarc.analysis.inertia_shape import best_inertia_shape
 from tarc.certificates.base import Certificate
 from tarc.certificates.robot import certify_robot
 from tarc.certification import certify_law
-from tarc.core.errors import InfeasibleDesign, InvalidParameter
+from tarc.core.errors import InfeasibleDesign, InvalidParameter, UnsupportedLaw
 from tarc.core.progress import Progress
 from tarc.design.adaptation import Adaptation, choose_adaptation, expected_step
 from tarc.design.assessment import assess_candidates
@@ -28,7 +28,9 @@ from tarc.design.selection import MIN_SPREAD_MARGIN, LoopSelection
 from tarc.design.stress import try_design
 from tarc.laws.tarc import TARC
 from tarc.laws.tdc import TDC
+from tarc.laws.tde import TDE
 from tarc.plants.base import Plant
+from tarc.scenario.user_law import check_user_law, load_law
 
 MAX_REFINEMENTS = 5
 """Most times that the neighbours of the best loop are assessed."""
@@ -327,8 +329,26 @@ def _build_law(
     options = {**best.law_options(), "inertia": best.inertia_scale * shape, "estimator": best.estimator}
     if np.isfinite(problem.torque_limits).any():
         options["torque_limit"] = problem.torque_limits
+    if problem.requirements.has_own_law:
+        return _own_law(problem.requirements.law, options), None
     if problem.requirements.law == "TDC":
         return TDC(**options), None
     step = expected_step(problem.plants, problem.workspace)
     adaptation = choose_adaptation(best, step, noise=float(np.linalg.norm(problem.sigma)))
     return TARC(**{**options, **adaptation.law_options()}), (adaptation, step)
+
+
+def _own_law(kind: str, options: dict[str, Any]) -> Any:
+    """Return a law from a user's own file, with the gains of a loop.
+
+    Raises
+    ------
+    UnsupportedLaw
+        For a law without time-delay estimation, for which no loop is known.
+    """
+    own = load_law(kind, "law")
+    if not issubclass(own, TDE):
+        raise UnsupportedLaw(f"law: {own.__name__} extends no time-delay estimation; a design needs a subclass of TDE")
+    law: TDE = own(**options)
+    check_user_law(law, "law")
+    return law

@@ -24,6 +24,7 @@ from tarc.laws.tarc import TARC
 from tarc.laws.tdc import TDC
 from tarc.plants.base import Plant
 from tarc.plants.robot_file import find_robot, shipped_robots
+from tarc.scenario.user_law import kind_of
 from tarc.scenario.yaml_text import write_yaml
 from tarc.signals.sensors import Encoder
 
@@ -127,7 +128,7 @@ def law_section(law: TDC | TARC) -> Content:
         options.pop("torque_limit", None)
     inertia, is_diagonal = law.M, np.count_nonzero(law.M - np.diag(np.diag(law.M))) == 0
     content: Content = {
-        "kind": type(law).__name__,
+        "kind": kind_of(law),
         **options,
         "inertia": _plain(np.diag(inertia) if is_diagonal else inertia),
         "damping_ratio": _plain(law.damping_ratio),

@@ -30,7 +30,7 @@ from tarc.scenario.loader import (
     use_law,
 )
 from tarc.scenario.schema import Component, check_component, scenario_error
-from tarc.scenario.user_law import check_user_law, law_name
+from tarc.scenario.user_law import check_user_law, is_from_file, law_name
 from tarc.scenario.yaml_text import write_yaml
 from tarc.signals.drive import Drive
 from tarc.signals.references import Reference
@@ -337,7 +337,7 @@ class Scenario(BaseModel):
         if part.options.get("torque_limit") is None and limits is not None and np.any(np.isfinite(limits)):
             more["torque_limit"] = limits
         law = part.build(**more)
-        if law.__module__.startswith("tarc_user_"):
+        if is_from_file(law):
             check_user_law(law, part.path)
         return law
 

@@ -18,6 +18,9 @@ from tarc.core.trees import pack
 from tarc.laws.base import Law
 from tarc.plants.mujoco import MujocoPlant
 
+MODULE_PREFIX = "tarc_user_"
+"""How the modules of users' files are named."""
+
 TRIAL_ERROR = 0.01
 """Error of each joint in the trial of a law [rad or m]."""
 
@@ -56,6 +59,18 @@ def relative_kind(kind: str, folder: Path) -> str:
     """Return the kind with the path of its file from a folder: the reverse of `absolute_kind`."""
     file, name = split_kind(kind)
     return f"{Path(os.path.relpath(file, folder.resolve())).as_posix()}:{name}" if file.is_absolute() else kind
+
+
+def kind_of(law: Law) -> str:
+    """Return the kind of a law in a scenario: its class, with its file for one from a user's own file."""
+    kind = type(law)
+    module = sys.modules[kind.__module__]
+    return f"{module.__file__}:{kind.__name__}" if is_from_file(law) else kind.__name__
+
+
+def is_from_file(law: Law) -> bool:
+    """Return whether a law is from a user's own file."""
+    return type(law).__module__.startswith(MODULE_PREFIX)
 
 
 def load_law(kind: str, path: str = "law.kind") -> type[Law]:
@@ -107,7 +122,7 @@ def load_law(kind: str, path: str = "law.kind") -> type[Law]:
 @cache
 def _module(file: Path, changed: int, path: str) -> ModuleType:
     """Return the module of a file; it is run once, and again when it has changed."""
-    name = f"tarc_user_{file.stem}_{abs(hash((file, changed)))}"
+    name = f"{MODULE_PREFIX}{file.stem}_{abs(hash((file, changed)))}"
     spec = importlib.util.spec_from_file_location(name, file)
     if spec is None or spec.loader is None:
         raise InvalidParameter(f"{path}: {file} is no Python file; needs my_file.py", path)
