@@ -85,8 +85,8 @@ class ComputedTorque(ModelBased):
         """Evaluate τ = M(q) u + N(q, v̂)."""
         estimate, zeta = tracking.estimate, np.asarray(self.damping_ratio)
         M, N = inertia_and_bias(self.model, estimate.position, estimate.velocity)
-        if self.friction_at_reference:
-            N = N + self._friction_change(tracking)
+        if self.friction_at_reference and isinstance(self.model, SymbolicPlant):
+            N = N + _friction_change(self.model, tracking)
         proportional, derivative = self.omega**2, 2 * zeta * self.omega
         u = tracking.acceleration_reference - derivative * tracking.error_rate - proportional * tracking.error
         if not isinstance(state, IntegralState):
@@ -94,12 +94,6 @@ class ComputedTorque(ModelBased):
         z = self._integrate(state, tracking)
         torque = M @ (u + z) + N
         return remember(state, z, torque), torque, {"auxiliary": u + z, "integral": z}
-
-    def _friction_change(self, tracking: ControlInput) -> Vector:
-        """Return the model's friction at q̇ᵈ less that at v̂ [N m or N], shape (n,)."""
-        position, velocity = tracking.estimate.position, tracking.estimate.velocity
-        wanted = self.model.evaluate("friction", position, velocity - tracking.error_rate)
-        return wanted - self.model.evaluate("friction", position, velocity)
 
     def _integrate(self, state: IntegralState, tracking: ControlInput) -> Vector:
         """Return the next integral; it is held where a limit has cut the torque, and after the law has given up."""
@@ -109,3 +103,10 @@ class ComputedTorque(ModelBased):
         rate = -self.integral_gain * self.omega**2 * tracking.error
         z = state.integral + self.period * ops.where_or_zero(ops.logical_not(held), rate)
         return ops.where(ops.finite(z), z, state.integral)
+
+
+def _friction_change(model: SymbolicPlant, tracking: ControlInput) -> Vector:
+    """Return the model's friction at q̇ᵈ less that at v̂ [N m or N], shape (n,)."""
+    position, velocity = tracking.estimate.position, tracking.estimate.velocity
+    wanted = model.evaluate("friction", position, velocity - tracking.error_rate)
+    return wanted - model.evaluate("friction", position, velocity)
