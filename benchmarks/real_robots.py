@@ -5,13 +5,16 @@ variable TARC_ROBOT_DATA names. Where they are missing, the command says so and 
 """
 
 import os
+import textwrap
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 import tarc
-from benchmarks.page_values.registry import DataMissingError, Value, table
+from benchmarks.page_values.registry import DataMissingError, Value, table, text_block
+from tarc.core.errors import NotIdentifiable
+from tarc.logs.least_squares import Interval
 from tarc.logs.model_check import check_delay_estimation
 from tarc.signals import LogColumns, read_log
 
@@ -149,6 +152,43 @@ def joint_table() -> str:
     return table(["joint", *(f"{i + 1}" for i in range(found.log.n_joints))], rows)
 
 
+@cache
+def identified(links: bool) -> tarc.IdentifiedModel:
+    """Return the Panda as its record shows it, with the links of the file or with links of its own."""
+    return tarc.identify_model(data_folder() / "panda", "panda", columns=PANDA, links=links, progress=False)
+
+
+def identification_table() -> str:
+    """Return what the identified Panda explains on the end of the record, and its friction, one column per joint."""
+    plain, full = identified(False), identified(True)
+    rows = [
+        ["explained by the file", *(f"{value:.3f}" for value in plain.explained_by_file)],
+        ["with friction, rotor, load and delay", *(f"{value:.3f}" for value in plain.explained)],
+        ["with links too", *(f"{value:.3f}" for value in full.explained)],
+        ["dry friction [N m]", *map(_with_error, full.coulomb.value, full.coulomb.high)],
+        ["rotor inertia [kg m²]", *map(_with_error, full.armature.value, full.armature.high)],
+    ]
+    return table(["joint", *(f"{i + 1}" for i in range(len(plain.joint_names)))], rows)
+
+
+def _with_error(value: float, high: float) -> str:
+    return f"{value:.2f} ± {high - value:.2f}"
+
+
+def _payload(model: tarc.IdentifiedModel) -> Interval:
+    assert model.payload is not None
+    return model.payload
+
+
+def without_file() -> str:
+    """Return why the record does not show the inertia without a file."""
+    try:
+        tarc.inertia_from_log(data_folder() / "panda", columns=PANDA)
+    except NotIdentifiable as error:
+        return text_block(textwrap.fill(str(error), 92))
+    raise RuntimeError("the record shows the inertia; correct the page")
+
+
 def spread_of_cutoffs() -> dict[str, Value]:
     """Return the least and largest mean of what time-delay estimation leaves, for torques below 10 to 40 Hz."""
     left = panda().delay_estimation
@@ -171,6 +211,11 @@ def values() -> dict[str, Value]:
         "timing": timing_table(),
         "delays": delay_table(),
         "joints": joint_table(),
+        "identified": identification_table(),
+        "load": float(_payload(identified(False)).value),
+        "load_error": float(_payload(identified(False)).high - _payload(identified(False)).value),
+        "torque_delay": -1e3 * float(identified(True).actuation_delay.value),
+        "without_file": without_file(),
         "synchronised": 100 * float(np.mean(left.synchronised)),
         "literal": 100 * float(np.mean(left.literal)),
         "synchronised_raw": 100 * float(np.mean(left.synchronised_raw)),

@@ -12,6 +12,7 @@ import numpy as np
 
 import tarc
 from benchmarks.page_values.registry import (
+    ROOT,
     Value,
     command,
     flat,
@@ -92,6 +93,34 @@ def refused_design() -> str:
             fails=True,
         )
     return text_block(textwrap.fill(error, 92))
+
+
+@long_source
+def real_task() -> dict[str, Value]:
+    """Output of the commands of a pick-and-place with TIAGo's arm; its figure is written too."""
+    page = "start/real-task.md"
+    arm = [f"arm_{number}_joint" for number in range(1, 8)]
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        data = Path(sysconfig.get_path("purelib"), "cmeel.prefix", "share", "example-robot-data")
+        shutil.copy(data / "robots/tiago_description/robots/tiago.urdf", folder)
+        (folder / "pick.yaml").write_text(yaml_block(page, "joint_names"), encoding="utf-8")
+        designed = command(
+            "tarc design tiago.urdf --trajectory pick.yaml --payload 0 1 --armature 0.03 "
+            f"--joints {','.join(arm)} -o design.yaml --no-figures",
+            folder,
+        )
+        scenario = folder / "design.yaml"
+        kept, _, _ = scenario.read_text(encoding="utf-8").partition("disturbance:")
+        end = "initial_torque: rest\nmetrics_start: 1.0\n"
+        scenario.write_text(kept + yaml_block(page, "disturbance:") + end, encoding="utf-8")
+        ran = command("tarc run design.yaml", folder)
+        command("tarc tune design.yaml --laws pid,pd-gravity,computed-torque-integral,tdc,tarc --trials 100", folder)
+        compared = command("tarc compare design.yaml --gains gains.yaml", folder)
+        (figure,) = folder.glob("runs/*/tracking.png")
+        shutil.copy(figure, ROOT / "docs" / "images" / "real-task.png")
+    verdict = designed[designed.index("certified: ") :]
+    return {"design": text_block(verdict), "run": text_block(ran), "compare": text_block(compared)}
 
 
 @source
