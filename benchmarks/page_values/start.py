@@ -115,7 +115,7 @@ def real_task() -> dict[str, Value]:
         end = "initial_torque: rest\nmetrics_start: 1.0\n"
         scenario.write_text(kept + yaml_block(page, "disturbance:") + end, encoding="utf-8")
         ran = command("tarc run design.yaml", folder)
-        command("tarc tune design.yaml --laws pid,pd-gravity,computed-torque-integral,tdc,tarc --trials 100", folder)
+        command("tarc tune design.yaml --laws pid,pd-gravity,computed-torque-integral,tdc,tarc", folder)
         compared = command("tarc compare design.yaml --gains gains.yaml", folder)
         (figure,) = folder.glob("runs/*/tracking.png")
         shutil.copy(figure, ROOT / "docs" / "images" / "real-task.png")

@@ -2,9 +2,9 @@
 
 import inspect
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
-import pytest
 
 from tarc.cli.design import design, workspace_of
 from tarc.cli.design_options import requirements_of
@@ -36,7 +36,7 @@ def options(**given):
 def test_the_encoder_is_given_by_bits_or_by_its_step_per_joint():
     assert requirements_of(options()).sensor.bits == 17
     assert requirements_of(options(encoder_bits="20")).sensor.bits == 20
-    assert list(requirements_of(options(encoder_bits="20,17")).sensor.bits) == [20, 17]
+    np.testing.assert_array_equal(requirements_of(options(encoder_bits="20,17")).sensor.bits, [20, 17])
     sensor = requirements_of(options(encoder_resolution="5e-6,2e-5")).sensor
     assert sensor.bits is None
     np.testing.assert_array_equal(sensor.step_size, [5e-6, 2e-5])
@@ -57,7 +57,8 @@ def test_a_trajectory_with_velocities_may_be_csv_or_yaml(tmp_path):
         "  - {positions: [0.7], velocities: [0], time_from_start: {sec: 2, nanosec: 0}}\n",
         encoding="utf-8",
     )
-    arm = SimpleNamespace(joint_names=["a"])
+    arm: Any = SimpleNamespace(joint_names=["a"])
     spaces = [workspace_of(tmp_path / f"motion.{kind}", 0.05, arm) for kind in ("csv", "yaml")]
-    assert spaces[0].speed == spaces[1].speed
-    assert float(spaces[0].speed[0]) == pytest.approx(1.2 * 0.45, rel=0.01)
+    speeds = [space.speed for space in spaces]
+    np.testing.assert_array_equal(*speeds)
+    np.testing.assert_allclose(speeds[0], 1.2 * 0.45, rtol=0.01)

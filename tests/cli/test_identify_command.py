@@ -18,10 +18,11 @@ def folder(tmp_path_factory):
     place = tmp_path_factory.mktemp("log")
     arm = load_robot("ur5e", armature=ARMATURE).with_parameters({"payload": 0.7})
     times = 0.002 * np.arange(2500)
-    tones = [np.linspace(1.0, 3.1, 6) * factor for factor in (1.0, 2.37)]
-    q = arm.home + sum(0.3 * np.sin(np.outer(times, tone)) for tone in tones)
-    dq = sum(0.3 * tone * np.cos(np.outer(times, tone)) for tone in tones)
-    ddq = sum(-0.3 * tone**2 * np.sin(np.outer(times, tone)) for tone in tones)
+    tones = np.linspace(1.0, 3.1, 6) * np.array([[1.0], [2.37]])
+    phases = times[:, None, None] * tones
+    q = arm.home + np.sum(0.3 * np.sin(phases), axis=1)
+    dq = np.sum(0.3 * tones * np.cos(phases), axis=1)
+    ddq = np.sum(-0.3 * tones**2 * np.sin(phases), axis=1)
     columns = [*(f"q{i + 1}" for i in range(6)), *(f"tau{i + 1}" for i in range(6))]
     table = np.column_stack([times, q, model_torque(arm, q, dq, ddq)])
     np.savetxt(place / "log.csv", table, delimiter=",", header=",".join(["time", *columns]), comments="")

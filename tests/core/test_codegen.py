@@ -47,7 +47,8 @@ def test_gains_are_arguments_of_the_machine_code():
 def test_many_runs_of_one_loop_are_compiled(monkeypatch):
     """Runs of one loop with other gains add up until compiling pays off."""
     monkeypatch.setattr(casadi_backend, "SHORT_RUN", 1e4)
-    monkeypatch.setattr(casadi_backend, "LONG_RUN", 1e6)
+    monkeypatch.setattr(casadi_backend, "COMPILATION", 1e6)
+    monkeypatch.setattr(casadi_backend, "COMPILATION_PER_INSTRUCTION", 0.0)
     monkeypatch.setattr(casadi_backend, "_interpreted_work", Counter())
     n_compiled = []
     for frequency in np.linspace(41.3, 57.9, 12):

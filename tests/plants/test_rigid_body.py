@@ -219,6 +219,7 @@ def test_a_law_has_its_model_and_compiles():
 def test_the_regressor_of_the_links_gives_the_torque_of_the_file(name):
     """Y(q, q̇, q̈) p = M(q) q̈ + N(q, q̇) without rotor inertia and friction."""
     arm = load_robot(name)
+    assert isinstance(arm, RigidBody)
     n = arm.n_joints
     bare = arm.with_parameters({"armature": np.zeros(n), "viscous": np.zeros(n), "coulomb": np.zeros(n)})
     regressor, parameters = arm.link_regressor()

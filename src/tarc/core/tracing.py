@@ -104,6 +104,11 @@ def n_instructions(function: ca.Function) -> int:
     return function.n_instructions() + n_calls * longest
 
 
+def n_distinct_instructions(function: ca.Function) -> int:
+    """Return the number of instructions of a function and of those that it calls, each counted once."""
+    return function.n_instructions() + sum(map(n_distinct_instructions, function.find_functions(0)))
+
+
 class FixedCall:
     """A function of one output over fixed memory, a microsecond or so each call.
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from tarc.core.codegen import CompiledLoop
 from tarc.core.errors import CompilationError, MissingTool
-from tarc.core.tracing import BUFFER_PERIODS, PeriodBuffer, n_instructions, trace
+from tarc.core.tracing import BUFFER_PERIODS, PeriodBuffer, n_distinct_instructions, n_instructions, trace
 from tarc.core.trees import pack
 from tarc.core.types import Array
 from tarc.simulation.closed_loop import ClosedLoop, LoopInput
@@ -16,8 +16,11 @@ from tarc.simulation.monitor import DIVERGENCE_CHECK_INTERVAL, DivergenceMonitor
 from tarc.simulation.record import Record
 from tarc.simulation.sampled_inputs import InitialConditions, SampledInputs
 
-LONG_RUN = 1e8
-"""Instructions, half a second of the virtual machine, from which a loop is compiled by default."""
+COMPILATION = 5e7
+"""Instructions of the virtual machine that take as long as it takes to compile anything."""
+
+COMPILATION_PER_INSTRUCTION = 4e4
+"""Further ones for each instruction that is compiled."""
 
 SHORT_RUN = 5e6
 """Instructions up to which a run ends in the virtual machine before its C is written."""
@@ -78,7 +81,7 @@ def _pays_off(function: ca.Function, n_periods: int) -> bool:
         return False
     sizes = function.n_instructions(), function.nnz_in(0), function.nnz_in(1), function.nnz_out(1)
     _interpreted_work[sizes] += work
-    return _interpreted_work[sizes] >= LONG_RUN
+    return _interpreted_work[sizes] >= COMPILATION + COMPILATION_PER_INSTRUCTION * n_distinct_instructions(function)
 
 
 def _compiled(function: ca.Function, state: Array) -> Callable[[Array], Array]:
