@@ -8,6 +8,8 @@ import pytest
 import tarc
 from benchmarks import design as bench
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def report():

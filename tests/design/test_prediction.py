@@ -40,9 +40,8 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=() if name == "simple" else pytest.mark.slow) for name in CASES]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CASES)
 def test_a_certified_design_runs_with_the_error_that_it_predicts(name):
     file, options, requirements = CASES[name]
     with warnings.catch_warnings():

@@ -96,12 +96,14 @@ def panda():
     return identify_model(PANDA, "panda", columns=PANDA_COLUMNS, progress=False)
 
 
+@pytest.mark.slow
 def test_the_real_panda_is_explained_on_a_part_that_was_not_used(panda):
     assert np.all(panda.explained[:6] > 0.95)
     assert np.all(panda.explained > panda.explained_by_file)
     assert any("rotor inertia below zero" in remark for remark in panda.remarks())
 
 
+@pytest.mark.slow
 def test_the_real_panda_says_why_its_record_does_not_show_the_inertia():
     if not PANDA.is_dir():
         pytest.skip(f"no record of the Panda at {PANDA}")

@@ -28,16 +28,25 @@ def arm(law, **changes):
     )
 
 
+def slow(law):
+    return pytest.param(law, marks=pytest.mark.slow)
+
+
 @pytest.mark.parametrize(
     "law",
     [
         TDC,
-        {**TDC, "inertia": [1.5, 0.6]},
+        slow({**TDC, "inertia": [1.5, 0.6]}),
         {**TDC, "inertia": [[1.5, 0.4], [0.4, 0.5]]},
-        {**TDC, "delay": 0.001},
-        {**TDC, "kind": "PID", "inertia": {"fraction": 1e-4}},
+        slow({**TDC, "delay": 0.001}),
+        slow({**TDC, "kind": "PID", "inertia": {"fraction": 1e-4}}),
         TARC,
-        [{"kind": "ADRC", "inertia": {"fraction": 0.05}, "natural_frequency": 10.0, "observer_bandwidth": 60.0}, TDC],
+        slow(
+            [
+                {"kind": "ADRC", "inertia": {"fraction": 0.05}, "natural_frequency": 10.0, "observer_bandwidth": 60.0},
+                TDC,
+            ]
+        ),
     ],
     ids=["fraction", "diagonal", "matrix", "delay", "PID", "TARC", "list"],
 )
@@ -60,6 +69,7 @@ def test_no_settings_for_what_no_change_certifies():
     assert certifying_settings(scenario, scenario.certify(samples=20), "TARC") == []
 
 
+@pytest.mark.slow
 def test_the_command_that_is_printed_certifies(tmp_path):
     arm(TDC).save(tmp_path / "arm.yaml")
     tarc_command = str(Path(sys.executable).parent / "tarc")

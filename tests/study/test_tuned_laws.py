@@ -9,10 +9,13 @@ from tarc.study import compare, tuned_laws
 
 LAWS = list(tuned_laws())
 SCENARIOS = [name for name in shipped_scenarios() if name != "ur5e" and not name.startswith("train_")]
+LONG = {"ur5e_load", "underwater"}
 KNOWN_TO_DIVERGE = {"tdc-difference", "tdc-differentiator"}
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow if name in LONG else ()) for name in SCENARIOS]
+)
 def test_torque_is_bounded_at_the_tuned_gains(name):
     """Finite always; and, of laws that keep the robot, within ten times what the median law takes at most."""
     periods = Scenario.load(name).period / 1e-3
