@@ -177,6 +177,7 @@ def test_a_law_without_certificates_is_skipped_and_named():
 
 def test_the_speeds_are_those_of_the_reference():
     point = swing_scenario(CALM).certify(samples=30)["TDC"].verdict.evidence.max_rate_point
+    assert point is not None
     assert point.velocity_limits == pytest.approx([1.2 * 0.3, 1.2 * 0.4], rel=1e-6)
     assert swing_scenario(CALM).certify(samples=30, speed=np.inf)["TDC"].verdict.evidence.rate is None
     assert swing_scenario(CALM).certify(samples=30, full_range=True)["TDC"].verdict.evidence.rate is None
