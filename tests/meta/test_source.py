@@ -15,7 +15,7 @@ from source_facts import (
 PLOT_METHODS = {
     ("tarc.certificates.base", "tarc.plotting.certificates"),
     ("tarc.design.result", "tarc.plotting.design"),
-    ("tarc.estimators.base", "tarc.plotting.runs"),
+    ("tarc.estimators.base", "tarc.plotting.estimators"),
     ("tarc.logs.replayed", "tarc.plotting.replay"),
     ("tarc.simulation.run", "tarc.plotting.animation"),
     ("tarc.simulation.run", "tarc.plotting.runs"),

@@ -138,7 +138,7 @@ class Estimator(Component, System):
 
     def plot(self) -> "Figure":
         """Plot gain and delay of velocity and acceleration over frequency, against the ideal derivative."""
-        from tarc.plotting.runs import estimator_figure
+        from tarc.plotting.estimators import estimator_figure
 
         return estimator_figure(self)
 
