@@ -97,13 +97,12 @@ def test_a_bag_of_joint_states(tmp_path):
     pytest.importorskip("mcap_ros2")
     from mcap_ros2.writer import Writer
 
-    definition = "\n".join(
-        [
-            "std_msgs/Header header", "string[] name", "float64[] position", "float64[] velocity", "float64[] effort",
-            "=" * 80, "MSG: std_msgs/Header", "builtin_interfaces/Time stamp", "string frame_id",
-            "=" * 80, "MSG: builtin_interfaces/Time", "int32 sec", "uint32 nanosec",
-        ]
-    )  # fmt: skip
+    parts = [
+        "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort",
+        "MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id",
+        "MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec",
+    ]
+    definition = f"\n{'=' * 80}\n".join(parts)
     file = tmp_path / "a.mcap"
     with file.open("wb") as stream:
         writer = Writer(stream)

@@ -67,7 +67,7 @@ def tune(
 
     Example: tarc tune my_robot.yaml --law my_law.py:MyLaw --range max_push=0.1,100
 
-    The shipped gains come from: tarc tune train_two_link train_ur5e train_masses
+    The shipped gains were tuned on train_two_link, train_ur5e and train_masses.
     """
     from tarc.scenario.model import Scenario
     from tarc.scenario.yaml_text import write_yaml
