@@ -1,5 +1,6 @@
 """The sampled loop of a law, linearised at rest by automatic differentiation of the law's own code."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -167,41 +168,68 @@ def _is_scalar(K: Array) -> bool:
     return bool(np.abs(K - K[0, 0] * np.eye(len(K))).max() <= 1e-9 * abs(K[0, 0]))
 
 
+def posture_channels(law: Law, computation_delay: int = 0) -> Callable[[Array], Channel]:
+    """Return a function from a posture q (n,) to the loop of all joints there, whose v is the torque itself.
+
+    This is for any law, also one with a model of the robot: its slopes are those at rest in the posture.
+
+    Parameters
+    ----------
+    law
+        The law.
+    computation_delay
+        Periods between a measurement and its torque.
+
+    Raises
+    ------
+    UnsupportedLaw
+        For an estimator that is given the true derivatives.
+    NotLinearisable
+        From the returned function, for a law that has no linearisation at rest.
+    """
+    refuse_oracle(law.estimator)
+    slopes = _slopes_at_rest(law, 0.0, anywhere=True)
+
+    def channel(posture: Array) -> Channel:
+        F, G, H, C, D, E = _required_slopes(law, *slopes(posture))
+        joints = tuple(range(law.n_joints))
+        return Channel(F=F, G=G, H=H, C=C, D=D, E=E, period=law.period, joints=joints).with_delay(computation_delay)
+
+    return channel
+
+
 def _linearise(law: PolePlacement, gain: float, joints: tuple[int, ...]) -> Channel:
     """Return the Jacobian of the traced controller at rest with N̂ = 0; states that adapt or count are constant."""
     refuse_oracle(law.estimator)
     law = law.without_model()
+    F, G, H, C, D, E = _required_slopes(law, *_slopes_at_rest(law, gain)(np.zeros(law.n_joints)))
+    M_inverse = np.linalg.inv(law.M)
+    return Channel(F=F, G=G, H=H, C=M_inverse @ C, D=M_inverse @ D, E=M_inverse @ E, period=law.period, joints=joints)
+
+
+def _required_slopes(law: Law, J: Array, n_states: int) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """Return F, G, H, C, D, E out of the slopes of a law, without the states that do not matter."""
     n = law.n_joints
-    J, n_states = _jacobian_at_rest(law, gain)
-    F, inputs = J[:n_states, :n_states], J[:n_states, n_states:]
-    outputs, direct = J[n_states:, :n_states], J[n_states:, n_states:]
     if not np.all(np.isfinite(J)):
         raise NotLinearisable(
             f"law: {type(law).__name__} with {type(law.estimator).__name__} has no linearisation at rest, where a "
             "slope is infinite; certificates of the loop need a linear estimator, such as tarc.estimators.Algebraic"
         )
+    F, inputs = J[:n_states, :n_states], J[:n_states, n_states:]
+    outputs, direct = J[n_states:, :n_states], J[n_states:, n_states:]
     used = _required_states(F, inputs, outputs)
     F, inputs, outputs = F[np.ix_(used, used)], inputs[used], outputs[:, used]
-    M_inverse = np.linalg.inv(law.M)
-    return Channel(
-        F=F,
-        G=inputs[:, :n],
-        H=inputs[:, n:],
-        C=M_inverse @ outputs,
-        D=M_inverse @ direct[:, :n],
-        E=M_inverse @ direct[:, n:],
-        period=law.period,
-        joints=joints,
-    )
+    return F, inputs[:, :n], inputs[:, n:], outputs, direct[:, :n], direct[:, n:]
 
 
-def _jacobian_at_rest(law: PolePlacement, gain: float) -> tuple[Array, int]:
-    """Return the slopes of (x⁺, τ) over (x, q, w), and the number of states x.
+def _slopes_at_rest(law: Law, gain: float, anywhere: bool = False) -> Callable[[Array], tuple[Array, int]]:
+    """Return a function to the slopes of (x⁺, τ) over (x, q, w) at rest in a posture, and the number of states x.
 
-    The acceleration reference enters the auxiliary input as Δu does, so its columns are those of w.
+    The acceleration reference enters the auxiliary input as Δu does, so its columns are those of w. Unless it is for
+    ``anywhere``, the posture is zero.
     """
     controller = DigitalController(Encoder(), law)
-    zero = np.zeros(law.n_joints)
+    n, zero = law.n_joints, np.zeros(law.n_joints)
     state = controller.init(zero)
     labels = [label.split(".")[-1] for label in names(state)]
     constants = law.linearisation_constants(gain)
@@ -209,19 +237,26 @@ def _jacobian_at_rest(law: PolePlacement, gain: float) -> tuple[Array, int]:
         leaf if constants.get(label) is None else constants[label] + 0 * leaf
         for label, leaf in zip(labels, leaves(state), strict=True)
     ]
-    # constant states and the reference stay numbers, so that the graph is that of the loop alone
+    # constant states and the reference stay numbers where they can, so that the graph is that of the loop alone
     varying = [i for i, label in enumerate(labels) if label not in constants]
     symbols = {i: ca.SX.sym("x", *(*np.shape(values[i]), 1, 1)[:2]) for i in varying}
-    position, acceleration = ca.SX.sym("q", law.n_joints), ca.SX.sym("a", law.n_joints)
+    position, acceleration = ca.SX.sym("q", n), ca.SX.sym("a", n)
+    reference = ca.SX.sym("r", n) if anywhere else zero
     symbolic_state = rebuild(state, [symbols.get(i, value) for i, value in enumerate(values)])
-    value = ControllerInput(position, zero, zero, zero, acceleration, zero)
+    value = ControllerInput(position, zero, reference, zero, acceleration, zero)
     next_state, output = controller.step(symbolic_state, value)
     x = ca.vertcat(*(_column(symbol) for symbol in symbols.values())) if symbols else ca.SX(0, 1)
     rows = [_column(leaf) for i, leaf in enumerate(leaves(next_state)) if i in symbols]
     slopes = ca.jacobian(ca.vertcat(*rows, output.torque), ca.vertcat(x, position, acceleration))
-    x_at_rest = pack(tuple(values[i] for i in varying))
-    evaluate = ca.Function("slopes", [x, position, acceleration], [slopes])
-    return np.array(evaluate(x_at_rest, zero, zero)), len(x_at_rest)
+    inputs = [x, position, acceleration, *([reference] if anywhere else [])]
+    evaluate = ca.Function("slopes", inputs, [slopes], {"cse": True})
+
+    def at(posture: Array) -> tuple[Array, int]:
+        present = leaves(controller.init(posture)) if anywhere else values
+        x_at_rest = pack(tuple(present[i] for i in varying))
+        return np.array(evaluate(x_at_rest, posture, zero, *([posture] if anywhere else []))), len(x_at_rest)
+
+    return at
 
 
 def _column(leaf: Vector) -> Vector:

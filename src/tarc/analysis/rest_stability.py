@@ -7,9 +7,9 @@ import numpy as np
 
 from tarc.analysis.command_units import in_torque_units, is_symmetric
 from tarc.analysis.inertia_ratio import inverse_ratios
-from tarc.analysis.linearise import Channel, decoupled_channels, joints_share_loop
+from tarc.analysis.linearise import Channel, decoupled_channels, joints_share_loop, posture_channels
 from tarc.analysis.stability import UnstableMode, stable_intervals, unstable_mode, widest_interval
-from tarc.core.errors import NotLinearisable
+from tarc.core.errors import NotLinearisable, UnsupportedLaw
 from tarc.core.formatting import format_vector
 from tarc.core.types import Array
 from tarc.laws.base import Law
@@ -17,6 +17,10 @@ from tarc.laws.pole_placement import PolePlacement
 from tarc.laws.tde import TDE
 from tarc.numerics.matrix_tests import schur_stability
 from tarc.plants.base import Plant
+
+
+MAX_POSTURES = 8
+"""Postures in which a law is linearised that needs it in each of them."""
 
 
 def rest_state_matrix(
@@ -66,12 +70,13 @@ def unstable_posture(
     """Return the fastest growing mode of a robot held at rest in one of some postures; None for none.
 
     This is quick: it linearises the law once, and the robot only where the inertia ratio alone makes the loop unstable.
+    A law whose gains differ between the joints, and one with a model of the robot, is linearised in some of the
+    postures instead.
 
     Parameters
     ----------
     law
-        The law. None is returned where its gains differ between the joints, and where it is not linearisable. None
-        is also returned where it has a model N̂, whose stiffness and damping would have to be subtracted.
+        The law. None is returned where it is not linearisable.
     plant
         The robot; None is returned for one with passive joints or constraints.
     positions
@@ -81,9 +86,12 @@ def unstable_posture(
     channels
         The linearised loops of the law, where they exist already.
     """
-    if not joints_share_loop(law) or not isinstance(law, PolePlacement) or law.has_model:
+    if not plant.is_fully_driven or plant.constraints:
         return None
-    if not plant.is_fully_driven or plant.constraints or not is_symmetric(plant.command_gain[:, None] * law.M):
+    positions = np.asarray(positions)
+    if not joints_share_loop(law) or not isinstance(law, PolePlacement) or law.has_model:
+        return _unstable_among(law, plant, positions, computation_delay)
+    if not is_symmetric(plant.command_gain[:, None] * law.M):
         return None
     law, (plant,) = in_torque_units(law, [plant])
     try:
@@ -91,18 +99,40 @@ def unstable_posture(
     except NotLinearisable:
         return None
     A, B, C = channels[0].closed_loop(0.0)[:3]
-    inertias = np.array([plant.inertia(q) for q in np.asarray(positions).T])
+    inertias = np.array([plant.inertia(q) for q in positions.T])
     ratios = 1 / inverse_ratios(inertias, law.M)
     worst_radius, worst = 1.0, None
     for ratio in (ratios.min(), ratios.max()):
         if np.max(np.abs(np.linalg.eigvals(A + ratio * B @ C))) <= 1:
             continue
-        posture = np.asarray(positions)[:, int(np.argwhere(ratios == ratio)[0, 0])]
+        posture = positions[:, int(np.argwhere(ratios == ratio)[0, 0])]
         state_matrix = rest_state_matrix((A, B, C), law.M, plant.linearised(posture), law.period)
         verdict, radius, mode = schur_stability(state_matrix)
         if verdict == "refuted" and radius > worst_radius:
             worst_radius = radius
             worst = replace(unstable_mode(radius, mode, law.period), ratio=float(ratio), posture=posture)
+    return worst
+
+
+def _unstable_among(law: Law, plant: Plant, positions: Array, computation_delay: int) -> UnstableMode | None:
+    """Return the fastest growing mode at rest in `MAX_POSTURES` of some postures, of any law that has slopes there."""
+    try:
+        channel_at = posture_channels(law, computation_delay)
+    except (UnsupportedLaw, NotLinearisable):
+        return None
+    worst_radius, worst = 1.0, None
+    chosen = np.unique(np.linspace(0, positions.shape[1] - 1, MAX_POSTURES).astype(int))
+    for posture in positions[:, chosen].T:
+        try:
+            loop = channel_at(posture).closed_loop(0.0)[:3]
+        except NotLinearisable:
+            return None
+        state_matrix = rest_state_matrix(loop, np.eye(law.n_joints), plant.linearised(posture), law.period)
+        if np.max(np.abs(np.linalg.eigvals(state_matrix))) <= worst_radius:
+            continue
+        verdict, radius, mode = schur_stability(state_matrix)
+        if verdict == "refuted":
+            worst_radius, worst = radius, replace(unstable_mode(radius, mode, law.period), posture=posture)
     return worst
 
 
@@ -122,12 +152,13 @@ def describe_instability(
     channels
         The linearised loops of the law, where they exist already.
     """
-    ratio = np.nan if witness.ratio is None else witness.ratio
     posture = "" if witness.posture is None else format_vector(witness.posture)
-    text = (
-        f"{type(law).__name__}: held at rest at q = ({posture}) the loop is unstable: an eigenvalue of M(q)⁻¹M̂ is "
-        f"{ratio:.4g}, and a mode grows by e in {1 / witness.growth_rate:.2g} s"
-    )
+    text = f"{type(law).__name__}: held at rest at q = ({posture}) the loop is unstable: "
+    growth = f"a mode grows by e in {1 / witness.growth_rate:.2g} s"
+    ratio = witness.ratio
+    if ratio is None:
+        return f"{text}{growth}. Lower the gains, shorten the window or delay less"
+    text += f"an eigenvalue of M(q)⁻¹M̂ is {ratio:.4g}, and {growth}"
     channels = decoupled_channels(law, computation_delay) if channels is None else channels
     if any(channel.n_coupled > 1 for channel in channels):
         return f"{text}. Lower the natural frequency, shorten the window or delay less"

@@ -82,7 +82,8 @@ class Comparison:
     def unstable(self) -> dict[str, str]:
         """Laws that are unstable at rest in a posture of the reference, each with that posture and the remedy.
 
-        The check leaves out laws with a model of the robot, and laws whose gains differ between the joints.
+        A law with a model of the robot, or with gains that differ between the joints, is checked in eight postures.
+        The check leaves out robots with passive joints, and laws that have no slope at rest.
         """
         return {name: run.instability for name, run in self.runs.items() if run.instability}
 

@@ -21,6 +21,8 @@ from tarc.study.search_space import SPACES, SearchSpace
 
 FAILURE_SCORE = 20.0
 """Objective of a run that did not complete, above that of any that did."""
+INSTABILITY = 10.0
+"""Added to the objective of a loop that is unstable at rest in a posture of the reference."""
 PENALTY = 5.0
 """Factor of log(torque variation / limit) in the objective, where the limit is exceeded."""
 
@@ -33,7 +35,8 @@ def default_search_spaces() -> dict[str, SearchSpace]:
 def objective(scenario: Scenario, part: dict[str, Any], limit: float) -> float:
     """Return log(RMS error), plus a penalty where the torque variation [N m/s] is above a limit.
 
-    Gains that the law refuses, and runs that diverge, score up to `FAILURE_SCORE`.
+    A loop that is unstable at rest in a posture of the reference scores `INSTABILITY` more, also where dry friction or
+    the motion hides it. Gains that the law refuses, and runs that diverge, score up to `FAILURE_SCORE`.
     """
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore", DesignWarning)
@@ -47,7 +50,8 @@ def objective(scenario: Scenario, part: dict[str, Any], limit: float) -> float:
         return FAILURE_SCORE - float(run.data["time"].values[-1]) / scenario.duration
     measures = run.metrics(start_time=scenario.metrics_start)
     excess = max(0.0, float(np.log(measures["torque_variation"] / limit)))
-    return float(np.log(measures["rms_error"])) + PENALTY * excess
+    score = float(np.log(measures["rms_error"])) + PENALTY * excess
+    return score + INSTABILITY if run.instability else score
 
 
 def tune(
