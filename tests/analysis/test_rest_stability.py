@@ -23,7 +23,7 @@ def growth_in_simulation(law):
         law,
         Sinusoid(amplitude=0.0, frequency=1.0, offset=POSTURE),
         0.4,
-        initial_position=POSTURE + [1e-9, -1e-9],
+        initial_position=POSTURE + np.array([1e-9, -1e-9]),
         initial_torque="rest",
         progress=False,
     )
@@ -68,5 +68,6 @@ def test_both_ways_find_the_same_mode(synchronised, delay):
     )
     postures = np.array([[0.0, 0.4, 1.0], [0.3, 0.9, 2.0]])
     quick, general = unstable_posture(law, ARM, postures, delay), _unstable_among(law, ARM, postures, delay)
-    assert quick is not None and general is not None
+    assert quick is not None
+    assert general is not None
     assert general.growth_rate == pytest.approx(quick.growth_rate, rel=1e-6)

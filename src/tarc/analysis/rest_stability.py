@@ -18,7 +18,6 @@ from tarc.laws.tde import TDE
 from tarc.numerics.matrix_tests import schur_stability
 from tarc.plants.base import Plant
 
-
 MAX_POSTURES = 8
 """Postures in which a law is linearised that needs it in each of them."""
 
