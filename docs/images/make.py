@@ -13,6 +13,8 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
+from cycler import cycler
+from matplotlib import rc_context
 from PIL import Image
 
 from tarc import Scenario
@@ -20,6 +22,7 @@ from tarc.design import design_controller
 from tarc.plants import load_robot
 from tarc.plotting.certificates import design_figure
 from tarc.plotting.runs import run_figure
+from tarc.plotting.style import COLOURS, STYLE
 from tarc.signals import Encoder
 
 IMAGES = Path(__file__).resolve().parent
@@ -53,8 +56,9 @@ def run_page(page: str, *figures: str) -> None:
         os.chdir(folder)
         try:
             namespace: dict[str, object] = {}
-            for block in blocks:
-                exec(block, namespace)
+            with rc_context(STYLE | {"axes.prop_cycle": cycler(color=COLOURS)}):
+                for block in blocks:
+                    exec(block, namespace)
             for figure in figures:
                 shrink(Path(figure), IMAGES / figure)
         finally:
@@ -70,6 +74,10 @@ def run_example(example: Path) -> None:
         program += ["--out", "."]
         figure = "tracking.png"
     with tempfile.TemporaryDirectory() as folder:
+        settings = [f"{key}: {value}" for key, value in STYLE.items()]
+        colours = ", ".join(repr(colour.lstrip("#")) for colour in COLOURS)
+        settings.append(f'axes.prop_cycle: cycler("color", [{colours}])')
+        (Path(folder) / "matplotlibrc").write_text("\n".join(settings))
         subprocess.run(program, cwd=folder, check=True)
         target = IMAGES / "examples" / f"{example.stem}.png"
         shrink(Path(folder) / figure, target)
