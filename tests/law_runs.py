@@ -15,7 +15,7 @@ def tracking_at(error: Any, rate: Any, fault: bool = False) -> ControlInput:
     error, rate = np.asarray(error, dtype=float), np.asarray(rate, dtype=float)
     zero = np.zeros(len(error))
     return ControlInput(
-        Estimate(error, rate, zero, np.ones(len(error))), error, rate, zero, zero, np.array(float(fault))
+        Estimate(error, rate, zero, np.ones(len(error))), error, rate, zero, zero, np.array(float(fault)), zero, zero
     )
 
 

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from tarc.control.controller import Controller
     from tarc.core.errors import DesignWarning, JointLimitWarning, MissingTool, RobotFileWarning, TarcError
     from tarc.core.version import __version__
+    from tarc.laws.nominal_inertia import Feedforward, NominalInertia
     from tarc.logs.identified_model import IdentifiedModel, identify_model, inertia_from_log
     from tarc.logs.replayed import Replay, replay
     from tarc.scenario.cartesian import CartesianWaypoints
@@ -25,9 +26,11 @@ __all__ = [
     "CartesianWaypoints",
     "Controller",
     "DesignWarning",
+    "Feedforward",
     "IdentifiedModel",
     "JointLimitWarning",
     "MissingTool",
+    "NominalInertia",
     "Replay",
     "RobotFileWarning",
     "Run",
@@ -57,6 +60,8 @@ __getattr__, __dir__, _ = lazy_attributes(
         "CartesianWaypoints": "tarc.scenario.cartesian",
         "Controller": "tarc.control.controller",
         "DesignWarning": "tarc.core.errors",
+        "Feedforward": "tarc.laws.nominal_inertia",
+        "NominalInertia": "tarc.laws.nominal_inertia",
         "JointLimitWarning": "tarc.core.errors",
         "RobotFileWarning": "tarc.core.errors",
         "MissingTool": "tarc.core.errors",

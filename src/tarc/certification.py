@@ -11,7 +11,13 @@ import numpy as np
 
 from tarc.analysis.command_units import in_torque_units
 from tarc.analysis.inertia_ratio import InertiaSpread, as_plants, inertia_spread
-from tarc.analysis.linearise import Channel, decoupled_channels, joints_share_loop, require_inertia
+from tarc.analysis.linearise import (
+    Channel,
+    decoupled_channels,
+    joints_share_loop,
+    refuse_nominal_inertia,
+    require_inertia,
+)
 from tarc.analysis.rest_stability import describe_instability
 from tarc.analysis.stability import disturbance_to_error, noise_to_torque, stable_intervals, widest_interval
 from tarc.analysis.workspace import Workspace
@@ -81,13 +87,14 @@ def certify_law(
     Raises
     ------
     UnsupportedLaw
-        For a law without an inertia.
+        For a law without an inertia, and for M̂(q) of a model.
     NotLinearisable
         For a law that has no linearisation at rest.
     InvalidParameter
         As in `certify_robot`.
     """
     law = require_inertia(law, "certify_law")
+    refuse_nominal_inertia(law, "the certificate of a robot")
     channels = decoupled_channels(law, computation_delay)
     torque_law, plants = in_torque_units(law, as_plants(plant))
     certificates: dict[str, Certificate] = {}

@@ -15,7 +15,9 @@ def observer_error_matrix(law):
     """Matrix of the observer's error, found by stepping it: columns are what becomes of unit states."""
     state = law.example()[0].control
     zero = np.zeros(1)
-    tracking = ControlInput(law.estimator.step(law.estimator.init(zero), zero)[1], zero, zero, zero, zero, 0.0)
+    tracking = ControlInput(
+        law.estimator.step(law.estimator.init(zero), zero)[1], zero, zero, zero, zero, 0.0, zero, zero
+    )
     columns = [pack(law.control(unpack(state, column), tracking)[0]) for column in np.eye(3)]
     return np.array(columns).T
 
@@ -42,7 +44,7 @@ def test_prediction_is_exact():
     missing = law.estimator.step(law.estimator.init(np.zeros(1)), np.full(1, np.nan))[1]
     zero = np.zeros(1)
     memory, _, _ = law.control(
-        unpack(law.example()[0].control, x), ControlInput(missing, zero, zero, zero, np.full(1, 1.5), 0.0)
+        unpack(law.example()[0].control, x), ControlInput(missing, zero, zero, zero, np.full(1, 1.5), 0.0, zero, zero)
     )
     np.testing.assert_allclose(pack(memory), ahead[:3], rtol=1e-12)
 

@@ -152,10 +152,10 @@ def inverse_ratios(M: Array, nominal: Array) -> Array:
     M
         Inertia matrices, shape (k, n, n).
     nominal
-        M̂, shape (n, n).
+        M̂, shape (n, n), or one for each of them, (k, n, n).
     """
     whiten = np.linalg.inv(np.linalg.cholesky(nominal))
-    return np.linalg.eigvalsh(whiten @ M @ whiten.T)
+    return np.linalg.eigvalsh(whiten @ M @ np.swapaxes(whiten, -1, -2))
 
 
 def extreme_ratio_functions(nominal: Array) -> tuple[InertiaFunction, InertiaFunction]:

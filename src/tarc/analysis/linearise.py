@@ -14,6 +14,7 @@ from tarc.core.trees import leaves, names, pack, rebuild
 from tarc.core.types import Array, Vector
 from tarc.estimators.oracle import refuse_oracle
 from tarc.laws.base import Law
+from tarc.laws.nominal_inertia import NominalInertia
 from tarc.laws.pole_placement import PolePlacement
 from tarc.signals.sensors import Encoder
 
@@ -108,11 +109,27 @@ def require_inertia(law: Law, purpose: str) -> PolePlacement:
     return law
 
 
+def refuse_nominal_inertia(law: PolePlacement, purpose: str) -> None:
+    """Refuse a law whose M̂(q) comes from a model.
+
+    Raises
+    ------
+    UnsupportedLaw
+        For such a law, with what applies to it.
+    """
+    if isinstance(law.inertia, NominalInertia):
+        raise UnsupportedLaw(
+            f"law: {type(law).__name__} has M̂(q) from a model, which {purpose} does not cover, since M̂ changes with "
+            "the posture. Its loop at a constant ratio is covered by tarc.certificates.certify_constant_ratio"
+        )
+
+
 def decoupled_channels(law: Law, computation_delay: int = 0, gain: float = 0.0) -> list[Channel]:
     """Return the independent loops of a law around q̈ = ρ M̂⁻¹ τ, each once.
 
     With scalar K1 and K2, or with diagonal ones and no gain, the joints decouple in coordinates M̂^½ q. For diagonal
-    gains the coordinates are M̂⁻¹τ. So n joints cost only what their different gains cost.
+    gains the coordinates are M̂⁻¹τ. So n joints cost only what their different gains cost. For M̂(q) of a model v is the
+    law's acceleration, M̂(q)⁻¹ (τ − ĥ), and the loops hold at each posture. Feed-forward does not change them.
 
     Parameters
     ----------

@@ -1,18 +1,26 @@
 """Stability of a robot held at rest in a posture, and what to change where it is unstable."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 
 from tarc.analysis.command_units import in_torque_units, is_symmetric
 from tarc.analysis.inertia_ratio import inverse_ratios
-from tarc.analysis.linearise import Channel, decoupled_channels, joints_share_loop, posture_channels
+from tarc.analysis.linearise import (
+    Channel,
+    coupled_channel,
+    decoupled_channels,
+    joints_share_loop,
+    posture_channels,
+)
 from tarc.analysis.stability import UnstableMode, stable_intervals, unstable_mode, widest_interval
-from tarc.core.errors import NotLinearisable, UnsupportedLaw
+from tarc.core.errors import InvalidParameter, NotLinearisable, UnsupportedLaw
 from tarc.core.formatting import format_vector
 from tarc.core.types import Array
 from tarc.laws.base import Law
+from tarc.laws.nominal_inertia import NominalInertia
 from tarc.laws.pole_placement import PolePlacement
 from tarc.laws.tde import TDE
 from tarc.numerics.matrix_tests import schur_stability
@@ -58,6 +66,57 @@ def rest_state_matrix(
     return np.block([[A, B @ C], [H, np.zeros((len(F), n)), F]])
 
 
+def model_stiffness(inertia: NominalInertia, position: Array, torque: Array) -> Array:
+    """Return ∂(M̂(q) a + ĥ(q, 0))/∂q of a robot held at rest, with a = M̂(q)⁻¹ (τ − ĥ) constant, shape (n, n).
+
+    Parameters
+    ----------
+    inertia
+        M̂(q) and ĥ.
+    position
+        q [rad or m], shape (n,).
+    torque
+        Holding torque τ [N m or N], shape (n,).
+    """
+    zero = np.zeros(len(position))
+    acceleration = np.linalg.solve(inertia.at(position), torque - inertia.forces(position, zero))
+    q = ca.SX.sym("q", len(position))
+    slopes = ca.jacobian(inertia.at(q) @ acceleration + inertia.forces(q, zero), q)
+    return np.array(ca.Function("slopes", [q], [ca.densify(slopes)])(position))
+
+
+def loop_with_model(
+    law: PolePlacement, position: Array, torque: Array, computation_delay: int = 0
+) -> tuple[Array, Array, Array]:
+    """Return A, B, C of the loop of all joints, opened at its inertia ratio, of a law with M̂(q) at rest.
+
+    The stiffness of the model adds M̂⁻¹ `model_stiffness` to the direct term from position to M̂⁻¹τ.
+
+    Parameters
+    ----------
+    law
+        A law with M̂(q).
+    position
+        q [rad or m], shape (n,).
+    torque
+        Holding torque [N m or N], shape (n,).
+    computation_delay
+        Periods between a measurement and its torque.
+
+    Raises
+    ------
+    InvalidParameter
+        For a law with a constant M̂.
+    """
+    if not isinstance(law.inertia, NominalInertia):
+        raise InvalidParameter(f"law: {type(law).__name__} has a constant M̂; use decoupled_channels")
+    is_shared = joints_share_loop(law)
+    channel = decoupled_channels(law)[0] if is_shared else coupled_channel(law)
+    matrices = {name: np.kron(getattr(channel, name), np.eye(law.n_joints if is_shared else 1)) for name in "FGHCDE"}
+    matrices["D"] = matrices["D"] + np.linalg.solve(law.inertia.at(position), model_stiffness(law.inertia, position, torque))
+    return replace(channel, **matrices).with_delay(computation_delay).closed_loop(0.0)[:3]
+
+
 def unstable_posture(
     law: Law,
     plant: Plant,
@@ -88,24 +147,30 @@ def unstable_posture(
     if not plant.is_fully_driven or plant.constraints:
         return None
     positions = np.asarray(positions)
-    if not joints_share_loop(law) or not isinstance(law, PolePlacement) or law.has_model:
+    has_nominal = isinstance(law, PolePlacement) and isinstance(law.inertia, NominalInertia)
+    if not joints_share_loop(law) or not isinstance(law, PolePlacement) or (law.has_model and not has_nominal):
         return _unstable_among(law, plant, positions, computation_delay)
-    if not is_symmetric(plant.command_gain[:, None] * law.M):
-        return None
-    law, (plant,) = in_torque_units(law, [plant])
+    if not has_nominal:
+        if not is_symmetric(plant.command_gain[:, None] * law.M):
+            return None
+        law, (plant,) = in_torque_units(law, [plant])
     try:
         channels = decoupled_channels(law, computation_delay) if channels is None else channels
     except NotLinearisable:
         return None
     A, B, C = channels[0].closed_loop(0.0)[:3]
     inertias = np.array([plant.inertia(q) for q in positions.T])
-    ratios = 1 / inverse_ratios(inertias, law.M)
+    nominal_inertias = np.array([law.inertia_at(q) for q in positions.T])
+    ratios = 1 / inverse_ratios(inertias, nominal_inertias)
     worst_radius, worst = 1.0, None
     for ratio in (ratios.min(), ratios.max()):
         if np.max(np.abs(np.linalg.eigvals(A + ratio * B @ C))) <= 1:
             continue
-        posture = positions[:, int(np.argwhere(ratios == ratio)[0, 0])]
-        state_matrix = rest_state_matrix((A, B, C), law.M, plant.linearised(posture), law.period)
+        index = int(np.argwhere(ratios == ratio)[0, 0])
+        posture, loop = positions[:, index], (A, B, C)
+        if has_nominal:
+            loop = loop_with_model(law, posture, plant.holding_torque(posture), computation_delay)
+        state_matrix = rest_state_matrix(loop, nominal_inertias[index], plant.linearised(posture), law.period)
         verdict, radius, mode = schur_stability(state_matrix)
         if verdict == "refuted" and radius > worst_radius:
             worst_radius = radius
@@ -116,23 +181,38 @@ def unstable_posture(
 def _unstable_among(law: Law, plant: Plant, positions: Array, computation_delay: int) -> UnstableMode | None:
     """Return the fastest growing mode at rest in `MAX_POSTURES` of some postures, of any law that has slopes there."""
     try:
-        channel_at = posture_channels(law, computation_delay)
+        loop_at = _posture_loops(law, plant, computation_delay)
     except (UnsupportedLaw, NotLinearisable):
         return None
     worst_radius, worst = 1.0, None
     chosen = np.unique(np.linspace(0, positions.shape[1] - 1, MAX_POSTURES).astype(int))
     for posture in positions[:, chosen].T:
         try:
-            loop = channel_at(posture).closed_loop(0.0)[:3]
+            loop, nominal = loop_at(posture)
         except NotLinearisable:
             return None
-        state_matrix = rest_state_matrix(loop, np.eye(law.n_joints), plant.linearised(posture), law.period)
+        state_matrix = rest_state_matrix(loop, nominal, plant.linearised(posture), law.period)
         if np.max(np.abs(np.linalg.eigvals(state_matrix))) <= worst_radius:
             continue
         verdict, radius, mode = schur_stability(state_matrix)
         if verdict == "refuted":
             worst_radius, worst = radius, replace(unstable_mode(radius, mode, law.period), posture=posture)
     return worst
+
+
+def _posture_loops(
+    law: Law, plant: Plant, computation_delay: int
+) -> Callable[[Array], tuple[tuple[Array, Array, Array], Array]]:
+    """Return a function from a posture to A, B, C of the loop of all joints there, and the inertia that goes with it."""
+    if isinstance(law, PolePlacement) and isinstance(law.inertia, NominalInertia):
+
+        def with_model(posture: Array) -> tuple[tuple[Array, Array, Array], Array]:
+            torque = plant.holding_torque(posture)
+            return loop_with_model(law, posture, torque, computation_delay), law.inertia_at(posture)
+
+        return with_model
+    channel_at = posture_channels(law, computation_delay)
+    return lambda posture: (channel_at(posture).closed_loop(0.0)[:3], np.eye(law.n_joints))
 
 
 def describe_instability(

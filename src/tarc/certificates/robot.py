@@ -11,6 +11,7 @@ from tarc.analysis.linearise import (
     coupled_channel,
     decoupled_channels,
     joints_share_loop,
+    refuse_nominal_inertia,
     require_inertia,
 )
 from tarc.analysis.operating_points import OperatingPoint, linearise_point
@@ -87,7 +88,7 @@ def certify_robot(
     Raises
     ------
     UnsupportedLaw
-        For a law without an inertia, and for one with a model N̂ of the robot.
+        For a law without an inertia, and for one with a model N̂ or M̂(q) of the robot.
     NotLinearisable
         For a law that has no linearisation at rest.
     InvalidParameter
@@ -263,6 +264,7 @@ def _motion_assumption(evidence: RobotEvidence, workspace: Workspace) -> str:
 
 def _refuse_model(law: PolePlacement) -> None:
     """Raise `UnsupportedLaw` for a law with a model, whose N̂ changes stiffness and damping of the loop."""
+    refuse_nominal_inertia(law, "the robot certificate")
     if law.has_model:
         raise UnsupportedLaw(
             f"law: {type(law).__name__} has a model, whose torque N̂ the robot certificate does not cover; certify the "

@@ -6,7 +6,13 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from tarc.analysis.linearise import Channel, decoupled_channels, joints_share_loop, require_inertia
+from tarc.analysis.linearise import (
+    Channel,
+    decoupled_channels,
+    joints_share_loop,
+    refuse_nominal_inertia,
+    require_inertia,
+)
 from tarc.analysis.uncertain_loop import FrequencyResponses, UncertainLoop, scaled_system
 from tarc.certificates.base import Certificate, Evidence, Judgement, Verdict
 from tarc.certificates.iqc import MIN_CHANGE, Multiplier, best_multiplier, iqc_matrices, satisfies_iqc
@@ -274,6 +280,7 @@ def certify_varying_ratio(
         low = check.number("ratio_range", ratio_range[0], 0, strict=True)
         ratio_range = low, check.number("ratio_range", ratio_range[1], low)
     law = require_inertia(law, "the varying-ratio certificate")
+    refuse_nominal_inertia(law, "the varying-ratio certificate")
     channels = decoupled_channels(law, computation_delay) if channels is None else channels
     if not joints_share_loop(law):
         raise UnsupportedLaw(

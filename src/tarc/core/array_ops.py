@@ -191,6 +191,16 @@ def weighted_sum(window: Vector, weights: Vector) -> Vector:
     return window @ weights
 
 
+def solve(matrix: Vector, right: Vector) -> Vector:
+    """Return A⁻¹ b for a symmetric positive definite A (n, n) and a vector b (n,)."""
+    if isinstance(matrix, ca.MX) or isinstance(right, ca.MX):
+        return ca.solve(ca.MX(matrix), ca.MX(right), "ldl")
+    if symbolic(matrix, right):
+        D, L, order = ca.ldl(ca.densify(ca.SX(matrix)))
+        return ca.ldl_solve(ca.SX(right), D, L, order)
+    return np.linalg.solve(matrix, right)
+
+
 def columns(*vectors: Vector) -> Vector:
     """Stack vectors (n,) as columns, shape (n, k)."""
     return ca.horzcat(*vectors) if symbolic(*vectors) else np.stack(vectors, axis=1)

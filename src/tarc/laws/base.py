@@ -38,7 +38,7 @@ class LawOutput(NamedTuple):
 
 class ControlInput(NamedTuple):
     """Input of a law's equation: estimates, errors e1 and v̂ − q̇ᵈ, acceleration reference, torque that acted in the
-    period before, and whether the law has given up.
+    period before, and whether the law has given up. Then the reference and its velocity.
     """
 
     estimate: Estimate
@@ -47,6 +47,8 @@ class ControlInput(NamedTuple):
     acceleration_reference: Vector
     past_torque: Vector
     fault: Vector
+    reference: Vector
+    velocity_reference: Vector
 
 
 class LawState(NamedTuple):
@@ -150,6 +152,10 @@ class Law(Component, System):
     def control(self, state: Tree, tracking: ControlInput) -> tuple[Tree, Vector, dict[str, Vector]]:
         """Evaluate the law's equation: next state, torque before limits, signals to record."""
 
+    def torque_command(self, state: Tree, tracking: ControlInput) -> tuple[Tree, Vector, dict[str, Vector]]:
+        """Return next state, torque before limits and signals: `control`, unless a law maps its result to torques."""
+        return self.control(state, tracking)
+
     @cached_property
     def torque_limits(self) -> np.ndarray:
         """Return the torque limit of each joint, shape (n,); `HUGE` of `array_ops` where there is none."""
@@ -190,6 +196,8 @@ class Law(Component, System):
             acceleration_reference,
             state.torque[:, -1],
             fault,
+            reference,
+            velocity_reference,
         )
         control_state, torque_command, signals = self._control(state.control, tracking)
         torque_ok = ops.logical_and(ops.all_finite(torque_command), ops.logical_not(fault))
@@ -204,9 +212,9 @@ class Law(Component, System):
         return next_state, LawOutput(torque, signals)
 
     def _control(self, state: Tree, tracking: ControlInput) -> tuple[Tree, Vector, dict[str, Vector]]:
-        """Evaluate `control`; say what to write instead where it decides by the value of a symbol."""
+        """Evaluate `torque_command`; say what to write instead where it decides by the value of a symbol."""
         try:
-            return self.control(state, tracking)
+            return self.torque_command(state, tracking)
         except (RuntimeError, ValueError, TypeError) as error:
             reason = explain_symbol_error(error)
             if not reason:

@@ -68,7 +68,7 @@ class TDCIM(TDE):
     @cached_property
     def inverse(self) -> np.ndarray:
         """Return M̂⁻¹, shape (n, n)."""
-        return np.linalg.inv(self.M)
+        return np.linalg.inv(self.command_inertia)
 
     @property
     def robust_slope_bound(self) -> float:
@@ -96,5 +96,5 @@ class TDCIM(TDE):
     def control(self, state: TDEState, tracking: ControlInput) -> tuple[TDEState, Vector, dict[str, Vector]]:
         """Evaluate the equation of `TDE`; keep N̂ = τ − M̂ u, which gives u_a from the torque that acts."""
         state, torque, signals = super().control(state, tracking)
-        tde_estimate = ops.shift_in(state.robust.tde_estimate, torque - self.M @ signals["auxiliary"])
+        tde_estimate = ops.shift_in(state.robust.tde_estimate, torque - self.command_inertia @ signals["auxiliary"])
         return state._replace(robust=state.robust._replace(tde_estimate=tde_estimate)), torque, signals

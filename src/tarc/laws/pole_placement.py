@@ -7,10 +7,11 @@ from typing import Any, Self
 import numpy as np
 
 from tarc.core import validation as check
-from tarc.core.errors import InvalidParameter
+from tarc.core.errors import InvalidParameter, UnsupportedLaw
 from tarc.core.types import Vector
 from tarc.core.validation import Matrix, Numbers
 from tarc.laws.base import ControlInput, Law
+from tarc.laws.nominal_inertia import NominalInertia
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -22,7 +23,8 @@ class PolePlacement(Law):
     Parameters
     ----------
     inertia
-        M̂ [kg m² or kg], symmetric positive definite: a matrix, a vector for a diagonal, or one number for one joint.
+        M̂ [kg m² or kg], symmetric positive definite: a matrix, a vector for a diagonal, or one number for one joint. A
+        law on time-delay estimation also takes a `NominalInertia`, the M̂(q) of a model.
     natural_frequency, damping_ratio
         ωn [rad/s] and ζ, one number or one per joint: K1 = ωn², K2 = 2 ζ ωn.
     position_gain, velocity_gain
@@ -35,7 +37,7 @@ class PolePlacement(Law):
         For an M̂ that is not positive definite, and gains that leave A = [0 I; −K1 −K2] not Hurwitz.
     """
 
-    inertia: Matrix
+    inertia: Matrix | NominalInertia
     natural_frequency: Numbers | None = None
     damping_ratio: Numbers = 1.0
     position_gain: Matrix | None = None
@@ -43,7 +45,13 @@ class PolePlacement(Law):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _ = self.M
+        if isinstance(self.inertia, NominalInertia) and not self.accepts_nominal_inertia:
+            raise InvalidParameter(
+                f"inertia: got a NominalInertia; {type(self).__name__} takes a constant M̂. M̂(q) is for laws on "
+                "time-delay estimation, such as tarc.laws.TDC",
+                "inertia",
+            )
+        _ = self.command_inertia
         growth = float(np.max(np.linalg.eigvals(self.A).real))
         if growth >= 0:
             raise InvalidParameter(
@@ -55,12 +63,42 @@ class PolePlacement(Law):
     @property
     def n_joints(self) -> int:
         """Return the number of joints n, the size of the inertia."""
+        if isinstance(self.inertia, NominalInertia):
+            return self.inertia.model.n_joints
         return max((1, *np.shape(check.float_array("inertia", self.inertia))))
 
     @cached_property
     def M(self) -> np.ndarray:
-        """Return M̂, shape (n, n)."""
+        """Return the constant M̂, shape (n, n).
+
+        Raises
+        ------
+        UnsupportedLaw
+            For M̂(q), which changes with the posture.
+        """
+        if isinstance(self.inertia, NominalInertia):
+            raise UnsupportedLaw(
+                f"inertia: {type(self).__name__} has M̂(q) from a model, and a constant M̂ is needed here; give the "
+                "inertia as numbers, or as a fraction without a model"
+            )
         return check.positive_definite("inertia", self.inertia, self.n_joints)
+
+    @property
+    def accepts_nominal_inertia(self) -> bool:
+        """Return whether the inertia may be a `NominalInertia`."""
+        return False
+
+    @property
+    def command_inertia(self) -> np.ndarray:
+        """Return what multiplies the auxiliary input in `control`, shape (n, n): M̂, or I for M̂(q).
+
+        With M̂(q) the equation of a law gives an acceleration, from which follows the torque.
+        """
+        return np.eye(self.n_joints) if isinstance(self.inertia, NominalInertia) else self.M
+
+    def inertia_at(self, position: Vector) -> Vector:
+        """Return M̂ at a posture (n,), shape (n, n)."""
+        return self.inertia.at(position) if isinstance(self.inertia, NominalInertia) else self.M
 
     @cached_property
     def K1(self) -> np.ndarray:

@@ -1,8 +1,8 @@
 """Base of the laws with time-delay estimation, to which each adds its robust term."""
 
 from abc import abstractmethod
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -10,8 +10,10 @@ from tarc.core import array_ops as ops
 from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter
 from tarc.core.types import Tree, Vector
+from tarc.core.validation import Numbers
 from tarc.estimators.oracle import TrueDerivatives
-from tarc.laws.base import ControlInput
+from tarc.laws.base import ControlInput, LawState
+from tarc.laws.nominal_inertia import Feedforward, NominalInertia
 from tarc.laws.pole_placement import PolePlacement
 
 
@@ -21,6 +23,18 @@ class TDEState(NamedTuple):
     torque: Tree
     acceleration: Vector
     robust: Tree
+
+
+class ModelState(NamedTuple):
+    """M̂(q), shape (n, n), and the model's torque (n,) of the period before, and the state of the law's own equation.
+
+    Then that of the reference's estimator. M̂ is empty where it is constant.
+    """
+
+    inertia: Tree
+    model_torque: Vector
+    control: TDEState
+    reference: Tree
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,15 +58,19 @@ class TDE(PolePlacement):
     synchronised
         Average the past torques with the weights that match the estimator's window, instead of taking τ_h alone. Torque
         and acceleration then have the same delay, so that a far larger M̂ is stable.
+    feedforward
+        Torque of a model along the reference, a `Feedforward`; None for none.
 
     Raises
     ------
     InvalidParameter
-        For an estimator without acceleration, and a delay that is no multiple of the period.
+        For an estimator without acceleration, and a delay that is no multiple of the period. For feed-forward with
+        other joints, and with a term that M̂(q) has too.
     """
 
     delay: float | None = None
     synchronised: bool = False
+    feedforward: Feedforward | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -66,11 +84,52 @@ class TDE(PolePlacement):
                 f"delay: got {self.delay} s with synchronised=True, whose averaged torque has the window's own delay; "
                 "leave the delay out, or use synchronised=False"
             )
+        if self.feedforward is not None:
+            self._check_feedforward(self.feedforward)
+
+    def _check_feedforward(self, feedforward: Feedforward) -> None:
+        """Refuse a model of other joints, a term that M̂(q) has too, and the oracle for the reference."""
+        if not isinstance(feedforward, Feedforward):
+            raise InvalidParameter(f"feedforward: got {feedforward!r}; needs a tarc.Feedforward or None")
+        n = feedforward.model.n_joints
+        if n != self.n_joints:
+            raise InvalidParameter(
+                f"feedforward.model: it has {n} joints, the law {self.n_joints}; they must be the same"
+            )
+        own = self.inertia.terms if isinstance(self.inertia, NominalInertia) else set()
+        for name in sorted(own & feedforward.terms):
+            raise InvalidParameter(
+                f"feedforward.{name}: the inertia's model gives this torque already; switch one of them off"
+            )
+        if feedforward.same_window and isinstance(self.estimator, TrueDerivatives):
+            raise InvalidParameter("feedforward.same_window: the law's estimator is the oracle; leave it out")
 
     @property
     def delay_periods(self) -> int:
         """Return the delay h in periods."""
         return 1 if self.delay is None else check.whole_periods("delay", self.delay, self.period)
+
+    @property
+    def accepts_nominal_inertia(self) -> bool:
+        """Return true."""
+        return True
+
+    @property
+    def has_model(self) -> bool:
+        """Return whether M̂(q) comes from a model; feed-forward leaves the loop as it is."""
+        return isinstance(self.inertia, NominalInertia)
+
+    @property
+    def _maps_torque(self) -> bool:
+        """Whether the torque differs from what `control` returns."""
+        return self.has_model or self.feedforward is not None
+
+    def without_model(self) -> Self:
+        """Return the law of the loop without a model: no feed-forward, and for M̂(q) its acceleration as the torque."""
+        if not self._maps_torque:
+            return self
+        inertia = self.command_inertia if self.has_model else self.inertia
+        return replace(self, inertia=inertia, feedforward=None)
 
     @property
     def uses_tde(self) -> bool:
@@ -100,7 +159,7 @@ class TDE(PolePlacement):
         if not self.uses_tde:
             robust, correction, signals = self.robust(state.robust, tracking)
             u = self.feedback(tracking) + correction
-            return state._replace(robust=robust), self.M @ u, {"auxiliary": u, **signals}
+            return state._replace(robust=robust), self.command_inertia @ u, {"auxiliary": u, **signals}
         newest = tracking.estimate.acceleration
         accelerations = ops.shift_in(state.acceleration, newest)
         if self.synchronised:
@@ -114,5 +173,70 @@ class TDE(PolePlacement):
             past_acceleration = (accelerations if is_oracle else state.acceleration)[:, -1]
         robust, correction, signals = self.robust(state.robust, tracking)
         u = self.feedback(tracking) + correction
-        torque = self.M @ (u - past_acceleration) + past_torque
+        torque = self.command_inertia @ (u - past_acceleration) + past_torque
         return TDEState(torques, accelerations, robust), torque, {"auxiliary": u, **signals}
+
+    def init(self, position: Numbers, torque: Numbers = 0.0) -> LawState:
+        """Return the state at rest at a position [rad or m] with a torque applied [N m or N], each (n,)."""
+        state = super().init(position, torque)
+        if not self._maps_torque:
+            return state
+        zero = np.zeros(self.n_joints)
+        inertia, model_torque = self._model(state.position, state.position, zero, zero)
+        command = self._command(inertia, state.torque[:, 0] - model_torque)
+        is_estimated = self.feedforward is not None and self.feedforward.same_window
+        reference = self.estimator.init(state.position) if is_estimated else ()
+        return state._replace(control=ModelState(inertia, model_torque, self.initial_state(command), reference))
+
+    def torque_command(self, state: Tree, tracking: ControlInput) -> tuple[Tree, Vector, dict[str, Vector]]:
+        """Return next state, torque before limits and signals.
+
+        With a model, `control` sees the command c = M̂(q)⁻¹ (τ − ĥ − f) of the period before in place of the torque τ
+        that acted then. Its result is mapped back, τ = M̂(q) c + ĥ + f. For a constant M̂ the command is τ − f.
+        """
+        if not self._maps_torque:
+            return self.control(state, tracking)
+        command = self._command(state.inertia, tracking.past_torque - state.model_torque)
+        references = tracking.reference, tracking.velocity_reference, tracking.acceleration_reference
+        inertia, model_torque = self._model(tracking.estimate.position, *references)
+        estimator, tracking = self._windowed(state.reference, tracking)
+        control, command, signals = self.control(state.control, tracking._replace(past_torque=command))
+        torque = (inertia @ command if self.has_model else command) + model_torque
+        is_finite = ops.all_finite(model_torque)
+        kept = ops.where(is_finite, model_torque, state.model_torque)
+        next_state = ModelState(inertia, kept, control, estimator)
+        return next_state, torque, {**signals, "model_torque": model_torque}
+
+    def _command(self, inertia: Tree, torque: Vector) -> Vector:
+        """Return M̂(q)⁻¹ τ, or τ for a constant M̂; zero where it is not finite."""
+        command = ops.solve(inertia, torque) if self.has_model else torque
+        return ops.where_or_zero(ops.all_finite(command), command)
+
+    def _model(
+        self, position: Vector, reference: Vector, velocity_reference: Vector, acceleration_reference: Vector
+    ) -> tuple[Tree, Vector]:
+        """Return M̂(q), empty where it is constant, and ĥ(q, q̇ᵈ) + f."""
+        inertia, torque = (), 0 * reference
+        if isinstance(self.inertia, NominalInertia):
+            inertia = self.inertia.at(position)
+            torque = torque + self.inertia.forces(position, velocity_reference)
+        forward = self.feedforward
+        if forward is None:
+            return inertia, torque
+        torque = torque + forward.forces(reference, velocity_reference)
+        if forward.inertia:
+            torque = torque + forward.robot.evaluate("inertia", reference) @ acceleration_reference
+            if not forward.same_window:  # else the feedback's own M̂ q̈ᵈ cancels with M̂ â_h
+                torque = torque - self.inertia_at(reference) @ acceleration_reference
+        return inertia, torque
+
+    def _windowed(self, state: Tree, tracking: ControlInput) -> tuple[Tree, ControlInput]:
+        """Return the tracking with q̇ᵈ and q̈ᵈ as the law's estimator sees them, where that is chosen."""
+        if self.feedforward is None or not self.feedforward.same_window:
+            return state, tracking
+        next_state, estimate = self.estimator.step(state, tracking.reference)
+        return next_state, tracking._replace(
+            error_rate=tracking.estimate.velocity - estimate.velocity,
+            velocity_reference=estimate.velocity,
+            acceleration_reference=estimate.acceleration,
+        )

@@ -62,31 +62,40 @@ def read_scenario(file: Path) -> dict[str, Any]:
 FILE_KEYS = (("robot", "file"), ("reference", "path"))
 """Section and key of each file that a scenario names."""
 
+MODEL_KEYS = ("inertia", "feedforward")
+"""Sections of a law that may have a model of the robot."""
+
 
 def resolve_files(content: dict[str, Any], folder: Path) -> None:
     """Replace the names of files beside a scenario, or among the shipped ones, by their absolute paths."""
     for law in _user_laws(content):
         law["kind"] = absolute_kind(law["kind"], folder)
-    for section, key in FILE_KEYS:
-        part = content.get(section)
-        name = part.get(key) if isinstance(part, dict) else None
-        if isinstance(part, dict) and isinstance(name, str):
-            for place in (folder, SHIPPED):
-                if (place / name).is_file():
-                    part[key] = str((place / name).resolve())
-                    break
+    for part, key in _parts_with_files(content):
+        for place in (folder, SHIPPED):
+            if (place / part[key]).is_file():
+                part[key] = str((place / part[key]).resolve())
+                break
 
 
 def relative_files(content: dict[str, Any], folder: Path) -> None:
     """Replace absolute paths by shipped names or by paths from a folder: the reverse of `resolve_files`."""
     for law in _user_laws(content):
         law["kind"] = relative_kind(law["kind"], folder)
-    for section, key in FILE_KEYS:
-        part = content.get(section)
-        if isinstance(part, dict) and isinstance(part.get(key), str) and Path(part[key]).is_absolute():
-            file = Path(part[key])
+    for part, key in _parts_with_files(content):
+        file = Path(part[key])
+        if file.is_absolute():
             is_shipped = file.parent == SHIPPED.resolve()
             part[key] = file.name if is_shipped else Path(os.path.relpath(file, folder.resolve())).as_posix()
+
+
+def _parts_with_files(content: dict[str, Any]) -> list[tuple[dict[str, Any], str]]:
+    """Return the parts of a scenario that name a file, with the key of its name; models of laws included."""
+    parts = [(content.get(section), key) for section, key in FILE_KEYS]
+    laws = content.get("law")
+    for law in laws if isinstance(laws, list) else [laws]:
+        sections = [law.get(key) for key in MODEL_KEYS] if isinstance(law, dict) else []
+        parts += [(section.get("model"), "file") for section in sections if isinstance(section, dict)]
+    return [(part, key) for part, key in parts if isinstance(part, dict) and isinstance(part.get(key), str)]
 
 
 def _user_laws(content: dict[str, Any]) -> list[dict[str, Any]]:

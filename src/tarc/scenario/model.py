@@ -19,8 +19,10 @@ from tarc.core.progress import Progress
 from tarc.core.validation import Numbers
 from tarc.estimators.base import Estimator
 from tarc.laws.base import Law
+from tarc.laws.nominal_inertia import Feedforward, NominalInertia
 from tarc.plants.base import Plant
 from tarc.scenario.cartesian import CartesianWaypoints
+from tarc.scenario.known_model import model_terms
 from tarc.scenario.loader import (
     apply_setting,
     find_scenario,
@@ -123,7 +125,9 @@ class Scenario(BaseModel):
         ``kind`` and parameters, or a list of them, to be run side by side. The kind is a class of `tarc.laws`, or
         ``my_file.MyLaw`` for one in a file beside the scenario. ``inertia`` may be one number for all
         joints. With ``{fraction: 0.1}`` it is that fraction of the robot's mean inertia along the reference, and with
-        ``diagonal: true`` also, of its diagonal. ``estimator`` replaces the scenario's for this law.
+        ``diagonal: true`` also, of its diagonal. With ``{model: true, fraction: 0.1}`` it is M̂(q), a
+        `tarc.NominalInertia`, and ``feedforward: {model: true}`` is a `tarc.Feedforward`. ``estimator`` replaces the
+        scenario's for this law.
     estimator, reference, sensor
         ``kind`` and parameters. The sensor's kind is Encoder; without parameters it is perfect.
     gearbox
@@ -326,13 +330,19 @@ class Scenario(BaseModel):
         """Construct a law with its estimator, the robot's inertia or model and its torque limits."""
         more: dict[str, Any] = {"period": self.period, "estimator": estimator}
         inertia = part.options.get("inertia")
-        if isinstance(inertia, dict):
+        if isinstance(inertia, dict) and "model" in inertia:
+            more["inertia"] = model_terms(NominalInertia, inertia, f"{part.path}.inertia", plant)
+        elif isinstance(inertia, dict):
             more["inertia"] = self._fraction(inertia, part.path, plant, reference)
         elif isinstance(inertia, int | float):
             more["inertia"] = np.full(plant.n_joints, inertia)
         if part.options.get("model") is not None:
             check.one_of(f"{part.path}.model", part.options["model"], ["robot"])
             more["model"] = plant
+        if part.options.get("feedforward") is not None:
+            more["feedforward"] = model_terms(
+                Feedforward, part.options["feedforward"], f"{part.path}.feedforward", plant
+            )
         limits = getattr(plant, "torque_limits", None)
         if part.options.get("torque_limit") is None and limits is not None and np.any(np.isfinite(limits)):
             more["torque_limit"] = limits
@@ -346,8 +356,8 @@ class Scenario(BaseModel):
         for key in given:
             if key not in ("fraction", "diagonal"):
                 raise InvalidParameter(
-                    f"{path}.inertia.{key}: unknown key; it has fraction and diagonal."
-                    f"{check.did_you_mean(str(key), ['fraction', 'diagonal'])}",
+                    f"{path}.inertia.{key}: unknown key; it has fraction and diagonal, or model and fraction."
+                    f"{check.did_you_mean(str(key), ['fraction', 'diagonal', 'model'])}",
                     f"{path}.inertia.{key}",
                 )
         fraction = check.number(f"{path}.inertia.fraction", given.get("fraction"), 0, strict=True)

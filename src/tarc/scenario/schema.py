@@ -17,6 +17,7 @@ import tarc.plants
 import tarc.signals
 from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter, ScenarioError
+from tarc.laws.nominal_inertia import ModelTerms
 from tarc.plants.load import load_robot
 from tarc.scenario.cartesian import CartesianWaypoints
 from tarc.scenario.user_law import is_user_law, load_law
@@ -114,7 +115,9 @@ def _allowed(hint: Any) -> Any:
     result: list[Any] = []
     for member in members:
         origin = typing.get_origin(member)
-        if member is Path or (inspect.isclass(member) and issubclass(member, tarc.plants.Plant)):
+        if inspect.isclass(member) and issubclass(member, ModelTerms):
+            result.append(dict[str, Any])
+        elif member is Path or (inspect.isclass(member) and issubclass(member, tarc.plants.Plant)):
             result.append(str)
         elif origin in (list, tuple, Sequence) or (origin is not None and issubclass(origin, Sequence)):
             result.append(list[typing.get_args(member)[0]] if typing.get_args(member) else list)
