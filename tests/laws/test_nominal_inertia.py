@@ -219,6 +219,10 @@ def test_channels_are_those_of_a_ratio():
     worst = unstable_posture(make_law(TDC, inertia=known(fraction=1.0)), ARM, postures)
     assert worst is not None
     assert worst.ratio == pytest.approx(1.0)
+    uneven = make_law(TDC, inertia=known(fraction=1.0), natural_frequency=[12.0, 12.001])
+    other = unstable_posture(uneven, ARM, postures)
+    assert other is not None
+    assert other.growth_rate == pytest.approx(worst.growth_rate, rel=1e-3)
 
 
 def test_certificates_of_robots_refuse():

@@ -113,7 +113,9 @@ def loop_with_model(
     is_shared = joints_share_loop(law)
     channel = decoupled_channels(law)[0] if is_shared else coupled_channel(law)
     matrices = {name: np.kron(getattr(channel, name), np.eye(law.n_joints if is_shared else 1)) for name in "FGHCDE"}
-    matrices["D"] = matrices["D"] + np.linalg.solve(law.inertia.at(position), model_stiffness(law.inertia, position, torque))
+    matrices["D"] = matrices["D"] + np.linalg.solve(
+        law.inertia.at(position), model_stiffness(law.inertia, position, torque)
+    )
     return replace(channel, **matrices).with_delay(computation_delay).closed_loop(0.0)[:3]
 
 
@@ -203,7 +205,7 @@ def _unstable_among(law: Law, plant: Plant, positions: Array, computation_delay:
 def _posture_loops(
     law: Law, plant: Plant, computation_delay: int
 ) -> Callable[[Array], tuple[tuple[Array, Array, Array], Array]]:
-    """Return a function from a posture to A, B, C of the loop of all joints there, and the inertia that goes with it."""
+    """Return a function from a posture to A, B, C of the loop of all joints there, and its nominal inertia."""
     if isinstance(law, PolePlacement) and isinstance(law.inertia, NominalInertia):
 
         def with_model(posture: Array) -> tuple[tuple[Array, Array, Array], Array]:
