@@ -15,7 +15,7 @@ from tarc.core.types import Array, Vector
 from tarc.core.validation import Numbers
 from tarc.plants.base import Plant
 
-MAX_INLINED = 1000
+MAX_INLINED = 2000
 """Instructions up to which a function becomes part of what calls it; longer ones stay calls, which compile sooner."""
 
 FEW_STATES = 16
@@ -149,9 +149,27 @@ def _torque_driven(M: ca.SX, N: ca.SX, driven: tuple[int, ...]) -> ForwardDynami
 
 
 def _solve(M: ca.SX, right: ca.SX) -> ca.SX:
-    """Return M⁻¹ times a column, for a positive definite M."""
-    D, L, order = ca.ldl(ca.densify(M))
-    return ca.ldl_solve(right, D, L, order)
+    """Return M⁻¹ times a column, for a positive definite M, by M = Lᵀ D L from the last coordinate to the first.
+
+    The M of a tree of bodies has no fill-in in this order. Featherstone, Rigid Body Dynamics Algorithms, 2008, 6.5.
+    """
+    n = M.shape[0]
+    remainder = ca.SX(M)
+    column = ca.densify(right)
+    inverses = [ca.SX(0)] * n
+    factors: dict[tuple[int, int], ca.SX] = {}
+    for k in reversed(range(n)):
+        inverses[k] = 1 / remainder[k, k]
+        before = [i for i in range(k) if not remainder[k, i].is_zero()]
+        for i in before:
+            factors[k, i] = remainder[k, i] * inverses[k]
+            column[i] -= factors[k, i] * column[k]
+            for j in before[: before.index(i) + 1]:
+                remainder[i, j] -= factors[k, i] * remainder[k, j]
+    column *= ca.vertcat(*inverses)
+    for (k, i), factor in sorted(factors.items(), key=lambda item: item[0]):
+        column[k] -= factor * column[i]
+    return column
 
 
 class SymbolicPlant(Plant):
