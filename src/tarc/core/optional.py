@@ -7,7 +7,7 @@ from tarc.core.errors import MissingTool
 
 _CERTIFY = ("clarabel", "cvxpy", "flint")
 _PLOT = ("matplotlib",)
-_ROBOTS = ("adam", "mujoco")
+_ROBOTS = ("mujoco",)
 _SIM = (*_ROBOTS, "flint", "h5netcdf", "h5py", "xarray")
 _CLI = (*_SIM, "clarabel", "cvxpy", *_PLOT, "pydantic", "rich", "ruamel.yaml", "typer")
 
