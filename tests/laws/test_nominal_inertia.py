@@ -147,7 +147,7 @@ def test_never_emits_nan():
     rng = np.random.default_rng(3)
     for model in (ARM, MASSES):
         law = make_law(
-            TDC, inertia=known(model, gravity=True), feedforward=Feedforward(model, gravity=False, same_window=True)
+            TDC, inertia=known(model, gravity=True), feedforward=Feedforward(model, gravity=False)
         )
         state, _ = law.example()
         for _ in range(200):
@@ -247,7 +247,7 @@ def test_feedforward_leaves_the_loop(options: dict[str, Any]):
     rng = np.random.default_rng(0)
     disturbance = 1e-3 * rng.normal(size=(40, 2))
     changes = []
-    for forward in (None, Feedforward(arm, friction_width=0.05), Feedforward(arm, friction=False, same_window=True)):
+    for forward in (None, Feedforward(arm, friction_width=0.05), Feedforward(arm, friction=False, same_window=False)):
         law = make_law(TDC, feedforward=forward, **options)
         plain, disturbed = (torques(law, change) for change in (0 * disturbance, disturbance))
         changes.append(disturbed - plain)
@@ -275,7 +275,7 @@ def test_exact_feedforward_follows_without_error():
     arm = plants.TwoLinkArm(viscous=0.4)
     reference = signals.Sinusoid(amplitude=[0.3, 0.2], frequency=2.0, phase=np.pi / 2)
     errors = []
-    for forward in (None, Feedforward(arm), Feedforward(arm, same_window=True)):
+    for forward in (None, Feedforward(arm, same_window=False), Feedforward(arm)):
         law = make_law(TDC, inertia=SMALL_INERTIA, feedforward=forward)
         errors.append(simulate(arm, law, reference, 1.0, initial_torque="rest").metrics()["rms_error"])
     assert errors[1] < 0.5 * errors[0]
@@ -321,10 +321,6 @@ def test_bad_input(ur5e):
         (lambda: make_law(TDC, inertia=known(gravity=True), feedforward=Feedforward(ARM)), "gives this torque already"),
         (lambda: make_law(TDC, feedforward=Feedforward(CHAIN)), "it has 3 joints, the law 2"),
         (lambda: make_law(TDC, feedforward=True), "needs a tarc.Feedforward"),
-        (
-            lambda: make_law(TDC, estimator_name="truth", feedforward=Feedforward(ARM, same_window=True)),
-            "the law's estimator is the oracle",
-        ),
     ]
     for make, message in cases:
         with pytest.raises(InvalidParameter, match=message.replace("(", r"\(")):

@@ -31,7 +31,8 @@ def torques_written_again(law, positions, reference, rates, accelerations):
         u = ddqd - law.K2 @ de - law.K1 @ e + switching
         torque = law.M @ u + (torques[m - 1] - law.M @ past_accelerations[m - 1])
         gains.append(gain)
-        if gain <= law.min_gain or size - past_norms[m - 1] > 0:
+        growth = size - past_norms[m - 1] if law.growth == "difference" else s @ P2 @ de
+        if gain <= law.min_gain or growth > 0:
             gain = gain + T * law.rise_rate * size
         else:
             gain = max(gain - T * law.fall_rate * size, law.min_gain)
@@ -41,13 +42,14 @@ def torques_written_again(law, positions, reference, rates, accelerations):
     return np.array(result), np.array(gains)
 
 
-@pytest.mark.parametrize("delay", [None, 0.003])
-def test_equals_second_writing(delay):
+@pytest.mark.parametrize(("delay", "growth"), [(None, "difference"), (0.003, "difference"), (None, "window")])
+def test_equals_second_writing(delay, growth):
     inertia = 0.05 * np.array([[3.0, 1.0], [1.0, 1.0]])
     law = make_law(
         laws.TARC,
         inertia=inertia,
         delay=delay,
+        growth=growth,
         boundary_layer=0.002,
         rise_rate=4000.0,
         fall_rate=3000.0,

@@ -157,6 +157,11 @@ def arctan2(y: Vector, x: Vector) -> Vector:
     return ca.atan2(y, x) if symbolic(y, x) else np.arctan2(y, x)
 
 
+def dot(x: Vector, y: Vector) -> Vector:
+    """Return the inner product xᵀy."""
+    return ca.dot(x, y) if symbolic(x, y) else x @ y
+
+
 def norm(x: Vector, least: float = 0.0) -> Vector:
     """Return the Euclidean norm, not below ``least``; differentiable at x = 0 when ``least`` > 0."""
     squares = ca.sumsqr(x) if symbolic(x) else np.sum(np.square(x))

@@ -15,6 +15,10 @@ from tarc.laws.base import ControlInput
 from tarc.laws.tde import TDE
 
 
+GROWTH = ("difference", "window")
+"""How TARC may tell that the error grows."""
+
+
 class GainState(NamedTuple):
     """The switching gain ĉ, and ‖s‖ over the past delay, newest first, shape (1, m)."""
 
@@ -27,7 +31,8 @@ class TARC(TDE):
     """Time-delayed adaptive robust control: TDC with an adaptive switching gain on estimated derivatives.
 
         Δu = −α ĉ s / max(‖s‖, ε),     s = P2 e1
-        ĉ' = +c̄ ‖s‖  if ĉ ≤ γ or ‖s‖ > ‖s_h‖,     −c̲ ‖s‖  otherwise
+        ĉ' = +c̄ ‖s‖  if ĉ ≤ γ or f > 0,     −c̲ ‖s‖  otherwise
+        f = ‖s‖ − ‖s_h‖,     or sᵀ P2 (v̂ − q̇ᵈ)
         AᵀP + PA = −Q,     P = [P1 P2ᵀ; P2 P3]
 
     The gain rises while the error grows and falls otherwise. The law needs neither a bound on the uncertainty nor a
@@ -50,6 +55,10 @@ class TARC(TDE):
     max_gain
         Largest gain [rad/s²]; None for none. The boundedness argument in print has a gap, and the gain can run away
         for a large rise with a small boundary.
+    growth
+        Which f tells that the error grows. ``"difference"`` is the paper's ‖s‖ − ‖s_h‖. With an encoder it rectifies
+        noise: the gain rises whatever the error does, where the rise is not slower than the fall. ``"window"`` is half
+        the derivative of ‖s‖², sᵀ P2 (v̂ − q̇ᵈ), with the velocity of the estimator.
     lyapunov_weight
         Q: one number, 2n numbers or a (2n, 2n) symmetric positive definite matrix; None for diag(K1 + K1ᵀ, 2 I), which
         gives P2 = I for scalar gains.
@@ -61,7 +70,8 @@ class TARC(TDE):
 
     References
     ----------
-    Paper, Section II-B: the control input (tarc input), (delta u), the adaptive law (ATRC), condition (c2).
+    Paper, Section II-B: the control input (tarc input), (delta u), the adaptive law (ATRC), condition (c2). The paper
+    leaves f to its user; ``growth="window"`` is ours.
     """
 
     rise_rate: float
@@ -71,6 +81,7 @@ class TARC(TDE):
     gain_factor: float = 1.0
     initial_gain: float | None = None
     max_gain: float | None = None
+    growth: str = "difference"
     lyapunov_weight: Matrix | None = None
 
     def __post_init__(self) -> None:
@@ -78,6 +89,7 @@ class TARC(TDE):
         for name in ("rise_rate", "fall_rate", "boundary_layer", "min_gain"):
             check.number(name, getattr(self, name), 0, strict=True)
         check.number("gain_factor", self.gain_factor, 1.0)
+        check.one_of("growth", self.growth, GROWTH)
         if not self.start_gain > self.min_gain:
             raise InvalidParameter(
                 f"initial_gain: got {self.start_gain:g}, which is not above min_gain {self.min_gain:g}; the "
@@ -158,7 +170,10 @@ class TARC(TDE):
         s = self.sliding(tracking.error, tracking.error_rate)
         size = ops.norm(s)
         correction = -self.gain_factor * state.gain * s / ops.norm(s, self.boundary_layer)
-        rising = ops.logical_or(state.gain <= self.min_gain, size > state.sliding[0, -1])
+        is_growing = size > state.sliding[0, -1]
+        if self.growth == "window":
+            is_growing = ops.dot(s, self.P2 @ tracking.error_rate) > 0
+        rising = ops.logical_or(state.gain <= self.min_gain, is_growing)
         rate = ((self.rise_rate + self.fall_rate) * rising - self.fall_rate) * size
         highest = ops.HUGE if self.max_gain is None else self.max_gain
         rate = ops.where_or_zero(ops.logical_not(tracking.fault), rate)

@@ -88,7 +88,7 @@ class TDE(PolePlacement):
             self._check_feedforward(self.feedforward)
 
     def _check_feedforward(self, feedforward: Feedforward) -> None:
-        """Refuse a model of other joints, a term that M̂(q) has too, and the oracle for the reference."""
+        """Refuse a model of other joints, and a term that M̂(q) has too."""
         if not isinstance(feedforward, Feedforward):
             raise InvalidParameter(f"feedforward: got {feedforward!r}; needs a tarc.Feedforward or None")
         n = feedforward.model.n_joints
@@ -101,8 +101,6 @@ class TDE(PolePlacement):
             raise InvalidParameter(
                 f"feedforward.{name}: the inertia's model gives this torque already; switch one of them off"
             )
-        if feedforward.same_window and isinstance(self.estimator, TrueDerivatives):
-            raise InvalidParameter("feedforward.same_window: the law's estimator is the oracle; leave it out")
 
     @property
     def delay_periods(self) -> int:
@@ -123,6 +121,12 @@ class TDE(PolePlacement):
     def _maps_torque(self) -> bool:
         """Whether the torque differs from what `control` returns."""
         return self.has_model or self.feedforward is not None
+
+    @property
+    def _estimates_reference(self) -> bool:
+        """Whether the feedback takes q̇ᵈ and q̈ᵈ from the law's estimator; the oracle has no delay to match."""
+        forward = self.feedforward
+        return forward is not None and forward.same_window and not isinstance(self.estimator, TrueDerivatives)
 
     def without_model(self) -> Self:
         """Return the law of the loop without a model: no feed-forward, and for M̂(q) its acceleration as the torque."""
@@ -184,8 +188,7 @@ class TDE(PolePlacement):
         zero = np.zeros(self.n_joints)
         inertia, model_torque = self._model(state.position, state.position, zero, zero)
         command = self._command(inertia, state.torque[:, 0] - model_torque)
-        is_estimated = self.feedforward is not None and self.feedforward.same_window
-        reference = self.estimator.init(state.position) if is_estimated else ()
+        reference = self.estimator.init(state.position) if self._estimates_reference else ()
         return state._replace(control=ModelState(inertia, model_torque, self.initial_state(command), reference))
 
     def torque_command(self, state: Tree, tracking: ControlInput) -> tuple[Tree, Vector, dict[str, Vector]]:
@@ -226,13 +229,13 @@ class TDE(PolePlacement):
         torque = torque + forward.forces(reference, velocity_reference)
         if forward.inertia:
             torque = torque + forward.robot.evaluate("inertia", reference) @ acceleration_reference
-            if not forward.same_window:  # else the feedback's own M̂ q̈ᵈ cancels with M̂ â_h
+            if not self._estimates_reference:  # else the feedback's own M̂ q̈ᵈ cancels with M̂ â_h
                 torque = torque - self.inertia_at(reference) @ acceleration_reference
         return inertia, torque
 
     def _windowed(self, state: Tree, tracking: ControlInput) -> tuple[Tree, ControlInput]:
         """Return the tracking with q̇ᵈ and q̈ᵈ as the law's estimator sees them, where that is chosen."""
-        if self.feedforward is None or not self.feedforward.same_window:
+        if not self._estimates_reference:
             return state, tracking
         next_state, estimate = self.estimator.step(state, tracking.reference)
         return next_state, tracking._replace(
