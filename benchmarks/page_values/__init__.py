@@ -1,6 +1,16 @@
 """Where the numbers of the pages come from: one function per source, in `SOURCES` by name."""
 
-from benchmarks.page_values import certificates, demo, explanation, long_runs, real_robots, start
+from benchmarks.page_values import certificates, demo, explanation, known_model, long_runs, real_robots, start
 from benchmarks.page_values.registry import SOURCES, Value
 
-__all__ = ["SOURCES", "Value", "certificates", "demo", "explanation", "long_runs", "real_robots", "start"]
+__all__ = [
+    "SOURCES",
+    "Value",
+    "certificates",
+    "demo",
+    "explanation",
+    "known_model",
+    "long_runs",
+    "real_robots",
+    "start",
+]

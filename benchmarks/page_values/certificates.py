@@ -8,7 +8,7 @@ import numpy as np
 import tarc
 from benchmarks import tightness as shares
 from benchmarks.page_values.explanation import grouped
-from benchmarks.page_values.registry import Value, long_source, run_page, source, table
+from benchmarks.page_values.registry import NO_VALUE, Value, long_source, run_page, source, table
 from tarc.analysis import Workspace, best_inertia_shape, stable_interval
 from tarc.certificates import certify_sector, certify_varying_ratio
 
@@ -156,6 +156,7 @@ def claims() -> dict[str, Value]:
         "derivatives": _derivatives(page.columns(r"^(TDC|TARC) +(None|16) +(\S+ mrad, \S+ N m/s)$")),
         "best": _best(page.columns(r"^(None|16) +(\S+) mrad, (\S+) M, (\S+)$")),
         "moves": _moves(own[4e3], rivals),
+        "growth": _growth(page.names["grown"], page.names["similar_gain"]),
         "filters": table(
             ["estimator", "RMS error [mrad]", "torque variation [N m/s]"],
             [(name, f"{1e3 * float(error):.2f}", f"{float(variation):.0f}") for name, error, variation in filters],
@@ -202,6 +203,22 @@ def _moves(own: dict, rivals: dict) -> str:
     rows = [("TARC", *_counts(own))]
     rows += [(f"ASMC, δ = {threshold:g}", *_counts(rivals[threshold])) for threshold in (0.001, 0.003, 0.01, 0.03, 0.1)]
     return table(["law", "perfect sensor", "sample", "20 ms", "16 bits", "sample", "20 ms"], rows)
+
+
+def _growth(grown: dict, similar_gain: dict) -> str:
+    rows = []
+    for name, pair in grown.items():
+        for bits, run in pair.items():
+            moves = f"{run['smooth overestimation']:.1f}, {run['smooth underestimation']:.1f}"
+            rows.append((name, _sensor(str(bits)), f"{run['gain']:.2f}", f"{run['error']:.2f}", moves))
+    for name, run in similar_gain.items():
+        plain, smooth = run.metrics(1.0), run.metrics(1.0, averaging_time=0.020)
+        moves = f"{100 * smooth['overestimation']:.1f}, {100 * smooth['underestimation']:.1f}"
+        is_constant = name == "constant gain"
+        cells = (f"{plain['mean_gain']:.2f}", f"{1e3 * plain['rms_error']:.2f}", NO_VALUE if is_constant else moves)
+        rows.append((name, _sensor("16"), *cells))
+    heads = ["f", "sensor", "mean gain [rad/s²]", "RMS error [mrad]", "over- and underestimation over 20 ms [%]"]
+    return table(heads, rows)
 
 
 def _counts(runs: dict) -> list[str]:

@@ -146,9 +146,7 @@ def test_traced_equals_numpy_and_controller_equals_simulation():
 def test_never_emits_nan():
     rng = np.random.default_rng(3)
     for model in (ARM, MASSES):
-        law = make_law(
-            TDC, inertia=known(model, gravity=True), feedforward=Feedforward(model, gravity=False)
-        )
+        law = make_law(TDC, inertia=known(model, gravity=True), feedforward=Feedforward(model, gravity=False))
         state, _ = law.example()
         for _ in range(200):
             value = rng.choice([0.0, 1.0, -2.0, 1e9, 1e99, -1e160, 1e308, np.nan, np.inf], size=(4, 2))

@@ -17,7 +17,11 @@ if TYPE_CHECKING:
 Scenarios = Annotated[list[str], typer.Argument(help="Training scenarios: YAML files or names of shipped ones.")]
 Laws = Annotated[
     str,
-    typer.Option(metavar="A,B", help="Names of laws with commas between, or all. Default: all, or the one of --law."),
+    typer.Option(
+        metavar="A,B",
+        help="Names of laws with commas between, or all. Default: all, or the one of --law. tdc-model and tarc-model, "
+        "with M̂(q) of the scenario's robot, are not among all.",
+    ),
 ]
 OwnLaw = Annotated[
     str,

@@ -14,7 +14,6 @@ from tarc.core.validation import Matrix
 from tarc.laws.base import ControlInput
 from tarc.laws.tde import TDE
 
-
 GROWTH = ("difference", "window")
 """How TARC may tell that the error grows."""
 

@@ -100,6 +100,25 @@ def _law(kind: str, **fixed: Any) -> dict[str, Any]:
     return {"kind": kind, "estimator": {"kind": "Algebraic", "window": 0.010, "degree": 2}, **fixed}
 
 
+KNOWN = {"inertia": {"model": True, "gravity": True, "coriolis": True}}
+"""M̂(q) of the scenario's own robot, without its friction."""
+
+MODEL_SPACES: dict[str, SearchSpace] = {
+    "tdc-model": SearchSpace(_law("TDC", **KNOWN), {**COMMON, "natural_frequency": (4.0, 120.0)}),
+    "tarc-model": SearchSpace(
+        _law("TARC", max_gain=10.0, **KNOWN),
+        {
+            **COMMON,
+            "natural_frequency": (4.0, 120.0),
+            "rise_rate": (1e2, 1e5),
+            "fall_rate": (1e2, 1e5),
+            "boundary_layer": (1e-3, 0.1),
+        },
+        extends="tdc-model",
+    ),
+}
+"""Laws with M̂(q), which `tarc tune` knows by name. They are no part of the comparison of laws without a model."""
+
 SPACES: dict[str, SearchSpace] = {
     "tdc": SearchSpace(_law("TDC"), COMMON),
     "tdc-sync": SearchSpace(_law("TDC", synchronised=True), COMMON),
