@@ -133,6 +133,20 @@ def test_equations_of_an_arm_are_short():
     assert ca.Function("f", [q, dq, torque], [expression], {"cse": True}).n_instructions() < 900
 
 
+def test_midpoint_step_reuses_the_inertia_of_its_start_to_second_order():
+    robot = symbolic("ur5e", armature=0.1, viscous=1.0)
+    q, dq, torque = robot.home, np.linspace(-1.0, 1.0, 6), np.linspace(20.0, -20.0, 6)
+    errors = []
+    for step in (4e-4, 2e-4):
+        a1, a2 = np.split(robot.evaluate("midpoint", q, dq, torque, step), 2)
+        np.testing.assert_allclose(a1, robot.evaluate("acceleration", q, dq, torque), rtol=1e-12)
+        middle = q + step / 2 * dq + step**2 / 8 * a1
+        exact = robot.evaluate("acceleration", middle, dq + step / 2 * a1, torque)
+        errors.append(np.abs(a2 - exact).max())
+    assert errors[1] < 1e-4
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.1)
+
+
 def test_linearisation_is_that_of_finite_differences():
     robot = symbolic("panda", armature=0.1, viscous=1.0, coulomb=2.0)
     random = np.random.default_rng(3)

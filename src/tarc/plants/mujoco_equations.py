@@ -22,8 +22,8 @@ from tarc.plants.tree_dynamics import (
     WORLD,
     Inertia,
     Link,
-    bias_torque,
     inertia_matrix,
+    joint_torques,
     shifted,
     symmetric,
     total,
@@ -35,18 +35,18 @@ ROUNDING = 1e-14
 
 
 def rigid_body_equations(
-    model: mujoco.MjModel, q: ca.SX, dq: ca.SX, masses: dict[int, ca.SX], inertias: dict[int, ca.SX]
-) -> tuple[ca.SX, ca.SX]:
-    """Return M(q), shape (n, n), and C(q, q̇) q̇ + g(q), shape (n, 1), of a model of hinges and slides.
+    model: mujoco.MjModel, motion: tuple[ca.SX, ca.SX, ca.SX], masses: dict[int, ca.SX], inertias: dict[int, ca.SX]
+) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Return M(q) (n, n), N = C(q, q̇) q̇ + g(q) (n, 1) and M q̈ + N (n, 1) of a model of hinges and slides.
 
-    Neither has what acts on the joints alone: rotor inertia, friction, springs.
+    None has what acts on the joints alone: rotor inertia, friction, springs.
 
     Parameters
     ----------
     model
         The compiled model.
-    q, dq
-        Position and velocity, shape (n, 1).
+    motion
+        Position q, velocity q̇ and acceleration q̈, each (n, 1).
     masses
         Mass [kg] of each body but the world, by its number.
     inertias
@@ -65,7 +65,9 @@ def rigid_body_equations(
         body: shifted(Inertia(mass, ca.SX.zeros(3), inertias[body]), model.body_ipos[body])
         for body, mass in masses.items()
     }
-    return _equations(model, q, dq, bodies)
+    links = _links(model, motion, bodies)
+    unaccelerated = [replace(link, acceleration=ca.SX(0)) for link in links]
+    return inertia_matrix(links), _torques(model, unaccelerated), _torques(model, links)
 
 
 def rigid_body_regressor(
@@ -91,19 +93,22 @@ def rigid_body_regressor(
     """
     symbols = ca.SX.sym("p", 10 * len(bodies))
     parts = dict(zip(bodies, ca.vertsplit(symbols, 10), strict=True))
-    M, bias = _equations(model, q, dq, {body: _from_parameters(part) for body, part in parts.items()})
+    links = _links(model, (q, dq, ddq), {body: _from_parameters(part) for body, part in parts.items()})
     values = np.concatenate([_parameters_about_origin(model, body) for body in bodies])
-    return ca.jacobian(M @ ddq + bias, symbols), values
+    return ca.jacobian(_torques(model, links), symbols), values
 
 
-def _equations(model: mujoco.MjModel, q: ca.SX, dq: ca.SX, bodies: dict[int, Inertia]) -> tuple[ca.SX, ca.SX]:
-    """Return M(q) and C(q, q̇) q̇ + g(q) for bodies with an inertia about the origin of their frame."""
-    links = _links(model, q, dq, bodies)
-    return inertia_matrix(links), bias_torque(links, ca.SX(-model.opt.gravity))
+def _torques(model: mujoco.MjModel, links: list[Link]) -> ca.SX:
+    """Return M q̈ + C q̇ + g of links under the gravity of the model."""
+    return joint_torques(links, ca.SX(-model.opt.gravity))
 
 
-def _links(model: mujoco.MjModel, q: ca.SX, dq: ca.SX, bodies: dict[int, Inertia]) -> list[Link]:
-    """Return a link for each joint, parents first, with inertia moved towards the world as far as that goes."""
+def _links(model: mujoco.MjModel, motion: tuple[ca.SX, ca.SX, ca.SX], bodies: dict[int, Inertia]) -> list[Link]:
+    """Return a link for each joint, parents first, with inertia moved towards the world as far as that goes.
+
+    The motion is position, velocity and acceleration. The inertia of a body is about the origin of its frame.
+    """
+    q, dq, ddq = motion
     links: list[Link] = []
     frames = {0: (WORLD, np.eye(3), np.zeros(3))}
     owned: dict[int, Inertia] = {}
@@ -116,7 +121,7 @@ def _links(model: mujoco.MjModel, q: ca.SX, dq: ca.SX, bodies: dict[int, Inertia
             along, anchor = _axes_along(model.jnt_axis[joint]), model.jnt_pos[joint]
             displacement = q[joint] - float(model.qpos0[model.jnt_qposadr[joint]])
             pose = _rounded(axes @ along), _rounded(origin + axes @ anchor)
-            links.append(Link(link, _slides(model, joint), *pose, NOTHING, displacement, dq[joint]))
+            links.append(Link(link, _slides(model, joint), *pose, NOTHING, displacement, dq[joint], ddq[joint]))
             link, axes, origin = joint, along.T, -along.T @ anchor
         frames[body] = link, axes, origin
         at_link = shifted(turned(bodies.get(body, NOTHING), _rounded(axes)), _rounded(origin))

@@ -17,7 +17,7 @@ from tarc.plants.delegating import DelegatingPlant
 from tarc.plants.mujoco import PAYLOAD_RADIUS, MujocoPlant
 from tarc.plants.mujoco_equations import rigid_body_equations, rigid_body_regressor
 from tarc.plants.robot_file import rotation_matrix
-from tarc.plants.symbolic import Equations, SymbolicPlant
+from tarc.plants.symbolic import Equations, InverseDynamics, SymbolicPlant
 
 COULOMB_WIDTH = 0.01
 """Speed [rad/s or m/s] at which smoothed dry friction has reached tanh 1 = 76 % of its size."""
@@ -61,15 +61,18 @@ class RigidBody(DelegatingPlant, SymbolicPlant):
         model, n = self.mujoco.model, self.n_coordinates
         q = ca.SX.sym("q", n)
         dq = ca.SX.sym("dq", n)
+        ddq = ca.SX.sym("ddq", n)
         p = {name: ca.SX.sym(name, value.size) for name, value in self._parameters.items()}
         masses = dict(zip(self._links, ca.vertsplit(p["masses"]), strict=True)) | {
             self.mujoco.payload_body: p["payload"]
         }
         inertias = {body: self._inertia_about_centre(body, mass) for body, mass in masses.items()}
-        M, bias = rigid_body_equations(model, q, dq, masses, inertias)
+        M, bias, torque = rigid_body_equations(model, (q, dq, ddq), masses, inertias)
         friction = p["viscous"] * dq + p["coulomb"] * ca.tanh(dq / p["coulomb_width"])
         spring = model.jnt_stiffness.reshape(n, -1)[:, 0] * (q - model.qpos_spring)
-        return Equations(q, dq, p, M + ca.diag(p["armature"]), bias + spring + friction, friction, {})
+        joints = spring + friction
+        inverse = InverseDynamics(ddq, torque + p["armature"] * ddq + joints)
+        return Equations(q, dq, p, M + ca.diag(p["armature"]), bias + joints, friction, {}, inverse=inverse)
 
     def _inertia_about_centre(self, body: int, mass: ca.SX) -> ca.SX:
         """Return the inertia of a body about its centre of mass, in the axes of its frame [kg m²], shape (3, 3)."""

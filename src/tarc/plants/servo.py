@@ -181,7 +181,7 @@ class ServoedPlant(DelegatingPlant, SymbolicPlant):
 
     def equations(self) -> Equations:
         """Return the equations of motion in units of the command."""
-        q, dq, parameters, M, N, friction, _, _ = self.plant.equations()
+        q, dq, parameters, M, N, friction, *_ = self.plant.equations()
         n, places = self.n_joints, list(self.driven)
         inputs = ca.SX.sym("input", 2 * n)
         gain = _scatter(self.servo.gain, places, np.ones(self.n_coordinates))

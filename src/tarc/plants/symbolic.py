@@ -42,6 +42,13 @@ class ForwardDynamics(NamedTuple):
     force: ca.SX
 
 
+class InverseDynamics(NamedTuple):
+    """Symbols of the acceleration (m, 1), and the expression of M(q) q̈ + N(q, q̇), (m, 1)."""
+
+    acceleration: ca.SX
+    torque: ca.SX
+
+
 class Equations(NamedTuple):
     """Symbols and expressions of M(q) q̈ + N(q, q̇) = B τ.
 
@@ -61,6 +68,8 @@ class Equations(NamedTuple):
         Further expressions of q, q̇ and the parameters, by name.
     forward
         What gives the acceleration in a simulation; None for M(q) q̈ = B τ − N(q, q̇).
+    inverse
+        Inverse dynamics where they are shorter than that; None for the sum of M(q) q̈ and N.
     """
 
     q: ca.SX
@@ -71,15 +80,24 @@ class Equations(NamedTuple):
     friction: ca.SX
     extra: dict[str, ca.SX]
     forward: ForwardDynamics | None = None
+    inverse: InverseDynamics | None = None
 
 
 class _Functions:
     """Functions of the equations of motion, each made when it is first needed."""
 
     def __init__(self, equations: Equations, driven: tuple[int, ...]):
-        q, dq, parameters, M, N, friction, extra, forward = equations
-        ddq = ca.SX.sym("ddq", q.shape[0])
-        inputs, mass, force = _torque_driven(M, N, driven) if forward is None else forward
+        q, dq, parameters, M, N, friction, extra, forward, inverse = equations
+        n = q.shape[0]
+        ddq = ca.SX.sym("ddq", n)
+        needed = M @ ddq + N if inverse is None else ca.substitute(inverse.torque, inverse.acceleration, ddq)
+        step = ca.SX.sym("step")
+        if forward is None:
+            forward = _torque_driven(M, N, driven)
+            missing = forward.force + N - needed
+        else:
+            missing = forward.force - forward.inertia @ ddq
+        inputs, mass, force = forward
         self._parameters = list(parameters.values())
         self._functions: dict[str, ca.Function] = {}
         self._outputs: dict[str, tuple[list[ca.SX], Callable[[], ca.SX]]] = {
@@ -87,9 +105,10 @@ class _Functions:
             "bias": ([q, dq], lambda: N),
             "gravity": ([q], lambda: ca.substitute(N - friction, dq, ca.SX.zeros(*dq.shape))),
             "friction": ([q, dq], lambda: friction),
-            "acceleration": ([q, dq, inputs], lambda: _solve(mass, force)),
+            "acceleration": ([q, dq, inputs], lambda: _Factors(mass).solve(force)),
+            "midpoint": ([q, dq, inputs, step], lambda: _midpoint(mass, force, missing, (q, dq, ddq), step)),
             "damping": ([q, dq], lambda: ca.jacobian(N, dq)),
-            "tangent": ([q, dq, ddq], lambda: ca.horzcat(M, ca.jacobian(N, dq), ca.jacobian(M @ ddq + N, q))),
+            "tangent": ([q, dq, ddq], lambda: ca.horzcat(M, ca.jacobian(N, dq), ca.jacobian(needed, q))),
         }
         for name, expression in extra.items():
             self._outputs[name] = ([q, dq], lambda expression=expression: expression)
@@ -148,28 +167,56 @@ def _torque_driven(M: ca.SX, N: ca.SX, driven: tuple[int, ...]) -> ForwardDynami
     return ForwardDynamics(torque, M, force - N)
 
 
-def _solve(M: ca.SX, right: ca.SX) -> ca.SX:
-    """Return M⁻¹ times a column, for a positive definite M, by M = Lᵀ D L from the last coordinate to the first.
+class _Factors:
+    """Factors of a positive definite M = Lᵀ D L, made from the last coordinate to the first.
 
     The M of a tree of bodies has no fill-in in this order. Featherstone, Rigid Body Dynamics Algorithms, 2008, 6.5.
     """
-    n = M.shape[0]
-    remainder = ca.SX(M)
-    column = ca.densify(right)
-    inverses = [ca.SX(0)] * n
-    factors: dict[tuple[int, int], ca.SX] = {}
-    for k in reversed(range(n)):
-        inverses[k] = 1 / remainder[k, k]
-        before = [i for i in range(k) if not remainder[k, i].is_zero()]
-        for i in before:
-            factors[k, i] = remainder[k, i] * inverses[k]
-            column[i] -= factors[k, i] * column[k]
-            for j in before[: before.index(i) + 1]:
-                remainder[i, j] -= factors[k, i] * remainder[k, j]
-    column *= ca.vertcat(*inverses)
-    for (k, i), factor in sorted(factors.items(), key=lambda item: item[0]):
-        column[k] -= factor * column[i]
-    return column
+
+    def __init__(self, M: ca.SX):
+        n = M.shape[0]
+        remainder = ca.SX(M)
+        self._reciprocals = [ca.SX(0)] * n
+        self._lower: dict[tuple[int, int], ca.SX] = {}
+        for k in reversed(range(n)):
+            self._reciprocals[k] = 1 / remainder[k, k]
+            before = [i for i in range(k) if not remainder[k, i].is_zero()]
+            for place, i in enumerate(before):
+                self._lower[k, i] = remainder[k, i] * self._reciprocals[k]
+                for j in before[: place + 1]:
+                    remainder[i, j] -= self._lower[k, i] * remainder[k, j]
+
+    def solve(self, right: ca.SX) -> ca.SX:
+        """Return M⁻¹ times a column."""
+        column = ca.densify(right)
+        for (k, i), factor in self._lower.items():
+            column[i] -= factor * column[k]
+        column *= ca.vertcat(*self._reciprocals)
+        for (k, i), factor in reversed(self._lower.items()):
+            column[k] -= factor * column[i]
+        return column
+
+
+def _midpoint(mass: ca.SX, force: ca.SX, missing: ca.SX, motion: tuple[ca.SX, ca.SX, ca.SX], step: ca.SX) -> ca.SX:
+    """Return the accelerations a₁ and a₂, one below the other, of a step by the midpoint method.
+
+    Parameters
+    ----------
+    mass, force
+        M(q) and f(q, q̇, u) of M q̈ = f.
+    missing
+        Force f(q, q̇, u) − M(q) q̈ that an acceleration leaves.
+    motion
+        Symbols of q, q̇ and q̈.
+    step
+        Symbol of h.
+    """
+    q, dq, _ = motion
+    factors = _Factors(mass)
+    first = factors.solve(force)
+    middle = [q + step / 2 * dq + step**2 / 8 * first, dq + step / 2 * first, first]
+    (left,) = ca.substitute([missing], list(motion), middle)
+    return ca.vertcat(first, first + factors.solve(left))
 
 
 class SymbolicPlant(Plant):
@@ -211,8 +258,9 @@ class SymbolicPlant(Plant):
         quantity
             ``inertia`` M(q), ``bias`` N(q, q̇), ``gravity`` N(q, 0) without friction, ``friction`` F(q, q̇),
             ``acceleration`` q̈(q, q̇, u) for u of `joint_input`, ``damping`` ∂N/∂q̇ (q, q̇) or ``tangent``
-            [M, ∂N/∂q̇, ∂(M q̈ + N)/∂q] (q, q̇, q̈). Plants from energies have ``coriolis`` C + G (q, q̇) and
-            ``energy`` T + V (q, q̇) too.
+            [M, ∂N/∂q̇, ∂(M q̈ + N)/∂q] (q, q̇, q̈). ``midpoint`` has the accelerations [a₁; a₂] of a step h of
+            `tarc.simulation.closed_loop.midpoint` (q, q̇, u, h). Plants from energies have ``coriolis`` C + G (q, q̇)
+            and ``energy`` T + V (q, q̇) too.
         arguments
             As in brackets, each of shape (m,) and τ (n,), or with k columns for k states at once.
         parameters

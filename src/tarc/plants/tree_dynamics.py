@@ -66,8 +66,8 @@ class Link:
         In the frame of the link.
     displacement
         Of the joint from where the frames are those above.
-    rate
-        Velocity of the joint.
+    rate, acceleration
+        Velocity and acceleration of the joint.
     """
 
     parent: int
@@ -77,6 +77,7 @@ class Link:
     inertia: Inertia
     displacement: ca.SX
     rate: ca.SX
+    acceleration: ca.SX
 
     def place(self) -> ca.SX:
         """Return the origin in the axes of the parent."""
@@ -174,26 +175,26 @@ def _at_parent(link: Link, force: ca.SX, torque: ca.SX) -> tuple[ca.SX, ca.SX]:
     return force, link.inward(torque) + ca.cross(link.place(), force)
 
 
-def bias_torque(links: list[Link], acceleration_of_world: ca.SX) -> ca.SX:
-    """Return C(q, q̇) q̇ + g(q) by recursive Newton–Euler; the world accelerates upward by gravity."""
+def joint_torques(links: list[Link], acceleration_of_world: ca.SX) -> ca.SX:
+    """Return M q̈ + C q̇ + g (n,) by recursive Newton–Euler; the world accelerates upward by gravity."""
     motions = [_Motion(ca.SX.zeros(3), ca.SX.zeros(3), acceleration_of_world, ca.SX.zeros(3, 3))]
     for link in links:
         motions.append(_move(link, motions[link.parent + 1]))
     wrenches = [_wrench(link.inertia, motion) for link, motion in zip(links, motions[1:], strict=True)]
-    bias = ca.SX.zeros(len(links))
+    torques = ca.SX.zeros(len(links))
     for number in reversed(range(len(links))):
         link = links[number]
         force, torque = wrenches[number]
-        bias[number] = force[2] if link.slides else torque[2]
+        torques[number] = force[2] if link.slides else torque[2]
         if link.parent != WORLD:
             added_force, added_torque = _at_parent(link, force, torque)
             force, torque = wrenches[link.parent]
             wrenches[link.parent] = force + added_force, torque + added_torque
-    return bias
+    return torques
 
 
 class _Motion(NamedTuple):
-    """Motion of a link at joint accelerations of zero, in its axes.
+    """Motion of a link in its axes.
 
     Attributes
     ----------
@@ -217,10 +218,11 @@ def _move(link: Link, parent: _Motion) -> _Motion:
     angular_acceleration = link.outward(parent.angular_acceleration)
     x, y, z = ca.vertsplit(link.outward(parent.angular_velocity))
     across = link.rate * ca.vertcat(y, -x, 0)
+    along = ca.vertcat(0, 0, link.acceleration)
     if link.slides:
-        acceleration += 2 * across
+        acceleration += 2 * across + along
     else:
-        angular_acceleration += across
+        angular_acceleration += across + along
         z = z + link.rate
     a, b, c = ca.vertsplit(angular_acceleration)
     field = ca.blockcat(
