@@ -21,6 +21,7 @@ from tarc.analysis.linearise import (
 from tarc.analysis.rest_stability import describe_instability
 from tarc.analysis.stability import disturbance_to_error, noise_to_torque, stable_intervals, widest_interval
 from tarc.analysis.workspace import Workspace
+from tarc.certificates.affine import AffineEvidence
 from tarc.certificates.base import Certificate, Evidence, certificate_from_plain
 from tarc.certificates.constant_ratio import ConstantRatioEvidence, certify_constant_ratio
 from tarc.certificates.robot import certify_robot
@@ -388,6 +389,7 @@ def _evidence_types() -> dict[str, type[Evidence]]:
         ConstantRatioEvidence,
         SectorEvidence,
         VaryingRatioEvidence,
+        AffineEvidence,
         Lemma1Evidence,
         ConditionC2Evidence,
         Theorem1Evidence,

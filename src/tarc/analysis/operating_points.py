@@ -65,6 +65,23 @@ class UncertaintySamples:
             self._stiffness_norms[lead_time] = _spectral_norms(_stack(self.stiffness, self.damping, lead_time))
         return self._stiffness_norms[lead_time]
 
+    def force_norms(self, lead_time: float, power: float = 1.0) -> Array:
+        """Return ‖E^−p [H, C/θ]‖ of each point [1/s²], shape (k,); with p = 1 those of torques, without M⁻¹."""
+        return _spectral_norms(self._powers(-power) @ _stack(self.stiffness, self.damping, lead_time))
+
+    def force_lead_time(self, power: float = 1.0) -> float:
+        """Return the θ [s] at which ‖E^−p C‖ counts as ‖E^−p H‖, at most `MAX_LEAD_TIME`; zero without damping."""
+        stiffness = float(self.force_norms(0.0, power).max())
+        damping = float(_spectral_norms(self._powers(-power) @ self.damping).max())
+        if not damping > NEGLIGIBLE_STIFFNESS:
+            return 0.0
+        return min(damping / max(stiffness, NEGLIGIBLE_STIFFNESS), MAX_LEAD_TIME)
+
+    def _powers(self, power: float) -> Array:
+        """Return E^p of each point."""
+        values, vectors = np.linalg.eigh((self.inertia + self.inertia.transpose(0, 2, 1)) / 2)
+        return vectors * values[:, None] ** power @ vectors.transpose(0, 2, 1)
+
     def joint_norms(self, centre: float, position_weight: float, lead_time: float = 0.0) -> Array:
         """Return ‖[E − ρ0 I, H/η, C/(η θ)]‖ of each point, shape (k,), for a centre ρ0 and a weight η [1/s²]."""
         mismatch = self.inertia - centre * np.eye(self.inertia.shape[1])

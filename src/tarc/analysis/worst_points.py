@@ -111,6 +111,18 @@ class SampledPoints:
         scale = max(float(sampled_norms.max()), NEGLIGIBLE_STIFFNESS)
         return self._with_points([search(self.points[i]) for i in np.argsort(sampled_norms)[::-1][:N_SEARCHES]])
 
+    def add_largest_force(self, lead_time: float) -> "SampledPoints":
+        """Return the points with those that a local search for the largest ‖E⁻¹[H, C/θ]‖ adds."""
+        norm = ForceNorm(self.nominal, lead_time)
+
+        def search(start: OperatingPoint) -> OperatingPoint:
+            moving = _maximise_motion(start, self.workspace, norm)
+            return _maximise_motion(self._maximise_posture(moving, norm, scale), self.workspace, norm)
+
+        sampled_norms = self.uncertainty.force_norms(lead_time)
+        scale = max(float(sampled_norms.max()), NEGLIGIBLE_STIFFNESS)
+        return self._with_points([search(self.points[i]) for i in np.argsort(sampled_norms)[::-1][:N_SEARCHES]])
+
     def _with_points(self, added: list[OperatingPoint]) -> "SampledPoints":
         uncertainty = self.uncertainty | uncertainty_samples(self.nominal, added)
         return replace(self, points=[*self.points, *added], uncertainty=uncertainty)
@@ -191,16 +203,67 @@ class UncertaintyNorm:
 
 
 @dataclass(frozen=True, eq=False)
-class InertiaRate:
-    """The largest ‖dE⁻¹/dt‖ of `inertia_rates`, for M̂ (n, n) and the largest speed of each joint (n,)."""
+class ForceNorm:
+    """The norm ‖E⁻¹[H, C/θ]‖ = ‖M̂^−½ [∂(M q̈ + N)/∂q, (∂N/∂q̇)/θ] M̂^−½‖, linear in G and D.
+
+    Parameters
+    ----------
+    nominal
+        M̂ [kg m² or kg], shape (n, n).
+    lead_time
+        θ [s]; zero to leave the damping out.
+    """
 
     nominal: Array
+    lead_time: float
+
+    def values(self, points: Sequence[OperatingPoint]) -> Array:
+        """Return the norms of k points, shape (k,)."""
+        return uncertainty_samples(self.nominal, points).force_norms(self.lead_time)
+
+    def value_and_gradient(self, point: OperatingPoint) -> tuple[float, Array]:
+        """Return the norm of a point and its derivatives over the posture, shape (n,)."""
+        _, D, G = linearise_point(point)
+        inverse_root = matrix_roots(self.nominal)[1]
+        n = len(G)
+        velocity_share = 1 / self.lead_time if self.lead_time and point.is_moving else 0.0
+        K = np.hstack([inverse_root @ G @ inverse_root, velocity_share * inverse_root @ D @ inverse_root])
+        left, norms, right = np.linalg.svd(K, full_matrices=False)
+        p, of_position, of_velocity = (
+            inverse_root @ left[:, 0],
+            inverse_root @ right[0, :n],
+            inverse_root @ right[0, n:],
+        )
+        of_stiffness, of_damping = np.outer(p, of_position), velocity_share * np.outer(p, of_velocity)
+        weight = np.hstack([0 * of_stiffness, of_damping, of_stiffness])
+        gradient = point.plant.tangent_gradient(point.position, weight, point.velocity, point.acceleration)
+        if np.any(of_damping):  # C leaves out the damping at rest
+            at_rest = np.hstack([0 * of_stiffness, of_damping, 0 * of_stiffness])
+            gradient = gradient - point.plant.tangent_gradient(point.position, at_rest)
+        return float(norms[0]), gradient
+
+
+@dataclass(frozen=True, eq=False)
+class InertiaRate:
+    """The largest ‖dE⁻¹/dt‖ of `inertia_rates`, for M̂ (n, n) and the largest speed of each joint (n,).
+
+    Without M̂ it is the relative rate ‖M^−½ (dM/dt) M^−½‖.
+    """
+
+    nominal: Array | None
     speed: Array
 
     def values(self, points: Sequence[OperatingPoint]) -> Array:
         """Return the rates of k points, shape (k,)."""
         slopes = np.array([point.plant.inertia_slopes(point.position) for point in points])
-        return inertia_rates(self.nominal, slopes, self.speed)
+        if self.nominal is not None:
+            return inertia_rates(self.nominal, slopes, self.speed)
+        return np.array(
+            [
+                inertia_rates(point.plant.inertia(point.position), slope[None], self.speed)[0]
+                for point, slope in zip(points, slopes, strict=True)
+            ]
+        )
 
     def value_and_gradient(self, point: OperatingPoint) -> tuple[float, Array]:
         """Return the rate of a point and its derivatives over the posture, shape (n,)."""
@@ -208,7 +271,8 @@ class InertiaRate:
         directions = np.eye(len(self.speed))[joints] * self.speed
         if len(joints) <= MAX_CORNER_JOINTS:
             directions = _corner_signs(len(joints)) @ directions
-        inverse_root = matrix_roots(self.nominal)[1]
+        unit = point.plant.inertia(point.position) if self.nominal is None else self.nominal
+        inverse_root = matrix_roots(unit)[1]
         slopes = point.plant.inertia_slopes(point.position)
         rates = inverse_root @ np.tensordot(directions, slopes, 1) @ inverse_root
         values, vectors = np.linalg.eigh(rates)
@@ -218,8 +282,11 @@ class InertiaRate:
         gradient = np.zeros(len(self.speed))
         for i in chosen.tolist():
             vector = inverse_root @ vectors[i, :, largest[i]]
-            weight = np.sign(values[i, largest[i]]) * np.outer(vector, vector)
+            square = np.outer(vector, vector)
+            weight = np.sign(values[i, largest[i]]) * square
             gradient += point.plant.inertia_rate_gradient(point.position, directions[i], weight)
+            if self.nominal is None:
+                gradient -= norms[i] * np.tensordot(slopes, square)
         return float(norms[chosen].sum()), gradient
 
 
@@ -241,9 +308,11 @@ def sample_points(plants: Sequence[Plant], workspace: Workspace, samples: int, s
 
 
 def max_rate_point(
-    plants: Sequence[Plant], nominal: Array, workspace: Workspace, samples: int, seed: int
+    plants: Sequence[Plant], nominal: Array | None, workspace: Workspace, samples: int, seed: int
 ) -> OperatingPoint:
     """Return the point with the largest of `inertia_rates`, from samples and a local search from the largest.
+
+    Without M̂ it is that of the largest relative rate.
 
     Raises
     ------

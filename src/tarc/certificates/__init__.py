@@ -4,10 +4,19 @@ from tarc.core.optional import require
 
 require("certify", "tarc.certificates")
 
+from tarc.certificates.affine import certify_affine
 from tarc.certificates.base import Certificate
 from tarc.certificates.constant_ratio import certify_constant_ratio
-from tarc.certificates.robot import certify_robot
+from tarc.certificates.robot import certify_robot, strengthen_robot
 from tarc.certificates.sector import certify_sector
 from tarc.certificates.varying_ratio import certify_varying_ratio
 
-__all__ = ["Certificate", "certify_constant_ratio", "certify_robot", "certify_sector", "certify_varying_ratio"]
+__all__ = [
+    "Certificate",
+    "certify_affine",
+    "certify_constant_ratio",
+    "certify_robot",
+    "certify_sector",
+    "certify_varying_ratio",
+    "strengthen_robot",
+]

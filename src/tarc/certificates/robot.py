@@ -1,6 +1,7 @@
 """The robot certificate: the uncertainty of a robot over a workspace against what the loop tolerates."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,12 +15,18 @@ from tarc.analysis.linearise import (
     refuse_nominal_inertia,
     require_inertia,
 )
-from tarc.analysis.operating_points import OperatingPoint, linearise_point
 from tarc.analysis.workspace import Workspace
 from tarc.analysis.worst_points import SampledPoints, max_rate_point
+from tarc.certificates.affine_cover import MIN_MARGIN, cover_robot
 from tarc.certificates.ball_search import NO_CANDIDATE, BallCandidate, fit_ball
 from tarc.certificates.base import Certificate, LoopMatrices, Verdict
-from tarc.certificates.robot_evidence import LinearisedPoint, MaxRatePoint, RobotEvidence, WorstPoints
+from tarc.certificates.robot_evidence import (
+    LinearisedPoint,
+    MaxRatePoint,
+    RobotEvidence,
+    WorstPoints,
+    linearised_point,
+)
 from tarc.core.errors import UnsupportedLaw
 from tarc.core.formatting import format_vector
 from tarc.core.types import Array
@@ -145,6 +152,75 @@ def certify_robot(
     )
 
 
+def strengthen_robot(
+    certificate: Certificate[RobotEvidence],
+    law: Law,
+    plant: Plant | Sequence[Plant],
+    workspace: Workspace,
+    *,
+    computation_delay: int = 0,
+    samples: int = 2000,
+    seed: int = 0,
+    channels: Sequence[Channel] | None = None,
+    spread: InertiaSpread | None = None,
+    on_program: Callable[[], object] = lambda: None,
+) -> Certificate[RobotEvidence]:
+    """Return the better of a robot certificate and one by a Lyapunov function affine in the inertia.
+
+    That of `tarc.certificates.certify_affine`, with stiffness and damping as a torque k beside v, ẍ = E (v + k),
+
+        ‖k‖² ≤ κ_θ² (‖x‖² + θ² ‖ẋ‖²),    κ_θ = sup ‖E⁻¹[H, C/θ]‖ = sup ‖M̂^−½ [G, D/θ] M̂^−½‖,
+
+    which holds no M⁻¹. It must cover ratios, rate and κ_θ that are `MIN_MARGIN` larger than all that were found.
+
+    It takes seconds. So it is left out for a law that is refuted, and for one that is certified with that margin. It
+    needs a workspace with a speed, and the same loop on each joint.
+
+    Parameters
+    ----------
+    certificate
+        Result of `certify_robot` for the same arguments.
+    law, plant, workspace, computation_delay, samples, seed, channels, spread
+        As in `certify_robot`.
+    on_program
+        Called after each semidefinite program, to show progress.
+    """
+    evidence = certificate.evidence
+    decided = certificate.certified and certificate.margin >= MIN_MARGIN
+    if decided or certificate.verdict == Verdict.REFUTED or evidence.ball is None or workspace.speed is None:
+        return certificate
+    if not evidence.robust_term_is_bounded:
+        return certificate
+    law = require_inertia(law, "the robot certificate")
+    channel = (decoupled_channels(law, computation_delay) if channels is None else channels)[0]
+    law, plants = in_torque_units(law, as_plants(plant))
+    if spread is None:
+        spread = inertia_spread(plants, law.M, workspace, samples=samples, seed=seed)
+    workspace = workspace.for_joints(plants[0].joint_names)
+    n_points = min(samples, MAX_STIFFNESS_SAMPLES)
+    sampled = SampledPoints.from_robot(plants, spread, law.M, workspace, n_points, seed)
+    found = [_max_rate_point(plants, unit, workspace, n_points, seed) for unit in (law.M, None)]
+    rate_points = tuple(point for point in found if point is not None)
+    cover = cover_robot(channel, evidence.slope, spread, sampled, rate_points, on_program)
+    if cover is None:
+        return certificate
+    evidence = replace(evidence, affine=cover)
+    verdict, margin, witness = evidence.judge()
+    if verdict != Verdict.CERTIFIED or (certificate.certified and margin <= certificate.margin):
+        return certificate
+    return replace(
+        certificate,
+        evidence=evidence,
+        problem="A(λ)ᵀ (P(λ) + s S) A(λ) ≺ e^{−2αT} P(λ), P(λ) = P0 + P1/λ ≻ 0, S ± P1 ⪰ 0 for all inertia ratios λ, "
+        "with stiffness, damping and the slope of the robust term by the S-procedure",
+        verdict=verdict,
+        margin=margin,
+        margin_meaning="growth of ratios, rate and forces that is covered",
+        assumptions=_assumptions(law, plants[0], spread, evidence, workspace, computation_delay),
+        witness=witness,
+    )
+
+
 def _problem(evidence: RobotEvidence) -> str:
     """Return the tested condition as a formula."""
     condition = "‖[E − ρ0 I, H/η, C/(η θ)]‖ ≤ δ for all motions in the workspace"
@@ -158,30 +234,12 @@ def _problem(evidence: RobotEvidence) -> str:
 
 
 def _max_rate_point(
-    plants: Sequence[Plant], nominal: Array, workspace: Workspace, samples: int, seed: int
+    plants: Sequence[Plant], nominal: Array | None, workspace: Workspace, samples: int, seed: int
 ) -> MaxRatePoint | None:
-    """Return where the inertia changes fastest; None without a speed."""
+    """Return where the inertia changes fastest, without M̂ relative to itself; None without a speed."""
     if workspace.speed is None:
         return None
-    point = max_rate_point(plants, nominal, workspace, samples, seed)
-    return MaxRatePoint(
-        position=point.position,
-        inertia_slopes=point.plant.inertia_slopes(point.position),
-        velocity_limits=np.asarray(workspace.speed),
-    )
-
-
-def _linearised_point(point: OperatingPoint) -> LinearisedPoint:
-    """Return the robot linearised about a point; at rest with viscous friction, moving without."""
-    M, D, G = linearise_point(point) if point.is_moving else point.plant.linearised(point.position)
-    return LinearisedPoint(
-        position=point.position,
-        inertia=M,
-        damping=D,
-        stiffness=G,
-        velocity=point.velocity if point.is_moving else None,
-        acceleration=point.acceleration if point.is_moving else None,
-    )
+    return MaxRatePoint.from_point(max_rate_point(plants, nominal, workspace, samples, seed), workspace)
 
 
 def _worst_points(sampled: SampledPoints, candidate: "BallCandidate") -> WorstPoints:
@@ -194,11 +252,11 @@ def _worst_points(sampled: SampledPoints, candidate: "BallCandidate") -> WorstPo
     is_moving = np.array([point.is_moving for point in points])
 
     def worst(is_included: Array, values: Array) -> LinearisedPoint:
-        return _linearised_point(points[int(np.argmax(np.where(is_included, values, -1.0)))])
+        return linearised_point(points[int(np.argmax(np.where(is_included, values, -1.0)))])
 
     return WorstPoints(
-        min_ratio=_linearised_point(points[0]),
-        max_ratio=_linearised_point(points[1]),
+        min_ratio=linearised_point(points[0]),
+        max_ratio=linearised_point(points[1]),
         stiffest=worst(~is_moving, stiffness_norms),
         largest_norm=worst(~is_moving, joint_norms),
         stiffest_moving=worst(is_moving, stiffness_norms) if is_moving.any() else None,

@@ -5,10 +5,18 @@ from typing import ClassVar
 
 import numpy as np
 
-from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS, UncertaintySamples, to_nominal_coordinates
+from tarc.analysis.operating_points import (
+    NEGLIGIBLE_STIFFNESS,
+    OperatingPoint,
+    UncertaintySamples,
+    linearise_point,
+    to_nominal_coordinates,
+)
 from tarc.analysis.rest_stability import rest_state_matrix
 from tarc.analysis.stability import UnstableMode, Witness, unstable_mode
+from tarc.analysis.workspace import Workspace
 from tarc.analysis.worst_points import inertia_rates
+from tarc.certificates.affine import AffineProof
 from tarc.certificates.base import Evidence, Judgement, LoopMatrices, Verdict
 from tarc.certificates.varying_ratio import Ball
 from tarc.core.types import Array
@@ -35,6 +43,19 @@ class LinearisedPoint:
     stiffness: Array
     velocity: Array | None = None
     acceleration: Array | None = None
+
+
+def linearised_point(point: OperatingPoint) -> LinearisedPoint:
+    """Return the robot linearised about a point; at rest with viscous friction, moving without."""
+    M, D, G = linearise_point(point) if point.is_moving else point.plant.linearised(point.position)
+    return LinearisedPoint(
+        position=point.position,
+        inertia=M,
+        damping=D,
+        stiffness=G,
+        velocity=point.velocity if point.is_moving else None,
+        acceleration=point.acceleration if point.is_moving else None,
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,6 +96,8 @@ class MaxRatePoint:
     ----------
     position
         Posture [rad or m], shape (n,).
+    inertia
+        M there, shape (n, n).
     inertia_slopes
         ∂M/∂q_i, shape (n, n, n), the joint i first.
     velocity_limits
@@ -82,12 +105,72 @@ class MaxRatePoint:
     """
 
     position: Array
+    inertia: Array
     inertia_slopes: Array
     velocity_limits: Array
+
+    @classmethod
+    def from_point(cls, point: OperatingPoint, workspace: Workspace) -> "MaxRatePoint":
+        """Return it for an operating point of a workspace with speeds."""
+        return cls(
+            position=point.position,
+            inertia=point.plant.inertia(point.position),
+            inertia_slopes=point.plant.inertia_slopes(point.position),
+            velocity_limits=np.asarray(workspace.speed),
+        )
 
     def rate(self, nominal: Array) -> float:
         """Return the largest ‖dE⁻¹/dt‖ [1/s] there, for M̂ (n, n)."""
         return float(inertia_rates(nominal, self.inertia_slopes[None], self.velocity_limits)[0])
+
+    def relative_rate(self) -> float:
+        """Return the largest ‖M^−½ (dM/dt) M^−½‖ [1/s] there."""
+        return self.rate(self.inertia)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AffineCover:
+    """A Lyapunov function affine in the inertia, and the points of the robot that limit it.
+
+    Attributes
+    ----------
+    proof
+        The Lyapunov function, with the ratios, the rate and the forces that it covers.
+    force_points
+        Where ‖E^−p [H, C/θ]‖ is largest, for each bound of the proof.
+    rate_points
+        Where the inertia changes fastest, in units of M̂ and relative to itself.
+    """
+
+    proof: AffineProof
+    force_points: tuple[LinearisedPoint, ...]
+    rate_points: tuple[MaxRatePoint, ...]
+
+    def margin(self, nominal: Array, points: "UncertaintySamples") -> float:
+        """Return by what share ratios, rate and forces may grow until the proof does not cover them.
+
+        Parameters
+        ----------
+        nominal
+            M̂ [kg m² or kg], shape (n, n).
+        points
+            Uncertainty at all points that must be covered.
+        """
+        ratios = self.proof.ratios
+        values = np.linalg.eigvalsh(points.inertia)
+        covered = [values.min() / ratios.min_ratio, ratios.max_ratio / values.max()]
+        needed = [(point.rate(nominal), ratios.rate) for point in self.rate_points]
+        needed += [(point.relative_rate(), ratios.relative_rate) for point in self.rate_points]
+        for power, lead_time, stiffness in zip(ratios.powers, ratios.lead_times, ratios.stiffness, strict=True):
+            needed.append((float(points.force_norms(float(lead_time), float(power)).max()), float(stiffness)))
+        if not len(ratios.stiffness):
+            needed.append((float(points.force_norms(0.0).max()), NEGLIGIBLE_STIFFNESS))
+        if 0.0 in ratios.lead_times or not len(ratios.stiffness):  # a bound without a lead time leaves the damping out
+            needed.append((float(np.abs(points.damping).max()), NEGLIGIBLE_STIFFNESS))
+        if any(value > limit for value, limit in needed):
+            return -1.0
+        covered += [limit / value for value, limit in needed if value > NEGLIGIBLE_STIFFNESS]
+        return float(min(covered) - 1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -118,6 +201,8 @@ class RobotEvidence(Evidence):
         Largest slope of the robust term [1/s²].
     samples
         Number of sampled postures.
+    affine
+        The Lyapunov function affine in the inertia; None where the ball decides.
     """
 
     kind: ClassVar[str] = "robot"
@@ -135,6 +220,19 @@ class RobotEvidence(Evidence):
     stiffness: float
     slope: float
     samples: int
+    affine: AffineCover | None = None
+
+    @property
+    def method(self) -> str:
+        """What decides the verdict: ``ball``, ``ball with a rate`` or ``affine Lyapunov function``."""
+        if self.affine is not None:
+            return "affine Lyapunov function"
+        return "ball" if self.rate is None else "ball with a rate"
+
+    @property
+    def decay_rate(self) -> float | None:
+        """Rate α [1/s] at which errors are proven to decay, e^{−αt}; None where the ball decides."""
+        return None if self.affine is None else self.affine.proof.decay_rate
 
     @property
     def ratio_spread(self) -> float:
@@ -165,6 +263,8 @@ class RobotEvidence(Evidence):
             return Judgement(Verdict.REFUTED, float(1 - worst_radius), witness)
         if self.ball is None:
             return Judgement(Verdict.INCONCLUSIVE, 0.0)
+        if self.affine is not None:
+            return self._judge_affine(self.affine)
         return self._judge_ball(self.ball, float(smallest), float(largest))
 
     def _open_loop(self) -> tuple[Array, Array, Array]:
@@ -198,9 +298,20 @@ class RobotEvidence(Evidence):
         judgement = ball.judge(needed_radius)
         return judgement if self.robust_term_is_bounded else judgement._replace(verdict=Verdict.INCONCLUSIVE)
 
-    def _uncertainty(self) -> UncertaintySamples:
+    def _judge_affine(self, cover: AffineCover) -> Judgement:
+        """Test whether the Lyapunov function covers all points, and prove it."""
+        uncertainty = self._uncertainty(cover.force_points)
+        margin = cover.margin(self.nominal_inertia, uncertainty)
+        proof = cover.proof
+        matches = proof.ratios.period == self.period and self.slope <= 2 * proof.loop.full.loop.half_slope.item()
+        matches = matches and proof.ratios.intersample and self.robust_term_is_bounded
+        if matches and margin > 0 and proof.is_proven():
+            return Judgement(Verdict.CERTIFIED, margin)
+        return Judgement(Verdict.INCONCLUSIVE, margin)
+
+    def _uncertainty(self, added: tuple[LinearisedPoint, ...] = ()) -> UncertaintySamples:
         """Return the uncertainty at all points, without the viscous friction of those at rest."""
-        points = [*self.points.at_rest(), *self.points.moving()]
+        points = [*self.points.at_rest(), *self.points.moving(), *added]
         M, D, G = (np.array([getattr(point, name) for point in points]) for name in ("inertia", "damping", "stiffness"))
-        D[: len(self.points.at_rest())] = 0
+        D[np.array([point.velocity is None for point in points])] = 0
         return to_nominal_coordinates(self.nominal_inertia, M, D, G)

@@ -19,7 +19,7 @@ def symmetric(matrix: Array) -> Array:
     return (matrix + matrix.T) / 2
 
 
-def solve(problem: "cp.Problem", *expressions: "cp.Expression") -> list[Array] | None:
+def solve(problem: "cp.Problem", *expressions: "cp.Expression", **options: float) -> list[Array] | None:
     """Solve a semidefinite program.
 
     No status of the solver is a proof: the values are candidates, to be judged on their own.
@@ -30,6 +30,8 @@ def solve(problem: "cp.Problem", *expressions: "cp.Expression") -> list[Array] |
         The program.
     expressions
         Variables and expressions whose values are returned.
+    options
+        Of the solver Clarabel.
 
     Returns
     -------
@@ -41,7 +43,7 @@ def solve(problem: "cp.Problem", *expressions: "cp.Expression") -> list[Array] |
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # an inaccurate solution is judged like any other
         try:
-            problem.solve(solver=cp.CLARABEL)
+            problem.solve(solver=cp.CLARABEL, **options)
         except (cp.SolverError, ValueError):  # no convergence; data that overflow
             return None
     if problem.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):

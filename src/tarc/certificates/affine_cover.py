@@ -1,0 +1,84 @@
+"""The Lyapunov function affine in the inertia that covers a robot, with stiffness and damping as torques."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from tarc.analysis.inertia_ratio import InertiaSpread
+from tarc.analysis.linearise import Channel
+from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS
+from tarc.analysis.uncertain_loop import UncertainLoop
+from tarc.analysis.worst_points import SampledPoints
+from tarc.certificates.affine import find_proof
+from tarc.certificates.affine_form import RatioSet
+from tarc.certificates.robot_evidence import AffineCover, MaxRatePoint, linearised_point
+
+MIN_MARGIN = 0.05
+"""Growth of ratios, rate and forces beyond all that were found that a proof must cover; samples miss the worst."""
+POWERS = 0.0, 0.5, 1.0
+"""Powers p of the bounds ‖E^−p [H, C/θ]‖."""
+LEAD_FACTORS = 0.25, 0.5, 1.0, 2.0
+"""Lead times θ over that at which damping counts as much as stiffness."""
+SEARCHED_FACTORS = 0.5, 1.0
+"""Those for which local searches look for the worst point."""
+ACCELERATION_SHARE = 0.01
+"""Share of the bound on the forces that is left to the motion within a period."""
+
+
+def cover_robot(
+    channel: Channel,
+    slope: float,
+    spread: InertiaSpread,
+    sampled: SampledPoints,
+    rate_points: tuple[MaxRatePoint, ...],
+    on_program: Callable[[], object] = lambda: None,
+) -> AffineCover | None:
+    """Return a Lyapunov function that covers a robot with the margin `MIN_MARGIN`; None where none was found.
+
+    Parameters
+    ----------
+    channel
+        The loop of each joint.
+    slope
+        Largest slope of the robust term [1/s²].
+    spread
+        Inertia ratios of the robot.
+    sampled
+        Its operating points.
+    rate_points
+        Where its inertia changes fastest, in units of M̂ and relative to itself.
+    on_program
+        Called after each semidefinite program, to show progress.
+    """
+    for factor in SEARCHED_FACTORS:
+        sampled = sampled.add_largest_force(factor * sampled.uncertainty.force_lead_time())
+        sampled = sampled.add_stiffest(factor * sampled.uncertainty.lead_time())
+    uncertainty, room = sampled.uncertainty, 1 + MIN_MARGIN
+    bounds = [
+        (power, factor * lead_time)
+        for power in POWERS
+        for lead_time in [uncertainty.force_lead_time(power)]
+        for factor in (LEAD_FACTORS if lead_time else (0.0,))
+    ]
+    norms = np.array([uncertainty.force_norms(lead_time, power) for power, lead_time in bounds])
+    if not norms.max() > NEGLIGIBLE_STIFFNESS:
+        bounds, norms = [], norms[:0]
+    values = np.linalg.eigvalsh(uncertainty.inertia)
+    ratios = RatioSet(
+        min_ratio=min(spread.min_ratio, float(values.min())) / room,
+        max_ratio=max(spread.max_ratio, float(values.max())) * room,
+        rate=max(point.rate(sampled.nominal) for point in rate_points) * room,
+        relative_rate=max(point.relative_rate() for point in rate_points) * room,
+        period=channel.period,
+        intersample=True,
+        powers=np.array([power for power, _ in bounds]),
+        lead_times=np.array([lead_time for _, lead_time in bounds]),
+        stiffness=np.array([row.max() * room for row in norms]),
+        shares=np.full(len(bounds), ACCELERATION_SHARE),
+    )
+    proof = find_proof(UncertainLoop.from_channel(channel, slope, intersample=True), ratios, on_program)
+    if proof is None:
+        return None
+    worst = dict.fromkeys(int(np.argmax(row)) for row in norms)
+    points = tuple(linearised_point(sampled.points[i]) for i in worst)
+    return AffineCover(proof=proof, force_points=points, rate_points=rate_points)

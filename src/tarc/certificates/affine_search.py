@@ -1,0 +1,203 @@
+"""Search for a Lyapunov function that is affine in the inertia, by semidefinite programs on a few ratios."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from tarc.certificates.affine_form import (
+    LyapunovMatrices,
+    Multipliers,
+    RatioSet,
+    constraint_forms,
+    decrease,
+    signal_rows,
+)
+from tarc.certificates.reduced_loop import ReducedLoop
+from tarc.core.types import Array
+from tarc.numerics import sdp
+from tarc.numerics.matrix_polynomial import evaluate
+
+if TYPE_CHECKING:
+    import cvxpy as cp
+
+N_FIRST_RATIOS = 6
+"""Number of ratios in the first program."""
+N_TESTED_RATIOS = 200
+"""Number of ratios at which a solution is tested, to add violated ones."""
+MAX_PROGRAMS = 7
+"""Largest number of programs."""
+MIN_DECREASE = 1e-7
+"""Least decrease of the Lyapunov function, in its own coordinates, that counts as one."""
+INPUT_SIZE = 0.1
+"""Size that the scaled inputs have in the states."""
+INPUT_STRICTNESS = 1e-3
+"""Decrease for an input of that size, over the decrease for a state."""
+MIN_EIGENVALUE_SHARE = 1e-7
+"""Least eigenvalue of the matrix that scales the states, as a share of the largest."""
+SOLVER_OPTIONS: tuple[dict[str, float], ...] = (
+    {"equilibrate_enable": False},
+    {"static_regularization_constant": 1e-7},
+)
+"""Settings of the solver, tried in turn; the states are scaled already."""
+S_ROOM = 1e-9
+"""Share of the norm of S that is added to its diagonal."""
+
+
+class AffineCandidate(NamedTuple):
+    """A Lyapunov function that a solver found, and the loop in whose states it is."""
+
+    loop: ReducedLoop
+    matrices: LyapunovMatrices
+    multipliers: Multipliers
+
+
+def find_affine(
+    loop: ReducedLoop, ratios: RatioSet, on_program: Callable[[], object] = lambda: None
+) -> AffineCandidate | None:
+    """Return a Lyapunov function that decreases at all tested ratios; None where none was found.
+
+    Each program maximises the least decrease on some ratios. Those at which its solution fails are added to the next.
+    The states are then scaled by the solution, so that the next program is well conditioned.
+
+    Parameters
+    ----------
+    loop
+        The loop.
+    ratios
+        What it must tolerate.
+    on_program
+        Called after each program, to show progress.
+    """
+    if not np.isfinite(ratios.condition) or not np.all(np.isfinite(ratios.force_bounds())):
+        return None
+    low, high = ratios.min_ratio, ratios.max_ratio
+    points = list(np.geomspace(low, high, N_FIRST_RATIOS))
+    grid = np.geomspace(low, high, N_TESTED_RATIOS)
+    best, n_failed = None, 0
+    for _ in range(MAX_PROGRAMS):
+        candidate, margin = _solve(loop, ratios, points)
+        on_program()
+        if candidate is None:
+            return best
+        decreases = _least_decreases(candidate, ratios, grid)
+        if decreases.min() > 0:
+            if best is not None or margin > 1e-2:
+                return candidate
+            best = candidate
+        elif best is not None:
+            return best
+        n_failed = n_failed + 1 if margin < MIN_DECREASE else 0
+        if n_failed > 1:
+            return None
+        points += _local_minima(grid, decreases) if margin >= MIN_DECREASE else []
+        loop = _rescaled(candidate, (low * high) ** 0.5)
+    return best
+
+
+def _least_decreases(candidate: AffineCandidate, ratios: RatioSet, grid: Array) -> Array:
+    """Return the least eigenvalue of F(λ)/λ at some ratios, its diagonal scaled to one."""
+    forms = decrease(candidate.loop, ratios, candidate.matrices, candidate.multipliers, growth=1.0)
+    values = np.array([evaluate(forms, ratio) / ratio for ratio in grid])
+    diagonals = np.diagonal(values, axis1=1, axis2=2)
+    scale = np.maximum(np.abs(diagonals), 1e-300) ** -0.5
+    return np.linalg.eigvalsh(values * scale[:, :, None] * scale[:, None, :])[:, 0]
+
+
+def _local_minima(grid: Array, values: Array) -> list[float]:
+    """Return the points of a grid at which values are negative and least among their neighbours."""
+    before, after = np.append(np.inf, values[:-1]), np.append(values[1:], np.inf)
+    return grid[(values <= 0) & (values <= before) & (values <= after)].tolist()
+
+
+def _rescaled(candidate: AffineCandidate, ratio: float) -> ReducedLoop:
+    """Return the loop in states in which the Lyapunov function at a ratio is the sum of squares."""
+    P0, P1, Q1, _, _ = candidate.matrices
+    values, vectors = np.linalg.eigh(P0 + (P1 + Q1) / ratio)
+    values = np.maximum(values, MIN_EIGENVALUE_SHARE * values[-1])
+    return candidate.loop.transformed((vectors * np.sqrt(values)).T, vectors / np.sqrt(values))
+
+
+def _solve(loop: ReducedLoop, ratios: RatioSet, points: list[float]) -> tuple[AffineCandidate | None, float]:
+    """Return the Lyapunov function with the largest least decrease at some ratios, and that decrease."""
+    import cvxpy as cp
+
+    n_states, middle = len(loop.A), (ratios.min_ratio * ratios.max_ratio) ** 0.5
+    variables = [cp.Variable((n_states, n_states), symmetric=True) for _ in range(5 if _has_two_parts(ratios) else 3)]
+    P0, P1, S = variables[:3]
+    zero = cp.Constant(np.zeros((n_states, n_states)))
+    Q1, R = variables[3:] if len(variables) > 3 else (zero, zero)
+    margin = cp.Variable()
+    rows = signal_rows(loop, ratios)
+    error, forces, change, slope = constraint_forms(rows, loop, ratios)
+    signals = [(0, error), *((0, form) for form in forces), (1, change), (0, slope)]
+    signals = [(degree, form) for degree, form in signals if form]
+    weights = cp.Variable(len(signals), nonneg=True)
+    inputs = INPUT_SIZE / max(float(np.linalg.norm(loop.B, 2)), 1e-300)
+    n_rows = rows.state.shape[1]
+    is_state = np.arange(n_rows) < n_states
+    scale, strictness = np.where(is_state, 1.0, inputs), np.where(is_state, 1.0, INPUT_STRICTNESS)
+    state = rows.state * scale
+    constraints = [S - P1 >> 0, S + P1 >> 0, cp.trace(P0 + P1 + Q1) == n_states]
+    constraints += [R - Q1 >> 0, R + Q1 >> 0] if variables[3:] else []
+    constraints += [P0 + (P1 + Q1) * (middle / ratio) >> 0 for ratio in (ratios.min_ratio, ratios.max_ratio)]
+    for ratio in points:
+        later = (rows.next_state[0] + ratio * rows.next_state[1]) * scale
+        P = P0 + (P1 + Q1) * (middle / ratio)
+        change_of_P = ratios.max_change * middle * S + ratios.max_relative_change * (middle / ratio) * R
+        drop = state.T @ P @ state - later.T @ (P + change_of_P) @ later
+        for i, (degree, coefficients) in enumerate(signals):
+            form = evaluate(coefficients, ratio) / ratio**degree
+            drop = drop - weights[i] * (form * scale * scale[:, None] / inputs**2)
+        constraints.append(_symmetric(drop) >> margin * np.diag(strictness))
+    values = _values(cp.Problem(cp.Maximize(margin), constraints), weights, margin, *variables)
+    if values is None:
+        return None, 0.0
+    weight_values, margin_value, *found = values
+    found += [np.zeros((n_states, n_states))] * (5 - len(found))
+    P0_value, P1_value, S_value, Q1_value, R_value = found
+    matrices = LyapunovMatrices(
+        P0=P0_value,
+        P1=middle * P1_value,
+        Q1=middle * Q1_value,
+        S=middle * _above(S_value, P1_value),
+        R=middle * _above(R_value, Q1_value),
+    )
+    weight_values = np.maximum(weight_values, 1e-12) / inputs**2
+    multipliers = _named_weights(weight_values, len(forces), bool(change), bool(slope))
+    return AffineCandidate(loop, matrices, multipliers), float(margin_value)
+
+
+def _has_two_parts(ratios: RatioSet) -> bool:
+    """Return whether the relative rate says more than the rate."""
+    return ratios.relative_rate < (1 - 1e-9) * ratios.rate * ratios.max_ratio
+
+
+def _values(problem: "cp.Problem", *expressions: "cp.Expression") -> list[Array] | None:
+    """Return the values of a solution, by the first settings with which the solver succeeds; None for none."""
+    for options in SOLVER_OPTIONS:
+        values = sdp.solve(problem, *expressions, **options)
+        if values is not None:
+            return values
+    return None
+
+
+def _symmetric(expression: "cp.Expression") -> "cp.Expression":
+    return (expression + expression.T) / 2
+
+
+def _above(S: Array, P1: Array) -> Array:
+    """Return S with so much added to its diagonal that S ± P1 are positive definite beyond rounding."""
+    least = min(float(np.linalg.eigvalsh(S + sign * P1)[0]) for sign in (-1, 1))
+    return S + (max(-2 * least, 0.0) + S_ROOM * np.linalg.norm(S, 2) + 1e-15) * np.eye(len(S))
+
+
+def _named_weights(weights: Array, n_forces: int, has_change: bool, has_slope: bool) -> Multipliers:
+    """Return the weights of a solution by name, zero for a missing constraint."""
+    others = list(weights[1 + n_forces :])
+    return Multipliers(
+        error=float(weights[0]),
+        forces=weights[1 : 1 + n_forces],
+        change=float(others.pop(0)) if has_change else 0.0,
+        slope=float(others.pop(0)) if has_slope else 0.0,
+    )
