@@ -24,7 +24,7 @@ from tarc.analysis.workspace import Workspace
 from tarc.certificates.affine import AffineEvidence
 from tarc.certificates.base import Certificate, Evidence, certificate_from_plain
 from tarc.certificates.constant_ratio import ConstantRatioEvidence, certify_constant_ratio
-from tarc.certificates.robot import certify_robot
+from tarc.certificates.robot import certify_robot, strengthen_robot
 from tarc.certificates.robot_evidence import RobotEvidence
 from tarc.certificates.sector import SectorEvidence, certify_sector
 from tarc.certificates.varying_ratio import VaryingRatioEvidence, certify_varying_ratio
@@ -230,6 +230,38 @@ class LawCertification:
     def verdict(self) -> Certificate[RobotEvidence]:
         """Return the certificate of the robot."""
         return self.certificates["robot"]
+
+    def strengthened(
+        self,
+        plant: Plant | Sequence[Plant],
+        workspace: Workspace,
+        *,
+        samples: int = 2000,
+        seed: int = 0,
+        on_program: Callable[[], object] = lambda: None,
+    ) -> "LawCertification":
+        """Return the same with the robot's certificate by `tarc.certificates.strengthen_robot`, where that is better.
+
+        Parameters
+        ----------
+        plant, workspace, samples, seed
+            As in `certify_law`.
+        on_program
+            Called after each semidefinite program, to show progress.
+        """
+        robot = strengthen_robot(
+            self.verdict,
+            self.law,
+            plant,
+            workspace,
+            computation_delay=self.computation_delay,
+            samples=samples,
+            seed=seed,
+            channels=self.channels,
+            spread=self.spread,
+            on_program=on_program,
+        )
+        return self if robot is self.verdict else replace(self, certificates=self.certificates | {"robot": robot})
 
     @cached_property
     def suggestion(self) -> str:

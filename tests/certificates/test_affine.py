@@ -23,13 +23,13 @@ SYNCHRONISED, LITERAL = LawParameters(window=5, synchronised=True), LawParameter
 
 # theory, section 7: spread certified at a rate [1/s], E constant within a period; and a range that has it
 KNOWN = [
-    (SYNCHRONISED, 1.0, 189, (0.01454, 2.75)),
+    slow(SYNCHRONISED, 1.0, 189, (0.01454, 2.75)),
     slow(SYNCHRONISED, 10.0, 185, (0.0148, 2.75)),
-    slow(SYNCHRONISED, 100.0, 160, (0.0175, 2.8)),
+    (SYNCHRONISED, 100.0, 159.9, (0.0175, 2.8)),
     (SYNCHRONISED, 1000.0, 35.7, (0.07, 2.5)),
     slow(LITERAL, 1.0, 90, (0.005, 0.45)),
-    (LITERAL, 100.0, 84, (0.0051, 0.43)),
-    slow(LITERAL, 1000.0, 45, (0.008, 0.36)),
+    slow(LITERAL, 100.0, 84, (0.0051, 0.43)),
+    (LITERAL, 1000.0, 44.9, (0.008, 0.36)),
     slow(LawParameters(window=10, synchronised=True), 10.0, 101, (0.027, 2.75)),
 ]
 
@@ -149,10 +149,10 @@ def test_v_falls_along_attacks_of_the_full_loop(proof, seed):
 
 
 def test_the_error_of_a_reduced_loop_is_bounded():
-    """A window of 20 periods in 14 states: outputs of both loops for random inputs."""
-    design = LawParameters(window=20, synchronised=True)
+    """A window of 12 periods in 9 states: outputs of both loops for random inputs."""
+    design = LawParameters(window=12, synchronised=True)
     loop = UncertainLoop.from_channel(decoupled_channels(design.law)[0], 0.0, intersample=True)
-    reduced = reduce_loop(CentredLoop(loop=loop, centre=0.5, scales=np.array([1.0])), 14)
+    reduced = reduce_loop(CentredLoop(loop=loop, centre=0.8, scales=np.array([1.0])), 9)
     assert reduced is not None
     stored = reduced.with_storage(1.0)
     assert stored is not None

@@ -218,6 +218,7 @@ def strengthen_robot(
         margin_meaning="growth of ratios, rate and forces that is covered",
         assumptions=_assumptions(law, plants[0], spread, evidence, workspace, computation_delay),
         witness=witness,
+        proof_grade=True,
     )
 
 

@@ -34,6 +34,10 @@ Acceleration = Annotated[
         help="Largest joint acceleration \\[rad/s² or m/s²]. Default: reaches a given speed in 0.25 s.",
     ),
 ]
+Quick = Annotated[
+    bool,
+    typer.Option("--quick", help="Leave out the Lyapunov function affine in the inertia, which takes seconds."),
+]
 Samples = Annotated[int, typer.Option(help="Number of sampled postures, before the local search for worse ones.")]
 
 
@@ -47,6 +51,7 @@ def certify(
     speed: Speed = "",
     acceleration: Acceleration = "",
     samples: Samples = 2000,
+    quick: Quick = False,
     as_json: Json = False,
     figures: Figures = True,
 ) -> None:
@@ -56,6 +61,9 @@ def certify(
     table is the verdict for the robot. The next rows are what it rests on.
     The last rows are the conditions of the paper. The postures are those of
     the reference and a tube about it, or all with --full-range.
+
+    A Lyapunov function affine in the inertia is then tried for each law that
+    is not certified with a margin. --quick leaves it out.
 
     Example: tarc certify ur5e --set law.synchronised=true --set law.inertia.fraction=0.5
     """
@@ -71,6 +79,12 @@ def certify(
         acceleration=numbers_of("--acceleration", acceleration),
         samples=samples,
     )
+    if not as_json:
+        tables.print_certificates(loaded, certifications, own_speeds=not (speed or full_range))
+    if not quick:
+        strengthened = certifications.strengthen()
+        if not as_json:
+            tables.print_strengthened(strengthened)
     files = save_certificates(certifications, folder)
     if figures:
         files += save_figures(certifications, folder)
@@ -80,7 +94,7 @@ def certify(
             json.dumps(tables.certificate_summary(loaded, certifications, files, commands), indent=2, allow_nan=False)
         )
     else:
-        tables.print_certificates(loaded, certifications, files, commands, own_speeds=not (speed or full_range))
+        tables.print_suggestions(loaded, certifications, files, commands)
 
 
 def certifying_commands(scenario: "Scenario", certifications: "CertifiedLaws") -> dict[str, str]:

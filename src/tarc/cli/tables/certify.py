@@ -10,6 +10,7 @@ from rich.table import Table
 
 from tarc.analysis.workspace import REFERENCE_SPEED_FACTOR
 from tarc.certificates.base import Certificate
+from tarc.certification import LawCertification
 from tarc.cli.tables.console import VERDICT_COLOURS, WIDE, print_written
 from tarc.core.formatting import format_vector
 from tarc.scenario.model import CertifiedLaws, Scenario
@@ -73,22 +74,13 @@ def certificate_summary(
     }
 
 
-def print_certificates(
-    scenario: Scenario,
-    certifications: CertifiedLaws,
-    files: list[Path],
-    commands: dict[str, str],
-    *,
-    own_speeds: bool = False,
-) -> None:
-    """Print a table per law, its worst postures and, where it is not certified, what to change.
+def print_certificates(scenario: Scenario, certifications: CertifiedLaws, *, own_speeds: bool = False) -> None:
+    """Print a table per law and its worst postures.
 
     Parameters
     ----------
-    scenario, certifications, files
-        What was certified, the results, and where they are.
-    commands
-        Commands by law that certify it with other gains.
+    scenario, certifications
+        What was certified, and the results.
     own_speeds
         Whether the largest speeds are those of the reference.
     """
@@ -128,12 +120,43 @@ def print_certificates(
             source = f", {REFERENCE_SPEED_FACTOR:g} times the reference; see --speed" if own_speeds else ""
             rate = f"M changes by at most {evidence.rate:.3g} M̂ per second"
             console.print(f"no joint faster than ({speeds}){source}; {rate}", highlight=False)
+        console.print()
+
+
+def print_strengthened(certifications: dict[str, LawCertification]) -> None:
+    """Print the verdicts that a Lyapunov function affine in the inertia has improved, by law."""
+    console = Console()
+    for name, certification in certifications.items():
+        verdict = certification.verdict
+        decay = verdict.evidence.decay_rate
+        console.print(
+            f"{escape(name)} by a Lyapunov function affine in the inertia: "
+            f"[{VERDICT_COLOURS[verdict.verdict]}]{verdict.verdict_in_words}[/], margin {verdict.margin:.3g} "
+            f"({verdict.margin_meaning}); errors decay as e^(−{decay:.3g} t)",
+            highlight=False,
+        )
+
+
+def print_suggestions(
+    scenario: Scenario, certifications: CertifiedLaws, files: list[Path], commands: dict[str, str]
+) -> None:
+    """Print what to change in laws that are not certified, what was skipped, and the files.
+
+    Parameters
+    ----------
+    scenario, certifications, files
+        What was certified, the results, and where they are.
+    commands
+        Commands by law that certify it with other gains.
+    """
+    console = Console()
+    for name, certification in certifications.items():
         text = certification.suggestion
         if text:
-            console.print(f"[{VERDICT_COLOURS[verdict.verdict]}]{escape(text)}[/]", highlight=False)
+            colour = VERDICT_COLOURS[certification.verdict.verdict]
+            console.print(f"{escape(name)}: [{colour}]{escape(text)}[/]", highlight=False)
         if name in commands:
             console.print(f"Try: {escape(commands[name])}", highlight=False, soft_wrap=True)
-        console.print()
     for name, reason in certifications.skipped.items():
         console.print(f"[yellow]{escape(name)} is skipped: {escape(reason)}[/]", highlight=False)
     if scenario.not_certified:
