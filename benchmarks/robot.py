@@ -10,7 +10,7 @@ from benchmarks.measure import Row, Stopwatch, law
 from tarc.control.digital_controller import DigitalController
 from tarc.simulation.casadi_backend import run_casadi
 from tarc.simulation.closed_loop import ClosedLoop
-from tarc.simulation.integration import Integration, integration_error
+from tarc.simulation.integration import Integration, integration_error, max_error
 from tarc.simulation.mujoco_backend import run_mujoco
 from tarc.simulation.sampled_inputs import initial_conditions, sample_inputs
 
@@ -65,7 +65,10 @@ def _closed_loop(native: bool) -> Row:
 
 
 def symbolic() -> list[Row]:
-    """Compare a control period of the UR5e as expressions and in MuJoCo, in turns, and give the error of a period."""
+    """Compare a control period of the UR5e as expressions and in MuJoCo, in turns, and give the error of a period.
+
+    The targets are those of the cheapest method whose error suffices, which a run takes.
+    """
     stepped = tarc.plants.MujocoPlant.from_file("ur5e", viscous=1.0, armature=0.1)
     arm = tarc.plants.RigidBody(stepped)
     n = arm.n_joints
@@ -73,12 +76,15 @@ def symbolic() -> list[Row]:
     reference = tarc.signals.Sinusoid(amplitude=0.2, frequency=np.linspace(1.0, 2.0, n), offset=arm.home)
     plan = sample_inputs(arm, drive.law.period, reference, 10.0, drive.sensor, [], 1, 0)
     begin = initial_conditions(arm, plan, None, 0.0, "rest")
-    rows = []
+    rows: list[Row] = []
+    is_enough = False
     for integrator in ("midpoint", "Runge–Kutta"):
         loop = ClosedLoop(arm, drive, 1, integrator)
         record = run_casadi(loop, begin, plan, Stopwatch(plan), True)
         method = Integration(integrator, 1)
         error = integration_error(arm, record, plan.disturbance[:, :, 0], drive.law.period, method)
+        has_target = not is_enough
+        is_enough = is_enough or error <= max_error(drive.sensor)
         for ours, theirs in ((True, False), (True, True), (False, False)):
             times: dict[str, list[float]] = {"ours": [], "theirs": []}
             for _ in range(5):
@@ -96,8 +102,8 @@ def symbolic() -> list[Row]:
                     f"{1e6 * min(times['ours']):.2f} µs",
                     f"the MuJoCo loop, law {ENGINES[theirs]}: {1e6 * min(times['theirs']):.2f} µs",
                     ratio,
-                    f"≥ {least:g}×",
-                    ratio >= least,
+                    f"≥ {least:g}×" if has_target else "",
+                    ratio >= least if has_target else None,
                 )
             )
     return rows

@@ -26,6 +26,7 @@ PLOT_METHODS = {
 
 NEEDS_EXTRA = {
     ("tarc.scenario.cartesian", "tarc.scenario.inverse_kinematics"),
+    ("tarc.plants.gearbox", "tarc.plants.mujoco_gearbox"),
     ("tarc.laws.model_based", "tarc.plants.mujoco"),  # MuJoCo comes with an extra; laws without a model need none
 }
 NEEDS_NUMPY = {

@@ -46,6 +46,11 @@ def stribeck_friction(dq: Vector, p: dict[str, Any]) -> Vector:
     return dry * ca.tanh(dq / p["friction_width"]) + p["viscous"] * dq
 
 
+def torque_ripple(position: Vector, p: dict[str, Any]) -> Vector:
+    """Return c sin(N_c θ + φ) [N m or N] at a position of the motors (n,)."""
+    return p["ripple"] * ca.sin(p["ripple_cycles"] * position + p["ripple_phase"])
+
+
 def elastic_torque(twist: Vector, twist_rate: Vector, p: dict[str, Any]) -> Vector:
     """Return the torque [N m or N] through a gearbox with play, for a twist θ − q and its rate, each (n,).
 
@@ -60,66 +65,10 @@ def elastic_torque(twist: Vector, twist_rate: Vector, p: dict[str, Any]) -> Vect
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Gearbox(Component, DelegatingPlant, SymbolicPlant):
-    """A robot behind gearboxes: motors at θ drive the links at q.
+class GearedPlant(Component, DelegatingPlant):
+    """What all robots behind gearboxes have; the parameters are those of `Gearbox`."""
 
-        J θ̈ + F(θ̇) + c sin(N_c θ + φ) + τ_g = τ,     M(q) q̈ + N(q, q̇) = τ_g
-        τ_g = K (θ − q) + D (θ̇ − q̇),  zero within the backlash
-
-    All is counted at the joint, after the gear ratio. Without a stiffness the gearbox is rigid, θ = q, and adds only
-    friction and ripple. M is then the robot's own; else it is without rotor inertia. The robot's own friction stays at
-    the links. Every number is one for all joints or one per joint. As a parameter of the plant, which a schedule may
-    change, it has ``gearbox_`` before its name.
-
-    The law sees what the encoder reads. The other side is recorded as ``passive_position`` and ``passive_velocity``.
-    Certificates refuse an elastic gearbox.
-
-    Parameters
-    ----------
-    plant
-        The robot in symbols, with a torque on every joint.
-    stiffness
-        K [N m/rad or N/m]; None for a rigid gearbox.
-    twist_damping
-        D [N m s/rad or N s/m].
-    motor_inertia
-        J [kg m² or kg]; None for the rotor inertia of the robot's file, its parameter ``armature``.
-    backlash
-        Width b of the play, from one tooth to the other [rad or m].
-    encoder
-        Side that the encoders read: ``motor`` or ``link``.
-    coulomb
-        Dry friction F_C at the motor [N m or N].
-    breakaway
-        Friction F_S about rest [N m or N], at least F_C; None for F_C.
-    stribeck_speed
-        v_S [rad/s or m/s], at which friction has fallen to F_C + (F_S − F_C)/e.
-    viscous
-        F_v [N m s/rad or N s/m].
-    friction_width
-        w [rad/s or m/s]: smoothed dry friction has 76 % of its size at this speed.
-    ripple
-        Amplitude c of the torque ripple, or cogging [N m or N].
-    ripple_cycles
-        Cycles N_c of the ripple per rad or m: pole pairs times gear ratio per rad of the joint, for instance.
-    ripple_phase
-        φ [rad].
-
-    Raises
-    ------
-    InvalidParameter
-        For a plant that is not in symbols or has passive coordinates. For an elastic gearbox without motor inertia, for
-        backlash or damping without a stiffness, and for numbers out of their range.
-
-    References
-    ----------
-    M. W. Spong, Modeling and Control of Elastic Joint Robots, ASME J. Dyn. Syst. Meas. Control 109(4), 1987;
-    B. Armstrong-Hélouvry, P. Dupont and C. Canudas de Wit, A Survey of Models, Analysis Tools and Compensation Methods
-    for the Control of Machines with Friction, Automatica 30(7), 1994; M. Nordin and P.-O. Gutman, Controlling
-    Mechanical Systems with Backlash, Automatica 38(10), 2002.
-    """
-
-    plant: SymbolicPlant
+    plant: Plant
     stiffness: Numbers | None = None
     twist_damping: Numbers = 0.0
     motor_inertia: Numbers | None = None
@@ -135,16 +84,7 @@ class Gearbox(Component, DelegatingPlant, SymbolicPlant):
     ripple_phase: Numbers = 0.0
 
     def __post_init__(self) -> None:
-        if isinstance(self.plant, ServoedPlant):
-            raise InvalidParameter(
-                "gearbox: got a robot with inner loops at its joints; give the loops the robot with its gearbox, as in "
-                "PositionServo(Gearbox(plant=robot, …), kp, kd)"
-            )
-        if not isinstance(self.plant, SymbolicPlant):
-            raise InvalidParameter(
-                f"gearbox: got {self.plant!r}; needs a robot in symbols, from energies or by load_robot(..., "
-                "backend='symbolic')"
-            )
+        self._check_plant()
         self.plant.require_fully_driven("a gearbox")
         check.one_of("encoder", self.encoder, ["motor", "link"])
         for name in (*ELASTIC, *AT_MOTOR):
@@ -171,6 +111,9 @@ class Gearbox(Component, DelegatingPlant, SymbolicPlant):
                 f"breakaway: got {self.breakaway!r}; needs at least the dry friction, coulomb = {self.coulomb!r}"
             )
 
+    def _check_plant(self) -> None:
+        """Refuse a robot of another kind."""
+
     @property
     def is_elastic(self) -> bool:
         """Return whether motors and links move by themselves."""
@@ -195,53 +138,13 @@ class Gearbox(Component, DelegatingPlant, SymbolicPlant):
         own = {f"{PREFIX}{name}": value for name, value in self._values().items()}
         return {**self.plant.parameters, **own}
 
-    @property
-    def dry_friction(self) -> tuple[str, ...]:
-        """Return the parameters that are zero without dry friction."""
-        return (*super().dry_friction, f"{PREFIX}coulomb", f"{PREFIX}breakaway")
-
     def with_parameters(self, values: dict[str, Any]) -> Self:
         """Return the same robot and gearbox with other `parameters`, by name."""
         for name in values:
             check.one_of("parameters", name, self.parameters)
         inner = {name: value for name, value in values.items() if name in self.plant.parameters}
         own = {name.removeprefix(PREFIX): value for name, value in values.items() if name not in inner}
-        changed = replace(self, plant=self.plant.with_parameters(inner) if inner else self.plant, **own)
-        vars(changed)["_functions"] = self._functions  # their inputs include the parameters
-        return changed
-
-    def equations(self) -> Equations:
-        """Return the equations of the links and the motors, or of the joints of a rigid gearbox."""
-        inner = self.plant.equations()
-        n = self.n_joints
-        p = {name: ca.SX.sym(f"{PREFIX}{name}", n) for name in self._values()}
-        parameters = {**inner.parameters, **{f"{PREFIX}{name}": symbol for name, symbol in p.items()}}
-        M = inner.inertia
-        if "armature" in inner.parameters:
-            M = ca.substitute(M, inner.parameters["armature"], ca.SX.zeros(n))
-        if not self.is_elastic:
-            friction = stribeck_friction(inner.dq, p)
-            bias = inner.bias + friction + self._ripple(inner.q, p)
-            return Equations(
-                inner.q, inner.dq, parameters, M + ca.diag(p["motor_inertia"]), bias, inner.friction + friction, {}
-            )
-        motor, motor_rate = ca.SX.sym("motor", n), ca.SX.sym("motor_rate", n)
-        torque = elastic_torque(motor - inner.q, motor_rate - inner.dq, p)
-        friction = stribeck_friction(motor_rate, p)
-        return Equations(
-            ca.vertcat(inner.q, motor),
-            ca.vertcat(inner.dq, motor_rate),
-            parameters,
-            ca.diagcat(M, ca.diag(p["motor_inertia"])),
-            ca.vertcat(inner.bias - torque, friction + self._ripple(motor, p) + torque),
-            ca.vertcat(inner.friction, friction),
-            {},
-        )
-
-    @staticmethod
-    def _ripple(position: Vector, p: dict[str, Any]) -> Vector:
-        """Return the torque ripple [N m or N] at a position of the motors (n,)."""
-        return p["ripple"] * ca.sin(p["ripple_cycles"] * position + p["ripple_phase"])
+        return replace(self, plant=self.plant.with_parameters(inner) if inner else self.plant, **own)
 
     def coordinates(self, position: Vector) -> Array:
         """Return links and motors at rest, shape (2n,) or (n,), with what the encoders read at a position (n,)."""
@@ -304,3 +207,124 @@ class Gearbox(Component, DelegatingPlant, SymbolicPlant):
     def file_options(self) -> Mapping[str, object]:
         """Return nothing: no arguments of `load_robot` give a gearbox."""
         return {}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Gearbox(GearedPlant, SymbolicPlant):
+    """A robot behind gearboxes: motors at θ drive the links at q.
+
+        J θ̈ + F(θ̇) + c sin(N_c θ + φ) + τ_g = τ,     M(q) q̈ + N(q, q̇) = τ_g
+        τ_g = K (θ − q) + D (θ̇ − q̇),  zero within the backlash
+
+    All is counted at the joint, after the gear ratio. Without a stiffness the gearbox is rigid, θ = q, and adds only
+    friction and ripple. M is then the robot's own; else it is without rotor inertia. The robot's own friction stays at
+    the links. Every number is one for all joints or one per joint. As a parameter of the plant, which a schedule may
+    change, it has ``gearbox_`` before its name.
+
+    The law sees what the encoder reads. The other side is recorded as ``passive_position`` and ``passive_velocity``.
+    Certificates refuse an elastic gearbox.
+
+    Parameters
+    ----------
+    plant
+        The robot, with a torque on every joint. Beside one in MuJoCo, the motors are integrated in MuJoCo's steps. An
+        elastic gearbox then has as many steps per period as its fastest mode needs, unless ``substeps`` says else.
+    stiffness
+        K [N m/rad or N/m]; None for a rigid gearbox.
+    twist_damping
+        D [N m s/rad or N s/m].
+    motor_inertia
+        J [kg m² or kg]; None for the rotor inertia of the robot's file, its parameter ``armature``.
+    backlash
+        Width b of the play, from one tooth to the other [rad or m].
+    encoder
+        Side that the encoders read: ``motor`` or ``link``.
+    coulomb
+        Dry friction F_C at the motor [N m or N].
+    breakaway
+        Friction F_S about rest [N m or N], at least F_C; None for F_C.
+    stribeck_speed
+        v_S [rad/s or m/s], at which friction has fallen to F_C + (F_S − F_C)/e.
+    viscous
+        F_v [N m s/rad or N s/m].
+    friction_width
+        w [rad/s or m/s]: smoothed dry friction has 76 % of its size at this speed.
+    ripple
+        Amplitude c of the torque ripple, or cogging [N m or N].
+    ripple_cycles
+        Cycles N_c of the ripple per rad or m: pole pairs times gear ratio per rad of the joint, for instance.
+    ripple_phase
+        φ [rad].
+
+    Raises
+    ------
+    InvalidParameter
+        For a plant with passive coordinates or with inner loops. For an elastic gearbox without motor inertia, for
+        backlash or damping without a stiffness, and for numbers out of their range.
+
+    References
+    ----------
+    M. W. Spong, Modeling and Control of Elastic Joint Robots, ASME J. Dyn. Syst. Meas. Control 109(4), 1987;
+    B. Armstrong-Hélouvry, P. Dupont and C. Canudas de Wit, A Survey of Models, Analysis Tools and Compensation Methods
+    for the Control of Machines with Friction, Automatica 30(7), 1994; M. Nordin and P.-O. Gutman, Controlling
+    Mechanical Systems with Backlash, Automatica 38(10), 2002.
+    """
+
+    def __new__(cls, plant: Plant | None = None, **options: Any) -> Self:
+        """Return a `MujocoGearbox` for a robot in MuJoCo."""
+        if isinstance(plant, Plant) and not isinstance(plant, SymbolicPlant):
+            from tarc.plants.mujoco_gearbox import MujocoGearbox
+
+            return MujocoGearbox(plant=plant, **options)  # type: ignore[return-value]
+        return super().__new__(cls)
+
+    def _check_plant(self) -> None:
+        if isinstance(self.plant, ServoedPlant):
+            raise InvalidParameter(
+                "gearbox: got a robot with inner loops at its joints; give the loops the robot with its gearbox, as in "
+                "PositionServo(Gearbox(plant=robot, …), kp, kd)"
+            )
+        if not isinstance(self.plant, SymbolicPlant):
+            raise InvalidParameter(
+                f"gearbox: got {self.plant!r}; needs a robot of tarc.plants, from energies or by load_robot"
+            )
+
+    @property
+    def dry_friction(self) -> tuple[str, ...]:
+        """Return the parameters that are zero without dry friction."""
+        return (*super().dry_friction, f"{PREFIX}coulomb", f"{PREFIX}breakaway")
+
+    def with_parameters(self, values: dict[str, Any]) -> Self:
+        """Return the same robot and gearbox with other `parameters`, by name."""
+        changed = super().with_parameters(values)
+        vars(changed)["_functions"] = self._functions  # their inputs include the parameters
+        return changed
+
+    def equations(self) -> Equations:
+        """Return the equations of the links and the motors, or of the joints of a rigid gearbox."""
+        assert isinstance(self.plant, SymbolicPlant)
+        inner = self.plant.equations()
+        n = self.n_joints
+        p = {name: ca.SX.sym(f"{PREFIX}{name}", n) for name in self._values()}
+        parameters = {**inner.parameters, **{f"{PREFIX}{name}": symbol for name, symbol in p.items()}}
+        M = inner.inertia
+        if "armature" in inner.parameters:
+            M = ca.substitute(M, inner.parameters["armature"], ca.SX.zeros(n))
+        if not self.is_elastic:
+            friction = stribeck_friction(inner.dq, p)
+            bias = inner.bias + friction + torque_ripple(inner.q, p)
+            return Equations(
+                inner.q, inner.dq, parameters, M + ca.diag(p["motor_inertia"]), bias, inner.friction + friction, {}
+            )
+        motor, motor_rate = ca.SX.sym("motor", n), ca.SX.sym("motor_rate", n)
+        torque = elastic_torque(motor - inner.q, motor_rate - inner.dq, p)
+        friction = stribeck_friction(motor_rate, p)
+        return Equations(
+            ca.vertcat(inner.q, motor),
+            ca.vertcat(inner.dq, motor_rate),
+            parameters,
+            ca.diagcat(M, ca.diag(p["motor_inertia"])),
+            ca.vertcat(inner.bias - torque, friction + torque_ripple(motor, p) + torque),
+            ca.vertcat(inner.friction, friction),
+            {},
+        )

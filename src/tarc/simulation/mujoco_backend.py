@@ -15,10 +15,12 @@ from tarc.core.trees import pack
 from tarc.core.types import Vector
 from tarc.estimators.oracle import TrueDerivatives
 from tarc.plants.mujoco import MujocoPlant
+from tarc.plants.mujoco_gearbox import MujocoGearbox
 from tarc.plants.robot_file import without_log_file
 from tarc.signals.drive import Drive
 from tarc.simulation.closed_loop import LoopOutput
 from tarc.simulation.monitor import DIVERGENCE_CHECK_INTERVAL, DivergenceMonitor
+from tarc.simulation.mujoco_gears import Gears
 from tarc.simulation.record import Record
 from tarc.simulation.sampled_inputs import InitialConditions, SampledInputs
 
@@ -38,7 +40,7 @@ class _MujocoLoop:
 
     def __init__(
         self,
-        plant: MujocoPlant,
+        plant: MujocoPlant | MujocoGearbox,
         controller: DigitalController,
         initial: InitialConditions,
         inputs: SampledInputs,
@@ -50,13 +52,17 @@ class _MujocoLoop:
         self.model = plant.copy_model()
         self.model.opt.timestep = controller.law.period / inputs.disturbance.shape[2]
         self.data = mujoco.MjData(self.model)
-        self.data.qpos[:] = initial.position
-        self.data.qvel[:] = initial.velocity
+        self.gears: Gears | None = None
+        if isinstance(plant, MujocoGearbox):
+            self.gears = Gears(plant, self.model, self.data, initial.position, initial.velocity)
+        else:
+            self.data.qpos[:] = initial.position
+            self.data.qvel[:] = initial.velocity
         self.inputs = inputs
         # Runge–Kutta leaves the acceleration of its last stage behind, so the one at the start is computed beforehand
         self.is_runge_kutta = self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
         self.is_oracle = isinstance(controller.law.estimator, TrueDerivatives)
-        self.is_segmented = drive is not None or inputs.periods is not None
+        self.is_segmented = drive is not None or inputs.periods is not None or self.gears is not None
         is_one_step = inputs.disturbance.shape[2] == 1 and not self.is_segmented
         self.is_plain = is_one_step and not self.is_runge_kutta and not self.is_oracle
         self.acceleration = self.data.qacc if self.is_plain else np.zeros(m)
@@ -73,8 +79,8 @@ class _MujocoLoop:
         self._set_up_servo()
         function = _with_simulator_arrays(function, plant, () if self.is_segmented else self._commanded)
         shared = {
-            "q": self.data.qpos,
-            "v": self.data.qvel,
+            "q": self.data.qpos if self.gears is None else self.gears.position,
+            "v": self.data.qvel if self.gears is None else self.gears.velocity,
             "a": self.acceleration,
             "last": self.final_acceleration,
             "torque": self.data.qfrc_applied,
@@ -108,12 +114,35 @@ class _MujocoLoop:
         for joint, actuator, scale in self._commanded:
             self.data.ctrl[actuator] = scale * torque[joint]
             torque[joint] = 0.0
-        self.data.qfrc_applied[list(self.plant.driven)] = torque + disturbance
+        if self.gears is not None:
+            self.gears.torque[:] = torque + disturbance
+        else:
+            self.data.qfrc_applied[list(self.plant.driven)] = torque + disturbance
 
     def _update_final_acceleration(self) -> None:
         """Compute the acceleration under the present torque, which the oracle reads before the torque changes."""
+        self.final_acceleration[:] = self._present_acceleration()
+
+    def _present_acceleration(self) -> np.ndarray:
+        if self.gears is not None:
+            self.gears.update_acceleration()
+            return self.gears.acceleration
         mujoco.mj_forward(self.model, self.data)
-        self.final_acceleration[:] = self.data.qacc
+        return self.data.qacc
+
+    def _step_and_accelerate(self) -> np.ndarray:
+        """Step once; return the acceleration at the start of the step."""
+        if self.gears is not None:
+            self.gears.step()
+            return self.gears.acceleration
+        mujoco.mj_step(self.model, self.data)
+        return self.data.qacc
+
+    def set_parameters(self, values: dict[str, np.ndarray]) -> None:
+        """Change parameters of the robot."""
+        self.plant.set_parameters(self.model, values)
+        if self.gears is not None:
+            self.gears.set_parameters(values)
 
     def advance(self, start: int, stop: int, input_rows: np.ndarray) -> np.ndarray:
         """Simulate the periods from ``start`` to ``stop``, which lie in one buffer; return their rows."""
@@ -146,7 +175,6 @@ class _MujocoLoop:
 
     def _advance_in_segments(self, k: int) -> None:
         """Simulate the period k, with a drive or a length of its own, in parts with a constant torque each."""
-        model, data = self.model, self.data
         period = self._period if self.inputs.periods is None else self.inputs.periods[k]
         # the command contains the disturbance of the first substep
         disturbance = self.inputs.disturbance[:, k]
@@ -154,20 +182,19 @@ class _MujocoLoop:
         self._drive_state, torques = self._drive.step(self._drive_state, command, period, self._segments)
         for number, (segment, torque) in enumerate(zip(self._segments, torques, strict=True)):
             self._apply(torque, disturbance[:, segment.substep])
-            model.opt.timestep = (segment.stop - segment.start) * period
+            self.model.opt.timestep = (segment.stop - segment.start) * period
             if number == 0 and self.is_runge_kutta:
-                mujoco.mj_forward(model, data)
-                self.acceleration[:] = data.qacc
-            mujoco.mj_step(model, data)
+                self.acceleration[:] = self._present_acceleration()
+            acceleration = self._step_and_accelerate()
             if number == 0 and not self.is_runge_kutta:
-                self.acceleration[:] = data.qacc
+                self.acceleration[:] = acceleration
             self.drive_torques[k] += (segment.stop - segment.start) * torque
         if self.is_oracle:
             self._update_final_acceleration()
 
 
 def run_mujoco(
-    plant: MujocoPlant,
+    plant: MujocoPlant | MujocoGearbox,
     controller: DigitalController,
     initial: InitialConditions,
     inputs: SampledInputs,
@@ -188,7 +215,7 @@ def run_mujoco(
         stops = sorted({*range(0, n_periods, BUFFER_PERIODS), *changes, n_periods})
         for start, stop in pairwise(stops):
             if start in changes:
-                plant.set_parameters(loop.model, changes[start])
+                loop.set_parameters(changes[start])
             rows[start:stop] = loop.advance(start, stop, input_rows[start:stop])
             if stop - n_checked >= DIVERGENCE_CHECK_INTERVAL or stop == n_periods:
                 if not monitor.update(n_checked, rows[n_checked:stop, :n]):
@@ -219,7 +246,7 @@ def _step_with_true_derivatives(
 
 
 def _with_simulator_arrays(
-    controller: ca.Function, plant: MujocoPlant, commanded: Sequence[tuple[int, int, float]]
+    controller: ca.Function, plant: MujocoPlant | MujocoGearbox, commanded: Sequence[tuple[int, int, float]]
 ) -> ca.Function:
     """Split the controller's input by the simulator's arrays; join its outputs, and what is recorded, in one row.
 

@@ -15,6 +15,7 @@ from tarc.core.validation import Numbers
 from tarc.laws.base import Law
 from tarc.plants.base import Plant
 from tarc.plants.mujoco import MujocoPlant
+from tarc.plants.mujoco_gearbox import MujocoGearbox
 from tarc.plants.symbolic import SymbolicPlant
 from tarc.signals.drive import Drive
 from tarc.signals.references import Reference
@@ -106,9 +107,10 @@ def simulate(
         Largest latency of a sampling instant, in periods, below one. Instant k is at (k + jitter U_k) T, with
         independent U_k of uniform distribution from 0 to 1. The law counts on T. The reference is that of the instant.
     substeps
-        Runge–Kutta steps of the plant per period, or steps of MuJoCo. None is one step with MuJoCo. In symbols it is
-        the cheapest method whose error per period is small, tried on the first 512 periods. Small is a fiftieth of
-        the encoder's step, or 1e-9 rad or m without one. The run's attributes have method, steps and error.
+        Runge–Kutta steps of the plant per period, or steps of MuJoCo. None is one step with MuJoCo, or as many as an
+        elastic gearbox needs. In symbols it is the cheapest method whose error per period is small, tried on the
+        first 512 periods. Small is a fiftieth of the encoder's step, or 1e-9 rad or m without one. The run's
+        attributes have method, steps and error.
     divergence_threshold
         Error [rad or m] beyond which the run ends as diverged.
     seed
@@ -165,13 +167,14 @@ def simulate(
         _checked_drive(drive, plant),
         check.number("jitter", jitter, 0, high=MAX_JITTER),
     )
-    inputs = simulation.sample(substeps or 1, duration)
+    default_substeps = plant.min_substeps(law.period) if isinstance(plant, MujocoGearbox) else 1
+    inputs = simulation.sample(substeps or default_substeps, duration)
     initial = initial_conditions(plant, inputs, initial_position, initial_velocity, initial_torque)
-    warn_if_beyond_limits(plant, inputs, initial, isinstance(plant, MujocoPlant), acceleration_limits)
+    warn_if_beyond_limits(plant, inputs, initial, isinstance(plant, MujocoPlant | MujocoGearbox), acceleration_limits)
     instability = describe_instability_at_rest(plant, controller.law, inputs, computation_delay)
     if instability:
         warnings.warn(instability, DesignWarning, stacklevel=2)
-    if isinstance(plant, MujocoPlant):
+    if isinstance(plant, MujocoPlant | MujocoGearbox):
         return simulation.run_in_mujoco(plant, initial, inputs, progress).with_attributes(unstable_at_rest=instability)
     method = Integration("Runge–Kutta", substeps or 1)
     if substeps is None:
@@ -202,7 +205,11 @@ class _Simulation:
         )
 
     def run_in_mujoco(
-        self, plant: MujocoPlant, initial: InitialConditions, inputs: SampledInputs, show_progress: bool | None
+        self,
+        plant: MujocoPlant | MujocoGearbox,
+        initial: InitialConditions,
+        inputs: SampledInputs,
+        show_progress: bool | None,
     ) -> Run:
         """Simulate step by step in MuJoCo."""
         monitor = DivergenceMonitor(inputs, self.divergence_threshold, show_progress)
@@ -263,9 +270,9 @@ def describe_instability_at_rest(
     return describe_instability(law, worst, computation_delay) if worst else ""
 
 
-def _simulable(plant: Plant) -> SymbolicPlant | MujocoPlant:
+def _simulable(plant: Plant) -> SymbolicPlant | MujocoPlant | MujocoGearbox:
     """Return the plant itself, or refuse one that cannot be simulated."""
-    if not isinstance(plant, SymbolicPlant | MujocoPlant):
+    if not isinstance(plant, SymbolicPlant | MujocoPlant | MujocoGearbox):
         raise InvalidParameter(
             f"plant: got {plant!r}; only a robot from energies (tarc.plants.EulerLagrange) or from a file "
             "(tarc.plants.load_robot) can be simulated"
