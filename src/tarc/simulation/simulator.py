@@ -167,8 +167,7 @@ def simulate(
         _checked_drive(drive, plant),
         check.number("jitter", jitter, 0, high=MAX_JITTER),
     )
-    default_substeps = plant.min_substeps(law.period) if isinstance(plant, MujocoGearbox) else 1
-    inputs = simulation.sample(substeps or default_substeps, duration)
+    inputs = simulation.sample(substeps or _min_substeps(plant, law.period), duration)
     initial = initial_conditions(plant, inputs, initial_position, initial_velocity, initial_torque)
     warn_if_beyond_limits(plant, inputs, initial, isinstance(plant, MujocoPlant | MujocoGearbox), acceleration_limits)
     instability = describe_instability_at_rest(plant, controller.law, inputs, computation_delay)
@@ -268,6 +267,11 @@ def describe_instability_at_rest(
             witnesses.append(unstable_posture(law, present_plant, postures[:, is_present], computation_delay))
     worst = max(filter(None, witnesses), key=lambda witness: witness.growth_rate, default=None)
     return describe_instability(law, worst, computation_delay) if worst else ""
+
+
+def _min_substeps(plant: Plant, period: float) -> int:
+    """Return the steps per period [s] that a robot in MuJoCo needs; one but for elastic gearboxes."""
+    return plant.min_substeps(period) if isinstance(plant, MujocoGearbox) else 1
 
 
 def _simulable(plant: Plant) -> SymbolicPlant | MujocoPlant | MujocoGearbox:
