@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from reference.law_parameters import PERIOD, LawParameters
+from reference.law_parameters import PERIOD, LawParameters, draw_parameters
+from reference.soundness_checks import check_affine
+from reference.soundness_tally import Tally
 from slow_cases import slow
 from tampering import replaced, reread, scaled, without
 from tarc.analysis.linearise import decoupled_channels
@@ -146,6 +148,14 @@ def test_v_falls_along_attacks_of_the_full_loop(proof, seed):
         x, z = step(proof, x, z, halves, np.array(k), rng.choice([0.0, 5.0]))
         angle += speed * PERIOD
     assert before is not None
+
+
+@pytest.mark.parametrize("n_designs", [slow(24)])
+def test_no_attack_within_the_rate_breaks_a_certified_design(n_designs):
+    rng, tally = np.random.default_rng(7), Tally()
+    check_affine([draw_parameters(rng) for _ in range(n_designs)], rng, tally, 1200, lambda: None)
+    assert tally.violations == []
+    assert tally.certified > n_designs / 8
 
 
 def test_the_error_of_a_reduced_loop_is_bounded():

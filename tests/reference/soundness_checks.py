@@ -31,7 +31,7 @@ from reference.soundness_tally import (
 from reference.uncertain_case import UncertainCase
 from tarc.analysis.linearise import decoupled_channels
 from tarc.analysis.uncertain_loop import UncertainLoop
-from tarc.certificates import certify_constant_ratio, certify_sector, certify_varying_ratio
+from tarc.certificates import certify_affine, certify_constant_ratio, certify_sector, certify_varying_ratio
 from tarc.certificates.varying_ratio import max_radius, max_radius_any_rate
 from tarc.core.progress import Progress
 
@@ -189,6 +189,33 @@ def check_slow_balls(
     try_adversaries(pairs, both, rng, tally, steps, intersample=True, fleet=SlowAdversarialLoops)
 
 
+def check_affine(
+    designs: Sequence[LawParameters], rng: np.random.Generator, tally: Tally, steps: int, advance: Callable[[], None]
+) -> None:
+    """Ranges that an affine Lyapunov function covers at a rate, half of them with a slope."""
+    pairs = []
+    for design in designs:
+        hand, middle = recurrence(design), float(draw_ratios(design, rng, 1, INSIDE_SHARES)[0])
+        spread = float(np.exp(rng.uniform(0.1, 2.5)))
+        low, high = middle * spread**-0.5, middle * spread**0.5
+        rate = float(np.exp(rng.uniform(np.log(0.1), np.log(300.0)))) / middle
+        steep = 0.0
+        known = loop_polynomials(hand, middle)
+        if rng.random() < 0.5 and spectral_radius(known.closed) < 1:
+            steep = float(rng.uniform(0.02, 0.6) / max(most_negative_real_part(known.w_to_q, known.closed)[0], 1e-9))
+        found = certify_affine(design.law, (low, high), rate, slope=steep, computation_delay=design.computation_delay)
+        tally.count(found.verdict)
+        if found.certified:
+            case = UncertainCase(hand, (low + high) / 2, (high - low) / 2, steep, 0.0, rate)
+            for ratio in np.geomspace(low, high, 9):
+                if spectral_radius(loop_polynomials(hand, ratio).closed) >= 1:
+                    tally.violations.append(f"affine {(low, high)}, but unstable at {ratio}: {design}")
+            pairs.append((design, case))
+        advance()
+    both = [Adversary(mismatch, SLOPES[i % len(SLOPES)]) for i, mismatch in enumerate(SLOW_MISMATCHES)]
+    try_adversaries(pairs, both, rng, tally, steps, intersample=True, fleet=SlowAdversarialLoops)
+
+
 def check_slopes(
     designs: Sequence[LawParameters], rng: np.random.Generator, tally: Tally, steps: int, advance: Callable[[], None]
 ) -> None:
@@ -235,12 +262,13 @@ def tally_certificates(
         "varying_ratio": count // 4,
         "sector": count // 4,
     }
-    plan |= {"varying_ratio, stiffness": count // 8, "varying_ratio, slow": count // 8}
+    plan |= {"varying_ratio, stiffness": count // 8, "varying_ratio, slow": count // 8, "affine": count // 8}
     checks = {
         "varying_ratio": check_balls,
         "sector": check_slopes,
         "varying_ratio, stiffness": check_balls_with_stiffness,
         "varying_ratio, slow": check_slow_balls,
+        "affine": check_affine,
     }
     tallies = {}
     for name in kinds or plan:
