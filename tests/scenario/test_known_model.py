@@ -44,12 +44,15 @@ def test_model_is_the_robot_or_differs():
     np.testing.assert_array_equal(law.feedforward.model.parameters["masses"], [1.2, 0.9])
 
 
-def test_it_runs_and_is_not_certified():
+def test_it_runs_and_has_a_certificate_of_its_own():
     both = scenario(feedforward={"model": True, "friction_width": 0.05})
     (run,) = both.run().values()
     assert run.status.completed
-    with pytest.raises(UnsupportedLaw, match=r"M̂\(q\) from a model"):
-        both.certify(samples=50)
+    certified = both.certify(samples=20)
+    assert not certified
+    assert certified.known_inertia["TDC"].verify()
+    with pytest.raises(UnsupportedLaw, match="workspace has no speeds"):
+        both.certify(samples=20, full_range=True)
 
 
 @pytest.mark.slow
@@ -59,7 +62,7 @@ def test_other_laws_are_certified():
     content["law"] = [{**CONTENT["law"], "label": "model"}, plain]
     certified = Scenario.parse(content).certify(samples=50)
     assert list(certified) == ["numbers"]
-    assert "M̂(q) from a model" in certified.skipped["model"]
+    assert list(certified.known_inertia) == ["model"]
 
 
 def test_file_of_a_model_is_found_beside_the_scenario(tmp_path):

@@ -120,7 +120,7 @@ def refuse_nominal_inertia(law: PolePlacement, purpose: str) -> None:
     if isinstance(law.inertia, NominalInertia):
         raise UnsupportedLaw(
             f"law: {type(law).__name__} has M̂(q) from a model, which {purpose} does not cover, since M̂ changes with "
-            "the posture. Its loop at a constant ratio is covered by tarc.certificates.certify_constant_ratio"
+            "the posture; use tarc.certificates.certify_known_inertia"
         )
 
 

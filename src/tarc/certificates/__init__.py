@@ -7,6 +7,7 @@ require("certify", "tarc.certificates")
 from tarc.certificates.affine import certify_affine
 from tarc.certificates.base import Certificate
 from tarc.certificates.constant_ratio import certify_constant_ratio
+from tarc.certificates.known_inertia import certify_known_inertia
 from tarc.certificates.robot import certify_robot, strengthen_robot
 from tarc.certificates.sector import certify_sector
 from tarc.certificates.varying_ratio import certify_varying_ratio
@@ -15,6 +16,7 @@ __all__ = [
     "Certificate",
     "certify_affine",
     "certify_constant_ratio",
+    "certify_known_inertia",
     "certify_robot",
     "certify_sector",
     "certify_varying_ratio",

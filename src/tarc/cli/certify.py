@@ -120,6 +120,11 @@ def save_certificates(certifications: "CertifiedLaws", folder: Path) -> list[Pat
         with writing("--out", path):
             path.write_text(json.dumps(content), encoding="utf-8")
         files.append(path)
+    for name, certificate in certifications.known_inertia.items():
+        path = folder / f"{file_stem(name)}-certificates.json"
+        with writing("--out", path):
+            path.write_text(json.dumps({certificate.kind: certificate.to_dict()}), encoding="utf-8")
+        files.append(path)
     return files
 
 

@@ -11,6 +11,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from tarc.analysis.workspace import Workspace
+from tarc.certificates.base import Certificate
+from tarc.certificates.known_inertia import KnownInertiaEvidence, certify_known_inertia
 from tarc.certification import LawCertification, certify_law
 from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter, NotLinearisable, ScenarioError, UnsupportedLaw
@@ -105,6 +107,8 @@ class CertifiedLaws(dict[str, LawCertification]):
         What they were certified for: the robot with each payload and schedule, postures and speeds, sampled postures.
     skipped
         Reasons by name of the laws to which no certificate applies.
+    known_inertia
+        Certificates of the laws with M̂(q), by name.
     """
 
     def __init__(self, plants: Sequence[Plant], workspace: Workspace, samples: int) -> None:
@@ -113,6 +117,7 @@ class CertifiedLaws(dict[str, LawCertification]):
         self.workspace = workspace
         self.samples = samples
         self.skipped: dict[str, str] = {}
+        self.known_inertia: dict[str, Certificate[KnownInertiaEvidence]] = {}
 
     def strengthen(self, progress: bool | None = None) -> dict[str, LawCertification]:
         """Try a Lyapunov function affine in the inertia for each law that is not certified with a margin.
@@ -413,7 +418,8 @@ class Scenario(BaseModel):
     ) -> "CertifiedLaws":
         """Certify every law, by name, on the robot with each payload and schedule that it meets.
 
-        A law to which no certificate applies is skipped; the result's ``skipped`` has its name and the reason.
+        A law to which no certificate applies is skipped; the result's ``skipped`` has its name and the reason. A law
+        with M̂(q) has its certificate in ``known_inertia``.
 
         Parameters
         ----------
@@ -453,6 +459,11 @@ class Scenario(BaseModel):
         with Progress("certifying", 9 * len(setup.laws), progress) as bar:
             for name, law in setup.laws.items():
                 try:
+                    if isinstance(getattr(law, "inertia", None), NominalInertia):
+                        certificates.known_inertia[name] = certify_known_inertia(
+                            law, plants, workspace, computation_delay=self.computation_delay, samples=samples
+                        )
+                        continue
                     certificates[name] = certify_law(
                         law,
                         plants,
@@ -466,7 +477,7 @@ class Scenario(BaseModel):
                     if len(setup.laws) == 1:
                         raise
                     certificates.skipped[name] = str(error)
-        if not certificates:
+        if not certificates and not certificates.known_inertia:
             raise UnsupportedLaw(f"law: no certificate applies to any. {' '.join(certificates.skipped.values())}")
         return certificates
 

@@ -44,26 +44,29 @@ def _findings(certificate: Certificate) -> dict[str, Any]:
     return {key: None if value in ("inf", "-inf", "nan") else value for key, value in flat.items()}
 
 
+def _summary(certificate: Certificate) -> dict[str, Any]:
+    """Return a certificate as plain data without its matrices."""
+    return {
+        "claim": certificate.claim,
+        "verdict": certificate.verdict,
+        "margin": certificate.margin if math.isfinite(certificate.margin) else None,
+        "margin_meaning": certificate.margin_meaning,
+        "proof_grade": certificate.proof_grade,
+        "findings": _findings(certificate),
+        "witness": certificate.to_dict()["witness"],
+        "assumptions": list(certificate.assumptions),
+    }
+
+
 def certificate_summary(
     scenario: Scenario, certifications: CertifiedLaws, files: list[Path], commands: dict[str, str]
 ) -> dict[str, Any]:
     """Return certificates as plain data, ready for JSON; their matrices are in the files."""
     laws = {
-        name: {
-            kind: {
-                "claim": certificate.claim,
-                "verdict": certificate.verdict,
-                "margin": certificate.margin if math.isfinite(certificate.margin) else None,
-                "margin_meaning": certificate.margin_meaning,
-                "proof_grade": certificate.proof_grade,
-                "findings": _findings(certificate),
-                "witness": certificate.to_dict()["witness"],
-                "assumptions": list(certificate.assumptions),
-            }
-            for kind, certificate in certification.certificates.items()
-        }
+        name: {kind: _summary(certificate) for kind, certificate in certification.certificates.items()}
         for name, certification in certifications.items()
     }
+    laws |= {name: {part.kind: _summary(part)} for name, part in certifications.known_inertia.items()}
     return {
         "name": scenario.name,
         "certificates": laws,
@@ -157,6 +160,10 @@ def print_suggestions(
             console.print(f"{escape(name)}: [{colour}]{escape(text)}[/]", highlight=False)
         if name in commands:
             console.print(f"Try: {escape(commands[name])}", highlight=False, soft_wrap=True)
+    for name, certificate in certifications.known_inertia.items():
+        colour = VERDICT_COLOURS[certificate.verdict]
+        console.print(f"{escape(scenario.name)}: {escape(name)}", highlight=False)
+        console.print(f"[{colour}]{escape(certificate.explain())}[/]\n", highlight=False)
     for name, reason in certifications.skipped.items():
         console.print(f"[yellow]{escape(name)} is skipped: {escape(reason)}[/]", highlight=False)
     if scenario.not_certified:

@@ -1,0 +1,127 @@
+"""The certificate of M̂(q), against what is known and against motions of the robot."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from law_catalogue import make_tdc
+from tarc import NominalInertia
+from tarc.analysis import Workspace
+from tarc.analysis.known_inertia import KnownInertia
+from tarc.analysis.linearise import decoupled_channels
+from tarc.analysis.operating_points import OperatingPoint
+from tarc.certificates import certify_known_inertia, certify_varying_ratio
+from tarc.certification import certificate_from_json
+from tarc.core.errors import InvalidParameter, UnsupportedLaw
+from tarc.plants import MassSpringDamper, NLinkArm, TwoLinkArm
+
+T = 1e-3
+ARM = TwoLinkArm(viscous=0.2)
+LOADED = TwoLinkArm(viscous=0.2, payload=0.5)
+WORKSPACE = Workspace.box([-1.0, 0.5], [1.0, 2.0], speed=1.0)
+
+
+def known_law(
+    fraction: float = 0.8,
+    window: int = 6,
+    natural_frequency: Any = 20.0,
+    synchronised: bool = True,
+    model: Any = ARM,
+    **terms: Any,
+) -> Any:
+    inertia = NominalInertia(model, fraction, **terms)
+    return make_tdc(window, synchronised, natural_frequency, inertia)
+
+
+@pytest.fixture(scope="module")
+def certificate():
+    law = known_law(gravity=True, coriolis=True)
+    return law, certify_known_inertia(law, [ARM, LOADED], WORKSPACE, samples=60)
+
+
+def test_certified_and_verified_again(certificate):
+    _, certified = certificate
+    assert certified.certified
+    assert certified.verify()
+    again = certificate_from_json(certified.to_json())
+    assert again.verify()
+    assert again.explain() == certified.explain()
+    assert certified.evidence.max_ratio == pytest.approx(0.8, rel=1e-9), "the exact model has the ratio ρ"
+
+
+def test_loop_along_motions_decays(certificate):
+    """Products of the loop's matrices along fast motions, built from the robot's own derivatives, go to zero."""
+    law, _ = certificate
+    A, B, C = decoupled_channels(law)[0].closed_loop(0.0)[:3]
+    known = KnownInertia(law.inertia)
+    identity = np.eye(2)
+    inputs, outputs = np.kron(B, identity), np.kron(C, identity)
+    base = np.kron(A, identity)
+    rng = np.random.default_rng(0)
+    size, rate, steps = np.array([1.0, 0.75]), np.array([1.0, 1.33]), 2000
+    for plant in (ARM, LOADED):
+        angles = rng.uniform(0, 6.28, 2) + rate * T * np.arange(steps)[:, None]
+        motions = [0.0, 1.25] + size * np.sin(angles), size * rate * np.cos(angles), -size * rate**2 * np.sin(angles)
+        points = [OperatingPoint(plant, *motion) for motion in zip(*motions, strict=True)]
+        x = rng.normal(size=len(base))
+        first = np.linalg.norm(x)
+        for nominal, M, D, G in zip(known.inertias(points), *known.linearised(points), strict=True):
+            force = nominal @ (outputs @ x) - G @ x[:2] - D @ x[2:4] / T
+            x = base @ x + inputs @ np.linalg.solve(M, force)
+        assert np.linalg.norm(x) < 1e-6 * first
+
+
+def test_linearised_is_the_derivative_of_the_torque():
+    """G less the model's stiffness is the derivative of M q̈ + N − M̂ a − ĥ, at the a of the motion."""
+    model = TwoLinkArm(payload=0.3)
+    inertia = NominalInertia(model, 0.3, gravity=True, coriolis=True)
+    q, v, a = np.array([0.3, 0.9]), np.array([0.8, -0.5]), np.array([1.5, 2.0])
+    known = KnownInertia(inertia)
+    _, _, G = known.linearised([OperatingPoint(LOADED, q, v, a)])
+    torque = LOADED.inertia(q) @ a + LOADED.bias(q, v)
+    held = np.linalg.solve(inertia.at(q), torque - inertia.forces(q, v))
+
+    def rest(q):
+        return LOADED.inertia(q) @ a + LOADED.bias(q, v) - inertia.at(q) @ held - inertia.forces(q, v)
+
+    differences = [(rest(q + d) - rest(q - d)) / 2e-6 for d in 1e-6 * np.eye(2)]
+    np.testing.assert_allclose(rest(q), 0, atol=1e-9)
+    np.testing.assert_allclose(G[0], np.column_stack(differences), atol=1e-6)
+
+
+def test_masses_have_the_ball_of_a_constant_inertia():
+    """For masses without springs M̂(q) is constant, and the radius is that of any varying ratio."""
+    masses = MassSpringDamper(masses=(1.0, 2.0), springs=(0.0, 0.0), dampers=(0.0, 0.0))
+    heavier = masses.with_parameters({"payload": 1.0})
+    workspace = Workspace.box([-0.1, -0.1], [0.1, 0.1], speed=1.0)
+    found = certify_known_inertia(known_law(model=masses), [masses, heavier], workspace, samples=5).evidence
+    assert found.rate == 0
+    assert (found.min_ratio, found.max_ratio) == pytest.approx((0.8 * 2 / 3, 0.8))
+    varying = certify_varying_ratio(make_tdc(6, True, 20.0, 0.8), found.centre).evidence
+    assert found.radius == pytest.approx(varying.radius, rel=3e-3)
+
+
+def test_refuted_with_a_mode():
+    refuted = certify_known_inertia(known_law(0.8, 10, synchronised=False), ARM, WORKSPACE, samples=20)
+    assert refuted.verdict == "refuted"
+    assert refuted.witness.growth_rate > 0
+    assert certificate_from_json(refuted.to_json()).verify()
+
+
+def test_faster_motion_is_not_covered(certificate):
+    law, certified = certificate
+    fast = Workspace.box([-1.0, 0.5], [1.0, 2.0], speed=30.0)
+    assert not certify_known_inertia(law, [ARM, LOADED], fast, samples=30).certified
+    assert certified.evidence.rate < 5
+
+
+def test_bad_input():
+    with pytest.raises(UnsupportedLaw, match="has a constant M̂"):
+        certify_known_inertia(make_tdc(inertia=[0.1, 0.1]), ARM, WORKSPACE)
+    with pytest.raises(UnsupportedLaw, match="differ between the joints"):
+        certify_known_inertia(known_law(natural_frequency=[10.0, 20.0]), ARM, WORKSPACE)
+    with pytest.raises(UnsupportedLaw, match="workspace has no speeds"):
+        certify_known_inertia(known_law(), ARM, Workspace.from_joint_limits(ARM))
+    with pytest.raises(InvalidParameter, match="it has 3 joints, the law 2"):
+        certify_known_inertia(known_law(), NLinkArm(), Workspace.box([0.0] * 3, [1.0] * 3, speed=1.0))
