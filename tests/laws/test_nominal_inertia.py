@@ -11,7 +11,7 @@ from law_runs import SMALL_INERTIA
 from tarc import Controller, Feedforward, NominalInertia, plants, signals, simulate
 from tarc.analysis.linearise import decoupled_channels
 from tarc.analysis.rest_stability import loop_with_model, rest_state_matrix, unstable_posture
-from tarc.certificates import certify_constant_ratio, certify_robot, certify_varying_ratio
+from tarc.certificates import certify_affine, certify_constant_ratio, certify_robot, certify_varying_ratio
 from tarc.core.errors import InvalidParameter, UnsupportedLaw
 from tarc.core.tracing import trace
 from tarc.core.trees import leaves, pack, unpack
@@ -232,6 +232,8 @@ def test_certificates_of_robots_refuse():
         certify_robot(law, ARM, workspace)
     with pytest.raises(UnsupportedLaw, match=r"M̂\(q\) from a model"):
         certify_varying_ratio(law)
+    with pytest.raises(UnsupportedLaw, match=r"M̂\(q\) from a model"):
+        certify_affine(law, rate=1.0, ratio_range=(0.05, 0.2))
     with pytest.raises(UnsupportedLaw, match="constant M̂ is needed"):
         _ = law.M
 

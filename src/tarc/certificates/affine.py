@@ -6,7 +6,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from tarc.analysis.linearise import Channel, decoupled_channels, joints_share_loop, require_inertia
+from tarc.analysis.linearise import (
+    Channel,
+    decoupled_channels,
+    joints_share_loop,
+    refuse_nominal_inertia,
+    require_inertia,
+)
 from tarc.analysis.uncertain_loop import UncertainLoop
 from tarc.certificates.affine_form import LyapunovMatrices, Multipliers, RatioSet, decrease
 from tarc.certificates.affine_search import AffineCandidate, find_affine
@@ -228,6 +234,7 @@ def certify_affine(
     high = check.number("ratio_range", ratio_range[1], low)
     rate, slope = check.number("rate", rate, 0), check.number("slope", slope, 0)
     law = require_inertia(law, "the affine certificate")
+    refuse_nominal_inertia(law, "the affine certificate")
     channels = decoupled_channels(law, computation_delay) if channels is None else channels
     if not joints_share_loop(law):
         raise UnsupportedLaw(
