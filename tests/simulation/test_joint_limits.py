@@ -116,6 +116,35 @@ def test_velocity_and_acceleration_limits_of_a_file_are_checked_in_one_warning(b
     )
 
 
+def test_deceleration_limits_hold_while_a_joint_slows_down(tmp_path):
+    """q = sin(2t): it slows down until π/4 s with q̈ = −4 sin 2t, and speeds up again to −4 sin 2t at the most."""
+    reference = tarc.signals.Sinusoid(amplitude=[0.0, 1.0], frequency=2.0)
+    plant = tarc.plants.load_robot(limited_arm(tmp_path, 'velocity="5" acceleration="10" deceleration="2"'))
+    assert plant.acceleration_limits.tolist() == [10.0, 10.0]
+    assert plant.deceleration_limits.tolist() == [2.0, 2.0]
+    (text,) = limit_warnings(plant, reference)
+    assert "elbow exceeds its deceleration limit of 2 rad/s² at 0.262 s, and most at 0.785 s with -4 rad/s²" in text
+    assert "its acceleration limit" not in text
+    plant = tarc.plants.load_robot(limited_arm(tmp_path, 'velocity="5" acceleration="3" deceleration="10"'))
+    (text,) = limit_warnings(plant, reference)
+    assert "elbow exceeds its acceleration limit of 3 rad/s² at 0.786 s" in text
+    assert "deceleration limit" not in text
+    plant = tarc.plants.load_robot(limited_arm(tmp_path, 'velocity="5" acceleration="3"'))
+    assert plant.deceleration_limits.tolist() == [3.0, 3.0], "that of acceleration holds for both"
+    (text,) = limit_warnings(plant, reference)
+    assert "elbow exceeds its acceleration limit of 3 rad/s² at 0.425 s" in text
+
+
+@pytest.mark.parametrize("backend", ["symbolic", "mujoco"])
+def test_jerk_limits_hold_between_samples(backend, tmp_path):
+    """The jerk of sin(2t) is −8 cos 2t, largest at the start."""
+    plant = tarc.plants.load_robot(limited_arm(tmp_path, 'velocity="5" jerk="6"'), backend=backend)
+    assert plant.jerk_limits.tolist() == [6.0, 6.0]
+    (text,) = limit_warnings(plant, tarc.signals.Sinusoid(amplitude=[0.0, 1.0], frequency=2.0))
+    assert "elbow exceeds its jerk limit of 6 rad/s³ at 0 s, and most at 0 s with -8 rad/s³" in text
+    assert not limit_warnings(plant, tarc.signals.Sinusoid(amplitude=[0.0, 0.7], frequency=2.0))
+
+
 def test_given_acceleration_limits_replace_those_of_the_file(tmp_path):
     plant = tarc.plants.load_robot(limited_arm(tmp_path, 'velocity="5"'))
     assert np.all(np.isinf(plant.acceleration_limits))

@@ -169,6 +169,16 @@ class Plant(ABC):
         return np.full(self.n_joints, np.inf)
 
     @property
+    def deceleration_limits(self) -> np.ndarray:
+        """Return the largest deceleration of each joint [rad/s² or m/s²], shape (n,); by default its acceleration."""
+        return self.acceleration_limits
+
+    @property
+    def jerk_limits(self) -> np.ndarray:
+        """Return the largest jerk of each joint [rad/s³ or m/s³], shape (n,), infinite where unknown."""
+        return np.full(self.n_joints, np.inf)
+
+    @property
     def position_limits(self) -> np.ndarray:
         """Return the range of each joint [rad or m], shape (n, 2), infinite where there is no limit."""
         return np.tile([-np.inf, np.inf], (self.n_joints, 1))

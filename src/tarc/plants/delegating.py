@@ -95,6 +95,16 @@ class DelegatingPlant(Plant):
         return self.facts.acceleration_limits
 
     @property
+    def deceleration_limits(self) -> Array:
+        """Return the largest deceleration of each joint [rad/s² or m/s²], shape (n,), infinite where unknown."""
+        return self.facts.deceleration_limits
+
+    @property
+    def jerk_limits(self) -> Array:
+        """Return the largest jerk of each joint [rad/s³ or m/s³], shape (n,), infinite where unknown."""
+        return self.facts.jerk_limits
+
+    @property
     def position_limits(self) -> Array:
         """Return the range of each joint [rad or m], shape (n, 2), infinite where there is no limit."""
         return self.facts.position_limits

@@ -41,7 +41,7 @@ from tarc.plants.robot_file import (
     tool_body,
     without_log_file,
 )
-from tarc.plants.urdf_limits import acceleration_limits, velocity_limits
+from tarc.plants.urdf_limits import motion_limits, velocity_limits
 
 PAYLOAD_RADIUS = 0.05
 """Radius [m] of the homogeneous ball that a payload is."""
@@ -89,7 +89,8 @@ class MujocoPlant(Plant):
         limited, ranges = self.model.jnt_actfrclimited.astype(bool), np.abs(self.model.jnt_actfrcrange)
         self._torque_limits = np.where(limited, ranges.min(axis=1), np.inf)[list(self._driven)]
         self._velocity_limits = np.full(self.n_joints, np.inf)
-        self._acceleration_limits = np.full(self.n_joints, np.inf)
+        unlimited = np.full(self.n_joints, np.inf)
+        self._motion_limits = {"acceleration": unlimited, "deceleration": unlimited, "jerk": unlimited}
         self.set_parameters(self.model, {"payload": np.array(payload)})
         values, vectors = np.linalg.eigh(self.inertia(self._start))
         if not values[0] > 1e-9:
@@ -198,7 +199,7 @@ class MujocoPlant(Plant):
         plant._choose_home(is_home_free)
         plant.servo = None if servo is None else replace(servo, torque_limits=plant._torque_limits)
         plant._velocity_limits = velocity_limits(file, plant.joint_names, file.name)
-        plant._acceleration_limits = acceleration_limits(file, plant.joint_names)
+        plant._motion_limits = motion_limits(file, plant.joint_names)
         plant._file_options = {"file": str(path)} | _plain_options(options)
         return plant
 
@@ -368,7 +369,17 @@ class MujocoPlant(Plant):
     @property
     def acceleration_limits(self) -> np.ndarray:
         """Return the acceleration limits of a URDF 1.2 [rad/s² or m/s²], shape (n,), infinite where it has none."""
-        return self._acceleration_limits
+        return self._motion_limits["acceleration"]
+
+    @property
+    def deceleration_limits(self) -> np.ndarray:
+        """Return the deceleration limits of a URDF 1.2 [rad/s² or m/s²], shape (n,), else those of acceleration."""
+        return self._motion_limits["deceleration"]
+
+    @property
+    def jerk_limits(self) -> np.ndarray:
+        """Return the jerk limits of a URDF 1.2 [rad/s³ or m/s³], shape (n,), infinite where it has none."""
+        return self._motion_limits["jerk"]
 
     @property
     def position_limits(self) -> np.ndarray:

@@ -88,8 +88,8 @@ class MujocoGearbox(GearedPlant):
     def step_function(self) -> ca.Function:
         """The function of coordinates, velocities, torques and step, and of the gearbox's parameters.
 
-        For an elastic gearbox it has τ_g and the accelerations of the motors, else the torque of friction and ripple
-        and the damping of the joints, one below the other.
+        The result is one column. For an elastic gearbox it has τ_g and the accelerations of the motors. For a rigid one
+        it has the torque of friction and ripple, and the damping of the joints.
         """
         n, m = self.n_joints, self.n_coordinates
         q, dq, torque, step = ca.SX.sym("q", m), ca.SX.sym("dq", m), ca.SX.sym("torque", n), ca.SX.sym("step")

@@ -1,4 +1,4 @@
-"""Velocity and acceleration limits of a URDF, and limits that stand for none."""
+"""Limits of velocity, acceleration, deceleration and jerk of a URDF, and limits that stand for none."""
 
 from tarc.core.optional import require
 
@@ -69,8 +69,10 @@ def velocity_limits(file: Path, joints: Sequence[str], label: str) -> Array:
     return speeds
 
 
-def acceleration_limits(file: Path, joints: Sequence[str]) -> Array:
-    """Return the acceleration limits of joints [rad/s² or m/s²], shape (n,), of a URDF 1.2: else infinite.
+def motion_limits(file: Path, joints: Sequence[str]) -> dict[str, Array]:
+    """Return limits of acceleration, deceleration and jerk [rad/s² or m/s², /s³] of joints, each (n,), by name.
+
+    They are those of a URDF 1.2, else infinite. A joint without deceleration has its acceleration for both.
 
     Parameters
     ----------
@@ -78,11 +80,21 @@ def acceleration_limits(file: Path, joints: Sequence[str]) -> Array:
         The file.
     joints
         Names of the driven joints.
+
+    References
+    ----------
+    urdfdom, pull request 212: the attributes ``acceleration``, ``deceleration`` and ``jerk`` of ``<limit>``.
     """
     elements = _joint_elements(file)
     limits = [elements[name].find("limit") if name in elements else None for name in joints]
-    values = [0.0 if limit is None else _number(limit, "acceleration") or 0.0 for limit in limits]
-    return np.array([value if value > 0 else np.inf for value in values])
+
+    def attribute(name: str) -> Array:
+        values = [0.0 if limit is None else _number(limit, name) or 0.0 for limit in limits]
+        return np.array([value if value > 0 else np.inf for value in values])
+
+    acceleration, deceleration = attribute("acceleration"), attribute("deceleration")
+    deceleration = np.where(np.isfinite(deceleration), deceleration, acceleration)
+    return {"acceleration": acceleration, "deceleration": deceleration, "jerk": attribute("jerk")}
 
 
 def _joint_elements(file: Path) -> dict[str | None, ET.Element]:

@@ -32,7 +32,7 @@ def warn_if_beyond_limits(
     has_stops
         Whether the simulation contains the stops at the ends of the ranges.
     acceleration_limits
-        Largest acceleration [rad/s² or m/s²], one number or one per joint; None for the plant's own.
+        Largest acceleration and deceleration [rad/s² or m/s²], one number or one per joint; None for the plant's own.
 
     Raises
     ------
@@ -48,12 +48,7 @@ def warn_if_beyond_limits(
             else "The stops at the ends are not simulated in symbols: the run passes them, a real robot would not"
         )
         remedies.append(f"{stops}. Keep the reference and the start within the ranges")
-    _, velocity, acceleration = inputs.reference
-    limits = plant.acceleration_limits
-    if acceleration_limits is not None:
-        limits = check.vector("acceleration_limits", acceleration_limits, plant.n_joints, 0, strict=True)
-    too_fast = _above_limit(plant, inputs.times, "velocity", velocity, plant.velocity_limits)
-    too_fast += _above_limit(plant, inputs.times, "acceleration", acceleration, limits)
+    too_fast = _too_fast(plant, inputs, acceleration_limits)
     if too_fast:
         remedies.append("The run has no limits of velocity and acceleration, a real robot has. Slow the reference down")
     if texts or too_fast:
@@ -81,9 +76,30 @@ def _beyond_range(plant: Plant, inputs: SampledInputs, initial: InitialCondition
     return texts
 
 
+def _too_fast(plant: Plant, inputs: SampledInputs, acceleration_limits: Numbers | None) -> list[str]:
+    """Return a text per joint and limit of velocity, acceleration, deceleration or jerk that the reference exceeds.
+
+    A joint decelerates where velocity and acceleration have opposite signs. Jerk is the difference of acceleration from
+    one sample to the next, by the time between them.
+    """
+    times = inputs.times
+    _, velocity, acceleration = inputs.reference
+    up, down = plant.acceleration_limits, plant.deceleration_limits
+    if acceleration_limits is not None:
+        up = down = check.vector("acceleration_limits", acceleration_limits, plant.n_joints, 0, strict=True)
+    is_slowing = (velocity * acceleration < 0) & (up != down)[:, None]
+    texts = _above_limit(plant, times, "velocity", velocity, plant.velocity_limits)
+    texts += _above_limit(plant, times, "acceleration", np.where(is_slowing, 0.0, acceleration), up)
+    texts += _above_limit(plant, times, "deceleration", np.where(is_slowing, acceleration, 0.0), down)
+    if np.any(np.isfinite(plant.jerk_limits)):
+        jerk = np.diff(acceleration, axis=1) / np.diff(times)
+        texts += _above_limit(plant, times[:-1], "jerk", jerk, plant.jerk_limits)
+    return texts
+
+
 def _above_limit(plant: Plant, times: Array, quantity: str, values: Array, limits: Array) -> list[str]:
     """Return a text per joint whose reference exceeds a limit, for values (n, k) and limits (n,)."""
-    suffix = {"velocity": "/s", "acceleration": "/s²"}[quantity]
+    suffix = {"velocity": "/s", "acceleration": "/s²", "deceleration": "/s²", "jerk": "/s³"}[quantity]
     sizes = np.abs(values)
     texts = []
     for joint, (name, base) in enumerate(zip(plant.joint_names, plant.units, strict=True)):

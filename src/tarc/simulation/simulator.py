@@ -92,8 +92,8 @@ def simulate(
         Torque [N m or N] applied before the start, shape (n,), which initialises the law's past torques. ``"rest"`` is
         the torque that keeps the robot at rest, as the brakes or the servo of a real arm do.
     acceleration_limits
-        Largest acceleration of each joint [rad/s² or m/s²], one number or one per joint, to check the reference.
-        None for those of the robot's file.
+        Largest acceleration and deceleration of each joint [rad/s² or m/s²], one number or one per joint, to check the
+        reference. None for those of the robot's file.
     computation_delay
         Periods between a measurement and its torque on the joints. A law that models the delay, by
         ``actuation_delay``, pairs its estimates with the torques that acted. A law that does not model it is stable
@@ -139,8 +139,9 @@ def simulate(
     DesignWarning
         When the loop is unstable at rest in a posture of the reference; the run goes on all the same.
     JointLimitWarning
-        When the reference exceeds a position, velocity or acceleration limit of a joint, or the initial position its
-        range. The run goes on all the same. Robots in symbols do not simulate the stops at the ends of the ranges.
+        When the reference exceeds a limit of position, velocity, acceleration or jerk of a joint, or the initial
+        position its range. The run goes on all the same. Robots in symbols do not simulate the stops at the ends of the
+        ranges.
     """
     sensor = Encoder() if sensor is None else sensor
     events = list(disturbance) if isinstance(disturbance, Sequence) else [disturbance]
