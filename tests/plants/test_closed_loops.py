@@ -224,6 +224,66 @@ def test_a_joint_whose_leader_is_locked_is_held_where_the_leader_puts_it(write):
     assert data.efc_pos[0] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_a_tendon_over_moving_and_locked_joints_is_refused(write):
-    with pytest.raises(RobotFileError, match="the tendon 'cord' acts on joints that move and on far, which is locked"):
-        load_robot(write(FINGER.format('stiffness="5"', "")), lock=["far"])
+THREE = f"""<mujoco><option><flag contact="disable"/></option><worldbody>
+  <body name="a"><joint name="a" axis="0 1 0" armature="0.01" springref="20"/>{rod(0.1)}
+    <body name="b" pos="0.1 0 0"><joint name="b" axis="0 1 0" armature="0.01" ref="10" springref="-15"/>{rod(0.1)}
+      <body name="c" pos="0.1 0 0"><joint name="c" axis="0 1 0" armature="0.01"/>{rod(0.08)}
+        <site name="tip" pos="0 0 0.05"/></body></body></body><site name="post" pos="0 0 0.3"/></worldbody>
+  <tendon>
+    <fixed name="t" {{}}><joint joint="a" coef="1"/><joint joint="b" coef="-0.7"/></fixed>
+    <fixed name="u"><joint joint="c" coef="0.5"/><joint joint="b" coef="0.2"/></fixed>
+    <fixed name="w"><joint joint="b" coef="2"/></fixed>
+    <spatial name="rope" {{}}><site site="post"/><site site="tip"/></spatial>
+  </tendon>{{}}</mujoco>"""
+STATE = {"a": 0.3, "b": -0.4, "c": 0.5}
+
+
+@pytest.mark.parametrize(
+    ("fixed", "rope", "equality"),
+    [
+        ('stiffness="5"', "", ""),
+        ('stiffness="5" springlength="0.1 0.2" damping="0.3"', "", ""),
+        ('range="-0.1 0.2" armature="0.02"', "", ""),
+        ('frictionloss="0.2"', "", ""),
+        ("", 'stiffness="9" springlength="0.1"', ""),
+        ("", 'range="0 0.1"', ""),
+        ("", "", '<tendon tendon1="t" polycoef="0.1 1 0 0 0"/>'),
+        ("", "", '<tendon tendon1="t" tendon2="u" polycoef="0.1 0.8 0.5 -0.3 0.2"/>'),
+        ("", "", '<tendon tendon1="t" tendon2="w" polycoef="0.1 0.8 0.5 0 0"/>'),
+        ("", "", '<tendon tendon1="w" tendon2="t" polycoef="0.1 0.8 0 0 0"/>'),
+    ],
+)
+def test_a_tendon_keeps_its_force_where_some_of_its_joints_are_locked(write, fixed, rope, equality):
+    """Against the file itself: forces of springs and dampers, and errors of limits and constraints."""
+    file = write(THREE.format(fixed, rope, f"<equality>{equality}</equality>"))
+    model = mujoco.MjModel.from_xml_path(str(file))
+    robot = MujocoPlant.from_file(file, joints=["a", "c"], lock={"b": STATE["b"]})
+    assert robot.constraints
+    assert robot.joint_names == ["a", "c"]
+    results = []
+    for each, names in ((model, "abc"), (robot.model, "ac")):
+        data = mujoco.MjData(each)
+        data.qpos[:] = [STATE[name] for name in names]
+        data.qvel[:] = [0.7 * (name == "a") - 0.4 * (name == "c") for name in names]
+        mujoco.mj_forward(each, data)
+        is_moving = [name != "b" for name in names]
+        rows = data.efc_J.reshape(data.nefc, each.nv)[:, is_moving]
+        results.append((data.qfrc_passive[is_moving], rows, data.efc_pos.copy()))
+    (force, rows, errors), (our_force, our_rows, our_errors) = results
+    scale = rows[0, 0] / our_rows[0, 0] if equality.startswith('<tendon tendon1="w"') else 1.0
+    np.testing.assert_allclose(our_force, force, atol=1e-12)
+    np.testing.assert_allclose(our_rows * scale, rows, atol=1e-12)
+    np.testing.assert_allclose(our_errors * scale, errors, atol=1e-12)
+    assert np.any(force) or len(errors)
+
+
+def test_tendons_that_depend_on_the_file_s_own_posture_are_refused(write):
+    for rope, equality, reason in (
+        ('stiffness="9"', "", "its spring has no springlength"),
+        ("", '<equality><tendon tendon1="rope"/></equality>', "an equality constraint holds it"),
+    ):
+        with pytest.raises(RobotFileError, match=f"'rope' goes through space, and {reason}.*but b would be locked"):
+            load_robot(write(THREE.format("", rope, equality)), joints=["a", "c"])
+    bent = '<equality><tendon name="hold" tendon1="w" tendon2="t" polycoef="0 1 1 0 0"/></equality>'
+    with pytest.raises(RobotFileError, match="'hold' holds the tendon 'w', all of whose joints are locked, by a func"):
+        load_robot(write(THREE.format("", "", bent)), joints=["a", "c"])

@@ -11,6 +11,7 @@ import numpy as np
 
 from tarc.core.errors import RobotFileError
 from tarc.core.types import Array
+from tarc.plants.partial_tendons import refuse_unknown_lengths
 
 KINDS = {
     mujoco.mjtEq.mjEQ_CONNECT: "connect",
@@ -38,7 +39,8 @@ def acting_constraints(spec: mujoco.MjSpec, moving: Collection[str], label: str)
     Raises
     ------
     RobotFileError
-        For a constraint of parts that are not rigid, and for a tendon over joints of which only some move.
+        For a constraint of parts that are not rigid. For a tendon in space over joints of which only some move, where
+        its length in the file's own posture counts.
     """
     for kind, elements in (("equality", spec.equalities), ("tendon", spec.tendons)):
         for number, element in enumerate(elements):
@@ -63,7 +65,9 @@ def acting_constraints(spec: mujoco.MjSpec, moving: Collection[str], label: str)
             acting[name] = f"the tendon {name!r}, which has {' and '.join(effects)}"
         elif name in held:
             acting[name] = f"the tendon {name!r}"
-    _refuse_partly_locked_tendons(spec, [tendons[name] for name in acting if name in tendons], moving, label)
+    locked = [joint.name for joint in spec.joints if joint.name not in moving]
+    partial = {name: joints_of_tendon(spec, tendons[name], locked) for name in acting if name in tendons}
+    refuse_unknown_lengths(spec, {name: joints for name, joints in partial.items() if joints}, held, label)
     return acting
 
 
@@ -97,19 +101,6 @@ def _couples(
         is_acting = {equality.name1, equality.name2} & set(tendons)
         return f"holds the tendon {equality.name1!r}" if is_acting else ""
     return "acts on parts that are not rigid or not jointed"
-
-
-def _refuse_partly_locked_tendons(
-    spec: mujoco.MjSpec, tendons: Collection[mujoco.MjsTendon], moving: Collection[str], label: str
-) -> None:
-    locked = [joint.name for joint in spec.joints if joint.name not in moving]
-    for tendon in tendons:
-        still = joints_of_tendon(spec, tendon, locked)
-        if still:
-            raise RobotFileError(
-                f"{label}: the tendon {tendon.name!r} acts on joints that move and on {', '.join(still)}, which is "
-                "locked. Lock all of its joints (lock=, --lock), or none"
-            )
 
 
 def keep_anchors(

@@ -94,9 +94,9 @@ def load_robot(
     ------
     RobotFileError
         For a file that is missing or does not read, and balls that are not locked. For constraints of parts that are
-        not rigid, and tendons over joints of which only some are locked. For actuators of other kinds than torque,
-        position and velocity. For links with an inertia that no body has, and for an inertia matrix that is singular.
-        Also for a robot that only MuJoCo simulates where the backend is ``"symbolic"``.
+        not rigid, and some tendons in space over joints of which only some are locked. For actuators of other kinds
+        than torque, position and velocity. For links with an inertia that no body has, and for an inertia matrix that
+        is singular. Also for a robot that only MuJoCo simulates where the backend is ``"symbolic"``.
     InvalidParameter
         For joints or a tool that the file does not have, negative parameters, and an unknown backend. Also for a home
         posture outside the ranges, for ``kd`` without ``kp``, and for ``kp`` where MuJoCo simulates the robot.

@@ -31,6 +31,7 @@ from tarc.plants.home_posture import (
 )
 from tarc.plants.joint_roles import JointRoles, Lock, choose_joints, lock_hint
 from tarc.plants.link_inertia import merge_rigid_links
+from tarc.plants.partial_tendons import shorten_tendons
 from tarc.plants.robot_file import (
     check_links,
     compile_model,
@@ -160,8 +161,8 @@ class MujocoPlant(Plant):
         ------
         RobotFileError
             For a file that is missing or does not read, and balls that are not locked. For constraints of parts that
-            are not rigid, and tendons over joints of which only some are locked. For links with an inertia that no body
-            has, and for an inertia matrix that is singular.
+            are not rigid, and some tendons in space over joints of which only some are locked. For links with an
+            inertia that no body has, and for an inertia matrix that is singular.
         InvalidParameter
             For joints or a tool that the file does not have, and for negative parameters. Also for a home posture
             outside the ranges.
@@ -181,6 +182,7 @@ class MujocoPlant(Plant):
         roles.warn(file.name)
         if roles.locked:
             keep_anchors(spec, kinematics, acting, roles.moving, posture)
+            shorten_tendons(spec, kinematics, acting, roles.moving, posture, file.name)
         in_order = [name for name in _joint_names(kinematics) if name in roles.driven]
         servo = read_servo(spec, in_order, file.name) if actuators == "file" else None
         reduce_to_joints(spec, {*acting, *(servo.kept if servo else ())})
