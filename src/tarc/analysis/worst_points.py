@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
+from itertools import combinations, product
 from typing import Protocol
 
 import numpy as np
@@ -25,6 +25,18 @@ from tarc.plants.base import Plant
 
 N_SEARCHES = 3
 """Number of points from which a local search starts."""
+FRESH_SAMPLES = 2
+"""Fresh samples of a global search over those that there are."""
+N_STARTS = 5
+"""Number of points at rest, moving and turned from which a global search climbs."""
+N_TURNED = 10
+"""Number of points whose joints are turned."""
+MAX_TURNING_ROUNDS = 3
+"""Largest number of rounds in which joints are turned."""
+QUARTER_TURNS = np.pi / 2, -np.pi / 2, np.pi, -np.pi
+"""Angles [rad] by which joints are turned."""
+NEGLIGIBLE_GROWTH = 1e-4
+"""Share by which a largest value must grow for another restart."""
 MAX_CORNER_JOINTS = 9
 """Number of joints up to which all combinations of their largest speeds are tried."""
 MAX_MOTION_CHANGES = 3
@@ -41,8 +53,12 @@ class SampledPoints:
         M̂ [kg m² or kg], shape (n, n).
     workspace
         The postures and their speeds.
+    plants
+        The robot, or several.
     unit_samples
         The sampled variables of the workspace on the unit cube, shape (k, v).
+    seed
+        Seed of the samples.
     points
         The points; the first two are those of the smallest and the largest inertia ratio at rest.
     uncertainty
@@ -51,7 +67,9 @@ class SampledPoints:
 
     nominal: Array
     workspace: Workspace
+    plants: tuple[Plant, ...]
     unit_samples: Array
+    seed: int
     points: list[OperatingPoint]
     uncertainty: UncertaintySamples
 
@@ -84,7 +102,8 @@ class SampledPoints:
         points = [OperatingPoint.at_rest(plants[index], posture) for index, posture in extremes]
         points += sample_points(plants, workspace, samples, seed)
         unit_samples = workspace.unit_samples(samples, seed)
-        return cls(nominal, workspace, unit_samples, points, uncertainty_samples(nominal, points))
+        uncertainty = uncertainty_samples(nominal, points)
+        return cls(nominal, workspace, tuple(plants), unit_samples, seed, points, uncertainty)
 
     def refine_worst(self, centre: float, position_weight: float, lead_time: float) -> "SampledPoints":
         """Return the points with those that a local search for the largest joint norm adds.
@@ -98,6 +117,64 @@ class SampledPoints:
         return self._with_points(
             [_maximise_motion(self._maximise_posture(start, norm, centre), self.workspace, norm) for start in starts]
         )
+
+    def search_globally(self, function: "PointFunction") -> "SampledPoints":
+        """Return the points with those that a search over the whole workspace for the largest value adds.
+
+        Local searches start from the best of fresh samples, at rest and moving, and from the first two points. From the
+        best of what they find, one or two joints are then turned by quarters of a turn. Postures that differ so have
+        similar inertias, but another stiffness. This is repeated until it adds no larger value.
+
+        Parameters
+        ----------
+        function
+            What is to be large, such as the norm that decides a certificate.
+        """
+        n_postures = FRESH_SAMPLES * len(self.unit_samples)
+        fresh = sample_points(self.plants, self.workspace, n_postures, self.seed + 1)
+        candidates = [*self.points, *fresh]
+        values = function.values(candidates)
+        scale = max(float(values.max()), NEGLIGIBLE_STIFFNESS)
+        is_moving = np.array([point.is_moving for point in candidates])
+        starts = self._with_every_plant(self.points[:2])
+        for included in (is_moving, ~is_moving):  # at rest the worst posture is another one
+            order = np.argsort(np.where(included, values, -np.inf))[::-1][:N_STARTS]
+            starts += [candidates[i] for i in order if included[i]]
+        found = [self._climb(start, function, scale) for start in starts]
+        largest = 0.0
+        for _ in range(MAX_TURNING_ROUNDS):
+            found_values = function.values(found)
+            if found_values.max() <= (1 + NEGLIGIBLE_GROWTH) * largest:
+                break
+            largest = float(found_values.max())
+            best = [found[i] for i in np.argsort(found_values)[::-1][:N_TURNED]]
+            turned = [point for start in best for point in self._turned(start)]
+            if not turned:
+                break
+            order = np.argsort(function.values(turned))[::-1][:N_STARTS]
+            found = [*best, *(self._climb(turned[i], function, scale) for i in order)]
+        order = np.argsort(function.values(found))[::-1][:N_SEARCHES]
+        return self._with_points([found[i] for i in order])
+
+    def _climb(self, start: OperatingPoint, function: "PointFunction", scale: float) -> OperatingPoint:
+        """Return a point of larger value, by posture and motion in turn."""
+        moved = _maximise_motion(start, self.workspace, function)
+        return _maximise_motion(self._maximise_posture(moved, function, scale), self.workspace, function)
+
+    def _turned(self, start: OperatingPoint) -> list[OperatingPoint]:
+        """Return the point with one or two joints turned by quarters, where a box of postures contains it."""
+        low, high = self.workspace.low, self.workspace.high
+        if self.workspace.reference is not None:
+            return []
+        n = len(low)
+        turns = [np.eye(n)[i] * angle for i in range(n) for angle in QUARTER_TURNS]
+        both = [one + other for one, other in combinations(turns, 2) if not np.any((one != 0) & (other != 0))]
+        postures = start.position + np.array([*turns, *both])
+        inside = np.all((postures >= low) & (postures <= high), axis=1)
+        return self._with_every_plant([start._replace(position=posture) for posture in postures[inside]])
+
+    def _with_every_plant(self, points: Sequence[OperatingPoint]) -> list[OperatingPoint]:
+        return [point._replace(plant=plant) for point in points for plant in self.plants]
 
     def add_stiffest(self, lead_time: float) -> "SampledPoints":
         """Return the points with those that a local search for the largest ‖[H, C/θ]‖ adds."""
@@ -123,7 +200,9 @@ class SampledPoints:
         scale = max(float(sampled_norms.max()), NEGLIGIBLE_STIFFNESS)
         return self._with_points([search(self.points[i]) for i in np.argsort(sampled_norms)[::-1][:N_SEARCHES]])
 
-    def _with_points(self, added: list[OperatingPoint]) -> "SampledPoints":
+    def _with_points(self, found: list[OperatingPoint]) -> "SampledPoints":
+        """Return the points with those found, each with every plant."""
+        added = self._with_every_plant(found)
         uncertainty = self.uncertainty | uncertainty_samples(self.nominal, added)
         return replace(self, points=[*self.points, *added], uncertainty=uncertainty)
 

@@ -8,7 +8,7 @@ from tarc.analysis.inertia_ratio import InertiaSpread
 from tarc.analysis.linearise import Channel
 from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS
 from tarc.analysis.uncertain_loop import UncertainLoop
-from tarc.analysis.worst_points import SampledPoints
+from tarc.analysis.worst_points import ForceNorm, SampledPoints
 from tarc.certificates.affine import find_proof
 from tarc.certificates.affine_form import RatioSet
 from tarc.certificates.robot_evidence import AffineCover, MaxRatePoint, linearised_point
@@ -53,6 +53,8 @@ def cover_robot(
     for factor in SEARCHED_FACTORS:
         sampled = sampled.add_largest_force(factor * sampled.uncertainty.force_lead_time())
         sampled = sampled.add_stiffest(factor * sampled.uncertainty.lead_time())
+    longest = sampled.uncertainty.force_lead_time()
+    sampled = sampled.search_globally(ForceNorm(sampled.nominal, longest))
     uncertainty, room = sampled.uncertainty, 1 + MIN_MARGIN
     bounds = [
         (power, factor * lead_time)

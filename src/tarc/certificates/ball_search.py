@@ -9,7 +9,7 @@ from tarc.analysis.inertia_ratio import InertiaSpread
 from tarc.analysis.linearise import Channel
 from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS, UncertaintySamples
 from tarc.analysis.uncertain_loop import FrequencyResponses, UncertainLoop
-from tarc.analysis.worst_points import SampledPoints
+from tarc.analysis.worst_points import SampledPoints, UncertaintyNorm
 from tarc.certificates.iqc import best_multiplier
 from tarc.certificates.robot_evidence import MaxRatePoint
 from tarc.certificates.varying_ratio import Ball, RadiusProof, best_centre, make_ball, max_radius
@@ -59,8 +59,9 @@ def fit_ball(
     }
     sampled = worst_case_points(min(centres), sampled)
     best, proof, radius = best_ball(channel, slope, centres, sampled.uncertainty, max_change)
-    if best.position_weight:  # once more, for this ball
-        sampled = sampled.refine_worst(best.centre, best.position_weight, best.lead_time)
+    if best.position_weight:  # the norm that decides, over the whole workspace
+        norm = UncertaintyNorm(sampled.nominal, best.centre, best.position_weight, best.lead_time)
+        sampled = sampled.search_globally(norm)
     loop = UncertainLoop.from_channel(channel, slope, intersample=True, lead_periods=best.lead_time / channel.period)
     stiffness = float(sampled.uncertainty.stiffness_norms(best.lead_time).max())
     ball = make_ball(

@@ -50,7 +50,7 @@ def certify_robot(
     channels: Sequence[Channel] | None = None,
     spread: InertiaSpread | None = None,
 ) -> Certificate[RobotEvidence]:
-    """Certify a law on a robot whose posture changes in any way inside a workspace.
+    """Certify a law on a robot whose posture changes inside a workspace.
 
     A small error about a motion obeys, in coordinates x = M̂^½ q, ẍ = E v − H x − C ẋ with E = M̂^½ M⁻¹ M̂^½ and
 
@@ -62,7 +62,7 @@ def certify_robot(
 
     With a speed in the workspace, the operating points are all motions up to that speed and its acceleration. The
     radius δ is then that for the largest ‖dE⁻¹/dt‖ at this speed, and is much larger. Without a speed E may change at
-    any rate, and H and C are those at rest.
+    any rate, but H and C are those at rest. So what motion adds to them is not certified.
 
     The law is refuted if the robot, held at rest in one of the worst postures, is unstable. That test includes its
     inertia, gravity and viscous friction. Otherwise the verdict is inconclusive, as for gains that differ between the
@@ -136,9 +136,8 @@ def certify_robot(
     )
     verdict, margin, witness = evidence.judge()
     refuted = verdict == Verdict.REFUTED
-    limits = "." if workspace.speed is None else ", within the given speeds and accelerations of the joints."
     return Certificate(
-        claim=f"{type(law).__name__} keeps the robot stable however it moves in the workspace{limits}",
+        claim=_claim(law, workspace),
         problem=_problem(evidence),
         verdict=verdict,
         margin=margin,
@@ -220,6 +219,14 @@ def strengthen_robot(
         witness=witness,
         proof_grade=True,
     )
+
+
+def _claim(law: PolePlacement, workspace: Workspace) -> str:
+    """Return what is claimed; without a speed nothing of fast motion."""
+    motion = "in every posture of the workspace, with an inertia that changes at any rate and the stiffness at rest"
+    if workspace.speed is not None:
+        motion = "however it moves in the workspace, within the given speeds and accelerations of the joints"
+    return f"{type(law).__name__} keeps the robot stable {motion}."
 
 
 def _problem(evidence: RobotEvidence) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from tarc.analysis.inertia_ratio import InertiaSpread, inertia_spread
 from tarc.analysis.inertia_shape import best_inertia_shape
 from tarc.certificates.base import Certificate
-from tarc.certificates.robot import certify_robot
+from tarc.certificates.robot import certify_robot, strengthen_robot
 from tarc.certification import certify_law
 from tarc.core.errors import InfeasibleDesign, InvalidParameter, UnsupportedLaw
 from tarc.core.progress import Progress
@@ -299,7 +299,11 @@ def _certified_law(
     problem = selection.problem
 
     def certify(law: TDC | TARC) -> Certificate:
-        return certify_robot(law, problem.plants, problem.workspace, **_sampling(problem.requirements))
+        sampling = _sampling(problem.requirements)
+        certificate = certify_robot(law, problem.plants, problem.workspace, **sampling)
+        if certificate.certified:
+            return certificate
+        return strengthen_robot(certificate, law, problem.plants, problem.workspace, **sampling)
 
     law, adaptation = _build_law(problem, selection.shape, best)
     certificate = certify(law)

@@ -16,7 +16,7 @@ from tarc.core.formatting import format_vector
 from tarc.scenario.model import CertifiedLaws, Scenario
 
 CERTIFICATES = {
-    "robot": "this robot, however it moves in the workspace",
+    "robot": "this robot, in all postures of the workspace",
     "constant_ratio": "each constant inertia ratio that occurs",
     "sector": "constant ratio, any switching of the robust term",
     "varying_ratio": "any varying ratio, in the widest range",
