@@ -3,11 +3,13 @@
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tarc.analysis.optimum import OptimumDistance, distance_from_optimum
 from tarc.analysis.workspace import Workspace
 from tarc.certificates.base import Certificate
 from tarc.core import validation as check
@@ -96,6 +98,19 @@ class Design:
         """Feasible loops of which none has both less torque noise and less error, by noise."""
         return pareto_front(self.candidates)
 
+    @cached_property
+    def optimum_distances(self) -> tuple[OptimumDistance, ...]:
+        """Distance of the loop from the best linear controller, at the least, middle and largest inertia ratio.
+
+        The disturbing torque is a random walk that adds as much error as the noise of the encoders. A switching gain is
+        left out.
+        """
+        loop, channel = self.candidate, self.candidate.channel()
+        ratios = loop.inertia_scale * self.spread ** np.array([0.0, 0.5, 1.0])
+        return tuple(
+            distance_from_optimum(channel, float(ratio), delay=loop.computation_delay) for ratio in np.unique(ratios)
+        )
+
     def explain(self) -> str:
         """Return every choice with its reason, then the verdict."""
         lines = [f"{choice.label}: {choice.value}\n    {choice.reason}" for choice in self.choices]
@@ -173,7 +188,8 @@ class Design:
         ----------
         kind
             ``front``: torque noise against error of all loops. ``reach``: the spread that each window and natural
-            frequency tolerates.
+            frequency tolerates. ``optimum``: torque variation against error, with the least error of any linear
+            controller.
         """
         from tarc.plotting.design import FIGURES
 

@@ -9,8 +9,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, MaxNLocator, NullFormatter, NullLocator
 
 from tarc.analysis.linearise import decoupled_channels
+from tarc.analysis.optimum import loop_deviations, optimal_front
 from tarc.certification import LawCertification
 from tarc.design.candidates import Candidate
+from tarc.design.noise import measurement_deviation
 from tarc.design.result import Design
 from tarc.design.writer import plant_name
 from tarc.plotting.certificates import design_figure
@@ -62,6 +64,62 @@ def plot_front(design: Design) -> Figure:
     axes.legend(frameon=False, fontsize="small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
     axes.grid(alpha=0.3)
     axes.set_title(_title(design), fontsize="medium")
+    return figure
+
+
+def plot_optimum(design: Design) -> Figure:
+    """Draw torque variation against error for the feasible loops, and the least error of any linear controller.
+
+    Both are those of one joint, the heaviest, at the middle of its inertia.
+    """
+    figure = StyledFigure(figsize=(8.5, 5.0), layout="constrained")
+    axes = figure.subplots()
+    plant, period = design.plants[0], design.law.period
+    joint = int(np.argmax(np.diag(design.shape)))
+    inertia = float(design.shape[joint, joint] / design.spread**0.5)
+    noise = float(measurement_deviation(design.sensor, design.law.n_joints)[joint])
+    chosen = design.optimum_distances[len(design.optimum_distances) // 2]
+    disturbance = noise * chosen.disturbance
+    per_change = (2 / np.pi) ** 0.5 * inertia / period
+
+    def points(members: list[Candidate]) -> tuple[list[float], list[float]]:
+        found = [
+            loop_deviations(loop.channel(), loop.inertia_scale * design.spread**0.5, noise, disturbance)
+            for loop in members
+        ]
+        return [per_change * loop.change for loop in found], [1e3 * loop.error for loop in found]
+
+    feasible = [loop for loop in design.candidates if loop.feasible]
+    for label, colour, marker, is_synchronised in (
+        ("literal", COLOURS[1], "s", False),
+        ("synchronised", COLOURS[0], "o", True),
+    ):
+        members = [loop for loop in feasible if loop.synchronised is is_synchronised]
+        if members:
+            axes.plot(*points(members), marker, ms=3.5, alpha=0.45, color=colour, ls="", label=label)
+    x, y = points([design.candidate])
+    axes.plot(x, y, label="chosen", **STAR)
+    changes, errors = optimal_front(
+        disturbance, noise=noise, period=period, delay=design.candidate.computation_delay, count=120
+    )
+    bound = np.array([per_change * changes, 1e3 * errors])
+    _log(axes, "x")
+    _log(axes, "y")
+    right, top = axes.get_xlim()[1], axes.get_ylim()[1]
+    shown = (bound[0] < right) & (bound[1] < top)
+    axes.plot(*bound[:, shown], color="black", lw=1.5, label="least error of any\nlinear controller")
+    _log(axes, "x")
+    _log(axes, "y")
+    unit = plant.torque_units[joint]
+    axes.set_xlabel(f"torque variation of {plant.joint_names[joint]} [{unit}/s]")
+    axes.set_ylabel(f"RMS error of {plant.joint_names[joint]} [m{plant.units[joint]}]")
+    axes.legend(frameon=False, fontsize="small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    axes.grid(alpha=0.3)
+    walk = inertia * disturbance / period**0.5
+    axes.set_title(
+        f"{_title(design)}\nencoder noise, and a torque that walks by {walk:.2g} {unit} in a second, RMS",
+        fontsize="medium",
+    )
     return figure
 
 
@@ -262,7 +320,11 @@ def _log(axes: Axes, which: str) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-FIGURES: dict[str, Callable[[Design], Figure]] = {"front": plot_front, "reach": plot_reach}
+FIGURES: dict[str, Callable[[Design], Figure]] = {
+    "front": plot_front,
+    "reach": plot_reach,
+    "optimum": plot_optimum,
+}
 
 MAX_MAP_WINDOW = 20
 """Longest window [periods] for which the law's figure is drawn: its map looks at longer ones still."""
