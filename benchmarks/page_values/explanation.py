@@ -1,10 +1,11 @@
 """Values of the pages on laws and estimators."""
 
 import re
+import shutil
 
 import numpy as np
 
-from benchmarks.page_values.registry import NO_VALUE, Value, run_page, source, table
+from benchmarks.page_values.registry import NO_VALUE, ROOT, Value, run_page, source, table
 
 CHAOTIC = 0.1
 """RMS error [rad] from which a run of the page on laws is chaotic, so that one digit is given."""
@@ -112,3 +113,16 @@ def grouped(value: float, digits: int = 4) -> str:
     """Return a number with significant digits, in groups of three from 10 000 on."""
     rounded = float(f"{value:.{digits}g}")
     return f"{rounded:,.0f}".replace(",", "\N{NO-BREAK SPACE}") if rounded >= 1e4 else f"{rounded:g}"
+
+
+@source
+def optimum_design() -> dict[str, Value]:
+    """Distance of the design on the page about the optimum; its figure is kept."""
+    page = run_page("explanation/optimum.md")
+    shutil.copy(page.folder / "optimum-design.png", ROOT / "docs" / "images" / "optimum-design.png")
+    rows = [
+        (f"{distance.inertia_ratio:.3g}", f"{distance.ratio:.3g}", f"{distance.change_ratio:.2g}")
+        for distance in page.names["design"].optimum_distances
+    ]
+    heads = ["inertia ratio", "error over the least", "torque variation over the least"]
+    return {"distances": table(heads, rows)}

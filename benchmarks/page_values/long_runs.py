@@ -74,3 +74,39 @@ def _picks(picks: Path, designs: Path) -> str:
 def _rows(file: Path) -> list[dict[str, str]]:
     with file.open(encoding="utf-8") as lines:
         return list(csv.DictReader(lines))
+
+
+@long_source
+def optimum() -> dict[str, Value]:
+    """Errors of laws with their best parameters over the least ones; the page's figure is drawn too."""
+    from benchmarks import optimum as search
+
+    found = search.rows()
+    search.figure(found).savefig(ROOT / "docs" / "images" / "optimum.png", dpi=110)
+    names = [kind.name for kind in search.KINDS]
+    laws = [
+        (
+            f"{row.walk:g}",
+            f"{row.budget:g}",
+            f"{row.least / search.NOISE:.3g}",
+            *(f"{row.over(name):.2f}" for name in names),
+        )
+        for row in found
+    ]
+    free = [
+        (
+            f"{row.walk:g}",
+            f"{row.budget:g}",
+            f"{row.laws[search.LITERAL].window}",
+            f"{row.over(search.LITERAL):.3f}",
+            f"{row.free:.3f}",
+            f"{row.law_spread:.2g}",
+            f"{row.free_spread:.2g}",
+        )
+        for row in found
+    ]
+    units = ["walk [rad/s²]", "change [rad/s²]"]
+    return {
+        "laws": table([*units, "least error / σ", *names], laws),
+        "free": table([*units, "window", "polynomial", "free", "spread, polynomial", "spread, free"], free),
+    }

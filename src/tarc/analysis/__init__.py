@@ -2,17 +2,35 @@
 
 from tarc.analysis.inertia_ratio import InertiaSpread, inertia_spread
 from tarc.analysis.inertia_shape import best_inertia_shape
+from tarc.analysis.optimum import (
+    LoopDeviations,
+    OptimumDistance,
+    distance_from_optimum,
+    law_distances,
+    least_change,
+    least_error,
+    loop_deviations,
+    optimal_front,
+)
 from tarc.analysis.stability import stable_interval, stable_intervals
 from tarc.analysis.workspace import Workspace
 from tarc.numerics.norms import h2_norm, hinf_norm
 
 __all__ = [
     "InertiaSpread",
+    "LoopDeviations",
+    "OptimumDistance",
     "Workspace",
     "best_inertia_shape",
+    "distance_from_optimum",
     "h2_norm",
     "hinf_norm",
     "inertia_spread",
+    "law_distances",
+    "least_change",
+    "least_error",
+    "loop_deviations",
+    "optimal_front",
     "stable_interval",
     "stable_intervals",
 ]

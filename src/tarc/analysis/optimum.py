@@ -1,14 +1,15 @@
 """The least error that any linear controller of one joint can have at a given torque variation, and the distance to it.
 
 One joint of known inertia is q̈ = a + d with the acceleration a by its torque, held over each period T. The disturbing
-acceleration d is a random walk with steps of RMS w at the sampling instants. The position is measured with white noise of
-RMS σ, and the torque of a period may use its first sample. Linear controllers that minimise the variance of the position
-plus a weight times that of the change of a are those of LQG. So no other linear controller has less of both.
+acceleration d is a random walk with steps of RMS w at the sampling instants. The position is measured with white noise
+of RMS σ, and the torque of a period may use its first sample. The linear controllers that minimise the variance of the
+position plus a weight times that of the change of a are those of LQG. No other linear controller has less of both.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -16,10 +17,12 @@ from tarc.analysis.linearise import Channel, decoupled_channels
 from tarc.core import validation as check
 from tarc.core.types import Array
 from tarc.laws.base import Law
-from tarc.numerics.norms import h2_norm
+from tarc.numerics.norms import balance
 
 INTEGRAL_TOLERANCE = 1e-6
 """Largest position after a lasting step of d, over that of a loop without integral action, which counts as none."""
+EDGE = 1e-9
+"""Distance from the unit circle within which an eigenvalue counts as outside."""
 MAX_LOG_WEIGHT = 38.0
 """Natural logarithm of the largest weight on the change of a, in the units of `optimal_loop`."""
 
@@ -89,23 +92,26 @@ def loop_deviations(channel: Channel, ratio: float, noise: float, disturbance: f
         w [rad/s² or m/s²].
     """
     A, B, C, _, _ = channel.closed_loop(ratio)
-    if np.max(np.abs(np.linalg.eigvals(A))) >= 1:
+    if np.max(np.abs(np.linalg.eigvals(A))) >= 1 - EDGE:
         return LoopDeviations(np.inf, np.inf)
     settled = np.linalg.solve(np.eye(len(A)) - A, B)
     from_noise = ratio * B @ channel.D
     from_noise[2:] += channel.G
     # the last state is the former v, without what the step of d adds to it
     A_full = np.block([[A, np.zeros((len(A), 1))], [C, np.zeros((1, 1))]])
-    inputs = np.block(
-        [[noise * from_noise, -disturbance * settled], [noise * channel.D, -disturbance * C @ settled]]
-    )
-    to_change = ratio * np.hstack([C, [[-1.0]]])
-    direct = np.hstack([noise * ratio * channel.D, [[0.0]]])
-    change = h2_norm(A_full, inputs, to_change, direct)
+    inputs = np.block([[noise * from_noise, -disturbance * settled], [noise * channel.D, -disturbance * C @ settled]])
+    outputs = np.vstack([np.eye(1, len(A_full)), ratio * np.hstack([C, [[-1.0]]])])
+    A_full, inputs, outputs = balance(A_full, inputs, outputs)
+    X = _covariance(A_full, inputs)
+    direct = noise * ratio * channel.D.item()
+    variances = np.diag(outputs @ X @ outputs.T)
+    if not np.all(variances >= 0):  # so near the edge of stability that rounding spoils the equation
+        return LoopDeviations(np.inf, np.inf)
+    error, change = np.sqrt(variances + np.array([0.0, direct**2]))
     scale = channel.period**2 + abs((B[0] / max(ratio, 1e-300)).item())
     if disturbance and abs(settled[0, 0]) > INTEGRAL_TOLERANCE * max(scale, float(np.max(np.abs(settled)))):
-        return LoopDeviations(np.inf, change)
-    return LoopDeviations(h2_norm(A_full, inputs, np.eye(1, len(A_full)), np.zeros((1, 2))), change)
+        return LoopDeviations(np.inf, float(change))
+    return LoopDeviations(float(error), float(change))
 
 
 def optimal_loop(disturbance: float, weight: float, delay: int = 0) -> tuple[float, float]:
@@ -266,7 +272,8 @@ def _least_other(disturbance: float, value: float, delay: int, given: int) -> fl
         return values(low)[0] if given else np.inf
     if excess(high) < 0:
         return np.inf if given else 0.0
-    return values(float(brentq(excess, low, high, xtol=1e-4)))[1 - given]
+    root: Any = brentq(excess, low, high, xtol=1e-4)
+    return values(float(root))[1 - given]
 
 
 def distance_from_optimum(
@@ -297,7 +304,8 @@ def distance_from_optimum(
         return OptimumDistance(np.inf, np.inf, loop, np.nan, noise, float(disturbance), float(ratio))
     problem = {"noise": noise, "disturbance": disturbance, "period": channel.period, "delay": delay}
     least = least_error(loop.change, **problem)
-    change_ratio = loop.change / least_change(loop.error, **problem)
+    change = least_change(loop.error, **problem)
+    change_ratio = loop.change / change if change else np.inf
     return OptimumDistance(loop.error / least, change_ratio, loop, least, noise, disturbance, float(ratio))
 
 

@@ -3,7 +3,7 @@
 import shlex
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -63,7 +63,9 @@ def tune(
 ) -> None:
     """Search the gains of laws for the least RMS error under a limit on torque variation, the same for all laws.
 
-    It prints the limits and the score of each law, the mean log RMS error.
+    It prints the limits, the score of each law, the mean log RMS error, and
+    the law's error and torque variation over those of the best linear
+    controller for the same encoder noise and inertia.
     It names the scenarios in which a law is unstable at rest, and writes
     the gains as YAML.
 
@@ -97,10 +99,22 @@ def tune(
     }
     with writing("--out", out):
         out.write_text(write_yaml(content), encoding="utf-8")
-    for name, (_, score) in sorted(tuned.items(), key=lambda item: (item[0] in unstable, item[1][1])):
-        mark = f"   unstable at rest in {', '.join(unstable[name])}" if name in unstable else ""
-        print(f"{name:20} {score:8.3f}{mark}")
+    _print_scores(tuned, unstable, training[0])
     print(f"written: {out}")
+
+
+def _print_scores(
+    tuned: "dict[str, tuple[dict[str, Any], float]]", unstable: dict[str, list[str]], scenario: "Scenario"
+) -> None:
+    """Print each law's score and its distance from the best linear controller, the best law first."""
+    from tarc.study.tuning import optimum_distance
+
+    print(f"{'law':24} {'score':>8}  over the best linear controller in {scenario.name}: error, torque variation")
+    for name, (law, score) in sorted(tuned.items(), key=lambda item: (item[0] in unstable, item[1][1])):
+        distance = optimum_distance(law, scenario)
+        over = "–" if distance is None else f"{distance.ratio:.3g}, {distance.change_ratio:.3g}"
+        mark = f"   unstable at rest in {', '.join(unstable[name])}" if name in unstable else ""
+        print(f"{name:24} {score:8.3f}  {over:14}{mark}".rstrip())
 
 
 def own_space(law: str, ranges: list[str]) -> "dict[str, SearchSpace]":

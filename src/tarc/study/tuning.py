@@ -10,8 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from tarc.analysis.inertia_ratio import inverse_ratios
+from tarc.analysis.linearise import require_inertia
+from tarc.analysis.optimum import OptimumDistance, law_distances
 from tarc.core import validation as check
-from tarc.core.errors import DesignWarning, InvalidParameter, JointLimitWarning
+from tarc.core.errors import DesignWarning, InvalidParameter, JointLimitWarning, NotLinearisable, UnsupportedLaw
 from tarc.core.optional import require
 from tarc.core.progress import Progress
 from tarc.scenario.model import Scenario
@@ -19,12 +22,16 @@ from tarc.simulation.run import Run
 from tarc.study.comparison import check_comparable, run_one
 from tarc.study.search_space import MODEL_SPACES, SPACES, SearchSpace
 
-FAILURE_SCORE = 20.0
+FAILURE_SCORE = 60.0
 """Objective of a run that did not complete, above that of any that did."""
 INSTABILITY = 10.0
 """Added to the objective of a loop that is unstable at rest in a posture of the reference."""
 PENALTY = 5.0
 """Factor of log(torque variation / limit) in the objective, where the limit is exceeded."""
+
+
+REFERENCE_POSTURES = 40
+"""Postures of the reference over which an inertia ratio is averaged."""
 
 
 def default_search_spaces() -> dict[str, SearchSpace]:
@@ -132,6 +139,23 @@ def unstable_scenarios(law: dict[str, Any], scenarios: Sequence[Scenario]) -> li
         if isinstance(result, Run) and result.instability:
             names.append(scenario.name)
     return names
+
+
+def optimum_distance(law: dict[str, Any], scenario: Scenario) -> OptimumDistance | None:
+    """Return how far a law is from the best linear controller, at the mean inertia along the reference.
+
+    None for a law without a loop of single joints, such as one with coupled gains or with a nonlinear estimator.
+    """
+    built = Scenario.parse({**scenario.model_dump(), "law": law}).build()
+    (tuned,) = built.laws.values()
+    positions, _, _ = built.reference.sample(np.linspace(0.0, scenario.duration, REFERENCE_POSTURES))
+    try:
+        tuned = require_inertia(tuned, "its distance from the optimum")
+        inertias = np.array([built.plant.inertia(position) for position in positions.T])
+        ratio = float(np.exp(-np.mean(np.log(inverse_ratios(inertias, tuned.M)))))
+        return max(law_distances(tuned, [ratio]), key=lambda distance: distance.ratio, default=None)
+    except (UnsupportedLaw, NotLinearisable):
+        return None
 
 
 def _fits(space: SearchSpace, scenario: Scenario) -> bool:

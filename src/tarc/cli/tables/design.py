@@ -111,6 +111,7 @@ def print_design(design: Design, trial: StressRun, predicted: float, files: list
 
 def _print_distance(console: Console, design: Design) -> None:
     """Print how far the loop is from the best linear controller."""
+
     def span(values: list[float]) -> str:
         return f"{min(values):.3g} to {max(values):.3g}" if min(values) < max(values) else f"{min(values):.3g}"
 
