@@ -98,27 +98,46 @@ def refused_design() -> str:
 @source
 def real_task() -> dict[str, Value]:
     """Verdict and run of a pick-and-place with TIAGo's arm; its figure is written too."""
-    page = "start/real-task.md"
-    arm = [f"arm_{number}_joint" for number in range(1, 8)]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        data = Path(sysconfig.get_path("purelib"), "cmeel.prefix", "share", "example-robot-data")
-        shutil.copy(data / "robots/tiago_description/robots/tiago.urdf", folder)
-        (folder / "pick.yaml").write_text(yaml_block(page, "joint_names"), encoding="utf-8")
-        designed = command(
-            "tarc design tiago.urdf --trajectory pick.yaml --payload 0 1 --armature 0.03 "
-            f"--joints {','.join(arm)} -o design.yaml --no-figures",
-            folder,
-        )
-        scenario = folder / "design.yaml"
-        kept, _, _ = scenario.read_text(encoding="utf-8").partition("disturbance:")
-        end = "initial_torque: rest\nmetrics_start: 1.0\n"
-        scenario.write_text(kept + yaml_block(page, "disturbance:") + end, encoding="utf-8")
+        designed = _design_real_task(folder)
         ran = command("tarc run design.yaml", folder)
         (figure,) = folder.glob("runs/*/tracking.png")
         shutil.copy(figure, ROOT / "docs" / "images" / "real-task.png")
     verdict = designed[designed.index("certified: ") :]
     return {"design": text_block(verdict), "run": text_block(ran)}
+
+
+@long_source
+def real_task_laws() -> dict[str, Value]:
+    """Gains of five laws for the pick-and-place, and their errors; the figure of both is written too."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        _design_real_task(folder)
+        laws = "pid,pd-gravity,computed-torque-integral,tdc,tarc"
+        tuned = command(f"tarc tune design.yaml --laws {laws}", folder)
+        compared = command("tarc compare design.yaml --gains gains.yaml --out compared", folder)
+        shutil.copy(folder / "compared" / "plane.png", ROOT / "docs" / "images" / "real-task-laws.png")
+    return {"tune": text_block(tuned), "compare": text_block(compared)}
+
+
+def _design_real_task(folder: Path) -> str:
+    """Write the pick-and-place of the page into a folder, and return what the design prints."""
+    page = "start/real-task.md"
+    arm = [f"arm_{number}_joint" for number in range(1, 8)]
+    data = Path(sysconfig.get_path("purelib"), "cmeel.prefix", "share", "example-robot-data")
+    shutil.copy(data / "robots/tiago_description/robots/tiago.urdf", folder)
+    (folder / "pick.yaml").write_text(yaml_block(page, "joint_names"), encoding="utf-8")
+    designed = command(
+        "tarc design tiago.urdf --trajectory pick.yaml --payload 0 1 --armature 0.03 "
+        f"--joints {','.join(arm)} -o design.yaml --no-figures",
+        folder,
+    )
+    scenario = folder / "design.yaml"
+    kept, _, _ = scenario.read_text(encoding="utf-8").partition("disturbance:")
+    end = "initial_torque: rest\nmetrics_start: 1.0\n"
+    scenario.write_text(kept + yaml_block(page, "disturbance:") + end, encoding="utf-8")
+    return designed
 
 
 @source

@@ -16,6 +16,7 @@ from tarc.cli.replay import replay
 from tarc.cli.run import run
 from tarc.cli.show import show
 from tarc.cli.tune import tune
+from tarc.cli.verify import verify
 from tarc.core.errors import TarcError
 from tarc.core.version import __version__
 
@@ -30,7 +31,7 @@ app = typer.Typer(
     add_completion=False,
 )
 
-for command in (run, demo, certify, design, compare, tune, replay, identify, show):
+for command in (run, demo, certify, verify, design, compare, tune, replay, identify, show):
     app.command()(command)
 
 
