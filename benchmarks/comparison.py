@@ -32,6 +32,10 @@ SCENARIOS = (
 MEASURES = {"rms_error": ("RMS error [mrad or mm]", 1e3), "torque_variation": ("torque variation [N m/s or N/s]", 1.0)}
 
 
+UNSTABLE = "°"
+"""Mark of a loop that is unstable at rest in a posture of the reference."""
+
+
 def run_all(laws: list[str], jobs: int | None = None) -> dict[str, Comparison]:
     """All laws in all scenarios."""
     return {name: compare(Scenario.load(name), laws, jobs=jobs) for name in SCENARIOS}
@@ -56,7 +60,8 @@ def cell(comparison: Comparison, law: str, measure: str, scale: float) -> str:
     if law in comparison.failures:
         return "–"
     value = comparison.measures[law].get(measure)
-    return "diverged" if value is None else f"{scale * value:.3g}"
+    mark = UNSTABLE if law in comparison.unstable and measure == "rms_error" else ""
+    return "diverged" if value is None else f"{scale * value:.3g}{mark}"
 
 
 def markdown(found: dict[str, Comparison], laws: list[str]) -> str:

@@ -106,12 +106,13 @@ class Best(NamedTuple):
     channel: Channel
 
 
-def best_loop(kind: Kind, walk: float, budget: float) -> Best:
+def best_loop(kind: Kind, walk: float, budget: float, former: Best | None = None) -> Best:
     """Return the loop with the least error whose RMS change of acceleration is within the budget.
 
-    For each degree the windows are tried from short to long, each from where the search for the one before ended.
+    For each degree the windows are tried from short to long, each from where the search for the one before ended. The
+    best loop of a smaller budget is a start as well.
     """
-    found: list[Best] = []
+    found: list[Best] = [] if former is None else [former]
     for degree in kind.degrees:
         starts = [np.log([ratio, pace * kind.start[0], *kind.start[1:]]) for ratio, pace in STARTS]
         for window in kind.windows:
@@ -120,7 +121,7 @@ def best_loop(kind: Kind, walk: float, budget: float) -> Best:
             best = _search(kind, window, degree, walk, budget, starts)
             if best is not None:
                 found.append(best)
-                starts = [np.log([best.ratio, *best.values])]
+                starts = [np.log([one.ratio, *one.values]) for one in (best, former) if one is not None]
     return min(found, key=lambda best: best.error)
 
 
@@ -235,10 +236,11 @@ def rows(walks: Sequence[float] = WALKS, budgets: Sequence[float] = BUDGETS) -> 
     found = []
     with Progress("searching the best loops", len(walks) * len(budgets) * len(KINDS)) as bar:
         for walk in walks:
-            for budget in budgets:
-                laws = {}
+            laws: dict[str, Best] = {}
+            for budget in sorted(budgets):
+                laws = dict(laws)
                 for kind in KINDS:
-                    laws[kind.name] = best_loop(kind, walk, budget)
+                    laws[kind.name] = best_loop(kind, walk, budget, laws.get(kind.name))
                     bar.advance()
                 literal = laws[LITERAL]
                 least = least_error(budget, noise=NOISE, disturbance=walk, period=PERIOD)
