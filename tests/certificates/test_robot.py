@@ -198,6 +198,7 @@ def test_ur5e():
     assert away.max() > 1e-4
 
 
+@pytest.mark.slow
 def test_ur5e_certified_survives_fast_motion():
     arm = plants.MujocoPlant.from_file("ur5e", armature=0.1)
     box = Workspace.box(arm.home - 0.5, arm.home + 0.5)

@@ -354,6 +354,7 @@ def test_figures_of_a_single_joint(tmp_path):
     assert "white line" not in made.plot("reach").get_suptitle()
 
 
+@pytest.mark.slow
 def test_limits_are_asked_for(designed_folder, monkeypatch):
     folder, _ = designed_folder
     answer = {"payload": StressLimit(name="payload", value=2.5, verdict="certified with a margin of 1 %")}

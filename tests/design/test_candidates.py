@@ -278,6 +278,7 @@ def test_candidates_are_all_combinations_that_make_a_law():
     assert one.estimator.window == pytest.approx(one.window * 2e-3)
 
 
+@pytest.mark.slow
 def test_more_is_asked_for_fewer_do():
     trials = enumerate_candidates(PERIOD, natural_frequencies=[10.0, 40.0], windows=[4, 8, 15, 25])
     steps = []

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from slow_cases import slow
 from tarc import TarcError, plants, signals, simulate
 from tarc.core.errors import NotIdentifiable
 from tarc.design import IdentifiedInertia, excitation_reference, identify, inertia_from_data, inertia_from_file
@@ -117,7 +118,7 @@ def test_two_link_arm(coulomb):
     assert np.all((diagonal > 0.95) & (diagonal < 1.05))
 
 
-@pytest.mark.parametrize("robot", [ur5e, panda])
+@pytest.mark.parametrize("robot", [ur5e, slow(panda)])
 def test_robots_with_friction_and_encoders(robot):
     plant = robot()
     motion = excitation_reference(plant.home)

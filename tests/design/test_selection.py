@@ -98,6 +98,7 @@ def design_with_rate(monkeypatch):
     return lambda rate: design_controller(ARM, torque_limits=LIMITS, samples=50, progress=False, torque_rate=rate)
 
 
+@pytest.mark.slow
 def test_a_limit_of_the_torque_rate_is_kept_by_the_trial_run(design_with_rate):
     usual = design_with_rate(np.inf)
     limit = 0.5 * try_design(usual).torque_rate

@@ -10,6 +10,7 @@ import pytest
 from scipy.optimize import brentq
 
 from law_catalogue import KNOWN_RANGES, agrees_to_digits, make_tdc
+from slow_cases import slow
 from tarc import plants, signals
 from tarc.control.digital_controller import DigitalController
 from tarc.core.tracing import trace
@@ -33,7 +34,7 @@ def spectral_radius(ratio, window, synchronised, delay=0, known=False):
 
 @pytest.mark.parametrize(
     ("window", "synchronised", "low", "high"),
-    [*KNOWN_RANGES, (100, True, 0.128, 1.426), (200, True, 0.155, 0.875)],
+    [*KNOWN_RANGES, slow(100, True, 0.128, 1.426), slow(200, True, 0.155, 0.875)],
 )
 def test_stable_interval(window, synchronised, low, high):
     def beyond(ratio):

@@ -31,6 +31,7 @@ def test_runs_are_those_of_the_scenario_with_that_law():
     assert found.measures["tdc"]["rms_error"] == alone["TDC"].metrics(start_time=0.4)["rms_error"]
 
 
+@pytest.mark.slow
 def test_processes_give_what_one_process_gives():
     one, two = (compare(short_scenario(), ["tarc", "tdc"], jobs=jobs) for jobs in (1, 2))
     assert list(one.runs) == list(two.runs) == ["tarc", "tdc"]

@@ -9,7 +9,7 @@ from tarc.study import compare, tuned_laws
 
 LAWS = list(tuned_laws())
 SCENARIOS = [name for name in shipped_scenarios() if name != "ur5e" and not name.startswith("train_")]
-LONG = {"ur5e_load", "underwater"}
+LONG = {"ur5e_load", "underwater", "panda_multisine", "wheeled_figure_eight"}
 KNOWN_TO_DIVERGE = {"tdc-difference", "tdc-differentiator"}
 
 

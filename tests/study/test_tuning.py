@@ -29,7 +29,7 @@ def test_finds_what_a_sweep_finds():
     one = training_scenario()
     limit = 1500.0
     sweep = [objective(one, TDC.law({"natural_frequency": b}, 1e-3), limit) for b in np.geomspace(3.0, 40.0, 40)]
-    law, score = tune(TDC, [one], [limit], trials=25, progress=False)
+    law, score = tune(TDC, [one], [limit], trials=40, progress=False)
     assert score <= min(sweep) + 0.1
     assert objective(one, law, limit) == pytest.approx(score, abs=0.02)
 

@@ -12,6 +12,7 @@ from tarc.analysis.optimum import (
     loop_deviations,
     optimal_front,
 )
+from tarc.analysis.proven_spread import ProvenSpread, prove_inertia_spread
 from tarc.analysis.stability import stable_interval, stable_intervals
 from tarc.analysis.workspace import Workspace
 from tarc.numerics.norms import h2_norm, hinf_norm
@@ -20,6 +21,7 @@ __all__ = [
     "InertiaSpread",
     "LoopDeviations",
     "OptimumDistance",
+    "ProvenSpread",
     "Workspace",
     "best_inertia_shape",
     "distance_from_optimum",
@@ -31,6 +33,7 @@ __all__ = [
     "least_error",
     "loop_deviations",
     "optimal_front",
+    "prove_inertia_spread",
     "stable_interval",
     "stable_intervals",
 ]
