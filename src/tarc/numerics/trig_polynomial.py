@@ -1,4 +1,4 @@
-"""Symmetric matrices whose entries are trigonometric polynomials, and proofs that their eigenvalues stay below a bound."""
+"""Symmetric matrices of trigonometric polynomials, and proofs that their eigenvalues stay below a bound."""
 
 import time
 from collections.abc import Callable, Sequence
