@@ -78,7 +78,7 @@ def loop_deviations(channel: Channel, ratio: float, noise: float, disturbance: f
     """Return the RMS position and the RMS change of acceleration of a loop of one joint.
 
     In coordinates y − x∞ d the walk of d adds −x∞ times its step, with x∞ = (I − A)⁻¹B where the loop settles after a
-    lasting step. Both are infinite for an unstable loop, and the error is for one that does not settle at zero.
+    lasting step. Both are infinite for an unstable loop. The error is infinite where that is not at zero.
 
     Parameters
     ----------

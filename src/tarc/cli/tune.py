@@ -63,8 +63,8 @@ def tune(
 ) -> None:
     """Search the gains of laws for the least RMS error under a limit on torque variation, the same for all laws.
 
-    It prints the limits, the score of each law, the mean log RMS error, and
-    the law's error and torque variation over those of the best linear
+    It prints the limits, and the score of each law, the mean log RMS error.
+    Beside it are error and torque variation over those of the best linear
     controller for the same encoder noise and inertia.
     It names the scenarios in which a law is unstable at rest, and writes
     the gains as YAML.
