@@ -52,16 +52,16 @@ def known_model() -> dict[str, Value]:
     laws = {
         "constant M̂, 20 rad/s": law(10, 20.0, 0.08),
         "constant M̂, 30 rad/s": law(10, 30.0, 0.08),
-        "M̂(q), 50 rad/s": law(14, 50.0, 0.075, model={}),
+        "M̂(q), 40 rad/s": law(14, 40.0, 0.08, model={}),
         "M̂(q), 60 rad/s": law(10, 60.0, 0.08, model={}),
         "constant M̂, 20 rad/s, feed-forward": law(10, 20.0, 0.08, feedforward=forward),
-        "M̂(q), 50 rad/s, 1.4 N m of dry friction known": law(14, 50.0, 0.075, model={"coulomb": 1.4}),
-        "M̂(q), 50 rad/s, 2.0 N m of dry friction known": law(14, 50.0, 0.075, model={"coulomb": 2.0}),
+        "M̂(q), 40 rad/s, 1.4 N m of dry friction known": law(14, 40.0, 0.08, model={"coulomb": 1.4}),
+        "M̂(q), 40 rad/s, 2.0 N m of dry friction known": law(14, 40.0, 0.08, model={"coulomb": 2.0}),
     }
     results = measured(laws)
     loops = {
         "constant M̂, 20 rad/s": law(10, 20.0, 0.08),
-        "M̂(q), 50 rad/s": law(14, 50.0, 0.075, model={}),
+        "M̂(q), 40 rad/s": law(14, 40.0, 0.08, model={}),
         "M̂(q), 30 rad/s, window of 24 ms": law(24, 30.0, 0.04, model={}),
     }
     exact = {"model": True, "friction_width": 0.01}
@@ -74,7 +74,7 @@ def known_model() -> dict[str, Value]:
         }
         found = measured(variants, disturbance=[], duration=10.0)
         windows.append((label, *(f"{1e3 * found[name]['rms_error']:.3g}" for name in variants)))
-    constant, known = (results[label] for label in ("constant M̂, 20 rad/s", "M̂(q), 50 rad/s"))
+    constant, known = (results[label] for label in ("constant M̂, 20 rad/s", "M̂(q), 40 rad/s"))
     return {
         "laws": table(heads, rows(results)),
         "same_window": table(

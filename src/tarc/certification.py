@@ -24,7 +24,7 @@ from tarc.analysis.workspace import Workspace
 from tarc.certificates.affine import AffineEvidence
 from tarc.certificates.base import Certificate, Evidence, certificate_from_plain
 from tarc.certificates.constant_ratio import ConstantRatioEvidence, certify_constant_ratio
-from tarc.certificates.known_inertia import KnownInertiaEvidence
+from tarc.certificates.known_inertia_evidence import KnownInertiaEvidence
 from tarc.certificates.robot import certify_robot, strengthen_robot
 from tarc.certificates.robot_evidence import RobotEvidence
 from tarc.certificates.sector import SectorEvidence, certify_sector

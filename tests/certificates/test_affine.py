@@ -82,7 +82,7 @@ def proof() -> AffineProof:
 def test_the_condition_on_a_dense_grid_without_balls(proof):
     ratios = proof.ratios
     forms = decrease(proof.loop, ratios, proof.matrices, proof.multipliers, proof.growth)
-    P0, P1, Q1, S, R = proof.matrices
+    P0, P1, Q1, S, R, _ = proof.matrices
     for form in (S - P1, S + P1, R - Q1, R + Q1):
         assert np.linalg.eigvalsh(form)[0] > 0
     for ratio in np.geomspace(ratios.min_ratio, ratios.max_ratio, 500):
@@ -112,7 +112,7 @@ def step(proof: AffineProof, x: np.ndarray, z: np.ndarray, E: list[np.ndarray], 
 
 
 def value(proof: AffineProof, x: np.ndarray, z: np.ndarray, E: np.ndarray) -> float:
-    P0, P1, Q1, _, _ = proof.matrices
+    P0, P1, Q1 = proof.matrices[:3]
     xi = np.concatenate([x, z - proof.loop.projection @ x])
     plain = np.sum(z * (P0 @ z)) + np.sum(z * ((P1 + Q1) @ z @ np.linalg.inv(E)))
     return float(plain + proof.multipliers.error * np.sum(xi * (proof.loop.storage @ xi)))

@@ -75,14 +75,23 @@ class AffineProof:
         def decreases() -> bool:
             return is_definite_on(decrease(*arguments, BALLS), ends)
 
-        return decide(self._is_positive) and self.loop.error_is_bounded(self.growth) and decide(decreases)
+        return (
+            decide(self._is_positive)
+            and self.loop.error_is_bounded(error_growth(self.growth, ratios))
+            and decide(decreases)
+        )
 
     def _is_positive(self) -> bool:
-        """Return whether V, S ± P1 and R ± Q1 are proven positive definite; P0 + (P1 + Q1)/λ is affine in 1/λ."""
-        P0, P1, Q1, S, R = (BALLS.matrix(part) for part in self.matrices)
+        """Return whether V, S ± P1, R ± Q1, and S0 ± P0 for M̂(q), are proven positive definite.
+
+        P0 + (P1 + Q1)/λ is affine in 1/λ.
+        """
+        P0, P1, Q1, S, R, S0 = (BALLS.matrix(part) for part in self.matrices)
         ends = self.ratios.min_ratio, self.ratios.max_ratio
         forms = [P0 * BALLS.number(ratio) + P1 + Q1 for ratio in ends]
-        return all(is_positive_definite(form) for form in (*forms, S + P1, S - P1, R + Q1, R - Q1))
+        forms += [S + P1, S - P1, R + Q1, R - Q1]
+        forms += [S0 + P0, S0 - P0] if self.ratios.nominal_rate > 0 else []
+        return all(is_positive_definite(form) for form in forms)
 
     def _is_consistent(self) -> bool:
         """Return whether all numbers are finite and in range, and the inputs of the loop are those of a held torque."""
@@ -92,6 +101,7 @@ class AffineProof:
             0 < ratios.min_ratio <= ratios.max_ratio < np.inf
             and 0 <= ratios.rate < np.inf
             and 0 <= ratios.relative_rate < np.inf
+            and 0 <= ratios.nominal_rate < np.inf
             and 0 < ratios.period < np.inf
             and 1 <= self.growth < np.inf
             and full.centre > 0
@@ -113,6 +123,11 @@ class AffineProof:
         return (
             len(lengths) == 1 and has_position and shapes == {(n_states, n_states)} and _inputs_are_held(full, ratios)
         )
+
+
+def error_growth(growth: float, ratios: RatioSet) -> float:
+    """Return e^{αT + rT/2}, since the storage of the reduced loop's error has M̂, which grows by e^{rT} a period."""
+    return growth * (1 + ratios.max_nominal_change) ** 0.5
 
 
 def _inputs_are_held(full: CentredLoop, ratios: RatioSet) -> bool:
@@ -337,7 +352,7 @@ def _fastest_decay(candidate: AffineCandidate, ratios: RatioSet, slowest: float)
         forms = decrease(loop, ratios, matrices, multipliers, growth)
         if definite_pieces(forms, ratios.min_ratio, ratios.max_ratio) is None:
             continue
-        stored = loop.with_storage(growth)
+        stored = loop.with_storage(error_growth(growth, ratios))
         if stored is None:
             continue
         proof = AffineProof(loop=stored, ratios=ratios, matrices=matrices, multipliers=multipliers, growth=growth)

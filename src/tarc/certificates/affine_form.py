@@ -6,6 +6,9 @@ For V = Σ xᵀ (P0⊗I + P1⊗J) x, J = E⁻¹, everything decouples into the e
     F(λ) = λ xᵀP(λ)x − e^{2αT} λ x⁺ᵀ(P(λ) + s S + r R/λ)x⁺ − λ (multipliers times what the uncertain signals satisfy)
 
 A change of J adds P1⊗ΔJ to V. With P1 in two parts, S ± P1' ⪰ 0 and R ± P1'' ⪰ 0, that is at most S⊗s I + R⊗r J.
+
+For M̂(q), V = Σ xᵀ (P0⊗M̂ + P1⊗M) x. In coordinates M̂^½ q that is the same, and a change of M̂ adds at most S0⊗s0 I,
+S0 ± P0 ⪰ 0.
 """
 
 from dataclasses import dataclass
@@ -46,6 +49,8 @@ class RatioSet:
         p_i of 0, ½ or 1, θ_i [s], and for each the largest κ = ‖E^−p [H, C/θ]‖ [1/s²], shape (k,).
     shares
         β_i, by which each of these bounds is split between the position and the acceleration, shape (k,).
+    nominal_rate
+        Largest ‖M̂^−½ (dM̂/dt) M̂^−½‖ [1/s] of an M̂ that follows the posture; zero for a constant one.
     """
 
     min_ratio: float
@@ -58,6 +63,7 @@ class RatioSet:
     lead_times: Array
     stiffness: Array
     shares: Array
+    nominal_rate: float = 0.0
 
     @property
     def condition(self) -> float:
@@ -87,6 +93,11 @@ class RatioSet:
     def max_relative_change(self) -> float:
         """r: ±ΔĒ⁻¹ ⪯ r Ē⁻¹ from one period to the next."""
         return float(np.expm1(self.relative_rate * self.period)) * ROUNDING_ROOM
+
+    @property
+    def max_nominal_change(self) -> float:
+        """s0: ±ΔM̂ ⪯ s0 M̂ from one period to the next."""
+        return float(np.expm1(self.nominal_rate * self.period)) * ROUNDING_ROOM
 
     def force_bounds(self) -> list[tuple[float, float, float]]:
         """Return a, (θ/T)² and b of each bound on k, where E k is the acceleration by stiffness and damping.
@@ -256,6 +267,8 @@ class LyapunovMatrices(NamedTuple):
         Symmetric matrices.
     S, R
         S ± P1 and R ± Q1 are positive definite.
+    S0
+        S0 ± P0 is positive definite; zero for a constant M̂.
     """
 
     P0: Array
@@ -263,6 +276,7 @@ class LyapunovMatrices(NamedTuple):
     Q1: Array
     S: Array
     R: Array
+    S0: Array
 
 
 def decrease(
@@ -290,9 +304,10 @@ def decrease(
     """
     number = arithmetic.number
     rows = signal_rows(loop, ratios, arithmetic)
-    P0, P1, Q1, S, R = (arithmetic.matrix(part) for part in matrices)
+    P0, P1, Q1, S, R, S0 = (arithmetic.matrix(part) for part in matrices)
     slopes = P1 + Q1
-    later = P0 + number(ratios.max_change) * S, slopes + number(ratios.max_relative_change) * R
+    changed = P0 + number(ratios.max_change) * S + number(ratios.max_nominal_change) * S0
+    later = changed, slopes + number(ratios.max_relative_change) * R
     constant, factor = rows.next_state
     forms = [product(rows.state.T, product(P, rows.state)) for P in (slopes, P0)]
     forms += [0 * forms[0], 0 * forms[0]]

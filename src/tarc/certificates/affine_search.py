@@ -112,7 +112,7 @@ def _local_minima(grid: Array, values: Array) -> list[float]:
 
 def _rescaled(candidate: AffineCandidate, ratio: float) -> ReducedLoop:
     """Return the loop in states in which the Lyapunov function at a ratio is the sum of squares."""
-    P0, P1, Q1, _, _ = candidate.matrices
+    P0, P1, Q1 = candidate.matrices[:3]
     values, vectors = np.linalg.eigh(P0 + (P1 + Q1) / ratio)
     values = np.maximum(values, MIN_EIGENVALUE_SHARE * values[-1])
     return candidate.loop.transformed((vectors * np.sqrt(values)).T, vectors / np.sqrt(values))
@@ -123,10 +123,11 @@ def _solve(loop: ReducedLoop, ratios: RatioSet, points: list[float]) -> tuple[Af
     import cvxpy as cp
 
     n_states, middle = len(loop.A), (ratios.min_ratio * ratios.max_ratio) ** 0.5
-    variables = [cp.Variable((n_states, n_states), symmetric=True) for _ in range(5 if _has_two_parts(ratios) else 3)]
-    P0, P1, S = variables[:3]
+    has_two_parts, has_model = _has_two_parts(ratios), ratios.nominal_rate > 0
+    is_used = [True, True, True, has_two_parts, has_two_parts, has_model]
+    variables = [cp.Variable((n_states, n_states), symmetric=True) if used else None for used in is_used]
     zero = cp.Constant(np.zeros((n_states, n_states)))
-    Q1, R = variables[3:] if len(variables) > 3 else (zero, zero)
+    P0, P1, S, Q1, R, S0 = (zero if variable is None else variable for variable in variables)
     margin = cp.Variable()
     rows = signal_rows(loop, ratios)
     error, forces, change, slope = constraint_forms(rows, loop, ratios)
@@ -139,29 +140,35 @@ def _solve(loop: ReducedLoop, ratios: RatioSet, points: list[float]) -> tuple[Af
     scale, strictness = np.where(is_state, 1.0, inputs), np.where(is_state, 1.0, INPUT_STRICTNESS)
     state = rows.state * scale
     constraints = [S - P1 >> 0, S + P1 >> 0, cp.trace(P0 + P1 + Q1) == n_states]
-    constraints += [R - Q1 >> 0, R + Q1 >> 0] if variables[3:] else []
+    constraints += [R - Q1 >> 0, R + Q1 >> 0] if has_two_parts else []
+    constraints += [S0 - P0 >> 0, S0 + P0 >> 0] if has_model else []
     constraints += [P0 + (P1 + Q1) * (middle / ratio) >> 0 for ratio in (ratios.min_ratio, ratios.max_ratio)]
     for ratio in points:
         later = (rows.next_state[0] + ratio * rows.next_state[1]) * scale
         P = P0 + (P1 + Q1) * (middle / ratio)
         change_of_P = ratios.max_change * middle * S + ratios.max_relative_change * (middle / ratio) * R
+        change_of_P = change_of_P + ratios.max_nominal_change * S0
         drop = state.T @ P @ state - later.T @ (P + change_of_P) @ later
         for i, (degree, coefficients) in enumerate(signals):
             form = evaluate(coefficients, ratio) / ratio**degree
             drop = drop - weights[i] * (form * scale * scale[:, None] / inputs**2)
         constraints.append(_symmetric(drop) >> margin * np.diag(strictness))
-    values = _values(cp.Problem(cp.Maximize(margin), constraints), weights, margin, *variables)
+    used = [variable for variable in variables if variable is not None]
+    values = _values(cp.Problem(cp.Maximize(margin), constraints), weights, margin, *used)
     if values is None:
         return None, 0.0
     weight_values, margin_value, *found = values
-    found += [np.zeros((n_states, n_states))] * (5 - len(found))
-    P0_value, P1_value, S_value, Q1_value, R_value = found
+    solved = iter(found)
+    P0_value, P1_value, S_value, Q1_value, R_value, S0_value = (
+        np.zeros((n_states, n_states)) if variable is None else next(solved) for variable in variables
+    )
     matrices = LyapunovMatrices(
         P0=P0_value,
         P1=middle * P1_value,
         Q1=middle * Q1_value,
         S=middle * _above(S_value, P1_value),
         R=middle * _above(R_value, Q1_value),
+        S0=_above(S0_value, P0_value) if has_model else S0_value,
     )
     weight_values = np.maximum(weight_values, 1e-12) / inputs**2
     multipliers = _named_weights(weight_values, len(forces), bool(change), bool(slope))

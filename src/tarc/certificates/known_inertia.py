@@ -1,207 +1,55 @@
 """The certificate of a law with M̂(q) on a robot: small gain with a norm that follows the posture."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import ClassVar, NamedTuple
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from tarc.analysis.inertia_ratio import as_plants
-from tarc.analysis.known_inertia import KnownInertia, to_posture_coordinates, worst_points
+from tarc.analysis.known_inertia import KnownInertia, worst_points
 from tarc.analysis.linearise import Channel, decoupled_channels, joints_share_loop, require_inertia
 from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS, OperatingPoint, UncertaintySamples
-from tarc.analysis.rest_stability import loop_with_model, rest_state_matrix
-from tarc.analysis.stability import UnstableMode, Witness, unstable_mode
+from tarc.analysis.rest_stability import loop_with_model
 from tarc.analysis.uncertain_loop import FrequencyResponses, System, UncertainLoop, scaled_system
 from tarc.analysis.workspace import Workspace
-from tarc.analysis.worst_points import inertia_rates, sample_points
-from tarc.certificates.base import Certificate, Evidence, Judgement, LoopMatrices, Verdict
-from tarc.certificates.robot_evidence import LinearisedPoint
+from tarc.analysis.worst_points import max_rate_point, sample_points
+from tarc.certificates.affine import AffineProof, find_proof
+from tarc.certificates.affine_form import RatioSet
+from tarc.certificates.base import Certificate, LoopMatrices, Verdict
+from tarc.certificates.known_inertia_evidence import (
+    MIN_MARGIN,
+    KnownInertiaEvidence,
+    KnownPoint,
+    KnownRatePoint,
+    RestLoop,
+    decayed_system,
+    widened_radius,
+)
+from tarc.certificates.robot_evidence import LinearisedPoint, MaxRatePoint
 from tarc.core.errors import InvalidParameter, UnsupportedLaw
 from tarc.core.formatting import format_vector
 from tarc.core.types import Array
 from tarc.laws.base import Law
 from tarc.laws.nominal_inertia import NominalInertia
 from tarc.laws.pole_placement import PolePlacement
-from tarc.numerics.matrix_tests import schur_stability
 from tarc.numerics.norms import hinf_norm
 from tarc.plants.base import Plant
-
-MIN_MARGIN = 0.05
-"""Share by which the radius must exceed the needed one, since the worst points come from samples and search."""
 
 LEAD_FACTORS = 0.5, 1.0
 """Lead times to try, over that at which damping counts as much as stiffness."""
 
+POWERS = 0.0, 0.5, 1.0
+"""Powers p of the bounds ‖E^−p [H, C/θ]‖ of the Lyapunov function."""
+
+FORCE_LEAD_FACTORS = 0.25, 0.5, 1.0, 2.0
+"""Lead times θ of these bounds, over that at which damping counts as much as stiffness."""
+
+ACCELERATION_SHARE = 0.01
+"""Share of these bounds that is left to the motion within a period."""
+
 SCALES = 12
 """Number of scales of the robust term's block that are tried."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class KnownPoint:
-    """A robot linearised in a posture, with the law's M̂(q) there.
-
-    Attributes
-    ----------
-    nominal
-        M̂(q), shape (n, n).
-    robot
-        M, D and G of the robot; G less the stiffness of the law's model, D without viscous friction.
-    """
-
-    nominal: Array
-    robot: LinearisedPoint
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class KnownRatePoint:
-    """The posture in which M̂(q) changes fastest.
-
-    Attributes
-    ----------
-    nominal, inertia_slopes
-        M̂ (n, n) and ∂M̂/∂q_i (n, n, n), the joint i first.
-    velocity_limits
-        Largest speed of each joint [rad/s or m/s], shape (n,).
-    """
-
-    nominal: Array
-    inertia_slopes: Array
-    velocity_limits: Array
-
-    def rate(self) -> float:
-        """Return the largest ‖M̂^−½ (dM̂/dt) M̂^−½‖ [1/s] there."""
-        return float(inertia_rates(self.nominal, self.inertia_slopes[None], self.velocity_limits)[0])
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RestLoop:
-    """The loop of all joints about a robot at rest, opened at its inertia ratio, and the robot.
-
-    Attributes
-    ----------
-    loop
-        The loop, with the stiffness of the law's model.
-    nominal
-        M̂(q), shape (n, n).
-    robot
-        M, D and G with viscous friction.
-    """
-
-    loop: LoopMatrices
-    nominal: Array
-    robot: LinearisedPoint
-
-    def state_matrix(self, period: float) -> Array:
-        """Return the state matrix of the closed loop."""
-        loop = self.loop.A, self.loop.B, self.loop.C
-        matrices = self.robot.inertia, self.robot.damping, self.robot.stiffness
-        return rest_state_matrix(loop, self.nominal, matrices, period)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class KnownInertiaEvidence(Evidence):
-    """Worst points of a robot under a law with M̂(q), and the ball that must contain them.
-
-    Attributes
-    ----------
-    period
-        T [s].
-    computation_delay
-        Periods between a measurement and its torque.
-    loop
-        The loop of one joint, opened at its inertia ratio.
-    centre, radius, position_weight
-        ρ0, δ and η [1/s²] of the ball.
-    scale
-        Scale of the robust term's block; None without one.
-    points
-        The robot linearised at its worst points, those of the extreme ratios first.
-    rate_point
-        Where M̂(q) changes fastest.
-    rest_loop
-        The loop at rest in a posture where it is unstable; None for none.
-    robust_term_is_bounded
-        Whether the slope of the robust term has a bound.
-    min_ratio, max_ratio
-        Smallest and largest eigenvalue of M(q)⁻¹M̂(q) at the points. `judge` does not use them.
-    samples
-        Number of sampled postures.
-    """
-
-    kind: ClassVar[str] = "known_inertia"
-    witness_type: ClassVar[type[Witness] | None] = UnstableMode
-
-    period: float
-    computation_delay: int
-    loop: UncertainLoop
-    centre: float
-    radius: float
-    position_weight: float
-    scale: float | None
-    points: tuple[KnownPoint, ...]
-    rate_point: KnownRatePoint
-    rest_loop: RestLoop | None
-    robust_term_is_bounded: bool
-    min_ratio: float
-    max_ratio: float
-    samples: int
-
-    @property
-    def ratio_spread(self) -> float:
-        """Largest by smallest inertia ratio."""
-        return self.max_ratio / self.min_ratio
-
-    @property
-    def rate(self) -> float:
-        """Largest ‖M̂^−½ (dM̂/dt) M̂^−½‖ [1/s]."""
-        return self.rate_point.rate()
-
-    def uncertainty(self) -> UncertaintySamples:
-        """Return E, H and C of the points in coordinates M̂(q)^½ q."""
-        nominal = np.array([point.nominal for point in self.points])
-        robots = [point.robot for point in self.points]
-        M, D, G = (np.array([getattr(robot, name) for robot in robots]) for name in ("inertia", "damping", "stiffness"))
-        return to_posture_coordinates(nominal, M, D, G)
-
-    def needed_radius(self) -> float:
-        """Return the radius of the points, with what M̂(q) changes until the torque has acted."""
-        return widened_radius(
-            self.uncertainty(),
-            (self.centre, self.position_weight, self.loop.lead_periods.item() * self.period),
-            self.rate * self.period,
-            self.computation_delay,
-        )
-
-    def judge(self) -> Judgement:
-        """Test the loop at rest for a mode that grows, then the radius and the decayed norm of the loop."""
-        if self.rest_loop is not None:
-            verdict, radius, mode = schur_stability(self.rest_loop.state_matrix(self.period))
-            if verdict == "refuted":
-                witness = unstable_mode(radius, mode, self.period)
-                return Judgement(
-                    Verdict.REFUTED, float(1 - radius), replace(witness, posture=self.rest_loop.robot.position)
-                )
-        uncertainty = self.uncertainty()
-        lead_time = self.loop.lead_periods.item() * self.period
-        has_stiffness = float(uncertainty.stiffness_norms(lead_time).max()) > NEGLIGIBLE_STIFFNESS
-        has_damping = float(np.abs(uncertainty.damping).max()) > NEGLIGIBLE_STIFFNESS
-        numbers = self.centre, self.radius, self.position_weight, lead_time, self.rate
-        is_complete = np.all(np.isfinite(numbers)) and self.radius > 0 and self.centre > 0
-        is_complete &= not has_stiffness or self.position_weight > 0
-        is_complete &= not has_damping or lead_time > 0
-        if not is_complete:
-            return Judgement(Verdict.INCONCLUSIVE, -1.0)
-        margin = self.radius / max(self.needed_radius(), self.centre / 1e3) - 1
-        certified = margin >= MIN_MARGIN and self.robust_term_is_bounded and self._is_proven()
-        return Judgement(Verdict.CERTIFIED if certified else Verdict.INCONCLUSIVE, float(margin))
-
-    def _is_proven(self) -> bool:
-        """Return whether the decayed loop is stable, and its norm shows the radius."""
-        system = decayed_system(self.loop, self.centre, self.position_weight, self.rate * self.period)
-        if schur_stability(system[0])[0] != "certified":
-            return False
-        return hinf_norm(*scaled_system(system, self.radius, self.scale)) < 1
 
 
 class _Ball(NamedTuple):
@@ -215,42 +63,6 @@ class _Ball(NamedTuple):
     loop: UncertainLoop
 
 
-def decayed_system(loop: UncertainLoop, centre: float, position_weight: float, growth: float) -> System:
-    """Return the loop with states that grow by e^{growth/2} in each period, as A, B, C, D.
-
-    If its norm is below 1/δ, a P exists with e^{growth} V(x⁺) < V(x) for all mismatches up to δ, V = xᵀ (P ⊗ M̂) x. Then
-    V decreases although M̂ grows by e^{growth} in a period.
-    """
-    A, B, C, D = loop.closed_loop(centre, position_weight)
-    factor = np.exp(growth / 2)
-    return factor * A, factor * B, C, D
-
-
-def widened_radius(
-    uncertainty: UncertaintySamples, ball: tuple[float, float, float], growth: float, computation_delay: int
-) -> float:
-    """Return the radius that contains points, and what M̂(q) changes until the torque has acted.
-
-    At the end of the period M̂ is e^{(1 + d) growth} times that of the torque at most, and the coordinates are those of
-    its start.
-
-    Parameters
-    ----------
-    uncertainty
-        The points.
-    ball
-        Centre ρ0, weight η [1/s²], lead time θ [s].
-    growth
-        Relative change of M̂ in one period.
-    computation_delay
-        d, periods between a measurement and its torque.
-    """
-    centre, weight, lead_time = ball
-    needed = uncertainty.needed_radius(centre, weight or np.inf, lead_time if weight else 0.0)
-    largest_ratio = float(np.linalg.eigvalsh(uncertainty.inertia).max())
-    return float(np.exp(growth) * (needed + largest_ratio * np.expm1((1 + computation_delay) * growth)))
-
-
 def certify_known_inertia(
     law: Law,
     plant: Plant | Sequence[Plant],
@@ -259,6 +71,8 @@ def certify_known_inertia(
     computation_delay: int = 0,
     samples: int = 1000,
     seed: int = 0,
+    quick: bool = False,
+    on_program: Callable[[], object] = lambda: None,
 ) -> Certificate[KnownInertiaEvidence]:
     """Certify a law with M̂(q) on a robot that moves within a workspace.
 
@@ -269,8 +83,10 @@ def certify_known_inertia(
 
         ‖[E − ρ0 I, H/η, C/(η θ)]‖ ≤ δ,     ‖T(e^{−rT/2} z)‖∞ < 1/δ,     r = sup ‖M̂^−½ (dM̂/dt) M̂^−½‖
 
-    with a margin of 5 %. T is the loop at ρ0 from an acceleration to (v, η q, η θ q̇), r the rate of M̂. The law is
-    refuted if the loop at rest in one of the worst postures is unstable.
+    with a margin of 5 %. T is the loop at ρ0 from an acceleration to (v, η q, η θ q̇), r the rate of M̂. Otherwise a
+    Lyapunov function V = xᵀ (P0 ⊗ M̂ + P1 ⊗ M) x is tried, as in `certify_affine`. Its P(λ) = P0 + P1/λ gains s0 S0 and
+    s1 S1/λ in a period, S0 ± P0 ⪰ 0, S1 ± P1 ⪰ 0, s0 and s1 the relative changes of M̂ and M. The law is refuted if the
+    loop at rest in one of the worst postures is unstable.
 
     Parameters
     ----------
@@ -284,6 +100,10 @@ def certify_known_inertia(
         Periods between a measurement and its torque.
     samples, seed
         Number of sampled postures, and the seed. Local searches start from the worst samples.
+    quick
+        Leave out that Lyapunov function, which takes seconds to a minute. It is for a computation delay of zero.
+    on_program
+        Called after each semidefinite program, to show progress.
 
     Returns
     -------
@@ -334,12 +154,64 @@ def certify_known_inertia(
         points=tuple(_stored_points(known, points, uncertainty, ball, lead_time)),
         rate_point=rate_point,
         rest_loop=_unstable_rest(law, known, points, ratios, computation_delay),
+        affine=None,
+        relative_rate_point=_relative_rate_point(plants, workspace, samples, seed),
         robust_term_is_bounded=is_bounded,
         min_ratio=float(ratios.min()),
         max_ratio=float(ratios.max()),
         samples=samples,
     )
+    if not quick and not computation_delay and is_bounded and evidence.judge().verdict == Verdict.INCONCLUSIVE:
+        proof = _affine_proof(channel, slope, evidence, uncertainty, on_program)
+        evidence = replace(evidence, affine=proof) if proof is not None else evidence
     return _certificate(law, evidence, workspace)
+
+
+def _relative_rate_point(plants: Sequence[Plant], workspace: Workspace, samples: int, seed: int) -> MaxRatePoint:
+    """Return where the robot's M changes fastest relative to itself."""
+    return MaxRatePoint.from_point(max_rate_point(plants, None, workspace, samples, seed), workspace)
+
+
+def _force_bounds(uncertainty: UncertaintySamples) -> list[tuple[float, float]]:
+    """Return powers p and lead times θ of the bounds ‖E^−p [H, C/θ]‖."""
+    return [
+        (power, factor * lead_time)
+        for power in POWERS
+        for lead_time in [uncertainty.force_lead_time(power)]
+        for factor in (FORCE_LEAD_FACTORS if lead_time else (0.0,))
+    ]
+
+
+def _affine_proof(
+    channel: Channel,
+    slope: float,
+    evidence: KnownInertiaEvidence,
+    uncertainty: UncertaintySamples,
+    on_program: Callable[[], object],
+) -> AffineProof | None:
+    """Return a Lyapunov function that covers the robot with the margin `MIN_MARGIN`; None where none was found."""
+    room = 1 + 1.1 * MIN_MARGIN
+    growth = float(np.exp(evidence.rate * evidence.period))
+    min_ratio, max_ratio = evidence.min_ratio / growth / room, evidence.max_ratio * growth * room
+    relative_rate = evidence.relative_rate_point.relative_rate() * room
+    bounds = _force_bounds(uncertainty)
+    norms = np.array([growth * uncertainty.force_norms(lead_time, power).max() * room for power, lead_time in bounds])
+    if not norms.max() > NEGLIGIBLE_STIFFNESS:
+        bounds, norms = [], norms[:0]
+    ratios = RatioSet(
+        min_ratio=min_ratio,
+        max_ratio=max_ratio,
+        rate=relative_rate / min_ratio,
+        relative_rate=relative_rate,
+        period=evidence.period,
+        intersample=True,
+        powers=np.array([power for power, _ in bounds]),
+        lead_times=np.array([lead_time for _, lead_time in bounds]),
+        stiffness=norms,
+        shares=np.full(len(bounds), ACCELERATION_SHARE),
+        nominal_rate=evidence.rate * room,
+    )
+    return find_proof(UncertainLoop.from_channel(channel, slope, intersample=True), ratios, on_program)
 
 
 def _known(law: PolePlacement) -> NominalInertia:
@@ -397,7 +269,9 @@ def _operating_points(
     largest = worst_points(resting, lambda some: _ratios(known, some)[:, -1], workspace, units)
     lead_time = known.uncertainty(points).lead_time()
     stiffest = worst_points(points, lambda some: known.uncertainty(some).stiffness_norms(lead_time), workspace, units)
-    return [*smallest, *largest, *stiffest, *points]
+    lead_time = known.uncertainty(points).force_lead_time()
+    forced = worst_points(points, lambda some: known.uncertainty(some).force_norms(lead_time), workspace, units)
+    return [*smallest, *largest, *stiffest, *forced, *points]
 
 
 def _ratios(known: KnownInertia, points: Sequence[OperatingPoint]) -> Array:
@@ -470,6 +344,7 @@ def _stored_points(
     if ball.position_weight:
         norms = uncertainty.joint_norms(ball.centre, ball.position_weight, lead_time)
         chosen.append(int(np.argmax(norms)))
+    chosen += [int(np.argmax(uncertainty.force_norms(lead, power))) for power, lead in _force_bounds(uncertainty)]
     worst = [points[i] for i in dict.fromkeys(chosen)]
     nominal, (M, D, G) = known.inertias(worst), known.linearised(worst)
     return [
@@ -537,14 +412,24 @@ def _certificate(
     return Certificate(
         claim=f"{type(law).__name__} with M̂(q) keeps the robot stable on every motion within the given speeds and "
         "accelerations.",
-        problem="‖[E − ρ0 I, H/η, C/(η θ)]‖ ≤ δ for all motions in the workspace, ‖T(e^{−rT/2} z)‖∞ < 1/δ",
+        problem="A(λ)ᵀ (P(λ) + s0 S0 + s1 S1/λ) A(λ) ≺ e^{−2αT} P(λ), P(λ) = P0 + P1/λ ≻ 0, for all ratios λ, with "
+        "stiffness and damping by the S-procedure"
+        if evidence.affine is not None
+        else "‖[E − ρ0 I, H/η, C/(η θ)]‖ ≤ δ for all motions in the workspace, ‖T(e^{−rT/2} z)‖∞ < 1/δ",
         verdict=verdict,
         margin=margin,
-        margin_meaning="1 less the spectral radius in that posture"
-        if verdict == Verdict.REFUTED
-        else "radius over the one needed, less 1",
+        margin_meaning=_margin_meaning(evidence, verdict),
         assumptions=tuple(assumptions),
         evidence=evidence,
         witness=witness,
         basis=f"{evidence.samples} sampled postures and local search",
     )
+
+
+def _margin_meaning(evidence: KnownInertiaEvidence, verdict: Verdict) -> str:
+    """Return what the margin is."""
+    if verdict == Verdict.REFUTED:
+        return "1 less the spectral radius in that posture"
+    if evidence.affine is not None:
+        return "growth of ratios, rates and forces that is covered"
+    return "radius over the one needed, less 1"

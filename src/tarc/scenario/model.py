@@ -11,8 +11,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from tarc.analysis.workspace import Workspace
-from tarc.certificates.base import Certificate
-from tarc.certificates.known_inertia import KnownInertiaEvidence, certify_known_inertia
+from tarc.certificates.base import Certificate, Verdict
+from tarc.certificates.known_inertia import certify_known_inertia
+from tarc.certificates.known_inertia_evidence import KnownInertiaEvidence
 from tarc.certification import LawCertification, certify_law
 from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter, NotLinearisable, ScenarioError, UnsupportedLaw
@@ -109,6 +110,8 @@ class CertifiedLaws(dict[str, LawCertification]):
         Reasons by name of the laws to which no certificate applies.
     known_inertia
         Certificates of the laws with M̂(q), by name.
+    laws_with_model
+        These laws.
     """
 
     def __init__(self, plants: Sequence[Plant], workspace: Workspace, samples: int) -> None:
@@ -118,6 +121,7 @@ class CertifiedLaws(dict[str, LawCertification]):
         self.samples = samples
         self.skipped: dict[str, str] = {}
         self.known_inertia: dict[str, Certificate[KnownInertiaEvidence]] = {}
+        self.laws_with_model: dict[str, Law] = {}
 
     def strengthen(self, progress: bool | None = None) -> dict[str, LawCertification]:
         """Try a Lyapunov function affine in the inertia for each law that is not certified with a margin.
@@ -132,16 +136,27 @@ class CertifiedLaws(dict[str, LawCertification]):
         Returns
         -------
         dict
-            The certifications that changed, by name.
+            The certifications that changed, by name; those of laws with M̂(q) change in ``known_inertia``.
         """
         changed = {}
-        with Progress("affine Lyapunov function", EXPECTED_PROGRAMS * len(self), progress) as bar:
+        n_laws = len(self) + len(self.known_inertia)
+        with Progress("affine Lyapunov function", EXPECTED_PROGRAMS * n_laws, progress) as bar:
             for name, certification in self.items():
                 strengthened = certification.strengthened(
                     self.plants, self.workspace, samples=self.samples, on_program=bar.advance
                 )
                 if strengthened is not certification:
                     changed[name] = strengthened
+            for name, certificate in self.known_inertia.items():
+                evidence = certificate.evidence
+                if certificate.verdict == Verdict.INCONCLUSIVE and not evidence.computation_delay:
+                    self.known_inertia[name] = certify_known_inertia(
+                        self.laws_with_model[name],
+                        self.plants,
+                        self.workspace,
+                        samples=self.samples,
+                        on_program=bar.advance,
+                    )
         self.update(changed)
         return changed
 
@@ -461,8 +476,14 @@ class Scenario(BaseModel):
                 try:
                     if isinstance(getattr(law, "inertia", None), NominalInertia):
                         certificates.known_inertia[name] = certify_known_inertia(
-                            law, plants, workspace, computation_delay=self.computation_delay, samples=samples
+                            law,
+                            plants,
+                            workspace,
+                            computation_delay=self.computation_delay,
+                            samples=samples,
+                            quick=True,
                         )
+                        certificates.laws_with_model[name] = law
                         continue
                     certificates[name] = certify_law(
                         law,

@@ -1,0 +1,270 @@
+"""Evidence of the certificate of M̂(q): worst points of the robot, the ball or Lyapunov function that covers them."""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from tarc.analysis.known_inertia import to_posture_coordinates
+from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS, UncertaintySamples
+from tarc.analysis.rest_stability import rest_state_matrix
+from tarc.analysis.stability import UnstableMode, Witness, unstable_mode
+from tarc.analysis.uncertain_loop import System, UncertainLoop, scaled_system
+from tarc.analysis.worst_points import inertia_rates
+from tarc.certificates.affine import AffineProof
+from tarc.certificates.base import Evidence, Judgement, LoopMatrices, Verdict
+from tarc.certificates.robot_evidence import LinearisedPoint, MaxRatePoint
+from tarc.core.types import Array
+from tarc.numerics.matrix_tests import schur_stability
+from tarc.numerics.norms import hinf_norm
+
+MIN_MARGIN = 0.05
+"""Share by which the radius, or the ratios, rates and forces of a Lyapunov function, must exceed those needed.
+
+The worst points come from samples and search.
+"""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class KnownPoint:
+    """A robot linearised in a posture, with the law's M̂(q) there.
+
+    Attributes
+    ----------
+    nominal
+        M̂(q), shape (n, n).
+    robot
+        M, D and G of the robot; G less the stiffness of the law's model, D without viscous friction.
+    """
+
+    nominal: Array
+    robot: LinearisedPoint
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class KnownRatePoint:
+    """The posture in which M̂(q) changes fastest.
+
+    Attributes
+    ----------
+    nominal, inertia_slopes
+        M̂ (n, n) and ∂M̂/∂q_i (n, n, n), the joint i first.
+    velocity_limits
+        Largest speed of each joint [rad/s or m/s], shape (n,).
+    """
+
+    nominal: Array
+    inertia_slopes: Array
+    velocity_limits: Array
+
+    def rate(self) -> float:
+        """Return the largest ‖M̂^−½ (dM̂/dt) M̂^−½‖ [1/s] there."""
+        return float(inertia_rates(self.nominal, self.inertia_slopes[None], self.velocity_limits)[0])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RestLoop:
+    """The loop of all joints about a robot at rest, opened at its inertia ratio, and the robot.
+
+    Attributes
+    ----------
+    loop
+        The loop, with the stiffness of the law's model.
+    nominal
+        M̂(q), shape (n, n).
+    robot
+        M, D and G with viscous friction.
+    """
+
+    loop: LoopMatrices
+    nominal: Array
+    robot: LinearisedPoint
+
+    def state_matrix(self, period: float) -> Array:
+        """Return the state matrix of the closed loop."""
+        loop = self.loop.A, self.loop.B, self.loop.C
+        matrices = self.robot.inertia, self.robot.damping, self.robot.stiffness
+        return rest_state_matrix(loop, self.nominal, matrices, period)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class KnownInertiaEvidence(Evidence):
+    """Worst points of a robot under a law with M̂(q), and the ball that must contain them.
+
+    Attributes
+    ----------
+    period
+        T [s].
+    computation_delay
+        Periods between a measurement and its torque.
+    loop
+        The loop of one joint, opened at its inertia ratio.
+    centre, radius, position_weight
+        ρ0, δ and η [1/s²] of the ball.
+    scale
+        Scale of the robust term's block; None without one.
+    points
+        The robot linearised at its worst points, those of the extreme ratios first.
+    rate_point
+        Where M̂(q) changes fastest.
+    rest_loop
+        The loop at rest in a posture where it is unstable; None for none.
+    affine
+        A Lyapunov function affine in M̂ and M that covers the points; None where it was not needed or not found.
+    relative_rate_point
+        Where the robot's M changes fastest relative to itself.
+    robust_term_is_bounded
+        Whether the slope of the robust term has a bound.
+    min_ratio, max_ratio
+        Smallest and largest eigenvalue of M(q)⁻¹M̂(q) at the points. `judge` does not use them.
+    samples
+        Number of sampled postures.
+    """
+
+    kind: ClassVar[str] = "known_inertia"
+    witness_type: ClassVar[type[Witness] | None] = UnstableMode
+
+    period: float
+    computation_delay: int
+    loop: UncertainLoop
+    centre: float
+    radius: float
+    position_weight: float
+    scale: float | None
+    points: tuple[KnownPoint, ...]
+    rate_point: KnownRatePoint
+    rest_loop: RestLoop | None
+    affine: AffineProof | None
+    relative_rate_point: MaxRatePoint
+    robust_term_is_bounded: bool
+    min_ratio: float
+    max_ratio: float
+    samples: int
+
+    @property
+    def ratio_spread(self) -> float:
+        """Largest by smallest inertia ratio."""
+        return self.max_ratio / self.min_ratio
+
+    @property
+    def rate(self) -> float:
+        """Largest ‖M̂^−½ (dM̂/dt) M̂^−½‖ [1/s]."""
+        return self.rate_point.rate()
+
+    def uncertainty(self) -> UncertaintySamples:
+        """Return E, H and C of the points in coordinates M̂(q)^½ q."""
+        nominal = np.array([point.nominal for point in self.points])
+        robots = [point.robot for point in self.points]
+        M, D, G = (np.array([getattr(robot, name) for robot in robots]) for name in ("inertia", "damping", "stiffness"))
+        return to_posture_coordinates(nominal, M, D, G)
+
+    def needed_radius(self) -> float:
+        """Return the radius of the points, with what M̂(q) changes until the torque has acted."""
+        return widened_radius(
+            self.uncertainty(),
+            (self.centre, self.position_weight, self.loop.lead_periods.item() * self.period),
+            self.rate * self.period,
+            self.computation_delay,
+        )
+
+    def judge(self) -> Judgement:
+        """Test the loop at rest for a mode that grows, then the Lyapunov function or the ball."""
+        if self.rest_loop is not None:
+            verdict, radius, mode = schur_stability(self.rest_loop.state_matrix(self.period))
+            if verdict == "refuted":
+                witness = unstable_mode(radius, mode, self.period)
+                return Judgement(
+                    Verdict.REFUTED, float(1 - radius), replace(witness, posture=self.rest_loop.robot.position)
+                )
+        if self.affine is not None:
+            margin = self.affine_margin(self.affine)
+            proven = margin >= MIN_MARGIN and self.robust_term_is_bounded and self.affine.is_proven()
+            return Judgement(Verdict.CERTIFIED if proven else Verdict.INCONCLUSIVE, margin)
+        return self._judge_ball()
+
+    def affine_margin(self, proof: AffineProof) -> float:
+        """Return by what share ratios, rates and forces may grow until a Lyapunov function does not cover them.
+
+        It is −1 for the Lyapunov function of another loop. The changes of M̂(q) within a period count.
+        """
+        ratios, full = proof.ratios, proof.loop.full.loop
+        is_same = ratios.period == self.period and self.computation_delay == 0
+        is_same &= np.array_equal(full.A, self.loop.A) and np.array_equal(full.C, self.loop.C)
+        is_same &= full.half_slope.item() >= self.loop.half_slope.item()
+        uncertainty = self.uncertainty()
+        values = np.linalg.eigvalsh(uncertainty.inertia)
+        swing = float(np.exp(self.rate * self.period))
+        relative_rate = self.relative_rate_point.relative_rate()
+        lowest, highest = float(values.min()) / swing, float(values.max()) * swing
+        covered = [lowest / ratios.min_ratio, ratios.max_ratio / highest]
+        needed = [(relative_rate, ratios.relative_rate), (relative_rate / lowest, ratios.rate)]
+        needed.append((self.rate, ratios.nominal_rate))
+        for power, lead_time, stiffness in zip(ratios.powers, ratios.lead_times, ratios.stiffness, strict=True):
+            needed.append((swing * float(uncertainty.force_norms(lead_time, power).max()), float(stiffness)))
+        if not len(ratios.stiffness):
+            needed.append((float(uncertainty.force_norms(0.0).max()), NEGLIGIBLE_STIFFNESS))
+        if 0.0 in ratios.lead_times or not len(ratios.stiffness):  # a bound without a lead time leaves the damping out
+            needed.append((float(np.abs(uncertainty.damping).max()), NEGLIGIBLE_STIFFNESS))
+        if not is_same or any(value > limit for value, limit in needed):
+            return -1.0
+        covered += [limit / value for value, limit in needed if value > NEGLIGIBLE_STIFFNESS]
+        return float(min(covered) - 1)
+
+    def _judge_ball(self) -> Judgement:
+        """Test the radius and the decayed norm of the loop."""
+        uncertainty = self.uncertainty()
+        lead_time = self.loop.lead_periods.item() * self.period
+        has_stiffness = float(uncertainty.stiffness_norms(lead_time).max()) > NEGLIGIBLE_STIFFNESS
+        has_damping = float(np.abs(uncertainty.damping).max()) > NEGLIGIBLE_STIFFNESS
+        numbers = self.centre, self.radius, self.position_weight, lead_time, self.rate
+        is_complete = np.all(np.isfinite(numbers)) and self.radius > 0 and self.centre > 0
+        is_complete &= not has_stiffness or self.position_weight > 0
+        is_complete &= not has_damping or lead_time > 0
+        if not is_complete:
+            return Judgement(Verdict.INCONCLUSIVE, -1.0)
+        margin = self.radius / max(self.needed_radius(), self.centre / 1e3) - 1
+        certified = margin >= MIN_MARGIN and self.robust_term_is_bounded and self._is_proven()
+        return Judgement(Verdict.CERTIFIED if certified else Verdict.INCONCLUSIVE, float(margin))
+
+    def _is_proven(self) -> bool:
+        """Return whether the decayed loop is stable, and its norm shows the radius."""
+        system = decayed_system(self.loop, self.centre, self.position_weight, self.rate * self.period)
+        if schur_stability(system[0])[0] != "certified":
+            return False
+        return hinf_norm(*scaled_system(system, self.radius, self.scale)) < 1
+
+
+def decayed_system(loop: UncertainLoop, centre: float, position_weight: float, growth: float) -> System:
+    """Return the loop with states that grow by e^{growth/2} in each period, as A, B, C, D.
+
+    If its norm is below 1/δ, a P exists with e^{growth} V(x⁺) < V(x) for all mismatches up to δ, V = xᵀ (P ⊗ M̂) x. Then
+    V decreases although M̂ grows by e^{growth} in a period.
+    """
+    A, B, C, D = loop.closed_loop(centre, position_weight)
+    factor = np.exp(growth / 2)
+    return factor * A, factor * B, C, D
+
+
+def widened_radius(
+    uncertainty: UncertaintySamples, ball: tuple[float, float, float], growth: float, computation_delay: int
+) -> float:
+    """Return the radius that contains points, and what M̂(q) changes until the torque has acted.
+
+    At the end of the period M̂ is e^{(1 + d) growth} times that of the torque at most, and the coordinates are those of
+    its start.
+
+    Parameters
+    ----------
+    uncertainty
+        The points.
+    ball
+        Centre ρ0, weight η [1/s²], lead time θ [s].
+    growth
+        Relative change of M̂ in one period.
+    computation_delay
+        d, periods between a measurement and its torque.
+    """
+    centre, weight, lead_time = ball
+    needed = uncertainty.needed_radius(centre, weight or np.inf, lead_time if weight else 0.0)
+    largest_ratio = float(np.linalg.eigvalsh(uncertainty.inertia).max())
+    return float(np.exp(growth) * (needed + largest_ratio * np.expm1((1 + computation_delay) * growth)))
