@@ -18,6 +18,9 @@ from tarc.plants.base import Plant
 MAX_INLINED = 2000
 """Instructions up to which a function becomes part of what calls it; longer ones stay calls, which compile sooner."""
 
+MAX_INLINED_STEP = 2 * MAX_INLINED
+"""The same for a step of the midpoint method, of which a period has one."""
+
 FEW_STATES = 16
 """States up to which single calls over fixed memory are faster than one call of CasADi for all."""
 
@@ -277,7 +280,8 @@ class SymbolicPlant(Plant):
         values = {**self.parameters, **(parameters or {})}
         function = self._functions.get(quantity)
         if ops.symbolic(*arguments, *values.values()):
-            (result,) = function.call([*arguments, *values.values()], False, function.n_instructions() > MAX_INLINED)
+            longest = MAX_INLINED_STEP if quantity == "midpoint" else MAX_INLINED
+            (result,) = function.call([*arguments, *values.values()], False, function.n_instructions() > longest)
             return result
         return _as_documented(quantity, np.array(function(*arguments, *values.values())))
 
