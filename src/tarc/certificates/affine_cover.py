@@ -6,7 +6,7 @@ import numpy as np
 
 from tarc.analysis.inertia_ratio import InertiaSpread
 from tarc.analysis.linearise import Channel
-from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS
+from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS, UncertaintySamples
 from tarc.analysis.uncertain_loop import UncertainLoop
 from tarc.analysis.worst_points import ForceNorm, SampledPoints
 from tarc.certificates.affine import find_proof
@@ -31,6 +31,7 @@ def cover_robot(
     spread: InertiaSpread,
     sampled: SampledPoints,
     rate_points: tuple[MaxRatePoint, ...],
+    known: UncertaintySamples,
     on_program: Callable[[], object] = lambda: None,
 ) -> AffineCover | None:
     """Return a Lyapunov function that covers a robot with the margin `MIN_MARGIN`; None where none was found.
@@ -47,6 +48,8 @@ def cover_robot(
         Its operating points.
     rate_points
         Where its inertia changes fastest, in units of M̂ and relative to itself.
+    known
+        Uncertainty at further points that must be covered.
     on_program
         Called after each semidefinite program, to show progress.
     """
@@ -55,7 +58,7 @@ def cover_robot(
         sampled = sampled.add_stiffest(factor * sampled.uncertainty.lead_time())
     longest = sampled.uncertainty.force_lead_time()
     sampled = sampled.search_globally(ForceNorm(sampled.nominal, longest))
-    uncertainty, room = sampled.uncertainty, 1 + MIN_MARGIN
+    uncertainty, room = sampled.uncertainty | known, 1 + MIN_MARGIN
     bounds = [
         (power, factor * lead_time)
         for power in POWERS
@@ -81,6 +84,6 @@ def cover_robot(
     proof = find_proof(UncertainLoop.from_channel(channel, slope, intersample=True), ratios, on_program)
     if proof is None:
         return None
-    worst = dict.fromkeys(int(np.argmax(row)) for row in norms)
+    worst = dict.fromkeys(int(np.argmax(row[: len(sampled.points)])) for row in norms)
     points = tuple(linearised_point(sampled.points[i]) for i in worst)
     return AffineCover(proof=proof, force_points=points, rate_points=rate_points)

@@ -200,7 +200,7 @@ def strengthen_robot(
     sampled = SampledPoints.from_robot(plants, spread, law.M, workspace, n_points, seed)
     found = [_max_rate_point(plants, unit, workspace, n_points, seed) for unit in (law.M, None)]
     rate_points = tuple(point for point in found if point is not None)
-    cover = cover_robot(channel, evidence.slope, spread, sampled, rate_points, on_program)
+    cover = cover_robot(channel, evidence.slope, spread, sampled, rate_points, evidence.uncertainty(), on_program)
     if cover is None:
         return certificate
     evidence = replace(evidence, affine=cover)

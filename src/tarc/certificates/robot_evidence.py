@@ -278,7 +278,7 @@ class RobotEvidence(Evidence):
     def _judge_ball(self, ball: Ball, smallest: float, largest: float) -> Judgement:
         """Test whether the ball contains the ratios, the stiffness and the rate of all points."""
         lead_time = ball.loop.lead_periods.item() * self.period
-        uncertainty = self._uncertainty()
+        uncertainty = self.uncertainty()
         stiffness = float(uncertainty.stiffness_norms(lead_time).max())
         undecided = Judgement(Verdict.INCONCLUSIVE, 0.0)
         has_damping = float(np.abs(uncertainty.damping).max()) > NEGLIGIBLE_STIFFNESS
@@ -300,7 +300,7 @@ class RobotEvidence(Evidence):
 
     def _judge_affine(self, cover: AffineCover) -> Judgement:
         """Test whether the Lyapunov function covers all points, and prove it."""
-        uncertainty = self._uncertainty(cover.force_points)
+        uncertainty = self.uncertainty(cover.force_points)
         margin = cover.margin(self.nominal_inertia, uncertainty)
         proof = cover.proof
         matches = proof.ratios.period == self.period and self.slope <= 2 * proof.loop.full.loop.half_slope.item()
@@ -309,7 +309,7 @@ class RobotEvidence(Evidence):
             return Judgement(Verdict.CERTIFIED, margin)
         return Judgement(Verdict.INCONCLUSIVE, margin)
 
-    def _uncertainty(self, added: tuple[LinearisedPoint, ...] = ()) -> UncertaintySamples:
+    def uncertainty(self, added: tuple[LinearisedPoint, ...] = ()) -> UncertaintySamples:
         """Return the uncertainty at all points, without the viscous friction of those at rest."""
         points = [*self.points.at_rest(), *self.points.moving(), *added]
         M, D, G = (np.array([getattr(point, name) for point in points]) for name in ("inertia", "damping", "stiffness"))

@@ -38,7 +38,7 @@ def _findings(certificate: Certificate) -> dict[str, Any]:
         for key, value in content.items()
         if not isinstance(value, dict | list)
     }
-    for name in ("rate", "ratio_spread"):
+    for name in ("rate", "ratio_spread", "method", "decay_rate"):
         if hasattr(certificate.evidence, name):
             flat[name] = getattr(certificate.evidence, name)
     return {key: None if value in ("inf", "-inf", "nan") else value for key, value in flat.items()}
