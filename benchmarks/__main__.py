@@ -26,6 +26,7 @@ BENCHMARKS = {
         robot.closed_loop,
         robot.symbolic,
         certificates.one_and_thirty,
+        certificates.affine,
         certificates.command,
         startup.startup,
     )

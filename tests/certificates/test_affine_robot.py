@@ -4,14 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import differential_evolution
 
 from law_catalogue import make_tdc
 from tampering import replaced, reread, scaled
-from tarc.analysis import Workspace
+from tarc.analysis import Workspace, best_inertia_shape, inertia_spread
 from tarc.analysis.operating_points import OperatingPoint, uncertainty_samples
 from tarc.analysis.worst_points import ForceNorm, InertiaRate
 from tarc.certificates import certify_robot, strengthen_robot
-from tarc.plants import TwoLinkArm
+from tarc.estimators import Algebraic
+from tarc.laws import TDC
+from tarc.plants import TwoLinkArm, load_robot
 
 ARM = TwoLinkArm()
 LOADED = ARM.with_parameters({"payload": 2.0})
@@ -98,3 +101,50 @@ def test_what_needs_no_affine_certificate_is_left_as_it_is(verdicts):
     refuted = certify_robot(replace(law, inertia=law.M * 100), ARM, WORKSPACE, samples=30)
     assert refuted.verdict == "refuted"
     assert strengthen_robot(refuted, replace(law, inertia=law.M * 100), ARM, WORKSPACE, samples=30) is refuted
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "payload", "window", "natural_frequency", "low", "high"),
+    [("ur5e", 5.0, 6, 30.0, 0.0229, 1.1), ("panda", 3.0, 5, 26.0, 0.0214, 1.2)],
+)
+def test_an_evolution_over_the_workspace_stays_within_what_is_covered(
+    name, payload, window, natural_frequency, low, high
+):
+    """Certified far beyond the ball, at 1 rad/s; and another global search finds nothing that is not covered."""
+    plants = [load_robot(name, armature=0.1, payload=mass) for mass in (0.0, payload)]
+    space = Workspace.from_joint_limits(plants[0], speed=1.0)
+    shape, _ = best_inertia_shape(plants, space, samples=500)
+    scale = high / inertia_spread(plants, shape, space, samples=500).max_ratio
+    law = TDC(
+        inertia=scale * shape,
+        natural_frequency=natural_frequency,
+        period=1e-3,
+        estimator=Algebraic(window=window * 1e-3, degree=3),
+        synchronised=True,
+    )
+    ball = certify_robot(law, plants, space, samples=500)
+    best = strengthen_robot(ball, law, plants, space, samples=500)
+    assert not ball.certified
+    assert best.certified
+    ratios, n = best.evidence.affine.proof.ratios, plants[0].n_joints
+    assert ratios.min_ratio == pytest.approx(low, rel=0.1)
+    bounds = list(zip(space.low, space.high, strict=True)) + [(-1, 1)] * n + [(-4, 4)] * n
+    picked = [int(np.flatnonzero(ratios.powers == power)[2]) for power in (0.0, 0.5, 1.0)]
+
+    def excess(variables: np.ndarray, plant) -> float:
+        """Return the largest share of any bound that a point takes."""
+        found = uncertainty_samples(law.M, [OperatingPoint(plant, *variables.reshape(3, n))])
+        values = np.linalg.eigvalsh(found.inertia[0])
+        shares = [values[-1] / ratios.max_ratio, ratios.min_ratio / values[0]]
+        for i in picked:
+            shares.append(found.force_norms(ratios.lead_times[i], ratios.powers[i])[0] / ratios.stiffness[i])
+        return float(max(shares))
+
+    largest = []
+    for plant in plants:
+        evolved = differential_evolution(
+            lambda x, plant=plant: -excess(x, plant), bounds, maxiter=60, popsize=4, seed=1, polish=False
+        )
+        largest.append(-evolved.fun)
+    assert 0.85 < max(largest) < 1
