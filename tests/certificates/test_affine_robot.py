@@ -127,6 +127,7 @@ def test_an_evolution_over_the_workspace_stays_within_what_is_covered(
     best = strengthen_robot(ball, law, plants, space, samples=500)
     assert not ball.certified
     assert best.certified
+    assert best.evidence.affine is not None
     ratios, n = best.evidence.affine.proof.ratios, plants[0].n_joints
     assert ratios.min_ratio == pytest.approx(low, rel=0.1)
     bounds = list(zip(space.low, space.high, strict=True)) + [(-1, 1)] * n + [(-4, 4)] * n
@@ -144,7 +145,7 @@ def test_an_evolution_over_the_workspace_stays_within_what_is_covered(
     largest = []
     for plant in plants:
         evolved = differential_evolution(
-            lambda x, plant=plant: -excess(x, plant), bounds, maxiter=60, popsize=4, seed=1, polish=False
+            lambda x, plant=plant: -excess(x, plant), bounds, maxiter=60, popsize=4, rng=1, polish=False
         )
         largest.append(-evolved.fun)
     assert 0.85 < max(largest) < 1
