@@ -3,7 +3,12 @@
 from typing import Any
 
 from benchmarks.page_values.registry import Value, source, table
-from tarc import Scenario
+from tarc import NominalInertia, Scenario
+from tarc.analysis import Workspace
+from tarc.certificates import certify_known_inertia
+from tarc.estimators import Algebraic
+from tarc.laws import TDC
+from tarc.plants import load_robot
 
 ROBOT = {"payload": 0.0, "coulomb": 0.0, "viscous": 0.0}
 """What the models leave out."""
@@ -44,6 +49,24 @@ def rows(results: dict[str, dict[str, float]]) -> list[tuple[str, str, str]]:
     ]
 
 
+def certified_frequency() -> float:
+    """Return the largest natural frequency [rad/s] certified of a UR5e in any posture at 1 rad/s, up to 100."""
+    model = load_robot("ur5e", armature=0.1)
+    robots = [load_robot("ur5e", armature=armature, payload=mass) for armature in (0.08, 0.12) for mass in (0.0, 5.0)]
+    workspace = Workspace.from_joint_limits(model).with_speed_limits(1.0)
+    for frequency in (100.0, 80.0, 60.0, 40.0):
+        synchronised = TDC(
+            inertia=NominalInertia(model, 0.8),
+            natural_frequency=frequency,
+            period=1e-3,
+            synchronised=True,
+            estimator=Algebraic(window=0.006),
+        )
+        if certify_known_inertia(synchronised, robots, workspace, samples=500).certified:
+            return frequency
+    return 0.0
+
+
 @source
 def known_model() -> dict[str, Value]:
     """Errors and torque variation with more and more knowledge of the robot."""
@@ -82,4 +105,5 @@ def known_model() -> dict[str, Value]:
             windows,
         ),
         "ratio": constant["rms_error"] / known["rms_error"],
+        "certified_frequency": certified_frequency(),
     }
