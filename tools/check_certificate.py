@@ -1,0 +1,161 @@
+"""Decide certificates of stability from their JSON files alone: python tools/check_certificate.py FILE...
+
+It shares no code with the package that writes them, and needs numpy and python-flint only. Every sign is decided in
+ball arithmetic, on the stored numbers as exact fractions, so that "holds" is a proof. Where the matrices come from is
+not proven, but printed as assumed. The exit status is 1 unless all certificates hold.
+"""
+
+import itertools
+import json
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+from ball_arithmetic import ball, inverse, on_circle, opened, sign, stable, symmetric
+from flint import arb, arb_poly, ctx, fmpq, fmpq_poly
+from uncertain_inertia import affine, robot, varying_ratio
+
+PRECISIONS = 256, 1024, 3072
+
+
+def one_parameter(e, witness):
+    """A + κBC is stable for all constant κ of a range, or all κ(t): by the small-gain theorem from its middle."""
+    constant = "min_ratio" in e
+    low, high = (e["min_ratio"], e["max_ratio"]) if constant else (0, e["max_slope"])
+    loops = [opened(loop, e["period"]) if constant else [ball(loop[name]) for name in "ABC"] for loop in e["loops"]]
+    loops = [(A, B if constant else -B, C) for A, B, C in loops]
+    if witness:
+        at, rate = witness["ratio" if constant else "slope"], witness["growth_rate"] * e["period"] * 0.999
+        found = max(-stable((A + arb(at) * B @ C) / arb(rate).exp()) for A, B, C in loops)
+        return found if low <= at <= high and rate > 0 else -1, f"unstable at {at:.6g}"
+    pieces = [(*loop, low, high) for loop in loops] if low <= high and e.get("gain_is_bounded", True) else []
+    found = 1 if pieces else -1
+    for _ in range(500):
+        if found != 1 or not pieces:
+            break
+        A, B, C, first, last = pieces.pop()
+        middle = (first + last) / 2
+        half = max(arb(last) - middle, middle - arb(first))
+        X, D = A + arb(middle) * B @ C, ball(np.zeros((len(C), len(B.T))))
+        found = stable(X)
+        if found == 1 and first < last:
+            gain = on_circle(
+                X, B, C, D, lambda _, G, half=half: np.eye(len(G.T), dtype=int) - half**2 * np.conj(G.T) @ G
+            )
+            found = gain if not constant else 1
+            pieces += [(A, B, C, first, middle), (A, B, C, middle, last)] if constant and gain != 1 else []
+    return 0 if pieces and found == 1 else found, f"stable from {low:.6g} to {high:.6g}"
+
+
+def lemma1(e, witness):
+    """‖M⁻¹M̂ − I‖ < c is c²M² − (M̂ − M)² > 0, with c = 1; for a refutation the norm of the witness is reached as well."""
+    M, N = symmetric(e["inertia"]), symmetric(e["nominal_inertia"])
+    bound = max(1.0, witness["norm"] * (1 - 1e-6)) if witness else 1.0
+    found = sign(arb(bound) ** 2 * M @ M - (N - M) @ (N - M))
+    if witness:
+        return -found if witness["posture"] == e["posture"] else -1, f"‖M⁻¹M̂ − I‖ ≥ {bound:.6g} at q = {e['posture']}"
+    return min(found, sign(M)), f"‖M⁻¹M̂ − I‖ < 1 at q = {e['posture']}"
+
+
+def c2(e, witness):
+    P, A = symmetric(e["P"]), ball(e["A"])
+    n = len(P) // 2
+    P2, P3 = P[n:, :n], P[n:, n:]
+    if witness:
+        x = ball(witness["vector"])
+        return sign(np.array([[-x @ P3 @ P2.T @ x]])), "P3 P2ᵀ is negative at the vector of the witness"
+    pairs = [(ball(x["error"]), ball(x["error_rate"])) for x in (e["shrinking"], e["growing"]) if x]
+    found = [sign(P), sign(-(A.T @ P + P @ A)), sign(P3 @ P2.T)]
+    found += [sign(np.array([[-rate @ P3 @ P2 @ error]])) for error, rate in pairs]
+    return min(found), "P > 0, AᵀP + PA < 0 and P3 P2ᵀ > 0, and Δsᵀs < 0 at the counterexamples"
+
+
+def theorem(e, witness):
+    """Ψ of Theorem 1, or the reduced Θ of Theorem 2, in e, e_h and ∫Ω_1 e_h."""
+    numbers, second = e["condition"], "part" in e
+    h, beta, xi = (arb(numbers[name]) for name in ("delay", "beta", "xi"))
+    found, values = [1 if h > 0 and beta > 0 and xi > 1 else -1], []
+    for part in [e["part"]] if second else e["parts"]:
+        K1, K2 = ball(part["K1"]), ball(part["K2"])
+        P, D, *L = (symmetric(part[name]) for name in ("P", "D", "L")[: 2 + second])
+        zero, one = 0 * K1, np.eye(len(K1), dtype=int)
+        A1, B1 = np.block([[zero, one], [zero, zero]]), np.block([[zero, zero], [-K1, -K2]])
+        factors = [A1, B1] + [np.eye(len(P), dtype=int)] * (second or numbers["disturbance_term"])
+        bar, breve = (np.block([[zero, zero], [X, Y]]) for X, Y in ((K2, zero), (zero, K2)))
+        inner = sum(X @ inverse(D) @ X.T for X in factors + [bar] * second)
+        delayed, A = h**2 / beta * D, A1 + B1
+        first = -(A.T @ P + P @ A) - beta * P @ B1 @ inner @ B1.T @ P - (1 + xi) * delayed
+        found += [sign(weight) for weight in (P, D, *L)]
+        if not second:
+            forms = [first, (xi - 1) * delayed]
+            vector = ball(witness["e"]) if witness and len(witness["e"]) == len(P) else None
+        else:
+            energy = sum((2 * k + 1) * (k * (k + 1)) ** 2 for k in range(1, numbers["degree"] + 1))
+            F = (delayed + L[0]) * energy / arb(numbers["window"]) ** 2
+            corner = np.block([[P @ breve, P @ bar]]), np.block([[(xi - 1) * delayed - F, 0 * P], [0 * P, L[0]]])
+            forms = [np.block([[first, corner[0]], [corner[0].T, corner[1]]])]
+            x = ball(witness["e"]) if witness else P[0]
+            vector = np.concatenate([x, -x, 0 * x])
+        values += [sign(np.array([[-vector @ forms[0] @ vector]]))] if vector is not None else []
+        found += [] if witness else [sign(form) for form in forms]
+    text = "is negative at the vector of the witness" if witness else "is positive definite"
+    return min(*found, max(values or [-1])) if witness else min(found) if len(found) > 1 else -1, f"the form {text}"
+
+
+def lag_area(degree):
+    """Return ∫|g| of the window [−1, 0]: Ω_1 = Σ (2k+1) k (k+1) P_k(2ψ + 1), w = −∫Ω_1, g = ∫w from −1."""
+    terms = np.polynomial.legendre.leg2poly([(2 * k + 1) * k * (k + 1) for k in range(degree + 1)])
+    g = fmpq_poly([fmpq(*float(term).as_integer_ratio()) for term in terms]).integral()
+    g = ((g(-1) - g) / 2).integral()
+    g = (g - g(-1)) / 2
+    turns = [root.real for root, _ in g.numer().complex_roots() if abs(root.real) < 1]
+    heights = [arb_poly(g.integral())(x) for x in (arb(-1), *sorted(turns, key=float), arb(1))]
+    return sum(abs(after - before) for before, after in itertools.pairwise(heights)) / 2
+
+
+def nominal(e, _):
+    """V̇ + 2aV ≤ γ²|σ'|² (less |e1|² for a = 0) for the nominal loop with its delay and its window."""
+    h, window, a = (arb(e["loop"][name]) for name in ("delay", "window", "decay_rate"))
+    if e["gamma"] is None or not (h > 0 and window > 0 and a >= 0) or not e["parts"]:
+        return -1, "no functional"
+    gamma, G = arb(e["gamma"]), h + window * lag_area(e["loop"]["degree"])
+    gain = e["peak_gain"] * (2 * e["loop"]["decay_rate"]) ** 0.5 if a > 0 else e["mean_square_gain"]
+    found = [1 if gamma > 0 and abs(gain - e["gamma"]) <= 1e-12 * e["gamma"] else -1]
+    for part in e["parts"]:
+        K1, K2, P, R1, R2 = *(ball(part[x]) for x in ("K1", "K2")), *(symmetric(part[x]) for x in ("P", "R1", "R2"))
+        n = len(K1)
+        e1, e2, z1, z2, sigma = np.eye(5 * n, dtype=int).reshape(5, n, 5 * n)
+        faster = -K1 @ (e1 - z1) - K2 @ (e2 - z2) + sigma
+        x, moved = np.vstack([e1, e2]), np.vstack([e2, faster])
+        F = x.T @ P @ moved + moved.T @ P @ x + 2 * a * x.T @ P @ x + h * e2.T @ R1 @ e2 + G * faster.T @ R2 @ faster
+        F = F - (-2 * a * h).exp() / h * z1.T @ R1 @ z1 - (-2 * a * (h + window)).exp() / G * z2.T @ R2 @ z2
+        F, least = F - gamma**2 * sigma.T @ sigma, e1.T @ e1
+        found += [sign(X) for X in (P, R1, R2)]
+        found += [sign(-F), sign(P - least[: 2 * n, : 2 * n])] if a > 0 else [sign(-F - least)]
+    return min(
+        found
+    ), f"|e1| is at most {gain / (2 * e['loop']['decay_rate']) ** 0.5 if a > 0 else gain:.6g} times |σ'|"
+
+
+CHECKS = {"constant_ratio": one_parameter, "sector": one_parameter, "varying_ratio": varying_ratio, "affine": affine}
+CHECKS |= {"robot": robot, "lemma1": lemma1, "c2": c2, "theorem1": theorem, "theorem2": theorem, "nominal": nominal}
+REFUTE_ONLY = {"theorem2"}
+
+
+def decide(content):
+    """Return 1, −1 or 0 for a certificate that holds, does not or is not decided, and what is proven."""
+    verdict, check = content["verdict"], CHECKS.get(content["kind"])
+    if check is None or verdict not in ("certified", "refuted", "inconclusive"):
+        return 0, "unknown kind or verdict"
+    if verdict == "inconclusive":
+        return 1, "nothing is claimed"
+    for ctx.prec in PRECISIONS:
+        try:
+            found, text = check(content["evidence"], content["witness"] if verdict == "refuted" else None)
+        except (ArithmeticError, AttributeError, IndexError, KeyError, TypeError, ValueError) as problem:
+            found, text = 0, f"{type(problem).__name__}: {problem}"
+        if found:
+            return found, text
+    return 0, text

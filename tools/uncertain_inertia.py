@@ -1,0 +1,226 @@
+"""Certificates of an inertia that varies: balls of E = M̂^½ M⁻¹ M̂^½, Lyapunov functions affine in E⁻¹, robots."""
+
+import itertools
+import math
+
+import numpy as np
+from ball_arithmetic import LOOSE, ball, inverse, on_circle, opened, positive, sign, square, stable, symmetric
+from flint import acb, arb, arb_mat
+
+MEAN_SQUARES = [[120, 60, 20], [60, 40, 15], [20, 15, 6]], [[0, 0, 0], [0, 6, 3], [0, 3, 2]]
+
+
+def tolerates(b, period, slope):
+    """Decide whether the loop is stable for all E(t) of a ball, with its stiffness, its change and all slopes κ(t).
+
+    With v = M̂⁻¹τ, b = E v and d the acceleration by stiffness, a = b − d − ρ0 v is bounded by radius and η; d by the
+    stiffness; w by the slope; and Σ y_m (v(k+m)·b(k) − v(k)·b(k+m)) is bounded since E⁻¹ is symmetric and slow.
+    """
+    loop, change, proof = b["loop"], b["max_change"], b["multiplier"] or {}
+    (A, B, C), mismatch = opened(loop, period, "B_mismatch"), ball(loop["B_mismatch"])
+    robust, direct, half, lead = (ball(loop[name]) for name in ("B_robust", "D_robust", "half_slope", "lead_periods"))
+    centre, radius, eta, sigma = (arb(b[name]) for name in ("centre", "radius", "position_weight", "stiffness"))
+    half, lead, n, q, scale = half[0, 0], lead[0, 0], len(mismatch.T), ball(np.eye(1, len(A))), arb(b["scale"] or 1)
+    weight, forces, decays, gains, penalty = 1 / scale**2, arb(0), [], [], arb(0)
+    if change is not None:
+        change, weight, forces = arb(change) * LOOSE, arb(proof["slope"]), arb(proof["stiffness"])
+        decays, gains = ball(proof["decays"]), ball(proof["coefficients"])
+        growth = 1 / (1 - change * (centre + radius))  # of ‖E(t) Ē⁻¹‖ in a period, with its mean Ē
+        penalty = sum(
+            (2 * change * growth**2 * abs(c) * p / (1 - p) ** 2 for p, c in zip(decays, gains, strict=True)), penalty
+        )
+        if not (change >= 0 and growth > 0 and growth < 3 and radius <= centre and all(0 < p < 1 for p in decays)):
+            return -1
+    has_forces = change is not None and eta > 0 and sigma > 0
+    ranges = 2 * half == slope, centre > 0, radius > 0, weight > 0, forces > 0 or not has_forces
+    if not all(ranges) or not all(x >= 0 for x in (eta, sigma, half, lead)):
+        return -1
+    entry = robust + centre * B @ direct
+    v, X = C - half * direct @ q, A + centre * B @ C - half * entry @ q
+    D = ball(np.zeros((2, n + 1)))
+    D[0, n] = direct[0, 0]
+    kept = [*range(n), *[n] * (half > 0), *[n + 1] * has_forces]
+
+    def form(z, G):
+        G, unit, moved = np.hstack([G, 0 * G[:, :1]]), np.eye(n + 2, dtype=int), 1 + abs(lead * (z - 1)) ** 2
+        moved_by = centre * G[0] + unit[0] + unit[n + 1]
+        y = sum((c * p / (z - p) for p, c in zip(decays, gains, strict=True)), acb(0))
+        mixed = (y - y.conjugate()) * np.outer(np.conj(G[0]), moved_by)
+        F = np.diag([acb(1)] * n + [acb(weight), acb(forces)]) - radius**2 * square(G[0]) - penalty * square(moved_by)
+        size = (radius * eta) ** 2 * moved + forces * (LOOSE * sigma) ** 2 * moved + weight * half**2
+        return (F - size * square(G[1]) - mixed - np.conj(mixed.T))[np.ix_(kept, kept)]
+
+    found = stable(X)
+    columns = np.hstack([mismatch, entry])
+    return found if found != 1 else on_circle(X, columns, np.vstack([v, q]), D, form, decays)
+
+
+def varying_ratio(e, _):
+    b = e["ball"]
+    rate = "" if b["max_change"] is None else f" and E⁻¹ changing by at most {b['max_change'] / e['period']:.6g} 1/s"
+    text = f"stable for all E(t) with {b['centre'] - b['radius']:.6g} ≤ E ≤ {b['centre'] + b['radius']:.6g}{rate}"
+    return tolerates(b, e["period"], e["slope"]) if b["radius"] >= e["needed_radius"] else -1, text
+
+
+def at_rest(e, witness):
+    """A mode of the robot grows that is held at rest in the posture of the witness."""
+    loop, n, T = (e["ball"] or {}).get("loop") or e["coupled_loop"], len(e["nominal_inertia"]), e["period"]
+    for point in e["points"].values():
+        if point and point["velocity"] is None and point["position"] == witness["posture"]:
+            break
+    else:
+        return -1, "the posture of the witness is not among the points"
+    M, D, G, N = (
+        symmetric(point["inertia"]),
+        *(ball(x) for x in (point["damping"], point["stiffness"], e["nominal_inertia"])),
+    )
+    rates = np.hstack([-inverse(M) @ G, -inverse(M) @ D / T, inverse(M) @ N]) * T
+    motion = np.vstack([np.hstack([0 * M, np.eye(n, dtype=int), 0 * M]), rates * arb(T), ball(np.zeros((n, 3 * n)))])
+    moved = np.array(arb_mat(motion.tolist()).exp().tolist(), dtype=object)[: 2 * n]
+    A, _, C = (np.kron(X, np.eye(1 if len(loop["C"]) == n > 1 else n, dtype=int)) for X in opened(loop, T))
+    A[: 2 * n] = moved[:, 2 * n :] @ C
+    A[: 2 * n, : 2 * n] += moved[:, : 2 * n]
+    rate = witness["growth_rate"] * T * 0.999
+    return -stable(A / arb(rate).exp()) if rate > 0 else -1, f"a mode grows at rest at q = {witness['posture']}"
+
+
+def robot(e, witness):
+    """All points lie in a set that the loop tolerates: a ball, or what a Lyapunov function affine in the inertia names."""
+    if witness:
+        return at_rest(e, witness)
+    N, b, T, cover, found = symmetric(e["nominal_inertia"]), e["ball"], e["period"], e["affine"], []
+    W, rates, points = inverse(N), [e["max_rate_point"]], [point for point in e["points"].values() if point]
+    if b is None or not e["robust_term_is_bounded"]:
+        return -1, "no ball, or an unbounded slope"
+    if cover:
+        of = cover["proof"]["ratios"]
+        low, high, rate, own = (arb(of[name]) for name in ("min_ratio", "max_ratio", "rate", "relative_rate"))
+        points, rates = points + cover["force_points"], cover["rate_points"]
+        bounds = list(zip(of["powers"], of["lead_times"], of["stiffness"], strict=True)) or [(0, 0, 1e-9)]
+        found.append(affine_proof(cover["proof"], T, e["slope"]))
+    else:
+        low, high, eta = (
+            arb(b["centre"]) - arb(b["radius"]),
+            arb(b["centre"]) + arb(b["radius"]),
+            arb(b["position_weight"]),
+        )
+        rate, own, lead = b["max_change"] and arb(b["max_change"]) / T, None, b["loop"]["lead_periods"][0][0] * arb(T)
+        bounds = [(0, lead, b["stiffness"] if eta > 0 else 1e-9)] if rate is not None or not eta > 0 else []
+        found.append(tolerates(b, T, e["slope"]))
+    for point in points:
+        M, G, D = symmetric(point["inertia"]), ball(point["stiffness"]), ball(point["damping"])
+        D = 0 * D if point["velocity"] is None else D  # viscous friction of a robot at rest
+        found += [sign(M), sign(N - low * M), sign(high * M - N)]
+        size = {0: M @ W @ M, 0.5: M, 1: N}
+
+        def force(lead, D=D, G=G):
+            damped = D @ W @ D.T / lead**2 if lead > 0 else ball(np.where(D == 0, 0, np.inf))
+            return G @ W @ G.T + damped
+
+        found += [sign((LOOSE * bound) ** 2 * size[power] - force(arb(lead))) for power, lead, bound in bounds]
+        if not cover and eta > 0:
+            R = N - arb(b["centre"]) * M
+            found.append(sign(arb(b["radius"]) ** 2 * size[0] - R @ W @ R - force(lead) / eta**2))
+    for point in rates if rate is not None else []:
+        slopes = [
+            symmetric(S) * v for S, v in zip(point["inertia_slopes"], ball(point["velocity_limits"]), strict=True)
+        ]
+        for signs in itertools.product((1, -1), repeat=len(slopes)):
+            S = sum(one * slope for one, slope in zip(signs, slopes, strict=True))
+            found.append(sign(LOOSE * rate * N - S))
+            found += [sign(LOOSE * own * symmetric(point["inertia"]) - S)] if cover else []
+    return min(found), f"all points have {float(low):.6g} ≤ E ≤ {float(high):.6g} and what the loop tolerates"
+
+
+def affine_proof(proof, T, slope):
+    """Decide whether V = Σ xᵀ(P0⊗I + (P1 + Q1)⊗Ē⁻¹)x decays for all E(t), stiffnesses and slopes that a proof names.
+
+    Ē is the mean of E over a period. The loop of few states z differs from that of all states x by γe in its outputs;
+    the storage shows Σ|e|² ≤ Σ|u|². The inputs u are mean and moment of the acceleration, less ρ0 v, and ρ0 w.
+    """
+    reduced, of, weights = proof["loop"], proof["ratios"], proof["multipliers"]
+    loop, scales = reduced["full"]["loop"], ball(reduced["full"]["scales"])
+    (A, B, C), mismatch = opened(loop, T, "B_mismatch"), ball(loop["B_mismatch"])
+    robust, direct, Ar, Br = *(ball(loop[x]) for x in ("B_robust", "D_robust")), ball(reduced["A"]), ball(reduced["B"])
+    centre, half, growth = arb(reduced["full"]["centre"]), arb(loop["half_slope"][0][0]), arb(proof["growth"])
+    P0, P1, Q1, S, R = (symmetric(proof["matrices"][name]) for name in ("P0", "P1", "Q1", "S", "R"))
+    low, high, n, k, count = arb(of["min_ratio"]), arb(of["max_ratio"]), len(mismatch.T), len(Ar), len(scales)
+    turn, change = (LOOSE * arb(of[name]) * T for name in ("rate", "relative_rate"))  # of E⁻¹ in a period
+    turned, inside = 1 / (1 - turn * high) if of["intersample"] else arb(1), of["intersample"]  # ‖E(t) Ē⁻¹‖
+    swing = change / (1 - (-change).exp()) - 1 if inside and change > 0 else arb(0)  # ±(E(t) − Ē) ≤ swing Ē
+    bounds = [
+        [arb(x) for x in row]
+        for row in zip(of["powers"], of["lead_times"], of["stiffness"], of["shares"], weights["forces"], strict=True)
+    ]
+    numbers = [
+        turn,
+        change,
+        growth - 1,
+        half - arb(slope) / 2,
+        high - low,
+        *(arb(weights[x]) for x in ("error", "change", "slope")),
+    ]
+    ranges = [x > 0 for x in (low, centre, *scales)] + [x >= 0 for x in [*numbers, *itertools.chain(*bounds)]]
+    fits = (
+        0 < turned < 3
+        and of["period"] == T
+        and (n == 2 or not (inside or bounds))
+        and all(b[0] in (0, 0.5, 1) for b in bounds)
+    )
+    if not all(ranges) or not fits or count < (3 if bounds else 2 if half > 0 else 1):
+        return -1
+    q = np.eye(2, len(A), dtype=int)
+    v = C - half * direct @ q[:1]
+    A, X = A + centre * B @ v - half * robust @ q[:1], np.vstack([v, q])[:count] * scales[:, None]
+    B = np.hstack([mismatch, robust / centre + B @ direct])[:, : n + (half > 0)]
+    L, Cr, zero = ball(reduced["projection"]), ball(reduced["C"]), np.zeros((len(A), k), dtype=int)
+    step = np.vstack([np.hstack([A, zero, B]), np.hstack([Ar @ L - L @ A, Ar, Br - L @ B])]) * growth
+    error = np.hstack([X - Cr @ L, -Cr, 0 * X[:, : len(B.T)]]) / arb(reduced["error_gain"])
+    storage, stored = symmetric(reduced["storage"]), np.eye(len(step.T), dtype=int) * arb(1)
+    stored[: len(step), : len(step)] = storage
+    found = [sign(storage), sign(stored - error.T @ error - step.T @ storage @ step)]
+    found += [sign(form) for end in (low, high) for form in (end * P0 + P1 + Q1, S + P1, S - P1, R + Q1, R - Q1)]
+    sizes = np.cumsum([k, count, 2 * bool(bounds), inside, half > 0])
+    z, e, forces, c, w = np.split(np.eye(sizes[-1], dtype=int), sizes[:-1])
+
+    def decrease(x):
+        """Return V now less V after a period, less what is known to be positive, all times E = x."""
+        y = (Cr @ z + arb(reduced["error_gain"]) * e) / scales[:, None]
+        v, position = y[:1] + direct * w.sum(axis=0), y[1:]
+        mean = x * (v + forces[:1].sum(axis=0))
+        moment = (c.sum(axis=0) + x * forces[1:].sum(axis=0))[None]
+        u = np.vstack([np.vstack([mean - centre * v, moment])[:n], centre * w])
+        later = Ar @ z + Br @ u
+        F = z.T @ (x * P0 + P1 + Q1) @ z
+        after = x * (P0 + turn * turned**2 * S) + P1 + Q1 + (change.exp() - 1) * R
+        F = F - growth**2 * later.T @ after @ later - x * arb(weights["error"]) * (u.T @ u - e.T @ e)
+        F = F - arb(weights["change"]) * ((x * swing) ** 2 * v.T @ v * inside - c.T @ c)
+        if half > 0:
+            F = F - x * arb(weights["slope"]) * (half**2 * position[:1].T @ position[:1] - w.T @ w)
+        for power, lead, bound, share, weight in bounds:
+            reach = T / arb.pi() * ((2 * T / arb.pi()) ** 2 + lead**2).sqrt()  # of the changes of E, by Wirtinger
+            remaining = 1 - bound * reach * high**power
+            size = (bound / remaining) ** 2 * {0: 1, 0.5: 1 + swing, 1: turned**2}[float(power)]
+            if not remaining > 0:
+                raise ZeroDivisionError
+            track, ratio = np.vstack([position, mean * arb(T) ** 2]), (lead / T) ** 2
+            squares = ball(MEAN_SQUARES[0]) / 120 + ratio * ball(MEAN_SQUARES[1]) / 6
+            known = size * (1 + share) * track.T @ squares @ track
+            known = known + size * (1 + 1 / share) * (reach * swing) ** 2 * high * x * v.T @ v
+            F = F - x * weight * (known - x ** int(2 - 2 * float(power)) * forces.T @ forces)
+        return F
+
+    a, b, c_, d = (decrease(low + (high - low) * i / 3) for i in range(4))  # a cubic polynomial
+    found.append(positive([a, (18 * b - 5 * a - 9 * c_ + 2 * d) / 6, (2 * a - 9 * b + 18 * c_ - 5 * d) / 6, d], sign))
+    return min(found)
+
+
+def affine(e, _):
+    if e["proof"] is None:
+        return -1, "no Lyapunov function"
+    of, T = e["proof"]["ratios"], e["proof"]["ratios"]["period"]
+    fits = of["min_ratio"] <= e["min_ratio"] <= e["max_ratio"] <= of["max_ratio"] and e["rate"] <= of["rate"]
+    fits = fits and arb(of["relative_rate"]) * LOOSE > arb(e["rate"]) * e["max_ratio"]
+    text = f"decays by exp(−{math.log(e['proof']['growth']) / T:.4g} t) for all E(t) with {e['min_ratio']:.6g} ≤ E ≤ "
+    text += f"{e['max_ratio']:.6g} and E⁻¹ changing by at most {e['rate']:.6g} 1/s"
+    return affine_proof(e["proof"], T, e["slope"]) if fits else -1, text
