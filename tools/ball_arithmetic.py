@@ -1,7 +1,8 @@
-"""What `check_certificate` proves with: signs of forms, stability, and both over an interval or the unit circle, in balls."""
+"""Proofs in balls for `check_certificate`: signs of forms, also over an interval or the unit circle, and stability."""
 
 import itertools
 import math
+from typing import Any
 
 import numpy as np
 from flint import acb, acb_mat, arb, arb_mat, arb_poly
@@ -9,13 +10,14 @@ from flint import acb, acb_mat, arb, arb_mat, arb_poly
 LOOSE = 1 + arb(2) ** -27  # widens the bounds that the file has in floating point
 
 
-def ball(x, symmetric=False):
-    X = np.vectorize(lambda value: arb(float(value)), otypes=[object])(np.array(x, dtype=float))
-    return X if not symmetric or np.all(X == X.T) else X * arb("nan")  # of which nothing is proven
+def ball(x):
+    return np.vectorize(lambda value: arb(float(value)), otypes=[object])(np.array(x, dtype=float))
 
 
 def symmetric(x):
-    return ball(x, symmetric=True)
+    if not np.array_equal(x, np.transpose(x)):
+        raise ValueError("a matrix is not symmetric")
+    return ball(x)
 
 
 def inverse(A):
@@ -49,7 +51,7 @@ def stable(A):
 
 
 def positive(b, test=lambda x: 1 if x > 0 else -1 if x < 0 else 0):
-    """Return the sign over [0, 1] of a polynomial, of numbers or matrices, from its coefficients in Bernstein's basis."""
+    """Return the sign over [0, 1] of a polynomial of numbers or matrices, by its coefficients in Bernstein's basis."""
     pieces = [b]
     for _ in range(4000):
         if not pieces:
@@ -67,14 +69,15 @@ def positive(b, test=lambda x: 1 if x > 0 else -1 if x < 0 else 0):
 def on_circle(A, B, C, D, form, poles=()):
     """Return the sign over all |z| = 1 of form(z, G), G = C (z − A)⁻¹ B + D, whose A is stable.
 
-    Its determinant, times |det(z − A)|² and |z − p|⁴ of all poles p, is a polynomial in x = cos ω; its degree is that of
-    A, and two more for each pole. Where that is positive, the form has everywhere the sign that it has at z = −1.
+    Its determinant, times |det(z − A)|² and |z − p|⁴ of all poles p, is a polynomial in x = cos ω. Its degree is that
+    of A, and two more for each pole. Where that is positive, the form has everywhere the sign that it has at z = −1.
     """
-    chi, markov, W = arb_mat(A.tolist()).charpoly(), [], B
+    chi: Any = arb_mat(A.tolist()).charpoly()
+    markov, W = [], B
     for _ in A:
         markov.append(C @ W)
         W = A @ W
-    parts = [sum(chi[j] * markov[j - k - 1] for j in range(k + 1, len(A) + 1)) for k in range(len(A))]
+    parts: Any = [sum(chi[j] * markov[j - k - 1] for j in range(k + 1, len(A) + 1)) for k in range(len(A))]
     G = [[arb_poly([part[i, j] for part in parts]) + D[i, j] * chi for j in range(len(D.T))] for i in range(len(D))]
 
     def at(x):
@@ -104,4 +107,6 @@ def opened(loop, period, mismatch="B"):
     expected = [np.kron(row, np.eye(n, dtype=int)) for row in held] + [ball(np.zeros((len(A) - 2 * n, len(inputs.T))))]
     close = abs(inputs - np.vstack(expected)) <= arb(period) ** 2 * 1e-12
     plant = A[: 2 * n] == np.eye(2 * n, len(A)) + np.eye(2 * n, len(A), n) * np.repeat([[1], [0]], n, axis=0)
-    return (A, B, C) if np.all(close) and np.all(plant) and np.all(B == inputs[:, :n]) else (A * arb("nan"), B, C)
+    if not (np.all(close) and np.all(plant) and np.all(inputs[:, :n] == B)):
+        raise ValueError("the states are not those of a double integrator under a torque that is held for the period")
+    return A, B, C

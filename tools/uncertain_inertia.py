@@ -4,8 +4,9 @@ import itertools
 import math
 
 import numpy as np
-from ball_arithmetic import LOOSE, ball, inverse, on_circle, opened, positive, sign, square, stable, symmetric
 from flint import acb, arb, arb_mat
+
+from ball_arithmetic import LOOSE, ball, inverse, on_circle, opened, positive, sign, square, stable, symmetric
 
 MEAN_SQUARES = [[120, 60, 20], [60, 40, 15], [20, 15, 6]], [[0, 0, 0], [0, 6, 3], [0, 3, 2]]
 
@@ -46,7 +47,11 @@ def tolerates(b, period, slope):
         moved_by = centre * G[0] + unit[0] + unit[n + 1]
         y = sum((c * p / (z - p) for p, c in zip(decays, gains, strict=True)), acb(0))
         mixed = (y - y.conjugate()) * np.outer(np.conj(G[0]), moved_by)
-        F = np.diag([acb(1)] * n + [acb(weight), acb(forces)]) - radius**2 * square(G[0]) - penalty * square(moved_by)
+        F = (
+            np.diag(np.array([acb(1)] * n + [acb(weight), acb(forces)]))
+            - radius**2 * square(G[0])
+            - penalty * square(moved_by)
+        )
         size = (radius * eta) ** 2 * moved + forces * (LOOSE * sigma) ** 2 * moved + weight * half**2
         return (F - size * square(G[1]) - mixed - np.conj(mixed.T))[np.ix_(kept, kept)]
 
@@ -55,15 +60,16 @@ def tolerates(b, period, slope):
     return found if found != 1 else on_circle(X, columns, np.vstack([v, q]), D, form, decays)
 
 
-def varying_ratio(e, _):
+def varying_ratio(e, witness):
     b = e["ball"]
     rate = "" if b["max_change"] is None else f" and E⁻¹ changing by at most {b['max_change'] / e['period']:.6g} 1/s"
+    rate += "" if len(b["loop"]["B_mismatch"][0]) == 2 else ", constant within each period"
     text = f"stable for all E(t) with {b['centre'] - b['radius']:.6g} ≤ E ≤ {b['centre'] + b['radius']:.6g}{rate}"
-    return tolerates(b, e["period"], e["slope"]) if b["radius"] >= e["needed_radius"] else -1, text
+    return tolerates(b, e["period"], e["slope"]) if b["radius"] >= e["needed_radius"] and not witness else -1, text
 
 
 def at_rest(e, witness):
-    """A mode of the robot grows that is held at rest in the posture of the witness."""
+    """Decide whether a mode grows of the robot held at rest in the posture of the witness."""
     loop, n, T = (e["ball"] or {}).get("loop") or e["coupled_loop"], len(e["nominal_inertia"]), e["period"]
     for point in e["points"].values():
         if point and point["velocity"] is None and point["position"] == witness["posture"]:
@@ -85,28 +91,29 @@ def at_rest(e, witness):
 
 
 def robot(e, witness):
-    """All points lie in a set that the loop tolerates: a ball, or what a Lyapunov function affine in the inertia names."""
+    """Decide whether all points lie in what the loop tolerates: in a ball, or by an affine Lyapunov function."""
     if witness:
         return at_rest(e, witness)
-    N, b, T, cover, found = symmetric(e["nominal_inertia"]), e["ball"], e["period"], e["affine"], []
-    W, rates, points = inverse(N), [e["max_rate_point"]], [point for point in e["points"].values() if point]
+    N, b, T, cover, rates = symmetric(e["nominal_inertia"]), e["ball"], e["period"], e["affine"], []
+    W, points, own = inverse(N), [point for point in e["points"].values() if point], arb(0)
     if b is None or not e["robust_term_is_bounded"]:
         return -1, "no ball, or an unbounded slope"
+    centre, radius, eta = (arb(b[name]) for name in ("centre", "radius", "position_weight"))
+    lead = b["loop"]["lead_periods"][0][0] * arb(T)
     if cover:
         of = cover["proof"]["ratios"]
         low, high, rate, own = (arb(of[name]) for name in ("min_ratio", "max_ratio", "rate", "relative_rate"))
-        points, rates = points + cover["force_points"], cover["rate_points"]
+        points, rates, inside = points + cover["force_points"], cover["rate_points"], of["intersample"]
         bounds = list(zip(of["powers"], of["lead_times"], of["stiffness"], strict=True)) or [(0, 0, 1e-9)]
-        found.append(affine_proof(cover["proof"], T, e["slope"]))
+        found = [affine_proof(cover["proof"], T, e["slope"])]
     else:
-        low, high, eta = (
-            arb(b["centre"]) - arb(b["radius"]),
-            arb(b["centre"]) + arb(b["radius"]),
-            arb(b["position_weight"]),
-        )
-        rate, own, lead = b["max_change"] and arb(b["max_change"]) / T, None, b["loop"]["lead_periods"][0][0] * arb(T)
-        bounds = [(0, lead, b["stiffness"] if eta > 0 else 1e-9)] if rate is not None or not eta > 0 else []
-        found.append(tolerates(b, T, e["slope"]))
+        low, high, rate = centre - radius, centre + radius, arb(0)
+        bounds, inside = [] if eta > 0 else [(0, lead, 1e-9)], len(b["loop"]["B_mismatch"][0]) == 2
+        if b["max_change"] is not None:
+            rate, rates = arb(b["max_change"]) / T, [e["max_rate_point"]]
+            bounds = bounds or [(0, lead, b["stiffness"])]
+        found = [tolerates(b, T, e["slope"])]
+    found.append(1 if inside and low <= e["min_ratio"] <= e["max_ratio"] <= high else -1)
     for point in points:
         M, G, D = symmetric(point["inertia"]), ball(point["stiffness"]), ball(point["damping"])
         D = 0 * D if point["velocity"] is None else D  # viscous friction of a robot at rest
@@ -119,12 +126,11 @@ def robot(e, witness):
 
         found += [sign((LOOSE * bound) ** 2 * size[power] - force(arb(lead))) for power, lead, bound in bounds]
         if not cover and eta > 0:
-            R = N - arb(b["centre"]) * M
-            found.append(sign(arb(b["radius"]) ** 2 * size[0] - R @ W @ R - force(lead) / eta**2))
-    for point in rates if rate is not None else []:
-        slopes = [
-            symmetric(S) * v for S, v in zip(point["inertia_slopes"], ball(point["velocity_limits"]), strict=True)
-        ]
+            R = N - centre * M
+            found.append(sign(radius**2 * size[0] - R @ W @ R - force(lead) / eta**2))
+    for point in rates:
+        speeds = ball(point["velocity_limits"])
+        slopes = [symmetric(slope) * speed for slope, speed in zip(point["inertia_slopes"], speeds, strict=True)]
         for signs in itertools.product((1, -1), repeat=len(slopes)):
             S = sum(one * slope for one, slope in zip(signs, slopes, strict=True))
             found.append(sign(LOOSE * rate * N - S))
@@ -215,12 +221,13 @@ def affine_proof(proof, T, slope):
     return min(found)
 
 
-def affine(e, _):
-    if e["proof"] is None:
+def affine(e, witness):
+    if witness or e["proof"] is None:
         return -1, "no Lyapunov function"
     of, T = e["proof"]["ratios"], e["proof"]["ratios"]["period"]
     fits = of["min_ratio"] <= e["min_ratio"] <= e["max_ratio"] <= of["max_ratio"] and e["rate"] <= of["rate"]
     fits = fits and arb(of["relative_rate"]) * LOOSE > arb(e["rate"]) * e["max_ratio"]
     text = f"decays by exp(−{math.log(e['proof']['growth']) / T:.4g} t) for all E(t) with {e['min_ratio']:.6g} ≤ E ≤ "
     text += f"{e['max_ratio']:.6g} and E⁻¹ changing by at most {e['rate']:.6g} 1/s"
+    text += "" if of["intersample"] else ", constant within each period"
     return affine_proof(e["proof"], T, e["slope"]) if fits else -1, text
