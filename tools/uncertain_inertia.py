@@ -149,7 +149,8 @@ def affine_proof(proof, T, slope):
     (A, B, C), mismatch = opened(loop, T, "B_mismatch"), ball(loop["B_mismatch"])
     robust, direct, Ar, Br = *(ball(loop[x]) for x in ("B_robust", "D_robust")), ball(reduced["A"]), ball(reduced["B"])
     centre, half, growth = arb(reduced["full"]["centre"]), arb(loop["half_slope"][0][0]), arb(proof["growth"])
-    P0, P1, Q1, S, R = (symmetric(proof["matrices"][name]) for name in ("P0", "P1", "Q1", "S", "R"))
+    P0, P1, Q1, S, R, S0 = (symmetric(proof["matrices"][name]) for name in ("P0", "P1", "Q1", "S", "R", "S0"))
+    following = (LOOSE * arb(of["nominal_rate"]) * T).exp() - 1  # ±ΔM̂ ⪯ following M̂ in a period, for M̂(q)
     low, high, n, k, count = arb(of["min_ratio"]), arb(of["max_ratio"]), len(mismatch.T), len(Ar), len(scales)
     turn, change = (LOOSE * arb(of[name]) * T for name in ("rate", "relative_rate"))  # of E⁻¹ in a period
     turned, inside = 1 / (1 - turn * high) if of["intersample"] else arb(1), of["intersample"]  # ‖E(t) Ē⁻¹‖
@@ -161,6 +162,7 @@ def affine_proof(proof, T, slope):
     numbers = [
         turn,
         change,
+        following,
         growth - 1,
         half - arb(slope) / 2,
         high - low,
@@ -180,12 +182,14 @@ def affine_proof(proof, T, slope):
     A, X = A + centre * B @ v - half * robust @ q[:1], np.vstack([v, q])[:count] * scales[:, None]
     B = np.hstack([mismatch, robust / centre + B @ direct])[:, : n + (half > 0)]
     L, Cr, zero = ball(reduced["projection"]), ball(reduced["C"]), np.zeros((len(A), k), dtype=int)
-    step = np.vstack([np.hstack([A, zero, B]), np.hstack([Ar @ L - L @ A, Ar, Br - L @ B])]) * growth
+    step = np.vstack([np.hstack([A, zero, B]), np.hstack([Ar @ L - L @ A, Ar, Br - L @ B])])
+    step = step * growth * (1 + following).sqrt()
     error = np.hstack([X - Cr @ L, -Cr, 0 * X[:, : len(B.T)]]) / arb(reduced["error_gain"])
     storage, stored = symmetric(reduced["storage"]), np.eye(len(step.T), dtype=int) * arb(1)
     stored[: len(step), : len(step)] = storage
     found = [sign(storage), sign(stored - error.T @ error - step.T @ storage @ step)]
     found += [sign(form) for end in (low, high) for form in (end * P0 + P1 + Q1, S + P1, S - P1, R + Q1, R - Q1)]
+    found += [sign(form) for form in (S0 + P0, S0 - P0)] if following > 0 else []
     sizes = np.cumsum([k, count, 2 * bool(bounds), inside, half > 0])
     z, e, forces, c, w = np.split(np.eye(sizes[-1], dtype=int), sizes[:-1])
 
@@ -198,7 +202,7 @@ def affine_proof(proof, T, slope):
         u = np.vstack([np.vstack([mean - centre * v, moment])[:n], centre * w])
         later = Ar @ z + Br @ u
         F = z.T @ (x * P0 + P1 + Q1) @ z
-        after = x * (P0 + turn * turned**2 * S) + P1 + Q1 + (change.exp() - 1) * R
+        after = x * (P0 + turn * turned**2 * S + following * S0) + P1 + Q1 + (change.exp() - 1) * R
         F = F - growth**2 * later.T @ after @ later - x * arb(weights["error"]) * (u.T @ u - e.T @ e)
         F = F - arb(weights["change"]) * ((x * swing) ** 2 * v.T @ v * inside - c.T @ c)
         if half > 0:

@@ -15,7 +15,6 @@ from flint import acb, arb
 import check_certificate as tool
 from ball_arithmetic import on_circle, positive, sign, stable
 from law_catalogue import make_law, make_tdc
-from slow_cases import slow
 from tarc import laws, paper, plants
 from tarc.analysis import Workspace
 from tarc.certificates import (
@@ -200,7 +199,7 @@ TRUE_FOR_THE_TOOL = "min_ratio", "multiplier.stiffness", "max_slope", "error_gai
 """Entries whose change leaves what the tool tests true, although the package refuses it."""
 
 
-@slow
+@pytest.mark.slow
 def test_it_accepts_no_forged_one_that_the_package_refuses(written):
     for name, content in written.items():
         for path in numbers(content["evidence"], "evidence"):
