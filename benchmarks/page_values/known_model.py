@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from benchmarks.page_values.registry import Value, source, table
+from benchmarks.page_values.registry import Value, metrics, source, table
 from tarc import NominalInertia, Scenario
 from tarc.analysis import Workspace
 from tarc.certificates import certify_known_inertia
@@ -106,4 +106,6 @@ def known_model() -> dict[str, Value]:
         ),
         "ratio": constant["rms_error"] / known["rms_error"],
         "certified_frequency": certified_frequency(),
+        "demo_error": 1e3 * metrics("ur5e_model")["with a model"]["rms_error"],
+        "demo_variation": metrics("ur5e_model")["with a model"]["torque_variation"],
     }

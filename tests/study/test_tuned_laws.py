@@ -8,7 +8,9 @@ from tarc.scenario.loader import shipped_scenarios
 from tarc.study import compare, tuned_laws
 
 LAWS = list(tuned_laws())
-SCENARIOS = [name for name in shipped_scenarios() if name != "ur5e" and not name.startswith("train_")]
+SCENARIOS = [
+    name for name in shipped_scenarios() if name not in ("ur5e", "ur5e_model") and not name.startswith("train_")
+]
 LONG = {"ur5e_load", "underwater", "panda_multisine", "wheeled_figure_eight"}
 KNOWN_TO_DIVERGE = {"tdc-difference", "tdc-differentiator"}
 
