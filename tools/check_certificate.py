@@ -17,9 +17,8 @@ import numpy as np
 from flint import arb, arb_poly, ctx, fmpq, fmpq_poly
 
 from ball_arithmetic import ball, inverse, on_circle, opened, sign, stable, symmetric
+from known_inertia import known_inertia
 from uncertain_inertia import affine, robot, varying_ratio
-
-PRECISIONS = 256, 1024, 3072
 
 
 def one_parameter(e, witness):
@@ -142,13 +141,13 @@ def nominal(e, witness):
         F, least = F - gamma**2 * sigma.T @ sigma, e1.T @ e1
         found += [sign(X) for X in (P, R1, R2)]
         found += [sign(-F), sign(P - least[: 2 * n, : 2 * n])] if a > 0 else [sign(-F - least)]
-    return min(
-        found
-    ), f"|e1| is at most {gain / (2 * e['loop']['decay_rate']) ** 0.5 if a > 0 else gain:.6g} times |σ'|"
+    peak = arb(gain) / (2 * a).sqrt() if a > 0 else arb(gain)
+    return min(found), f"|e1| is at most {float(peak):.6g} times |σ'|"
 
 
-CHECKS = {"constant_ratio": one_parameter, "sector": one_parameter, "varying_ratio": varying_ratio, "affine": affine}
-CHECKS |= {"robot": robot, "lemma1": lemma1, "c2": c2, "theorem1": theorem, "theorem2": theorem, "nominal": nominal}
+CHECKS = dict(constant_ratio=one_parameter, sector=one_parameter, varying_ratio=varying_ratio, affine=affine)
+CHECKS |= dict(robot=robot, known_inertia=known_inertia, lemma1=lemma1, c2=c2, theorem1=theorem, theorem2=theorem)
+CHECKS |= dict(nominal=nominal)
 
 
 def decide(content):
@@ -160,9 +159,10 @@ def decide(content):
         return 1, "nothing, and nothing is claimed"
     if verdict == "refuted" and not content["witness"]:
         return -1, "no witness"
-    for ctx.prec in PRECISIONS:
+    for bits in (256, 1024, 3072):
         try:
-            found, text = check(content["evidence"], content["witness"] if verdict == "refuted" else None)
+            with ctx.workprec(bits):
+                found, text = check(content["evidence"], content["witness"] if verdict == "refuted" else None)
         except (ArithmeticError, AttributeError, IndexError, KeyError, TypeError, ValueError) as problem:
             found, text = 0, f"{type(problem).__name__}: {problem}"
         if found:

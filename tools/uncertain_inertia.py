@@ -11,11 +11,12 @@ from ball_arithmetic import LOOSE, ball, inverse, on_circle, opened, positive, s
 MEAN_SQUARES = [[120, 60, 20], [60, 40, 15], [20, 15, 6]], [[0, 0, 0], [0, 6, 3], [0, 3, 2]]
 
 
-def tolerates(b, period, slope):
+def tolerates(b, period, slope, growth=1):
     """Decide whether the loop is stable for all E(t) of a ball, with its stiffness, its change and all slopes κ(t).
 
     With v = M̂⁻¹τ, b = E v and d the acceleration by stiffness, a = b − d − ρ0 v is bounded by radius and η; d by the
     stiffness; w by the slope; and Σ y_m (v(k+m)·b(k) − v(k)·b(k+m)) is bounded since E⁻¹ is symmetric and slow.
+    The states may grow by a factor in each period, for a norm that follows M̂(q).
     """
     loop, change, proof = b["loop"], b["max_change"], b["multiplier"] or {}
     (A, B, C), mismatch = opened(loop, period, "B_mismatch"), ball(loop["B_mismatch"])
@@ -26,11 +27,11 @@ def tolerates(b, period, slope):
     if change is not None:
         change, weight, forces = arb(change) * LOOSE, arb(proof["slope"]), arb(proof["stiffness"])
         decays, gains = ball(proof["decays"]), ball(proof["coefficients"])
-        growth = 1 / (1 - change * (centre + radius))  # of ‖E(t) Ē⁻¹‖ in a period, with its mean Ē
+        turned = 1 / (1 - change * (centre + radius))  # of ‖E(t) Ē⁻¹‖ in a period, with its mean Ē
         penalty = sum(
-            (2 * change * growth**2 * abs(c) * p / (1 - p) ** 2 for p, c in zip(decays, gains, strict=True)), penalty
+            (2 * change * turned**2 * abs(c) * p / (1 - p) ** 2 for p, c in zip(decays, gains, strict=True)), penalty
         )
-        if not (change >= 0 and growth > 0 and growth < 3 and radius <= centre and all(0 < p < 1 for p in decays)):
+        if not (change >= 0 and 0 < turned < 3 and radius <= centre and all(0 < p < 1 for p in decays)):
             return -1
     has_forces = change is not None and eta > 0 and sigma > 0
     ranges = 2 * half == slope, centre > 0, radius > 0, weight > 0, forces > 0 or not has_forces
@@ -43,7 +44,7 @@ def tolerates(b, period, slope):
     kept = [*range(n), *[n] * (half > 0), *[n + 1] * has_forces]
 
     def form(z, G):
-        G, unit, moved = np.hstack([G, 0 * G[:, :1]]), np.eye(n + 2, dtype=int), 1 + abs(lead * (z - 1)) ** 2
+        G, unit, moved = np.hstack([G, 0 * G[:, :1]]), np.eye(n + 2, dtype=int), 1 + abs(lead * (z / growth - 1)) ** 2
         moved_by = centre * G[0] + unit[0] + unit[n + 1]
         y = sum((c * p / (z - p) for p, c in zip(decays, gains, strict=True)), acb(0))
         mixed = (y - y.conjugate()) * np.outer(np.conj(G[0]), moved_by)
@@ -55,9 +56,8 @@ def tolerates(b, period, slope):
         size = (radius * eta) ** 2 * moved + forces * (LOOSE * sigma) ** 2 * moved + weight * half**2
         return (F - size * square(G[1]) - mixed - np.conj(mixed.T))[np.ix_(kept, kept)]
 
-    found = stable(X)
-    columns = np.hstack([mismatch, entry])
-    return found if found != 1 else on_circle(X, columns, np.vstack([v, q]), D, form, decays)
+    found, columns = stable(X * growth), np.hstack([mismatch, entry]) * growth
+    return found if found != 1 else on_circle(X * growth, columns, np.vstack([v, q]), D, form, decays)
 
 
 def varying_ratio(e, witness):
@@ -68,32 +68,41 @@ def varying_ratio(e, witness):
     return tolerates(b, e["period"], e["slope"]) if b["radius"] >= e["needed_radius"] and not witness else -1, text
 
 
-def at_rest(e, witness):
-    """Decide whether a mode grows of the robot held at rest in the posture of the witness."""
-    loop, n, T = (e["ball"] or {}).get("loop") or e["coupled_loop"], len(e["nominal_inertia"]), e["period"]
-    for point in e["points"].values():
-        if point and point["velocity"] is None and point["position"] == witness["posture"]:
-            break
-    else:
-        return -1, "the posture of the witness is not among the points"
-    M, D, G, N = (
-        symmetric(point["inertia"]),
-        *(ball(x) for x in (point["damping"], point["stiffness"], e["nominal_inertia"])),
-    )
+def at_rest(loop, point, nominal, T, witness):
+    """Decide whether a mode grows, as the witness says, of the robot that is held at rest at a point."""
+    rate, text = witness["growth_rate"] * T * 0.999, f"a mode grows at rest at q = {witness['posture']}"
+    if rate <= 0 or point["velocity"] is not None or point["position"] != witness["posture"]:
+        return -1, text
+    M, D, G, N = symmetric(point["inertia"]), *(ball(x) for x in (point["damping"], point["stiffness"], nominal))
+    n = len(M)
     rates = np.hstack([-inverse(M) @ G, -inverse(M) @ D / T, inverse(M) @ N]) * T
     motion = np.vstack([np.hstack([0 * M, np.eye(n, dtype=int), 0 * M]), rates * arb(T), ball(np.zeros((n, 3 * n)))])
     moved = np.array(arb_mat(motion.tolist()).exp().tolist(), dtype=object)[: 2 * n]
     A, _, C = (np.kron(X, np.eye(1 if len(loop["C"]) == n > 1 else n, dtype=int)) for X in opened(loop, T))
     A[: 2 * n] = moved[:, 2 * n :] @ C
     A[: 2 * n, : 2 * n] += moved[:, : 2 * n]
-    rate = witness["growth_rate"] * T * 0.999
-    return -stable(A / arb(rate).exp()) if rate > 0 else -1, f"a mode grows at rest at q = {witness['posture']}"
+    return -stable(A / arb(rate).exp()), text
+
+
+def force(point, W, lead):
+    """Return G W Gᵀ + D W Dᵀ/θ²; it is infinite for a damping without a lead time θ."""
+    G, D = ball(point["stiffness"]), ball(point["damping"])
+    return G @ W @ G.T + (D @ W @ D.T / lead**2 if lead > 0 else ball(np.where(D == 0, 0, np.inf)))
+
+
+def changes(point):
+    """Yield the extreme dM/dt of a point, up to their sign and more."""
+    slopes = [symmetric(x) * v for x, v in zip(point["inertia_slopes"], ball(point["velocity_limits"]), strict=True)]
+    for signs in itertools.product((1, -1), repeat=len(slopes)):
+        yield sum((one * slope for one, slope in zip(signs, slopes, strict=True)), 0 * slopes[0])
 
 
 def robot(e, witness):
     """Decide whether all points lie in what the loop tolerates: in a ball, or by an affine Lyapunov function."""
     if witness:
-        return at_rest(e, witness)
+        loop = (e["ball"] or {}).get("loop") or e["coupled_loop"]
+        points = [point for point in e["points"].values() if point]
+        return max(at_rest(loop, point, e["nominal_inertia"], e["period"], witness) for point in points)
     N, b, T, cover, rates = symmetric(e["nominal_inertia"]), e["ball"], e["period"], e["affine"], []
     W, points, own = inverse(N), [point for point in e["points"].values() if point], arb(0)
     if b is None or not e["robust_term_is_bounded"]:
@@ -115,26 +124,18 @@ def robot(e, witness):
         found = [tolerates(b, T, e["slope"])]
     found.append(1 if inside and low <= e["min_ratio"] <= e["max_ratio"] <= high else -1)
     for point in points:
-        M, G, D = symmetric(point["inertia"]), ball(point["stiffness"]), ball(point["damping"])
-        D = 0 * D if point["velocity"] is None else D  # viscous friction of a robot at rest
+        if point["velocity"] is None:  # without the viscous friction of a robot at rest
+            point = point | {"damping": np.zeros_like(point["damping"])}
+        M = symmetric(point["inertia"])
+        size, R = {0: M @ W @ M, 0.5: M, 1: N}, N - centre * M
         found += [sign(M), sign(N - low * M), sign(high * M - N)]
-        size = {0: M @ W @ M, 0.5: M, 1: N}
-
-        def force(lead, D=D, G=G):
-            damped = D @ W @ D.T / lead**2 if lead > 0 else ball(np.where(D == 0, 0, np.inf))
-            return G @ W @ G.T + damped
-
-        found += [sign((LOOSE * bound) ** 2 * size[power] - force(arb(lead))) for power, lead, bound in bounds]
+        found += [sign((LOOSE * x) ** 2 * size[power] - force(point, W, arb(theta))) for power, theta, x in bounds]
         if not cover and eta > 0:
-            R = N - centre * M
-            found.append(sign(radius**2 * size[0] - R @ W @ R - force(lead) / eta**2))
+            found.append(sign(radius**2 * size[0] - R @ W @ R - force(point, W, lead) / eta**2))
     for point in rates:
-        speeds = ball(point["velocity_limits"])
-        slopes = [symmetric(slope) * speed for slope, speed in zip(point["inertia_slopes"], speeds, strict=True)]
-        for signs in itertools.product((1, -1), repeat=len(slopes)):
-            S = sum(one * slope for one, slope in zip(signs, slopes, strict=True))
-            found.append(sign(LOOSE * rate * N - S))
-            found += [sign(LOOSE * own * symmetric(point["inertia"]) - S)] if cover else []
+        for change in changes(point):
+            found.append(sign(LOOSE * rate * N - change))
+            found += [sign(LOOSE * own * symmetric(point["inertia"]) - change)] if cover else []
     return min(found), f"all points have {float(low):.6g} ≤ E ≤ {float(high):.6g} and what the loop tolerates"
 
 

@@ -10,16 +10,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from flint import acb, arb
+from flint import acb, arb, ctx
 
 import check_certificate as tool
 from ball_arithmetic import on_circle, positive, sign, stable
 from law_catalogue import make_law, make_tdc
-from tarc import laws, paper, plants
+from tarc import NominalInertia, laws, paper, plants
 from tarc.analysis import Workspace
 from tarc.certificates import (
     certify_affine,
     certify_constant_ratio,
+    certify_known_inertia,
     certify_robot,
     certify_sector,
     certify_varying_ratio,
@@ -57,6 +58,9 @@ def certificates() -> Iterator[tuple[str, Any]]:
     yield "theorem2", paper.check_theorem2(literal, D=2.0)
     yield "nominal", paper.check_nominal_loop(literal)
     yield "nominal with a decay", paper.check_nominal_loop(literal, decay_rate=1.0)
+    known = make_tdc(6, True, 20.0, NominalInertia(ARM, 0.8, gravity=True, coriolis=True))
+    slow = Workspace.box([-0.5, 1.0], [0.5, 2.0], speed=1.0)
+    yield "known inertia", certify_known_inertia(known, ARM, slow, samples=20, quick=True)
     yield "affine", certify_affine(make_tdc(window=5), (0.02, 0.3), 10.0)
 
 
@@ -166,6 +170,14 @@ FORGED = [
     ("nominal", "evidence.parts.0.R2", 0.1),
     ("nominal with a decay", "evidence.peak_gain", 0.9),
     ("nominal with a decay", "evidence.loop.decay_rate", 20.0),
+    ("known inertia", "evidence.radius", 10.0),
+    ("known inertia", "evidence.centre", 3.0),
+    ("known inertia", "evidence.max_ratio", 0.9),
+    ("known inertia", "evidence.min_ratio", 1.1),
+    ("known inertia", "evidence.rate_point.velocity_limits", 1e3),
+    ("known inertia", "evidence.points.0.nominal", 5.0),
+    ("known inertia", "evidence.loop.C", 10.0),
+    ("known inertia", "evidence.robust_term_is_bounded", False),
     ("affine", "evidence.max_ratio", 1.1),
     ("affine", "evidence.rate", 1.5),
     ("affine", "evidence.slope", 10),
@@ -218,6 +230,13 @@ def test_it_accepts_no_forged_one_that_the_package_refuses(written):
 # The arithmetic against truth
 
 
+@pytest.fixture
+def _precise():
+    with ctx.workprec(256):
+        yield
+
+
+@pytest.mark.usefixtures("_precise")
 def test_signs_and_stability():
     def balls(x):
         return np.vectorize(arb, otypes=[object])(np.array(x, dtype=float))
@@ -232,6 +251,7 @@ def test_signs_and_stability():
     assert [positive([arb(1) / 4 + c, -arb(1) / 4 + c, arb(1) / 4 + c]) for c in (1e-9, -1e-9)] == [1, -1]
 
 
+@pytest.mark.usefixtures("_precise")
 def test_the_circle_against_a_peak_gain_by_hand():
     """z/(z − a) has the peak gain 1/(1 − a); with a pole beside it the degree is two more."""
     a = arb(0.75)

@@ -1,0 +1,58 @@
+"""Certificates of laws with M̂(q): a ball in a norm that follows the posture, or a Lyapunov function in M̂ and M."""
+
+import numpy as np
+from flint import arb
+
+from ball_arithmetic import LOOSE, ball, inverse, sign, symmetric
+from uncertain_inertia import affine_proof, at_rest, changes, force, tolerates
+
+ROOM = 1.05  # what is needed may grow by this factor, since the worst points come from samples
+
+
+def relative_rate(point, inertia):
+    """Return the largest |M^−½ (dM/dt) M^−½| of a point, and the sign of its proof."""
+    M, moved = symmetric(inertia), list(changes(point))
+    values = [np.linalg.eigvals(np.linalg.solve(np.array(inertia), np.array(change, dtype=float))) for change in moved]
+    rate = arb(float(np.abs(values).max())) * LOOSE + arb(2) ** -200
+    return rate, min(sign(rate * M - change) for change in moved)
+
+
+def known_inertia(e, witness):
+    """Decide whether what M̂(q) is and changes lies in what the loop tolerates, with room."""
+    T, loop, proof, rest = e["period"], e["loop"], e["affine"], e["rest_loop"]
+    if witness:
+        return at_rest(rest["loop"], rest["robot"], rest["nominal"], T, witness)
+    if not e["robust_term_is_bounded"]:
+        return -1, "an unbounded slope"
+    slope, centre, radius = 2 * loop["half_slope"][0][0], arb(e["centre"]), arb(e["radius"])
+    eta, lead = arb(e["position_weight"]), arb(loop["lead_periods"][0][0]) * T
+    rate, is_rate = relative_rate(e["rate_point"], e["rate_point"]["nominal"])
+    turned, later = (rate * T).exp(), (rate * T * (1 + e["computation_delay"])).exp()
+    low, high, found = arb(e["min_ratio"]) / LOOSE, arb(e["max_ratio"]) * LOOSE, [is_rate]
+    needed, wider = radius / (turned * ROOM) - high * (later - 1), arb(1)
+    if proof:
+        of, full = proof["ratios"], proof["loop"]["full"]["loop"]
+        own, is_own = relative_rate(e["relative_rate_point"], e["relative_rate_point"]["inertia"])
+        limits = {"relative_rate": own, "rate": own * turned / low, "nominal_rate": rate, "max_ratio": high * turned}
+        fits = all(need * ROOM <= arb(of[name]) * LOOSE**4 for name, need in limits.items())
+        fits = fits and low / turned >= arb(of["min_ratio"]) * ROOM / LOOSE**4 and e["computation_delay"] == 0
+        fits = fits and full["A"] == loop["A"] and full["C"] == loop["C"] and of["intersample"]
+        found += [is_own, affine_proof(proof, T, slope), 1 if fits else -1]
+        bounds = list(zip(of["powers"], of["lead_times"], of["stiffness"], strict=True)) or [(0, 0, 1e-9)]
+        wider = turned * ROOM if of["powers"] else wider
+    else:
+        ball_of = {name: e[name] for name in ("loop", "centre", "radius", "position_weight", "scale")}
+        ball_of |= {"stiffness": 0, "max_change": None, "multiplier": None}
+        found += [1 if needed > 0 and len(loop["B_mismatch"][0]) == 2 else -1]
+        found += [tolerates(ball_of, T, slope, (rate * T / 2).exp())]
+        bounds = [] if eta > 0 else [(0, lead, 1e-9)]
+    for known in e["points"]:
+        point, N = known["robot"], symmetric(known["nominal"])
+        M, W = symmetric(point["inertia"]), inverse(N)
+        size, R = {0: M @ W @ M, 0.5: M, 1: N}, N - centre * M
+        found += [sign(M), sign(LOOSE * N - low * M), sign(LOOSE * high * M - N)]
+        found += [sign((LOOSE * x / wider) ** 2 * size[p] - force(point, W, arb(theta))) for p, theta, x in bounds]
+        if not proof:
+            stiffness = force(point, W, lead) / eta**2 if eta > 0 else ball(np.zeros(M.shape))
+            found.append(sign(needed**2 * size[0] - R @ W @ R - stiffness))
+    return min(found), f"all points have {e['min_ratio']:.6g} ≤ E ≤ {e['max_ratio']:.6g} and what the loop tolerates"
