@@ -220,6 +220,7 @@ def test_json_round_trip_verifies_and_tampering_shows():
         "proof.ratios.min_ratio": 0.2,
         "proof.ratios.period": 1.1,
         "proof.ratios.rate": np.nan,
+        "proof.ratios.relative_rate": 0.5,
         "proof.matrices.P0": -1.0,
         "proof.matrices.S": 1e-3,
         "proof.multipliers.error": 1e6,

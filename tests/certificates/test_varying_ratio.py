@@ -239,6 +239,7 @@ def test_json_round_trip_verifies_and_tampering_shows():
         assert read.to_dict() == certificate.to_dict()
         for name, factor in (("radius", 1.01), ("centre", 0.5)):
             assert not scaled(certificate, f"ball.{name}", factor).verify()
+        assert not replaced(certificate, "slope", 60.0).verify()
         for name in UncertainLoop._fields[:3]:
             assert not scaled(certificate, f"ball.loop.{name}", 10).verify()
             with pytest.raises(InvalidParameter, match="cannot read it"):

@@ -184,6 +184,7 @@ class AffineEvidence(Evidence):
         ratios = proof.ratios
         covers = ratios.min_ratio <= self.min_ratio <= self.max_ratio <= ratios.max_ratio
         covers = covers and self.rate <= ratios.rate and self.slope <= 2 * proof.loop.full.loop.half_slope.item()
+        covers = covers and self.rate * self.max_ratio <= ratios.relative_rate * (1 + 1e-9)
         proven = covers and proof.is_proven()
         return Judgement(Verdict.CERTIFIED if proven else Verdict.INCONCLUSIVE, proof.decay_rate if proven else 0.0)
 

@@ -296,7 +296,8 @@ class RobotEvidence(Evidence):
             if self.max_rate_point.rate(self.nominal_inertia) * self.period / (1 + 1e-9) > ball.max_change:
                 return undecided
         judgement = ball.judge(needed_radius)
-        return judgement if self.robust_term_is_bounded else judgement._replace(verdict=Verdict.INCONCLUSIVE)
+        is_bounded = self.robust_term_is_bounded and self.slope <= 2 * ball.loop.half_slope.item()
+        return judgement if is_bounded else judgement._replace(verdict=Verdict.INCONCLUSIVE)
 
     def _judge_affine(self, cover: AffineCover) -> Judgement:
         """Test whether the Lyapunov function covers all points, and prove it."""

@@ -198,8 +198,10 @@ class VaryingRatioEvidence(Evidence):
         return None if self.ball.max_change is None else self.ball.max_change / self.period
 
     def judge(self) -> Judgement:
-        """Judge the ball against the radius needed."""
-        return self.ball.judge(self.needed_radius)
+        """Judge the ball against the radius needed and the slope."""
+        judgement = self.ball.judge(self.needed_radius)
+        has_slope = self.slope <= 2 * self.ball.loop.half_slope.item()
+        return judgement if has_slope else judgement._replace(verdict=Verdict.INCONCLUSIVE)
 
 
 def certify_varying_ratio(
