@@ -116,6 +116,35 @@ def test_command_as_json_with_settings(scenario):
     assert content["files"] == ["runs/swing/TDC-certificates.json"]
 
 
+@pytest.mark.slow
+def test_command_tries_an_affine_function_after_the_quick_verdicts(tmp_path):
+    (tmp_path / "arm.yaml").write_text(AFFINE_ARM)
+    options = ["arm.yaml", "--full-range", "--speed", "2", "--samples", "60", "--no-figures"]
+    quick, whole = run_certify(*options, "--quick", cwd=tmp_path), run_certify(*options, cwd=tmp_path)
+    line = "TDC by a Lyapunov function affine in the inertia: certified on 60 sampled"
+    assert line not in " ".join(quick.stdout.split())
+    assert line in " ".join(whole.stdout.split())
+    stored = json.loads((tmp_path / "runs/arm/TDC-certificates.json").read_text())
+    assert certificate_from_dict(stored["robot"]).verify()
+    assert stored["robot"]["evidence"]["affine"] is not None
+
+
+AFFINE_ARM = """
+name: arm
+robot: {kind: TwoLinkArm}
+reference: {kind: Sinusoid, amplitude: [0.3, 0.3], frequency: 2.0}
+estimator: {kind: Algebraic, window: 0.006, degree: 2}
+law:
+  kind: TDC
+  inertia: [[1.3448, 0.5043], [0.5043, 0.5043]]
+  natural_frequency: 44.0
+  synchronised: true
+disturbance:
+  - {kind: ParameterSchedule, parameter: payload, times: [0.5], values: [2.0]}
+duration: 1.0
+"""
+
+
 def test_a_schedule_counts_only_if_it_comes_before_the_end(scenario):
     whole = tarc.Scenario.load(scenario / "swing.yaml").certify(samples=50)["TDC"].verdict
     short = tarc.Scenario.load(scenario / "swing.yaml", ["duration=0.4"]).certify(samples=50)["TDC"].verdict
