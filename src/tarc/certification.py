@@ -384,16 +384,19 @@ class LawCertification:
             return np.nan, np.nan
         return certificate.evidence.min_ratio, certificate.evidence.max_ratio
 
-    def _suggest_wider_range(self) -> str:
-        """Return the ratios of the robot and those that the law tolerates, as it is and synchronised."""
+    @cached_property
+    def tolerated(self) -> dict[bool, VaryingRatioEvidence]:
+        """Return the widest balls at the robot's rate, of the law as it is and synchronised, by whether it is that.
+
+        One that is stable for no ratio is left out.
+        """
         law, robot = self.law, self.verdict.evidence
-        slower = "a bound on the joints' speeds" if robot.rate is None else "slower joints"
-        variants: dict[str, tuple[PolePlacement, Sequence[Channel] | None]] = {"as it is": (law, self.channels)}
+        is_synchronised = isinstance(law, TDE) and law.synchronised
+        variants: dict[bool, tuple[PolePlacement, Sequence[Channel] | None]] = {is_synchronised: (law, self.channels)}
         if isinstance(law, TDE) and not law.synchronised:
-            variants["synchronised"] = replace(law, synchronised=True, delay=None), None
-        robot_centre = (robot.min_ratio * robot.max_ratio) ** 0.5
-        ranges = []
-        for name, (variant, channels) in variants.items():
+            variants[True] = replace(law, synchronised=True, delay=None), None
+        found = {}
+        for synchronised, (variant, channels) in variants.items():
             is_computed = variant is law and robot.slope == 0 and robot.rate is None
             certificate = self.certificates.get("varying_ratio") if is_computed else None
             with suppress(NoStableRatio):
@@ -404,9 +407,19 @@ class LawCertification:
                     computation_delay=self.computation_delay,
                     channels=channels,
                 )
-                evidence = certificate.evidence
-                scale = (evidence.min_ratio * evidence.max_ratio) ** 0.5 / robot_centre
-                ranges.append(f"{evidence.ratio_spread:.3g} ({name}, with {scale:.3g} of this M̂)")
+                found[synchronised] = certificate.evidence
+        return found
+
+    def _suggest_wider_range(self) -> str:
+        """Return the ratios of the robot and those that the law tolerates, as it is and synchronised."""
+        law, robot = self.law, self.verdict.evidence
+        slower = "a bound on the joints' speeds" if robot.rate is None else "slower joints"
+        robot_centre = (robot.min_ratio * robot.max_ratio) ** 0.5
+        ranges = []
+        for is_synchronised, ball in self.tolerated.items():
+            name = "synchronised" if is_synchronised and not getattr(law, "synchronised", True) else "as it is"
+            scale = (ball.min_ratio * ball.max_ratio) ** 0.5 / robot_centre
+            ranges.append(f"{ball.ratio_spread:.3g} ({name}, with {scale:.3g} of this M̂)")
         return (
             f"The robot's largest inertia ratio is {robot.ratio_spread:.3g} times its smallest; the varying-ratio "
             f"certificate of this loop allows {' or '.join(ranges) or 'none'}. A shorter window, a lower natural "

@@ -2,7 +2,6 @@
 
 import copy
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import replace
 from itertools import islice
 from typing import Any
@@ -11,7 +10,8 @@ import numpy as np
 
 from tarc.analysis.linearise import joints_share_loop
 from tarc.certificates.robot import certify_robot
-from tarc.certificates.varying_ratio import certify_varying_ratio
+from tarc.certificates.varying_ratio import VaryingRatioEvidence, certify_varying_ratio
+from tarc.certification import LawCertification
 from tarc.core.errors import NoStableRatio
 from tarc.laws.pole_placement import PolePlacement
 from tarc.laws.tarc import TARC
@@ -71,15 +71,31 @@ def _changes(law: PolePlacement, part: dict[str, Any], certified: CertifiedLaws,
             return
         for synchronised in (False, True) if literal else (False,):
             variant, settings = _variant(law, part, factor, synchronised)
-            slope = variant.robust_slope_bound
-            with suppress(NoStableRatio):
-                tolerated = certify_varying_ratio(
-                    variant, slope=slope, rate=robot.rate, computation_delay=certified[name].computation_delay
-                ).evidence
-                if tolerated.ratio_spread < MIN_SPREAD_SHARE * robot.ratio_spread:
-                    continue
-                scale = (tolerated.min_ratio * tolerated.max_ratio) ** 0.5 / centre
-                yield [_scaled_inertia(part["inertia"], scale), *settings]
+            ball = _tolerated(variant, certified[name], is_as_it_was=factor == 1.0)
+            if ball is None or ball.ratio_spread < MIN_SPREAD_SHARE * robot.ratio_spread:
+                continue
+            scale = (ball.min_ratio * ball.max_ratio) ** 0.5 / centre
+            yield [_scaled_inertia(part["inertia"], scale), *settings]
+
+
+def _tolerated(
+    variant: PolePlacement, certification: LawCertification, is_as_it_was: bool
+) -> VaryingRatioEvidence | None:
+    """Return the widest ball of a changed law at the robot's rate; None where no ratio is stable.
+
+    That of a law whose gains are as they were is known already.
+    """
+    if is_as_it_was:
+        return certification.tolerated.get(isinstance(variant, TDE) and variant.synchronised)
+    try:
+        return certify_varying_ratio(
+            variant,
+            slope=variant.robust_slope_bound,
+            rate=certification.verdict.evidence.rate,
+            computation_delay=certification.computation_delay,
+        ).evidence
+    except NoStableRatio:
+        return None
 
 
 def _variant(
