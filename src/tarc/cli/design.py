@@ -147,7 +147,7 @@ def design(
     refused, with the requirement to relax and its new value. A design takes
     about a minute.
 
-    Example: tarc design ur5e --payload 0 5 --armature 0.1 -o design.yaml
+    Example: tarc design ur5e --payload 0 5 --armature 0.1 --speed 1
 
     Example: tarc design arm.urdf --trajectory motion.csv --armature 0.1
 
