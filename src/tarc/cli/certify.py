@@ -36,7 +36,11 @@ Acceleration = Annotated[
 ]
 Quick = Annotated[
     bool,
-    typer.Option("--quick", help="Leave out the Lyapunov function affine in the inertia, which takes seconds."),
+    typer.Option(
+        "--quick",
+        help="Leave out what takes seconds: the Lyapunov function affine in the inertia, and the search for a command "
+        "that certifies a law.",
+    ),
 ]
 Samples = Annotated[int, typer.Option(help="Number of sampled postures, before the local search for worse ones.")]
 
@@ -63,7 +67,8 @@ def certify(
     the reference and a tube about it, or all with --full-range.
 
     A Lyapunov function affine in the inertia is then tried for each law that
-    is not certified with a margin. --quick leaves it out.
+    is not certified with a margin. Where it is not either, settings that
+    certify the law are searched for and printed. --quick leaves out both.
 
     Example: tarc certify ur5e --set law.synchronised=true --set law.inertia.fraction=0.5
     """
@@ -88,7 +93,7 @@ def certify(
     files = save_certificates(certifications, folder)
     if figures:
         files += save_figures(certifications, folder)
-    commands = certifying_commands(loaded, certifications)
+    commands = {} if quick else certifying_commands(loaded, certifications)
     if as_json:
         print(
             json.dumps(tables.certificate_summary(loaded, certifications, files, commands), indent=2, allow_nan=False)

@@ -182,6 +182,8 @@ def tune_all(
 ) -> dict[str, tuple[dict[str, Any], float]]:
     """Search the gains of several laws with `tune`, each in its own process; first those that others extend.
 
+    These get the values of the laws that extend them in the end, where they are better.
+
     Parameters
     ----------
     names
@@ -231,7 +233,37 @@ def tune_all(
                         "jobs: a process was killed, perhaps for lack of memory; use fewer jobs"
                     ) from None
                 bar.advance()
+    share_gains(tuned, [Scenario.parse(content) for content in contents], limits, spaces)
     return {name: tuned[name] for name in names}
+
+
+def share_gains(
+    tuned: dict[str, tuple[dict[str, Any], float]],
+    scenarios: Sequence[Scenario],
+    limits: Sequence[float],
+    spaces: Mapping[str, SearchSpace],
+) -> None:
+    """Give each law that others extend their values of the gains that it shares with them, where these are better.
+
+    A search among few gains may miss what one among more has met.
+
+    Parameters
+    ----------
+    tuned
+        Laws and their objectives by name, which this changes.
+    scenarios, limits, spaces
+        As in `tune_all`.
+    """
+    for base in dict.fromkeys(spaces[name].extends for name in tuned if spaces[name].extends in tuned):
+        space = spaces[base]
+        for name in [name for name in tuned if spaces[name].extends == base]:
+            values = space.values(tuned[name][0])
+            if set(values) != set(space.free):
+                continue
+            law = space.law(values, scenarios[0].period)
+            scores = [objective(one, law, limit) for one, limit in zip(scenarios, limits, strict=True)]
+            if float(np.mean(scores)) < tuned[base][1]:
+                tuned[base] = law, float(np.mean(scores))
 
 
 def _tune_one(
