@@ -23,7 +23,7 @@ from tarc.numerics.matrix_polynomial import evaluate
 
 SYNCHRONISED, LITERAL = LawParameters(window=5, synchronised=True), LawParameters(window=5)
 
-# theory, section 7: spread certified at a rate [1/s], E constant within a period; and a range that has it
+# spread certified at a rate [1/s], E constant within a period; and a range that has it
 KNOWN = [
     slow(SYNCHRONISED, 1.0, 189, (0.01454, 2.75)),
     slow(SYNCHRONISED, 10.0, 185, (0.0148, 2.75)),
@@ -41,7 +41,7 @@ def test_known_spreads(design, rate, spread, ratio_range):
     certificate = certify_affine(design.law, ratio_range, rate, intersample=False)
     assert certificate.certified
     assert certificate.proof_grade
-    assert certificate.evidence.ratio_spread > spread
+    assert certificate.evidence.ratio_spread >= spread
     assert certificate.margin == certificate.evidence.decay_rate
 
 

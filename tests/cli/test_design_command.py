@@ -90,7 +90,7 @@ def comments_by_key(text):
 
 def test_what_is_written_is_what_is_said(designed_folder):
     folder, printed = designed_folder
-    names = ["out.yaml", "out-certificates.json", "out-front.png", "out-reach.png", "out-law.png"]
+    names = ["out.yaml", "out-certificates.json", "out-front.png", "out-reach.png", "out-optimum.png", "out-law.png"]
     assert printed.splitlines()[-1] == "written: " + ", ".join(names)
     assert {file.name for file in folder.iterdir()} == {"arm.urdf", *names}
     assert all((folder / name).read_bytes().startswith(b"\x89PNG") for name in names if name.endswith("png"))
@@ -414,7 +414,7 @@ def test_a_bandwidth_and_a_budget_that_exclude_each_other(designed_folder, tmp_p
 
 def test_help_teaches(tmp_path):
     text = invoke_tarc("design", "--help", folder=tmp_path).stdout
-    assert "Example: tarc design ur5e --payload 0 5 --armature 0.1 -o design.yaml" in text
+    assert "Example: tarc design ur5e --payload 0 5 --armature 0.1 --speed 1" in text
     for option in (
         "--payload",
         "--encoder-bits",

@@ -147,7 +147,9 @@ class SampledPoints:
             if found_values.max() <= (1 + NEGLIGIBLE_GROWTH) * largest:
                 break
             largest = float(found_values.max())
-            best = [found[i] for i in np.argsort(found_values)[::-1][:N_TURNED]]
+            order = np.argsort(found_values)[::-1]
+            resting, moving = ([found[i] for i in order if found[i].is_moving is kind] for kind in (False, True))
+            best = [*resting[:N_TURNED], *moving[:N_TURNED]]
             turned = [point for start in best for point in self._turned(start)]
             if not turned:
                 break
