@@ -8,7 +8,7 @@ any linear controller. Then the window's polynomial weights give way to free one
 import argparse
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from rich.console import Console
@@ -46,52 +46,28 @@ class Kind(NamedTuple):
     windows: tuple[int, ...]
 
 
-def _tdc(synchronised: bool) -> Callable[[int, int, Sequence[float]], Channel]:
+def _builder(kind: Any, *names: str, **fixed: Any) -> Callable[[int, int, Sequence[float]], Channel]:
+    """Return what makes the loop of a law from natural frequency, damping ratio and the further gains by name."""
+
     def build(window: int, degree: int, values: Sequence[float]) -> Channel:
-        law = TDC(
-            inertia=1.0,
-            natural_frequency=values[0],
-            damping_ratio=values[1],
-            period=PERIOD,
-            estimator=Algebraic(window=window * PERIOD, degree=degree),
-            synchronised=synchronised,
-        )
-        return decoupled_channels(law)[0]
+        gains = dict(zip(("natural_frequency", "damping_ratio", *names), values, strict=True))
+        estimator = Algebraic(window=window * PERIOD, degree=degree)
+        return decoupled_channels(kind(inertia=1.0, period=PERIOD, estimator=estimator, **gains, **fixed))[0]
 
     return build
 
 
-def _pid(window: int, degree: int, values: Sequence[float]) -> Channel:
-    law = PID(
-        inertia=1.0,
-        natural_frequency=values[0],
-        damping_ratio=values[1],
-        integral_gain=values[2],
-        period=PERIOD,
-        estimator=Algebraic(window=window * PERIOD, degree=degree),
-    )
-    return decoupled_channels(law)[0]
-
-
-def _adrc(window: int, degree: int, values: Sequence[float]) -> Channel:
-    law = ADRC(
-        inertia=1.0,
-        natural_frequency=values[0],
-        damping_ratio=values[1],
-        observer_bandwidth=values[2],
-        period=PERIOD,
-        estimator=Algebraic(window=2 * PERIOD, degree=2),
-    )
-    return decoupled_channels(law)[0]
-
-
 LITERAL = "TDC, literal"
 
+WINDOWS = (2, 3, 4, 6, 8, 11, 15, 20, 28, 40)
+
 KINDS = (
-    Kind(LITERAL, _tdc(False), (20.0, 1.0), (1, 2, 3), (2, 3, 4, 6, 8, 11, 15, 20, 28, 40)),
-    Kind("TDC, synchronised", _tdc(True), (20.0, 1.0), (2, 3), (2, 3, 4, 6, 8, 11, 15, 20, 28, 40)),
-    Kind("PID", _pid, (20.0, 1.0, 3.0), (1, 2), (2, 4, 8, 15, 28)),
-    Kind("ADRC", _adrc, (20.0, 1.0, 80.0), (2,), (2,)),
+    Kind(LITERAL, _builder(TDC), (20.0, 1.0), (1, 2, 3), WINDOWS),
+    Kind(
+        "TDC, synchronised", _builder(TDC, synchronised=True), (20.0, 1.0), (2, 3), (2, 3, 4, 6, 8, 11, 15, 20, 28, 40)
+    ),
+    Kind("PID", _builder(PID, "integral_gain"), (20.0, 1.0, 3.0), (1, 2), (2, 4, 8, 15, 28)),
+    Kind("ADRC", _builder(ADRC, "observer_bandwidth"), (20.0, 1.0, 80.0), (2,), (2,)),
 )
 
 
