@@ -32,13 +32,13 @@ class OperatingPoint(NamedTuple):
     @classmethod
     def at_rest(cls, plant: Plant, position: Array) -> "OperatingPoint":
         """Return the point without velocity and acceleration."""
-        zero = np.zeros(plant.n_joints)
-        return cls(plant, np.asarray(position, dtype=float), zero, zero)
+        posture = np.asarray(position, dtype=float)
+        return cls(plant, posture, np.zeros(len(posture)), np.zeros(len(posture)))
 
     @property
     def is_moving(self) -> bool:
         """Whether velocity or acceleration differs from zero."""
-        return bool(np.any(self.velocity) or np.any(self.acceleration))
+        return bool(self.velocity.any() or self.acceleration.any())
 
 
 @dataclass(frozen=True, eq=False)

@@ -314,9 +314,8 @@ def find_proof(
     on_program
         Called after each semidefinite program, to show progress.
     """
-    centres = np.geomspace(ratios.min_ratio, ratios.max_ratio, N_CENTRES)
-    radii = np.array([np.max(np.abs(np.linalg.eigvals(loop.closed_loop(centre)[0]))) for centre in centres])
-    if radii.max() >= 1:  # a constant ratio is unstable
+    centres, radii = spectral_radii(loop, ratios.min_ratio, ratios.max_ratio)
+    if radii.max() >= 1:
         return None
     full = CentredLoop(loop=loop, centre=float(centres[radii.argmin()]), scales=_output_scales(loop, ratios))
     slowest = -float(np.log(radii.max()))
@@ -331,6 +330,15 @@ def find_proof(
         if proof is not None:
             return proof
     return None
+
+
+def spectral_radii(loop: UncertainLoop, min_ratio: float, max_ratio: float) -> tuple[Array, Array]:
+    """Return some ratios of a range and the spectral radius of the loop at each, both (k,).
+
+    No proof exists for a range with a ratio that is unstable while constant.
+    """
+    ratios = np.geomspace(min_ratio, max_ratio, N_CENTRES)
+    return ratios, np.array([np.max(np.abs(np.linalg.eigvals(loop.closed_loop(ratio)[0]))) for ratio in ratios])
 
 
 def _output_scales(loop: UncertainLoop, ratios: RatioSet) -> Array:

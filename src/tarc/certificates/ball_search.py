@@ -1,6 +1,7 @@
 """The ball of operating points that suits a robot and a loop, and the worst points that it must contain."""
 
 from collections.abc import Collection
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,10 @@ LEAD_FACTORS = 0.5, 1.0
 """Lead times to try, over that at which damping counts as much as stiffness."""
 MAX_CANDIDATES = 4
 """Largest number of balls that are tested at all frequencies."""
+CLOSE_RANGE = 1.03
+"""Factor by which the range of ratios may still grow when the search of a ball ends."""
+CLOSE_TO_BEST = 0.97
+"""Share of the best radius over the needed one that a ball must be able to reach to be searched further."""
 
 
 class BallCandidate(NamedTuple):
@@ -106,13 +111,10 @@ def best_ball(
         lead_time: UncertainLoop.from_channel(channel, slope, intersample=True, lead_periods=lead_time / channel.period)
         for lead_time in lead_times
     }
-    candidates = [
-        candidate
-        for centre in centres
-        for lead_time, loop in loops.items()
-        for change_limit in {max_change, None}
-        for candidate in best_weights(loop, centre, uncertainty, lead_time, change_limit)
-    ]
+    candidates: list[BallCandidate] = []
+    for centre, (lead_time, loop), limit in product(centres, loops.items(), dict.fromkeys([max_change, None])):
+        reached = max((candidate.radius_over_needed for candidate in candidates), default=0.0)
+        candidates += best_weights(loop, centre, uncertainty, lead_time, limit, reached)
     candidates.sort(reverse=True, key=lambda candidate: candidate.radius_over_needed)
     best, proof, radius = candidates[0], None, -1.0
     for candidate in candidates[:MAX_CANDIDATES]:
@@ -132,27 +134,43 @@ def best_weights(
     uncertainty: UncertaintySamples,
     lead_time: float,
     max_change: float | None = None,
+    reached: float = 0.0,
 ) -> list[BallCandidate]:
     """Return the two best weights η, the best first; zero where there is no stiffness.
 
-    With a `max_change` E⁻¹ changes by no more than that in one period.
+    With a `max_change` E⁻¹ changes by no more than that in one period. The radius over the needed one has one maximum
+    over the weight, so the search goes uphill from the middle. The search at a weight ends where it cannot come close
+    to the best, or to what other balls `reached`.
     """
     responses, stiffness = FrequencyResponses(loop), float(uncertainty.stiffness_norms(lead_time).max())
+    weights = uncertainty.candidate_weights(centre, lead_time) or [0.0]
 
-    def tolerated_radius(weight: float) -> float:
+    def candidate(weight: float, reached: float) -> BallCandidate:
+        needed = uncertainty.needed_radius(centre, weight or np.inf, lead_time)
+        needed = needed if weight else max(needed, 0.1 * centre)
         if max_change is None:
-            return responses.best_scale(centre, weight)[1]
-        return best_multiplier(
-            loop, centre, max_change, position_weight=weight, stiffness=stiffness, responses=responses
-        )[1]
-
-    candidates = []
-    for weight in uncertainty.candidate_weights(centre, lead_time) or [0.0]:
-        if weight:
-            needed = uncertainty.needed_radius(centre, weight, lead_time)
+            radius = responses.best_scale(centre, weight)[1]
         else:
-            needed = max(uncertainty.needed_radius(centre, np.inf), 0.1 * centre)
-        candidates.append(
-            BallCandidate(tolerated_radius(weight) / needed, needed, weight, lead_time, centre, max_change)
-        )
-    return sorted(candidates, reverse=True, key=lambda candidate: candidate.radius_over_needed)[:2]
+            radius = best_multiplier(
+                loop,
+                centre,
+                max_change,
+                position_weight=weight,
+                stiffness=stiffness,
+                responses=responses,
+                least=CLOSE_TO_BEST * reached * needed,
+                close=CLOSE_RANGE,
+            )[1]
+        return BallCandidate(radius / needed, needed, weight, lead_time, centre, max_change)
+
+    top = len(weights) // 2
+    tested = {top: candidate(weights[top], reached)}
+    for step in (1, -1):
+        while 0 <= top + step < len(weights):
+            if top + step not in tested:
+                best = max(tested[top].radius_over_needed, reached)
+                tested[top + step] = candidate(weights[top + step], best)
+            if tested[top + step].radius_over_needed <= tested[top].radius_over_needed:
+                break
+            top += step
+    return sorted(tested.values(), reverse=True, key=lambda candidate: candidate.radius_over_needed)[:2]

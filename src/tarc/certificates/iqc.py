@@ -175,6 +175,7 @@ def best_multiplier(
     stiffness: float = 0.0,
     responses: FrequencyResponses | None = None,
     enough: float = np.inf,
+    least: float = 0.0,
     close: float = RANGE_TOLERANCE,
 ) -> tuple[Multiplier, float, float]:
     """Return the multiplier with the largest ball on a grid of frequencies, its radius, and a bound on that radius.
@@ -196,6 +197,8 @@ def best_multiplier(
         Frequency responses of the loop, where they exist already.
     enough
         Radius at which to stop, once it is reached or out of reach.
+    least
+        Radius at which to stop, once it is out of reach.
     close
         Factor by which the range of ratios may still grow when the search ends.
 
@@ -222,7 +225,7 @@ def best_multiplier(
     first = np.arange(0, len(forms.v), max(len(forms.v) // N_FIRST_CUTS, 1))
     A, b = forms.cuts(first, only_mismatch[first])
     bounds = [(0, None)] * (forms.n_unknowns - 1) + [(0, 1)]
-    enough, bound = (enough / centre) ** 2, 1.0
+    enough, least, bound = (enough / centre) ** 2, (least / centre) ** 2, 1.0
     for _ in range(MAX_CUT_ROUNDS):
         if best[-1] >= enough:
             break
@@ -230,15 +233,15 @@ def best_multiplier(
         if result.status != 0:
             break
         bound = result.x[-1]
-        if bound < enough < 1 or _ratio_range(bound) < close * _ratio_range(best[-1]):
+        if bound < least or bound < enough < 1 or _ratio_range(bound) < close * _ratio_range(best[-1]):
             break
         trial = (best + result.x) / 2
-        values, vectors = np.linalg.eigh(forms.at(trial))
-        largest = values[:, -1]
+        at_trial = forms.at(trial)
+        largest = np.linalg.eigvalsh(at_trial)[:, -1]
         is_peak = (largest >= np.append(largest[1:], -np.inf)) & (largest >= np.append(-np.inf, largest[:-1]))
         violated = np.flatnonzero(is_peak & (largest > -2 * FORM_MARGIN))
         if len(violated):
-            A_cut, b_cut = forms.cuts(violated, vectors[violated][:, :, -1])
+            A_cut, b_cut = forms.cuts(violated, np.linalg.eigh(at_trial[violated])[1][:, :, -1])
             A, b = np.concatenate([A, A_cut]), np.concatenate([b, b_cut])
         radius_ratio = forms.feasible_radius(trial)
         if radius_ratio**2 > best[-1]:
@@ -335,11 +338,14 @@ class _FormsOverFrequency:
     def feasible_radius(self, x: Array) -> float:
         """Return the largest δ/ρ0 that these coefficients and weights prove on the grid; zero for none."""
         remaining = -self.at(np.concatenate([x[:-1], [0.0]])) - 2 * FORM_MARGIN * np.eye(self.n_inputs)
-        if np.linalg.eigvalsh(remaining).min() <= 0:
+        try:
+            factors = np.linalg.cholesky(remaining)
+        except np.linalg.LinAlgError:
             return 0.0
         outputs = np.stack([self.v, self.position_weight * self.q], axis=1)
-        gains = outputs @ np.linalg.solve(remaining, outputs.conj().transpose(0, 2, 1))
-        return float(min(1.0, np.linalg.eigvalsh(gains)[:, -1].max() ** -0.5))
+        halves = np.linalg.solve(factors, outputs.conj().transpose(0, 2, 1))
+        squared_gains = np.linalg.eigvalsh(halves.conj().transpose(0, 2, 1) @ halves)[:, -1]
+        return float(min(1.0, squared_gains.max() ** -0.5))
 
     def multiplier(self, x: Array) -> Multiplier:
         """Return the multiplier in the units of the loop, without negligible exponentials."""

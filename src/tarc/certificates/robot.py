@@ -15,8 +15,10 @@ from tarc.analysis.linearise import (
     refuse_nominal_inertia,
     require_inertia,
 )
+from tarc.analysis.uncertain_loop import UncertainLoop
 from tarc.analysis.workspace import Workspace
 from tarc.analysis.worst_points import SampledPoints, max_rate_point
+from tarc.certificates.affine import spectral_radii
 from tarc.certificates.affine_cover import MIN_MARGIN, cover_robot
 from tarc.certificates.ball_search import NO_CANDIDATE, BallCandidate, fit_ball
 from tarc.certificates.base import Certificate, LoopMatrices, Verdict
@@ -172,8 +174,9 @@ def strengthen_robot(
 
     which holds no M⁻¹. It must cover ratios, rate and κ_θ that are `MIN_MARGIN` larger than all that were found.
 
-    It takes seconds. So it is left out for a law that is refuted, and for one that is certified with that margin. It
-    needs a workspace with a speed, and the same loop on each joint.
+    It takes seconds. So it is left out for a law that is refuted, for one that is certified with that margin, and for
+    one that is unstable at a constant ratio of that range. It needs a workspace with a speed, and the same loop on
+    each joint.
 
     Parameters
     ----------
@@ -195,6 +198,10 @@ def strengthen_robot(
     law, plants = in_torque_units(law, as_plants(plant))
     if spread is None:
         spread = inertia_spread(plants, law.M, workspace, samples=samples, seed=seed)
+    loop = UncertainLoop.from_channel(channel, evidence.slope, intersample=True)
+    room = 1 + MIN_MARGIN
+    if spectral_radii(loop, spread.min_ratio / room, spread.max_ratio * room)[1].max() >= 1:
+        return certificate
     workspace = workspace.for_joints(plants[0].joint_names)
     n_points = min(samples, MAX_STIFFNESS_SAMPLES)
     sampled = SampledPoints.from_robot(plants, spread, law.M, workspace, n_points, seed)
