@@ -23,6 +23,7 @@ BENCHMARKS = {
         simulation.period,
         simulation.peer,
         law.step,
+        law.with_model,
         robot.closed_loop,
         robot.symbolic,
         certificates.one_and_thirty,
