@@ -1,6 +1,6 @@
 """Where the numbers of the pages come from: one function per source, in `SOURCES` by name."""
 
-from benchmarks.page_values import certificates, demo, explanation, known_model, long_runs, real_robots, start
+from benchmarks.page_values import certificates, demo, explanation, known_model, lemma1, long_runs, real_robots, start
 from benchmarks.page_values.registry import SOURCES, Value
 
 __all__ = [
@@ -10,6 +10,7 @@ __all__ = [
     "demo",
     "explanation",
     "known_model",
+    "lemma1",
     "long_runs",
     "real_robots",
     "start",

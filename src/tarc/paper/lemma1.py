@@ -14,15 +14,19 @@ from tarc.analysis.inertia_ratio import (
     inertia_spread,
     maximise_over_workspace,
 )
+from tarc.analysis.known_inertia import KnownInertia, worst_points
+from tarc.analysis.operating_points import OperatingPoint
 from tarc.analysis.workspace import Workspace
 from tarc.certificates.base import Certificate, Evidence, Judgement, Verdict
 from tarc.core.errors import InvalidParameter, UnsupportedLaw
 from tarc.core.types import Array
 from tarc.laws.base import Law
+from tarc.laws.nominal_inertia import NominalInertia
 from tarc.laws.pole_placement import PolePlacement
 from tarc.laws.tarc import TARC
 from tarc.numerics.ball_arithmetic import balls, decide, is_negative_at, is_positive_definite
 from tarc.numerics.matrix_tests import definiteness
+from tarc.paper.tde_error import contraction_norms, delay_periods, largest_point
 from tarc.plants.base import Plant
 
 
@@ -55,7 +59,8 @@ class Lemma1Evidence(Evidence):
     norm
         ‖M(q)⁻¹M̂ − I‖ at the posture, in the joints' own units.
     scaled_norm
-        Largest ‖E(q) − I‖ with E = M̂^½ M⁻¹ M̂^½, the same condition in coordinates that do not depend on units.
+        Largest ‖E(q) − I‖ with E = M̂^½ M⁻¹ M̂^½, the same condition in coordinates that do not depend on units. For
+        M̂(q) these coordinates move, and it includes the factor e^{r h/2} for the rate r of M̂ and the delay h.
     min_ratio, max_ratio
         Smallest and largest eigenvalue of M(q)⁻¹M̂ over the workspace.
     samples
@@ -102,10 +107,14 @@ def check_lemma1(
     seed: int = 0,
     spread: InertiaSpread | None = None,
 ) -> Certificate[Lemma1Evidence]:
-    """Test ‖M(q)⁻¹M̂ − I‖ < 1 over a workspace.
+    """Test ‖M(q)⁻¹M̂ − I‖ < 1 over a workspace, for a constant M̂ or an M̂(q) that follows the posture.
 
     For symmetric matrices this is M M̂ + M̂ M − M̂² > 0, which is affine in M. So if it holds for a robot without and
     with its payload, it holds for every payload between. It is decided at the posture with the largest norm.
+
+    For M̂(q) the memory is in accelerations, and the TDE error obeys ε = (I − M⁻¹M̂) ε_h + … as for a constant M̂. So the
+    condition is that of the lemma in each posture. What M̂ changes within the delay only adds to the error, see
+    `bound_tde_error`.
 
     Parameters
     ----------
@@ -147,10 +156,13 @@ def check_lemma1(
             raise InvalidParameter(
                 f"law: it drives {law.n_joints} joints and the robot has {robot.n_joints}; give as many"
             )
-    law, robots = in_torque_units(law, as_plants(robots))
-    if spread is None:
-        spread = inertia_spread(robots, law.M, workspace, samples=samples, seed=seed)
-    evidence = _worst_posture(law.M, robots, workspace, samples, seed, spread)
+    if isinstance(law.inertia, NominalInertia):
+        evidence = _worst_of_model(law, law.inertia, as_plants(robots), workspace, samples, seed)
+    else:
+        law, robots = in_torque_units(law, as_plants(robots))
+        if spread is None:
+            spread = inertia_spread(robots, law.M, workspace, samples=samples, seed=seed)
+        evidence = _worst_posture(law.M, robots, workspace, samples, seed, spread)
     verdict, margin, witness = evidence.judge()
     return Certificate(
         evidence=evidence,
@@ -160,6 +172,7 @@ def check_lemma1(
         margin=margin,
         margin_meaning="1 less the largest norm",
         assumptions=(
+            *_model_assumptions(law, workspace),
             f"the largest norm is the one found from {samples} postures and a local search; a larger one elsewhere is "
             "not excluded",
             "M(q) is the model's, computed in floating point",
@@ -207,6 +220,56 @@ def _worst_posture(
         samples=samples,
         plant_index=worst.plant,
     )
+
+
+def _worst_of_model(
+    law: PolePlacement, inertia: NominalInertia, robots: Sequence[Plant], workspace: Workspace, samples: int, seed: int
+) -> Lemma1Evidence:
+    """Return the posture with the largest norm for an M̂(q), and the extreme inertia ratios."""
+    known, units = KnownInertia(inertia), workspace.unit_samples(samples, seed)
+    postures = workspace.sample(samples, seed)
+    points = [OperatingPoint.at_rest(robot, posture) for robot in robots for posture in postures]
+
+    def ratios(some: Sequence[OperatingPoint]) -> Array:
+        return np.linalg.eigvalsh(known.uncertainty(some).inertia)
+
+    def norms(some: Sequence[OperatingPoint]) -> Array:
+        return contraction_norms(law, some)
+
+    worst = largest_point(worst_points(points, norms, workspace, units), norms)
+    lowest = worst_points(points, lambda some: -ratios(some)[:, 0], workspace, units)
+    highest = worst_points(points, lambda some: ratios(some)[:, -1], workspace, units)
+    values = ratios([*lowest, *highest])
+    growth = np.exp(_model_rate(known, workspace, postures) * law.period * delay_periods(law) / 2)
+    return Lemma1Evidence(
+        inertia=worst.plant.inertia(worst.position),
+        nominal_inertia=known.inertias([worst])[0],
+        posture=worst.position,
+        norm=float(norms([worst])[0]),
+        scaled_norm=float(growth * np.abs(1 - values).max()),
+        min_ratio=float(values.min()),
+        max_ratio=float(values.max()),
+        samples=samples,
+        plant_index=next(i for i, robot in enumerate(robots) if robot is worst.plant),
+    )
+
+
+def _model_rate(known: KnownInertia, workspace: Workspace, postures: Array) -> float:
+    """Return the largest rate of M̂(q) [1/s] at some postures; zero for a workspace without speeds."""
+    if workspace.speed is None:
+        return 0.0
+    robot = known.inertia.robot
+    return float(known.rates([OperatingPoint.at_rest(robot, q) for q in postures], workspace.speed).max())
+
+
+def _model_assumptions(law: PolePlacement, workspace: Workspace) -> tuple[str, ...]:
+    """Return what the lemma takes for granted where M̂ follows the posture."""
+    if not isinstance(law.inertia, NominalInertia):
+        return ()
+    notes = ["M̂(q) is that of the posture, and the law's memory is in accelerations"]
+    if workspace.speed is None:
+        notes.append("the workspace has no speeds, so that the scaled norm leaves out what M̂ changes within the delay")
+    return tuple(notes)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
