@@ -4,7 +4,7 @@ import numpy as np
 from flint import arb
 
 from ball_arithmetic import LOOSE, ball, inverse, sign, symmetric
-from uncertain_inertia import affine_proof, at_rest, changes, force, tolerates
+from uncertain_inertia import affine_proof, at_rest, changes, force, lags, tolerates
 
 ROOM = 1.05  # what is needed may grow by this factor, since the worst points come from samples
 
@@ -15,6 +15,13 @@ def relative_rate(point, inertia):
     values = [np.linalg.eigvals(np.linalg.solve(np.array(inertia), np.array(change, dtype=float))) for change in moved]
     rate = arb(float(np.abs(values).max())) * LOOSE + arb(2) ** -200
     return rate, min(sign(rate * M - change) for change in moved)
+
+
+def delayed(loop, periods):
+    """Return A and C of a loop with the positions of the last periods as further states."""
+    A, C, n = loop["A"], loop["C"], len(loop["A"])
+    older = [[float(j == (0 if i == n else i - 1)) for j in range(n + periods)] for i in range(n, n + periods)]
+    return [row + [0.0] * periods for row in A] + older, [C[0] + [0.0] * periods]
 
 
 def known_inertia(e, witness):
@@ -33,25 +40,31 @@ def known_inertia(e, witness):
     if proof:
         of, full = proof["ratios"], proof["loop"]["full"]["loop"]
         own, is_own = relative_rate(e["relative_rate_point"], e["relative_rate_point"]["inertia"])
-        limits = {"relative_rate": own, "rate": own * turned / low, "nominal_rate": rate, "max_ratio": high * turned}
+        limits = {"relative_rate": own, "rate": own * later / low, "nominal_rate": rate, "max_ratio": high * later}
         fits = all(need * ROOM <= arb(of[name]) * LOOSE**4 for name, need in limits.items())
-        fits = fits and low / turned >= arb(of["min_ratio"]) * ROOM / LOOSE**4 and e["computation_delay"] == 0
-        fits = fits and full["A"] == loop["A"] and full["C"] == loop["C"] and of["intersample"]
+        fits = fits and low / later >= arb(of["min_ratio"]) * ROOM / LOOSE**4 and of["intersample"]
+        past = e["computation_delay"] if of["lag_weights"] else 0
+        fits = fits and (full["A"], full["C"]) == delayed(loop, past)
+        fits = fits and (not past or len(proof["loop"]["full"]["scales"]) == 4)
         found += [is_own, affine_proof(proof, T, slope), 1 if fits else -1]
-        bounds = list(zip(of["powers"], of["lead_times"], of["stiffness"], strict=True)) or [(0, 0, 1e-9)]
-        wider = turned * ROOM if of["powers"] else wider
+        bounds = list(zip(of["powers"], of["lead_times"], of["stiffness"], lags(of), strict=True)) or [(0, 0, 1e-9, 0)]
+        wider = later * ROOM if of["powers"] else wider
     else:
         ball_of = {name: e[name] for name in ("loop", "centre", "radius", "position_weight", "scale")}
         ball_of |= {"stiffness": 0, "max_change": None, "multiplier": None}
         found += [1 if needed > 0 and len(loop["B_mismatch"][0]) == 2 else -1]
         found += [tolerates(ball_of, T, slope, (rate * T / 2).exp())]
-        bounds = [] if eta > 0 else [(0, lead, 1e-9)]
+        bounds = [] if eta > 0 else [(0, lead, 1e-9, None)]
     for known in e["points"]:
         point, N = known["robot"], symmetric(known["nominal"])
         M, W = symmetric(point["inertia"]), inverse(N)
         size, R = {0: M @ W @ M, 0.5: M, 1: N}, N - centre * M
         found += [sign(M), sign(LOOSE * N - low * M), sign(LOOSE * high * M - N)]
-        found += [sign((LOOSE * x / wider) ** 2 * size[p] - force(point, W, arb(theta))) for p, theta, x in bounds]
+        for p, theta, x, phi in bounds:
+            needs = force(point, W, arb(theta))
+            if phi is not None:  # the law's own stiffness
+                needs = needs + force({"stiffness": 0 * M, "damping": known["model_stiffness"]}, W, arb(phi))
+            found.append(sign((LOOSE * x / wider) ** 2 * size[p] - needs))
         if not proof:
             stiffness = force(point, W, lead) / eta**2 if eta > 0 else ball(np.zeros(M.shape))
             found.append(sign(needed**2 * size[0] - R @ W @ R - stiffness))

@@ -139,6 +139,11 @@ def robot(e, witness):
     return min(found), f"all points have {float(low):.6g} ≤ E ≤ {float(high):.6g} and what the loop tolerates"
 
 
+def lags(of):
+    """Return φ of each bound on the forces, zero for a law without a stiffness of its own."""
+    return of["lag_weights"] or [0] * len(of["powers"])
+
+
 def affine_proof(proof, T, slope):
     """Decide whether V = Σ xᵀ(P0⊗I + (P1 + Q1)⊗Ē⁻¹)x decays for all E(t), stiffnesses and slopes that a proof names.
 
@@ -156,10 +161,8 @@ def affine_proof(proof, T, slope):
     turn, change = (LOOSE * arb(of[name]) * T for name in ("rate", "relative_rate"))  # of E⁻¹ in a period
     turned, inside = 1 / (1 - turn * high) if of["intersample"] else arb(1), of["intersample"]  # ‖E(t) Ē⁻¹‖
     swing = change / (1 - (-change).exp()) - 1 if inside and change > 0 else arb(0)  # ±(E(t) − Ē) ≤ swing Ē
-    bounds = [
-        [arb(x) for x in row]
-        for row in zip(of["powers"], of["lead_times"], of["stiffness"], of["shares"], weights["forces"], strict=True)
-    ]
+    columns = *(of[x] for x in ("powers", "lead_times", "stiffness", "shares")), lags(of), weights["forces"]
+    bounds = [[arb(x) for x in row] for row in zip(*columns, strict=True)]
     numbers = [
         turn,
         change,
@@ -176,11 +179,12 @@ def affine_proof(proof, T, slope):
         and (n == 2 or not (inside or bounds))
         and all(b[0] in (0, 0.5, 1) for b in bounds)
     )
-    if not all(ranges) or not fits or count < (3 if bounds else 2 if half > 0 else 1):
+    if not all(ranges) or not fits or not (3 if bounds else 2 if half > 0 else 1) <= count <= 4:
         return -1
     q = np.eye(2, len(A), dtype=int)
     v = C - half * direct @ q[:1]
-    A, X = A + centre * B @ v - half * robust @ q[:1], np.vstack([v, q])[:count] * scales[:, None]
+    lag = q[:1] - np.eye(len(A), dtype=int)[-1:]
+    A, X = A + centre * B @ v - half * robust @ q[:1], np.vstack([v, q, lag])[:count] * scales[:, None]
     B = np.hstack([mismatch, robust / centre + B @ direct])[:, : n + (half > 0)]
     L, Cr, zero = ball(reduced["projection"]), ball(reduced["C"]), np.zeros((len(A), k), dtype=int)
     step = np.vstack([np.hstack([A, zero, B]), np.hstack([Ar @ L - L @ A, Ar, Br - L @ B])])
@@ -208,15 +212,18 @@ def affine_proof(proof, T, slope):
         F = F - arb(weights["change"]) * ((x * swing) ** 2 * v.T @ v * inside - c.T @ c)
         if half > 0:
             F = F - x * arb(weights["slope"]) * (half**2 * position[:1].T @ position[:1] - w.T @ w)
-        for power, lead, bound, share, weight in bounds:
-            reach = T / arb.pi() * ((2 * T / arb.pi()) ** 2 + lead**2).sqrt()  # of the changes of E, by Wirtinger
+        for power, lead, bound, share, phi, weight in bounds:
+            reach = (1 + phi**2) * (2 * T / arb.pi()) ** 2 + lead**2
+            reach = T / arb.pi() * reach.sqrt()  # of the changes of E, by Wirtinger
             remaining = 1 - bound * reach * high**power
             size = (bound / remaining) ** 2 * {0: 1, 0.5: 1 + swing, 1: turned**2}[float(power)]
             if not remaining > 0:
                 raise ZeroDivisionError
-            track, ratio = np.vstack([position, mean * arb(T) ** 2]), (lead / T) ** 2
+            track, ratio = np.vstack([position[:2], mean * arb(T) ** 2]), (lead / T) ** 2
             squares = ball(MEAN_SQUARES[0]) / 120 + ratio * ball(MEAN_SQUARES[1]) / 6
-            known = size * (1 + share) * track.T @ squares @ track
+            late = np.vstack([position[2:] if count > 3 else 0 * v, track[1:]])  # since the sample of the torque
+            moved = track.T @ squares @ track + phi**2 * late.T @ ball(MEAN_SQUARES[0]) @ late / 120
+            known = size * (1 + share) * moved
             known = known + size * (1 + 1 / share) * (reach * swing) ** 2 * high * x * v.T @ v
             F = F - x * weight * (known - x ** int(2 - 2 * float(power)) * forces.T @ forces)
         return F

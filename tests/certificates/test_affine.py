@@ -185,24 +185,32 @@ def test_force_bounds_against_a_finely_cut_period():
     for _ in range(50):
         ratios = ratio_set(
             **FORCES | {"lead_times": rng.uniform(0, 0.1, 3), "stiffness": rng.uniform(1, 300, 3)},
+            lag_weights=rng.uniform(0, 3, 3),
             max_ratio=1.0,
         )
         q, velocity, v = rng.normal(), rng.normal() * 30, rng.normal() * 3000
+        past = q + rng.normal()
         e = 1 + rng.uniform(-1, 1) * ratios.swing * np.sign(t - rng.uniform(0, PERIOD))
-        for power, lead, kappa, (size, squared_lead, within) in zip(
-            ratios.powers, ratios.lead_times, ratios.stiffness, ratios.force_bounds(), strict=True
+        for power, lead, kappa, lag, (size, squared_lead, within, squared_lag) in zip(
+            ratios.powers,
+            ratios.lead_times,
+            ratios.stiffness,
+            ratios.lags(),
+            ratios.force_bounds(),
+            strict=True,
         ):
             position, rate, force = np.empty(n), np.empty(n), np.empty(n)
             state, sign = np.array([q, velocity]), rng.choice([-1.0, 1.0])
             for i in range(n):
                 position[i], rate[i] = state
-                force[i] = sign * kappa * np.hypot(state[0], lead * state[1])
+                force[i] = sign * kappa * np.linalg.norm([state[0], lead * state[1], lag * (state[0] - past)])
                 acceleration = e[i] * (v + force[i])
                 state = state + np.array([state[1] + acceleration * PERIOD / n / 2, acceleration]) * PERIOD / n
             mean_e = e.mean()
             mean = np.mean(e * (v + force))
             steady = q + velocity * t + mean * t**2 / 2, velocity + mean * t
             squares = np.mean(steady[0] ** 2 + squared_lead * PERIOD**2 * steady[1] ** 2)
+            squares += squared_lag * np.mean((steady[0] - past) ** 2)
             k = e * force / mean_e
             assert mean_e ** (2 - 2 * power) * np.mean(k**2) <= (size * squares + within * mean_e * v**2) * (1 + 1e-2)
 

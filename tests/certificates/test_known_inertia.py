@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+import check_certificate as tool
 from law_catalogue import make_tdc
 from tarc import NominalInertia
 from tarc.analysis import Workspace
@@ -97,6 +98,66 @@ def test_affine_covers_more_than_the_ball():
         ratios = replace(proof.ratios, **change)
         forged = replace(proven.evidence, affine=replace(proof, ratios=ratios))
         assert not replace(proven, evidence=forged).verify()
+
+
+@pytest.mark.slow
+def test_affine_with_a_computation_delay(tmp_path):
+    """The late torque has M̂ and the model's stiffness of its own sample; both count, in the package and in the tool."""
+    law = known_law(0.15, 6, 60.0, synchronised=False, gravity=True)
+    heavy = ARM.with_parameters({"payload": 2.0})
+    slow = Workspace.box([-1.0, 0.8], [1.0, 2.0], speed=0.5)
+    proven = certify_known_inertia(law, [ARM, heavy], slow, samples=40, computation_delay=1)
+    evidence = proven.evidence
+    assert proven.certified
+    assert evidence.affine is not None
+    assert len(evidence.affine.loop.full.scales) == 4, "the lag of the position is an output"
+    (tmp_path / "delayed.json").write_text(proven.to_json(), encoding="utf-8")
+    assert certificate_from_json(proven.to_json()).verify()
+    assert tool.main([str(tmp_path / "delayed.json")]) == 0
+    stiffer = tuple(replace(point, model_stiffness=100 * point.model_stiffness) for point in evidence.points)
+    ratios = replace(evidence.affine.ratios, lag_weights=np.zeros(len(evidence.affine.ratios.powers)))
+    without_lag = replace(evidence.affine, ratios=ratios)
+    for change in ({"computation_delay": 0}, {"computation_delay": 2}, {"points": stiffer}, {"affine": without_lag}):
+        forged = replace(proven, evidence=replace(evidence, **change))
+        assert not forged.verify()
+        (tmp_path / "forged.json").write_text(forged.to_json(), encoding="utf-8")
+        assert tool.main([str(tmp_path / "forged.json")]) == 1
+    for plant in (ARM, heavy):
+        assert late_loop_decays(law, plant, 1)
+    assert not late_loop_decays(law, ARM, 2)
+    refuted = certify_known_inertia(law, [ARM, heavy], slow, samples=40, computation_delay=2)
+    assert refuted.verdict == "refuted"
+
+
+def late_loop_decays(law, plant, delay, parts=4, steps=1500):
+    """Whether the robot linearised about a motion, in parts of a period, with a torque of a past sample, decays."""
+    A, _, C, *_ = decoupled_channels(law, delay)[0].closed_loop(0.0)
+    known, identity = KnownInertia(law.inertia), np.eye(2)
+    base, outputs = np.kron(A, identity), np.kron(C, identity)
+    times = T / parts * np.arange(steps * parts)[:, None]
+    rate = np.array([0.5, 0.8])
+    motions = (
+        [0.0, 1.4] + 0.6 * np.sin(rate * times),
+        0.6 * rate * np.cos(rate * times),
+        -0.6 * rate**2 * np.sin(rate * times),
+    )
+    points = [OperatingPoint(plant, *motion) for motion in zip(*motions, strict=True)]
+    nominal = known.inertias(points)
+    M, D, G, own = known.linearised_apart(points)
+    x = np.random.default_rng(3).normal(size=len(base))
+    x[2:4] *= T
+    past, first = [x[:2]] * (delay + 1), np.linalg.norm(x)
+    for k in range(delay, steps):
+        past = [x[:2], *past[:-1]]
+        sample = parts * (k - delay)
+        held = nominal[sample] @ (outputs @ x) + own[sample] @ past[-1]
+        q, velocity, step = x[:2], x[2:4] / T, T / parts
+        for i in range(parts * k, parts * (k + 1)):
+            acceleration = np.linalg.solve(M[i], held - G[i] @ q - D[i] @ velocity)
+            q, velocity = q + velocity * step + acceleration * step**2 / 2, velocity + acceleration * step
+        x = base @ x
+        x[:2], x[2:4] = q, velocity * T
+    return np.linalg.norm(x) < 0.1 * first
 
 
 def test_v_falls_while_both_inertias_turn():

@@ -57,6 +57,11 @@ class KnownInertia:
 
     def linearised(self, points: Sequence[OperatingPoint]) -> tuple[Array, Array, Array]:
         """Return M, D and G − ∂(M̂ a + ĥ)/∂q at k points, each (k, n, n); D without viscous friction."""
+        M, D, G, slopes = self.linearised_apart(points)
+        return M, D, G - slopes
+
+    def linearised_apart(self, points: Sequence[OperatingPoint]) -> tuple[Array, Array, Array, Array]:
+        """Return M, D, G and the law's own stiffness ∂(M̂ a + ĥ)/∂q at k points, each (k, n, n)."""
         M, D, G = linearise_points(points)
         k, n, _ = M.shape
         q, v, acceleration = (np.array([point[i] for point in points]) for i in (1, 2, 3))
@@ -66,7 +71,7 @@ class KnownInertia:
         torque = (M @ acceleration[:, :, None])[:, :, 0] + bias - known
         a = np.linalg.solve(self.inertias(points), torque[:, :, None])[:, :, 0]
         slopes = np.array(self._slopes(q.T, v.T, a.T)).reshape(n, k, n).transpose(1, 0, 2)
-        return M, D, G - slopes
+        return M, D, G, slopes
 
     def uncertainty(self, points: Sequence[OperatingPoint]) -> UncertaintySamples:
         """Return E, H and C at k points in coordinates M̂(q)^½ q."""
@@ -78,6 +83,28 @@ class KnownInertia:
         slopes = np.array([fraction * robot.inertia_slopes(point.position) for point in points])
         pairs = zip(self.inertias(points), slopes, strict=True)
         return np.array([inertia_rates(nominal, slope[None], speed)[0] for nominal, slope in pairs])
+
+
+def lagged_force_norms(
+    parts: tuple[Array, Array, Array, Array, Array], lead_time: float, power: float, lag_weight: float
+) -> Array:
+    """Return ‖E^−p [H, C/θ, K/φ]‖ of k points [1/s²], shape (k,), where K is the law's own stiffness.
+
+    Parameters
+    ----------
+    parts
+        M̂, M, D, G less the law's own stiffness, and that stiffness, each (k, n, n).
+    lead_time, power, lag_weight
+        θ [s], p and φ; without a lead time the damping is left out.
+    """
+    nominal, M, D, G, own = parts
+    matrices = [G, D / lead_time] if lead_time else [G]
+    matrices += [own / lag_weight] if lag_weight else []
+    samples = [to_posture_coordinates(nominal, M, 0 * M, matrix) for matrix in matrices]
+    together = UncertaintySamples(
+        samples[0].inertia, np.concatenate([sample.stiffness for sample in samples], axis=2), samples[0].damping
+    )
+    return together.force_norms(0.0, power)
 
 
 def to_posture_coordinates(nominal: Array, M: Array, D: Array, G: Array) -> UncertaintySamples:

@@ -65,6 +65,30 @@ class UncertainLoop(NamedTuple):
             B_mismatch[:2] = T**2 * np.array([[1 / 2, 1 / 12**0.5], [1.0, 0.0]])
         return cls(A, B, C, B_robust, D_robust, B_mismatch, np.array([[slope / 2]]), np.array([[lead_periods]]))
 
+    def with_past_position(self, periods: int) -> "UncertainLoop":
+        """Return the loop with the last positions as further states; the last state is q some periods ago.
+
+        Parameters
+        ----------
+        periods
+            Number of periods; for zero the loop stays as it is.
+        """
+        if periods == 0:
+            return self
+        n = len(self.A)
+        A = np.zeros((n + periods, n + periods))
+        A[:n, :n] = self.A
+        A[n, 0] = 1.0
+        A[n + 1 :, n:-1] = np.eye(periods - 1)
+        padding = np.zeros((periods, 1))
+        return self._replace(
+            A=A,
+            B=np.concatenate([self.B, padding]),
+            C=np.concatenate([self.C, padding.T], axis=1),
+            B_robust=np.concatenate([self.B_robust, padding]),
+            B_mismatch=np.concatenate([self.B_mismatch, np.zeros((periods, self.B_mismatch.shape[1]))]),
+        )
+
     def closed_loop(self, ratio: float, position_weight: float = 0.0) -> System:
         """Return A, B, C, D at a ratio, with half of the slope in the loop and the uncertainty outside.
 

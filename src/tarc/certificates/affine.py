@@ -111,12 +111,13 @@ class AffineProof:
             and np.all(np.isin(ratios.powers, (0.0, 0.5, 1.0)))
             and np.all(ratios.lead_times >= 0)
             and np.all(ratios.stiffness >= 0)
+            and np.all(ratios.lag_weights >= 0)
         )
         if not in_range or not np.isfinite(ratios.condition) or not np.all(np.isfinite(ratios.force_bounds())):
             return False
         bounds = ratios.powers, ratios.lead_times, ratios.stiffness, ratios.shares, self.multipliers.forces
-        lengths = {len(bound) for bound in bounds}
-        has_position = len(full.scales) == 3 or (not len(ratios.stiffness) and not full.has_slope)
+        lengths = {len(bound) for bound in (*bounds, ratios.lags())}
+        has_position = len(full.scales) in (3, 4) or (not len(ratios.stiffness) and not full.has_slope)
         has_position = has_position or (len(full.scales) == 2 and not len(ratios.stiffness))
         n_states = len(loop.A)
         shapes = {matrix.shape for matrix in (loop.A, *self.matrices)}
@@ -301,7 +302,11 @@ def _assumptions(slope: float, rate: float, intersample: bool, computation_delay
 
 
 def find_proof(
-    loop: UncertainLoop, ratios: RatioSet, on_program: Callable[[], object] = lambda: None
+    loop: UncertainLoop,
+    ratios: RatioSet,
+    on_program: Callable[[], object] = lambda: None,
+    *,
+    computation_delay: int = 0,
 ) -> AffineProof | None:
     """Return a Lyapunov function with the fastest decay that is proven; None where none was found.
 
@@ -313,11 +318,17 @@ def find_proof(
         What it must tolerate.
     on_program
         Called after each semidefinite program, to show progress.
+    computation_delay
+        Periods since the sample of the torque, for ratios with a lag; the loop has this delay already.
     """
+    lag_periods = computation_delay if len(ratios.lag_weights) else 0
+    loop = loop.with_past_position(lag_periods)
     centres, radii = spectral_radii(loop, ratios.min_ratio, ratios.max_ratio)
     if radii.max() >= 1:
         return None
-    full = CentredLoop(loop=loop, centre=float(centres[radii.argmin()]), scales=_output_scales(loop, ratios))
+    full = CentredLoop(
+        loop=loop, centre=float(centres[radii.argmin()]), scales=_output_scales(loop, ratios, lag_periods)
+    )
     slowest = -float(np.log(radii.max()))
     tried = 0
     for order in ORDERS:
@@ -341,8 +352,8 @@ def spectral_radii(loop: UncertainLoop, min_ratio: float, max_ratio: float) -> t
     return ratios, np.array([np.max(np.abs(np.linalg.eigvals(loop.closed_loop(ratio)[0]))) for ratio in ratios])
 
 
-def _output_scales(loop: UncertainLoop, ratios: RatioSet) -> Array:
-    """Return factors on v, q and q̇ T by which errors of the reduced loop count as the accelerations they cause."""
+def _output_scales(loop: UncertainLoop, ratios: RatioSet, lag_periods: int) -> Array:
+    """Return factors on v, q, q̇ T and a lag, by which errors count as the accelerations they cause."""
     scales = [1.0]
     stiffness = max([loop.half_slope.item(), *ratios.stiffness.tolist()])
     if stiffness > 0:
@@ -350,6 +361,7 @@ def _output_scales(loop: UncertainLoop, ratios: RatioSet) -> Array:
     if len(ratios.stiffness):
         damping = float(np.max(ratios.stiffness * ratios.lead_times)) / ratios.period
         scales = [1.0, max(stiffness, 1.0), max(stiffness, damping, 1.0)]
+        scales += [max(float(np.max(ratios.stiffness * ratios.lags())), 1.0)] if lag_periods else []
     return np.array(scales)
 
 

@@ -11,7 +11,7 @@ For M̂(q), V = Σ xᵀ (P0⊗M̂ + P1⊗M) x. In coordinates M̂^½ q that is t
 S0 ± P0 ⪰ 0.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -51,6 +51,9 @@ class RatioSet:
         β_i, by which each of these bounds is split between the position and the acceleration, shape (k,).
     nominal_rate
         Largest ‖M̂^−½ (dM̂/dt) M̂^−½‖ [1/s] of an M̂ that follows the posture; zero for a constant one.
+    lag_weights
+        φ_i, shape (k,), for a law with a stiffness K of its own, which acts at the position of the torque's sample.
+        Then κ = ‖E^−p [H, C/θ, K/φ]‖, and K multiplies q(t) less that position. Empty without such a law.
     """
 
     min_ratio: float
@@ -64,6 +67,7 @@ class RatioSet:
     stiffness: Array
     shares: Array
     nominal_rate: float = 0.0
+    lag_weights: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def condition(self) -> float:
@@ -99,25 +103,31 @@ class RatioSet:
         """s0: ±ΔM̂ ⪯ s0 M̂ from one period to the next."""
         return float(np.expm1(self.nominal_rate * self.period)) * ROUNDING_ROOM
 
-    def force_bounds(self) -> list[tuple[float, float, float]]:
-        """Return a, (θ/T)² and b of each bound on k, where E k is the acceleration by stiffness and damping.
+    def lags(self) -> Array:
+        """Return φ_i, zero for a law without a stiffness of its own, shape (k,)."""
+        return self.lag_weights if len(self.lag_weights) else np.zeros(len(self.stiffness))
 
-            ‖Ē^{1−p} k‖² ≤ a ms (q, θ q̇) + b |Ē^½ v|²,    ms (q, θ q̇) over the period at the mean acceleration
+    def force_bounds(self) -> list[tuple[float, float, float, float]]:
+        """Return a, (θ/T)², b and φ² of each bound on k, where E k is the acceleration by stiffness and damping.
 
-        The acceleration differs from its mean by ã, and moves q̇ by at most T/π rms ã, and q by 2T/π of that. So with
-        g = (T/π) √((2T/π)² + θ²), the root mean square of (q, θ q̇) is at most
+            ‖Ē^{1−p} k‖² ≤ a ms (q, θ q̇, φ l) + b |Ē^½ v|²,    ms over the period at the mean acceleration
+
+        Here l is q less the position of the torque's sample. The acceleration differs from its mean by ã, and moves q̇
+        by at most T/π rms ã, and q and l by 2T/π of that. So with g = (T/π) √((1 + φ²)(2T/π)² + θ²), the root mean
+        square of (q, θ q̇, φ l) is at most
 
             (that at the mean acceleration + g ε λmax^½ |Ē^½ v|) / (1 − κ g λmax^p).
 
         The coefficients are infinite where the denominator is not above zero.
         """
-        bounds = []
+        bounds, lags = [], self.lags()
         for i, stiffness in enumerate(self.stiffness):
             lead_time, share, power = self.lead_times[i], self.shares[i], self.powers[i]
-            gain = self.period / np.pi * np.hypot(2 * self.period / np.pi, lead_time) * ROUNDING_ROOM
+            lag = float(lags[i]) ** 2
+            gain = self.period / np.pi * np.hypot(2 * self.period / np.pi * (1 + lag) ** 0.5, lead_time) * ROUNDING_ROOM
             rest = 1 - stiffness * gain * self.max_ratio**power
             if not rest > 0 or not share > 0:
-                return [(np.inf, np.inf, np.inf)]
+                return [(np.inf, np.inf, np.inf, np.inf)]
             distortion = {0.0: 1.0, 0.5: (1 + self.swing) ** 0.5}.get(float(power), self.condition)
             size = (distortion * stiffness / rest) ** 2 * ROUNDING_ROOM
             within = (gain * self.swing) ** 2 * self.max_ratio
@@ -126,6 +136,7 @@ class RatioSet:
                     size * (1 + share),
                     (lead_time / self.period) ** 2 * ROUNDING_ROOM,
                     size * (1 + 1 / share) * within * ROUNDING_ROOM,
+                    lag * ROUNDING_ROOM,
                 )
             )
         return bounds
@@ -161,8 +172,8 @@ class Rows(NamedTuple):
         z and z⁺.
     inputs, errors
         u and e.
-    v, position, velocity
-        v, q and q̇ T.
+    v, position, velocity, lag
+        v, q, q̇ T, and q less the position of the torque's sample, all at the start of the period.
     forces
         k, with E k the acceleration by stiffness and damping: mean and first moment; no rows without them.
     change
@@ -184,6 +195,7 @@ class Rows(NamedTuple):
     change: Array
     robust: Array
     acceleration: Array
+    lag: Array
 
 
 def signal_rows(loop: ReducedLoop, ratios: RatioSet, arithmetic: Arithmetic = FLOATS) -> Rows:
@@ -201,7 +213,8 @@ def signal_rows(loop: ReducedLoop, ratios: RatioSet, arithmetic: Arithmetic = FL
     if n_robust:
         outputs = outputs + D[:, -1:] * (w * number(full.centre))
     outputs = outputs / matrix(full.scales[:, None])
-    v, position, velocity = (outputs[i : i + 1] for i in range(3))
+    v, position, velocity, lag = (outputs[i : i + 1] for i in range(4))
+    lag = lag if len(lag) else 0 * v
     moved = v + k[:1] if n_forces else v
     constant, factor = [-number(full.centre) * v], [moved]
     if full.loop.B_mismatch.shape[1] == 2:
@@ -214,7 +227,7 @@ def signal_rows(loop: ReducedLoop, ratios: RatioSet, arithmetic: Arithmetic = FL
     u = np.concatenate(constant), np.concatenate(factor)
     A, B = matrix(loop.A), matrix(loop.B)
     next_state = product(A, z) + product(B, u[0]), product(B, u[1])
-    return Rows(z, next_state, u, e, v, position, velocity, k, c, w, moved)
+    return Rows(z, next_state, u, e, v, position, velocity, k, c, w, moved, lag)
 
 
 def square(row: Array) -> Array:
@@ -235,10 +248,12 @@ def constraint_forms(
     error = [square(constant) - square(rows.errors), mixed + mixed.T, square(factor)]
     forces = []
     squared_period = number(ratios.period) ** 2
-    for power, (size, lead, within) in zip(ratios.powers.tolist(), ratios.force_bounds(), strict=True):
-        weights = MEAN_SQUARES[0] + lead * MEAN_SQUARES[1]
-        known = np.concatenate([rows.position, rows.velocity, 0 * rows.position])
-        added = np.concatenate([0 * known[:2], rows.acceleration * squared_period])
+    for power, (size, lead, within, lag) in zip(ratios.powers.tolist(), ratios.force_bounds(), strict=True):
+        weights = np.kron([[1, 0], [0, 0]], MEAN_SQUARES[0] + lead * MEAN_SQUARES[1])
+        weights = weights + np.kron([[0, 0], [0, lag]], MEAN_SQUARES[0])
+        zero = 0 * rows.position
+        known = np.concatenate([rows.position, rows.velocity, zero, rows.lag, rows.velocity, zero])
+        added = np.concatenate([zero, zero, rows.acceleration * squared_period] * 2)
         weighted = arithmetic.matrix(weights * size)
         mixed = product(known.T, product(weighted, added))
         coefficients = [product(known.T, product(weighted, known)), mixed + mixed.T]

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tarc.analysis.inertia_ratio import as_plants
-from tarc.analysis.known_inertia import KnownInertia, worst_points
+from tarc.analysis.known_inertia import KnownInertia, lagged_force_norms, to_posture_coordinates, worst_points
 from tarc.analysis.linearise import Channel, decoupled_channels, joints_share_loop, require_inertia
 from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS, OperatingPoint, UncertaintySamples
 from tarc.analysis.rest_stability import loop_with_model
@@ -44,6 +44,9 @@ POWERS = 0.0, 0.5, 1.0
 
 FORCE_LEAD_FACTORS = 0.25, 0.5, 1.0, 2.0
 """Lead times θ of these bounds, over that at which damping counts as much as stiffness."""
+
+LAG_SHARE = 0.5
+"""Weight of what q changes since the sample of the torque, over that of θ q̇."""
 
 ACCELERATION_SHARE = 0.01
 """Share of these bounds that is left to the motion within a period."""
@@ -85,7 +88,8 @@ def certify_known_inertia(
 
     with a margin of 5 %. T is the loop at ρ0 from an acceleration to (v, η q, η θ q̇), r the rate of M̂. Otherwise a
     Lyapunov function V = xᵀ (P0 ⊗ M̂ + P1 ⊗ M) x is tried, as in `certify_affine`. Its P(λ) = P0 + P1/λ gains s0 S0 and
-    s1 S1/λ in a period, S0 ± P0 ⪰ 0, S1 ± P1 ⪰ 0, s0 and s1 the relative changes of M̂ and M. The law is refuted if the
+    s1 S1/λ in a period, S0 ± P0 ⪰ 0, S1 ± P1 ⪰ 0, s0 and s1 the relative changes of M̂ and M. With a computation delay M̂
+    is that of the torque's sample, and the law's own stiffness acts at the position of then. The law is refuted if the
     loop at rest in one of the worst postures is unstable.
 
     Parameters
@@ -101,7 +105,7 @@ def certify_known_inertia(
     samples, seed
         Number of sampled postures, and the seed. Local searches start from the worst samples.
     quick
-        Leave out that Lyapunov function, which takes seconds to a minute. It is for a computation delay of zero.
+        Leave out that Lyapunov function, which takes seconds to a minute.
     on_program
         Called after each semidefinite program, to show progress.
 
@@ -151,7 +155,7 @@ def certify_known_inertia(
         radius=ball.radius,
         position_weight=ball.position_weight,
         scale=ball.scale,
-        points=tuple(_stored_points(known, points, uncertainty, ball, lead_time)),
+        points=tuple(_stored_points(known, points, uncertainty, ball, (law.period, computation_delay))),
         rate_point=rate_point,
         rest_loop=_unstable_rest(law, known, points, ratios, computation_delay),
         affine=None,
@@ -161,8 +165,9 @@ def certify_known_inertia(
         max_ratio=float(ratios.max()),
         samples=samples,
     )
-    if not quick and not computation_delay and is_bounded and evidence.judge().verdict == Verdict.INCONCLUSIVE:
-        proof = _affine_proof(channel, slope, evidence, uncertainty, on_program)
+    if not quick and is_bounded and evidence.judge().verdict == Verdict.INCONCLUSIVE:
+        parts = known.inertias(points), *known.linearised_apart(points)
+        proof = _affine_proof(channel, slope, evidence, parts, on_program)
         evidence = replace(evidence, affine=proof) if proof is not None else evidence
     return _certificate(law, evidence, workspace)
 
@@ -172,30 +177,41 @@ def _relative_rate_point(plants: Sequence[Plant], workspace: Workspace, samples:
     return MaxRatePoint.from_point(max_rate_point(plants, None, workspace, samples, seed), workspace)
 
 
-def _force_bounds(uncertainty: UncertaintySamples) -> list[tuple[float, float]]:
-    """Return powers p and lead times θ of the bounds ‖E^−p [H, C/θ]‖."""
-    return [
-        (power, factor * lead_time)
-        for power in POWERS
-        for lead_time in [uncertainty.force_lead_time(power)]
-        for factor in (FORCE_LEAD_FACTORS if lead_time else (0.0,))
-    ]
+def _force_bounds(uncertainty: UncertaintySamples, period: float, delay: int) -> list[tuple[float, float, float]]:
+    """Return powers p, lead times θ [s] and lag weights φ of the bounds ‖E^−p [H, C/θ, K/φ]‖."""
+    found = []
+    for power in POWERS:
+        longest = uncertainty.force_lead_time(power)
+        for lead_time in [factor * longest for factor in FORCE_LEAD_FACTORS] if longest else [0.0]:
+            found.append((power, lead_time, LAG_SHARE * (lead_time or period) / ((1 + delay) * period)))
+    return found
 
 
 def _affine_proof(
     channel: Channel,
     slope: float,
     evidence: KnownInertiaEvidence,
-    uncertainty: UncertaintySamples,
+    parts: tuple[Array, Array, Array, Array, Array],
     on_program: Callable[[], object],
 ) -> AffineProof | None:
-    """Return a Lyapunov function that covers the robot with the margin `MIN_MARGIN`; None where none was found."""
-    room = 1 + 1.1 * MIN_MARGIN
-    growth = float(np.exp(evidence.rate * evidence.period))
+    """Return a Lyapunov function that covers the robot with the margin `MIN_MARGIN`; None where none was found.
+
+    The parts are M̂, M, D, G and the law's own stiffness of the points, each (k, n, n). The law's stiffness acts at the
+    position of the torque's sample, up to d + 1 periods ago, and M̂ is that of this sample.
+    """
+    nominal, M, D, G, own = parts
+    uncertainty = to_posture_coordinates(nominal, M, D, G - own)
+    room, periods = 1 + 1.1 * MIN_MARGIN, 1 + evidence.computation_delay
+    growth = float(np.exp(evidence.rate * evidence.period * periods))
     min_ratio, max_ratio = evidence.min_ratio / growth / room, evidence.max_ratio * growth * room
     relative_rate = evidence.relative_rate_point.relative_rate() * room
-    bounds = _force_bounds(uncertainty)
-    norms = np.array([growth * uncertainty.force_norms(lead_time, power).max() * room for power, lead_time in bounds])
+    bounds = _force_bounds(uncertainty, evidence.period, evidence.computation_delay)
+    norms = np.array(
+        [
+            growth * lagged_force_norms((nominal, M, D, G - own, own), lead_time, power, lag).max() * room
+            for power, lead_time, lag in bounds
+        ]
+    )
     if not norms.max() > NEGLIGIBLE_STIFFNESS:
         bounds, norms = [], norms[:0]
     ratios = RatioSet(
@@ -205,13 +221,15 @@ def _affine_proof(
         relative_rate=relative_rate,
         period=evidence.period,
         intersample=True,
-        powers=np.array([power for power, _ in bounds]),
-        lead_times=np.array([lead_time for _, lead_time in bounds]),
+        powers=np.array([power for power, _, _ in bounds]),
+        lead_times=np.array([lead_time for _, lead_time, _ in bounds]),
         stiffness=norms,
         shares=np.full(len(bounds), ACCELERATION_SHARE),
         nominal_rate=evidence.rate * room,
+        lag_weights=np.array([lag for _, _, lag in bounds]),
     )
-    return find_proof(UncertainLoop.from_channel(channel, slope, intersample=True), ratios, on_program)
+    loop = UncertainLoop.from_channel(channel, slope, intersample=True)
+    return find_proof(loop, ratios, on_program, computation_delay=evidence.computation_delay)
 
 
 def _known(law: PolePlacement) -> NominalInertia:
@@ -335,18 +353,23 @@ def _stored_points(
     points: Sequence[OperatingPoint],
     uncertainty: UncertaintySamples,
     ball: _Ball,
-    lead_time: float,
+    periods: tuple[float, int],
 ) -> list[KnownPoint]:
-    """Return the points of the extreme ratios, of the largest stiffness and of the largest norm."""
+    """Return the points of the extreme ratios, of the largest stiffness, norm and forces, for a period and a delay."""
+    lead_time = ball.loop.lead_periods.item() * periods[0]
     ratios = np.linalg.eigvalsh(uncertainty.inertia)
     stiffness = uncertainty.stiffness_norms(lead_time)
     chosen = [int(np.argmin(ratios[:, 0])), int(np.argmax(ratios[:, -1])), int(np.argmax(stiffness))]
     if ball.position_weight:
         norms = uncertainty.joint_norms(ball.centre, ball.position_weight, lead_time)
         chosen.append(int(np.argmax(norms)))
-    chosen += [int(np.argmax(uncertainty.force_norms(lead, power))) for power, lead in _force_bounds(uncertainty)]
-    worst = [points[i] for i in dict.fromkeys(chosen)]
-    nominal, (M, D, G) = known.inertias(worst), known.linearised(worst)
+    nominal, (M, D, G, own) = known.inertias(points), known.linearised_apart(points)
+    parts = nominal, M, D, G - own, own
+    for power, lead, lag in _force_bounds(uncertainty, *periods):
+        chosen.append(int(np.argmax(lagged_force_norms(parts, lead, power, lag))))
+    indices = list(dict.fromkeys(chosen))
+    worst = [points[i] for i in indices]
+    nominal, M, D, G, own = (part[indices] for part in (nominal, M, D, G, own))
     return [
         KnownPoint(
             nominal=nominal[i],
@@ -354,10 +377,11 @@ def _stored_points(
                 position=point.position,
                 inertia=M[i],
                 damping=D[i],
-                stiffness=G[i],
+                stiffness=G[i] - own[i],
                 velocity=point.velocity if point.is_moving else None,
                 acceleration=point.acceleration if point.is_moving else None,
             ),
+            model_stiffness=own[i],
         )
         for i, point in enumerate(worst)
     ]
@@ -404,8 +428,8 @@ def _certificate(
         "dry friction and disturbances are left out of the acceleration that the law holds along the motion; friction "
         "is only a disturbance",
         "no torque limit is reached and no sample is lost",
-        f"the torque reaches the joints {evidence.computation_delay} periods late and is held for a period; the effect "
-        "of stiffness and damping over a period follows from the position and the mean velocity",
+        f"the torque reaches the joints {evidence.computation_delay} periods late and is held for a period",
+        _stiffness_note(evidence),
     ]
     if not evidence.robust_term_is_bounded:
         assumptions.append("left out: the robust term, whose slope over the error has no bound; give max_gain")
@@ -423,6 +447,19 @@ def _certificate(
         evidence=evidence,
         witness=witness,
         basis=f"{evidence.samples} sampled postures and local search",
+    )
+
+
+def _stiffness_note(evidence: KnownInertiaEvidence) -> str:
+    """Return what is assumed of the stiffness between samples."""
+    if evidence.affine is not None:
+        return (
+            "the stiffness of the law's model acts at the position of the torque's sample, and its matrix is that of "
+            "the posture now; what it changes since that sample is left to the margin"
+        )
+    return (
+        "the effect of stiffness and damping over a period follows from the position and the mean velocity, and that "
+        "of the law's model is as if its posture were the present one"
     )
 
 

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tarc.analysis.known_inertia import to_posture_coordinates
+from tarc.analysis.known_inertia import lagged_force_norms, to_posture_coordinates
 from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS, UncertaintySamples
 from tarc.analysis.rest_stability import rest_state_matrix
 from tarc.analysis.stability import UnstableMode, Witness, unstable_mode
@@ -17,6 +17,9 @@ from tarc.certificates.robot_evidence import LinearisedPoint, MaxRatePoint
 from tarc.core.types import Array
 from tarc.numerics.matrix_tests import schur_stability
 from tarc.numerics.norms import hinf_norm
+
+KNOWN_PARTS = "nominal", "model_stiffness"
+"""Matrices of the law at a point."""
 
 MIN_MARGIN = 0.05
 """Share by which the radius, or the ratios, rates and forces of a Lyapunov function, must exceed those needed.
@@ -35,10 +38,13 @@ class KnownPoint:
         M̂(q), shape (n, n).
     robot
         M, D and G of the robot; G less the stiffness of the law's model, D without viscous friction.
+    model_stiffness
+        ∂(M̂ a + ĥ)/∂q, the stiffness of the law's model [N m/rad or N/m], shape (n, n).
     """
 
     nominal: Array
     robot: LinearisedPoint
+    model_stiffness: Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -158,6 +164,13 @@ class KnownInertiaEvidence(Evidence):
         M, D, G = (np.array([getattr(robot, name) for robot in robots]) for name in ("inertia", "damping", "stiffness"))
         return to_posture_coordinates(nominal, M, D, G)
 
+    def lagged_force_norms(self, lead_time: float, power: float, lag_weight: float) -> Array:
+        """Return ‖E^−p [H, C/θ, K/φ]‖ of the points [1/s²], shape (k,)."""
+        robots = [point.robot for point in self.points]
+        M, D, G = (np.array([getattr(robot, name) for robot in robots]) for name in ("inertia", "damping", "stiffness"))
+        nominal, own = (np.array([getattr(point, name) for point in self.points]) for name in KNOWN_PARTS)
+        return lagged_force_norms((nominal, M, D, G, own), lead_time, power, lag_weight)
+
     def needed_radius(self) -> float:
         """Return the radius of the points, with what M̂(q) changes until the torque has acted."""
         return widened_radius(
@@ -188,21 +201,28 @@ class KnownInertiaEvidence(Evidence):
         It is −1 for the Lyapunov function of another loop. The changes of M̂(q) within a period count.
         """
         ratios, full = proof.ratios, proof.loop.full.loop
-        is_same = ratios.period == self.period and self.computation_delay == 0
-        is_same &= np.array_equal(full.A, self.loop.A) and np.array_equal(full.C, self.loop.C)
+        lag_periods = self.computation_delay if len(ratios.lag_weights) else 0
+        own = self.loop.with_past_position(lag_periods)
+        is_same = ratios.period == self.period
+        is_same &= np.array_equal(full.A, own.A) and np.array_equal(full.C, own.C)
+        is_same &= not lag_periods or len(proof.loop.full.scales) == 4
         is_same &= full.half_slope.item() >= self.loop.half_slope.item()
         uncertainty = self.uncertainty()
         values = np.linalg.eigvalsh(uncertainty.inertia)
-        swing = float(np.exp(self.rate * self.period))
+        swing = float(np.exp(self.rate * self.period * (1 + self.computation_delay)))
         relative_rate = self.relative_rate_point.relative_rate()
         lowest, highest = float(values.min()) / swing, float(values.max()) * swing
         covered = [lowest / ratios.min_ratio, ratios.max_ratio / highest]
         needed = [(relative_rate, ratios.relative_rate), (relative_rate / lowest, ratios.rate)]
         needed.append((self.rate, ratios.nominal_rate))
-        for power, lead_time, stiffness in zip(ratios.powers, ratios.lead_times, ratios.stiffness, strict=True):
-            needed.append((swing * float(uncertainty.force_norms(lead_time, power).max()), float(stiffness)))
+        bounds = ratios.powers.tolist(), ratios.lead_times.tolist(), ratios.lags().tolist(), ratios.stiffness.tolist()
+        for power, lead_time, lag, stiffness in zip(*bounds, strict=True):
+            needed.append((swing * float(self.lagged_force_norms(lead_time, power, lag).max()), stiffness))
         if not len(ratios.stiffness):
             needed.append((float(uncertainty.force_norms(0.0).max()), NEGLIGIBLE_STIFFNESS))
+        if not np.all(ratios.lags() > 0) or not len(ratios.stiffness):  # without a weight the lag is left out
+            own_stiffness = np.array([point.model_stiffness for point in self.points])
+            needed.append((float(np.abs(own_stiffness).max()), NEGLIGIBLE_STIFFNESS))
         if 0.0 in ratios.lead_times or not len(ratios.stiffness):  # a bound without a lead time leaves the damping out
             needed.append((float(np.abs(uncertainty.damping).max()), NEGLIGIBLE_STIFFNESS))
         if not is_same or any(value > limit for value, limit in needed):

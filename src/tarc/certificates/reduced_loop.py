@@ -33,7 +33,7 @@ class CentredLoop:
         x⁺ = A x + B u,     y = C x + D u
 
     The inputs u are the mean and the first moment of the acceleration over a period, less ρ0 v, and ρ0 w of the robust
-    term. The outputs y are v, q and q̇ T, times `scales`.
+    term. The outputs y are v, q, q̇ T and l, times `scales`, where l is q less the last state of the loop.
 
     Attributes
     ----------
@@ -42,7 +42,8 @@ class CentredLoop:
     centre
         ρ0.
     scales
-        Factors on the outputs v, q and q̇ T, shape (o,); those after the last are left out.
+        Factors on the outputs v, q, q̇ T and l, shape (o,); those after the last are left out. With l the last state of
+        the loop is the position of the torque's sample.
     """
 
     loop: UncertainLoop
@@ -67,7 +68,8 @@ class CentredLoop:
         position = matrix(np.eye(1, len(self.loop.A)))
         v = C - arithmetic.number(half.item()) * (D_robust @ position)
         A = A + centre * (B @ v) - arithmetic.number(half.item()) * (B_robust @ position)
-        outputs = np.concatenate([v, matrix(np.eye(2, len(self.loop.A)))])[: len(self.scales)]
+        unit = np.eye(len(self.loop.A))
+        outputs = np.concatenate([v, matrix(unit[:2]), matrix(unit[:1] - unit[-1:])])[: len(self.scales)]
         outputs = outputs * matrix(self.scales[:, None])
         D = matrix(np.zeros((len(self.scales), self.n_inputs)))
         inputs = [B_mismatch]
