@@ -5,8 +5,8 @@ import pytest
 
 import tarc
 from tarc.analysis import Workspace, prove_inertia_spread
-from tarc.core.errors import InvalidParameter
-from tarc.numerics.trig_polynomial import TrigPolynomial, prove_below
+from tarc.numerics.eigenvalue_proof import prove_below
+from tarc.numerics.trig_polynomial import TrigPolynomial
 from tarc.plants import MassSpringDamper, NLinkArm, TwoLinkArm
 
 
@@ -62,13 +62,18 @@ def test_a_posture_and_a_robot_of_constant_inertia_are_proven_at_once():
     workspace = Workspace.box(np.zeros(masses.n_joints), np.ones(masses.n_joints))
     assert prove_inertia_spread(masses, nominal, workspace, progress=False).complete
     posture = Workspace.box([0.3, 0.4], [0.3, 0.4])
-    assert prove_inertia_spread(TwoLinkArm(), np.eye(2), posture, progress=False).n_boxes == 0
+    assert prove_inertia_spread(TwoLinkArm(), np.eye(2), posture, progress=False).n_boxes == 2
 
 
-def test_where_there_is_no_proof():
-    reference = tarc.signals.Sinusoid(amplitude=[0.1, 0.1], frequency=1.0)
-    with pytest.raises(InvalidParameter, match="needs a box"):
-        prove_inertia_spread(TwoLinkArm(), np.eye(2), Workspace.from_reference(reference, 1.0))
+def test_the_tube_about_a_reference_is_covered():
+    arm = TwoLinkArm()
+    reference = tarc.signals.Sinusoid(amplitude=[0.6, 0.9], frequency=1.0)
+    workspace = Workspace.from_reference(reference, 3.0, tube=0.05)
+    proven = prove_inertia_spread(arm, np.eye(2), workspace, tolerance=0.01, progress=False)
+    values = [np.linalg.eigvals(np.linalg.inv(arm.inertia(q))).real for q in workspace.sample(2000, 5)]
+    assert proven.complete
+    assert proven.min_ratio < np.min(values) < 1.05 * proven.min_ratio
+    assert proven.max_ratio / 1.05 < np.max(values) < proven.max_ratio
 
 
 def test_polynomials_and_their_derivatives_are_those_of_the_function():
@@ -94,6 +99,6 @@ def test_a_bound_is_proven_exactly_where_it_holds(excess):
     polynomial = TrigPolynomial.from_samples(
         lambda q: np.array([np.diag([np.cos(x) + np.sin(2 * y), -3.0]) for x, y in q]), 2
     )
-    proof = prove_below([polynomial], [2 + excess], np.zeros((1, 2)), np.full((1, 2), np.pi))
+    proof = prove_below([polynomial], [2 + excess], (np.zeros((1, 2)), np.full((1, 2), np.pi)))
     assert proof.complete is (excess > 0)
     assert (proof.counterexample is None) is (excess > 0)
