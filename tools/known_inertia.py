@@ -3,10 +3,8 @@
 import numpy as np
 from flint import arb
 
-from ball_arithmetic import LOOSE, ball, inverse, sign, symmetric
-from uncertain_inertia import affine_proof, at_rest, changes, force, lags, tolerates
-
-ROOM = 1.05  # what is needed may grow by this factor, since the worst points come from samples
+from ball_arithmetic import LOOSE, ROOM, ball, inverse, sign, symmetric
+from uncertain_inertia import affine_proof, at_rest, changes, contained, force, lags, tolerates
 
 
 def relative_rate(point, inertia):
@@ -34,9 +32,10 @@ def known_inertia(e, witness):
     slope, centre, radius = 2 * loop["half_slope"][0][0], arb(e["centre"]), arb(e["radius"])
     eta, lead = arb(e["position_weight"]), arb(loop["lead_periods"][0][0]) * T
     rate, is_rate = relative_rate(e["rate_point"], e["rate_point"]["nominal"])
+    rate = rate if proof else rate * ROOM
     turned, later = (rate * T).exp(), (rate * T * (1 + e["computation_delay"])).exp()
     low, high, found = arb(e["min_ratio"]) / LOOSE, arb(e["max_ratio"]) * LOOSE, [is_rate]
-    needed, wider = radius / (turned * ROOM) - high * (later - 1), arb(1)
+    needed, wider = radius / turned - high * ROOM * (later - 1), arb(1)
     if proof:
         of, full = proof["ratios"], proof["loop"]["full"]["loop"]
         own, is_own = relative_rate(e["relative_rate_point"], e["relative_rate_point"]["inertia"])
@@ -58,7 +57,7 @@ def known_inertia(e, witness):
     for known in e["points"]:
         point, N = known["robot"], symmetric(known["nominal"])
         M, W = symmetric(point["inertia"]), inverse(N)
-        size, R = {0: M @ W @ M, 0.5: M, 1: N}, N - centre * M
+        size = {0: M @ W @ M, 0.5: M, 1: N}
         found += [sign(M), sign(LOOSE * N - low * M), sign(LOOSE * high * M - N)]
         for p, theta, x, phi in bounds:
             needs = force(point, W, arb(theta))
@@ -67,5 +66,5 @@ def known_inertia(e, witness):
             found.append(sign((LOOSE * x / wider) ** 2 * size[p] - needs))
         if not proof:
             stiffness = force(point, W, lead) / eta**2 if eta > 0 else ball(np.zeros(M.shape))
-            found.append(sign(needed**2 * size[0] - R @ W @ R - stiffness))
+            found.append(contained(M, N, W, centre, needed, stiffness))
     return min(found), f"all points have {e['min_ratio']:.6g} ≤ E ≤ {e['max_ratio']:.6g} and what the loop tolerates"

@@ -6,7 +6,7 @@ import math
 import numpy as np
 from flint import acb, arb, arb_mat
 
-from ball_arithmetic import LOOSE, ball, inverse, on_circle, opened, positive, sign, square, stable, symmetric
+from ball_arithmetic import LOOSE, ROOM, ball, inverse, on_circle, opened, positive, sign, square, stable, symmetric
 
 MEAN_SQUARES = [[120, 60, 20], [60, 40, 15], [20, 15, 6]], [[0, 0, 0], [0, 6, 3], [0, 3, 2]]
 
@@ -90,6 +90,12 @@ def force(point, W, lead):
     return G @ W @ G.T + (D @ W @ D.T / lead**2 if lead > 0 else ball(np.where(D == 0, 0, np.inf)))
 
 
+def contained(M, N, W, centre, radius, stiffness):
+    """Return whether |[E − ρ0, H/η, C/(ηθ)]| is below a radius, for 5 % more of E or 1/E, and of the stiffness."""
+    parts = [ratio * N - centre * M for ratio in (arb(ROOM), 1 / arb(ROOM))]
+    return min(sign(radius**2 * M @ W @ M - R @ W @ R - arb(ROOM) ** 2 * stiffness) for R in parts)
+
+
 def changes(point):
     """Yield the extreme dM/dt of a point, up to their sign and more."""
     slopes = [symmetric(x) * v for x, v in zip(point["inertia_slopes"], ball(point["velocity_limits"]), strict=True)]
@@ -127,15 +133,17 @@ def robot(e, witness):
         if point["velocity"] is None:  # without the viscous friction of a robot at rest
             point = point | {"damping": np.zeros_like(point["damping"])}
         M = symmetric(point["inertia"])
-        size, R = {0: M @ W @ M, 0.5: M, 1: N}, N - centre * M
-        found += [sign(M), sign(N - low * M), sign(high * M - N)]
-        found += [sign((LOOSE * x) ** 2 * size[power] - force(point, W, arb(theta))) for power, theta, x in bounds]
+        size = {0: M @ W @ M, 0.5: M, 1: N}
+        found += [sign(M), sign(N - low * ROOM * M), sign(high / ROOM * M - N)]
+        found += [
+            sign((LOOSE * x / ROOM) ** 2 * size[power] - force(point, W, arb(theta))) for power, theta, x in bounds
+        ]
         if not cover and eta > 0:
-            found.append(sign(radius**2 * size[0] - R @ W @ R - force(point, W, lead) / eta**2))
+            found.append(contained(M, N, W, centre, radius, force(point, W, lead) / eta**2))
     for point in rates:
         for change in changes(point):
-            found.append(sign(LOOSE * rate * N - change))
-            found += [sign(LOOSE * own * symmetric(point["inertia"]) - change)] if cover else []
+            found.append(sign(LOOSE * rate / ROOM * N - change))
+            found += [sign(LOOSE * own / ROOM * symmetric(point["inertia"]) - change)] if cover else []
     return min(found), f"all points have {float(low):.6g} ≤ E ≤ {float(high):.6g} and what the loop tolerates"
 
 

@@ -35,7 +35,7 @@ def test_a_robot_is_certified_where_the_ball_is_not(verdicts):
     assert ball.evidence.method == "ball with a rate"
     assert affine.certified
     assert affine.evidence.method == "affine Lyapunov function"
-    assert affine.margin == pytest.approx(0.05)
+    assert affine.margin == pytest.approx(0.05, rel=2e-3)
     assert affine.evidence.decay_rate > 0
     assert affine.verdict_in_words == "certified on 30 sampled postures and local search"
 

@@ -15,6 +15,11 @@ MAX_LEAD_TIME = 1.0
 """Largest lead time θ [s]."""
 RADIUS_SHARES = 0.02, 0.06, 0.12, 0.2, 0.35
 """Shares of ρ0 − δ that stiffness and damping may take."""
+SEARCH_MARGIN = 0.05
+"""Share by which ratios, rates, stiffness and damping may exceed the largest that samples and search found.
+
+Samples and search may miss the worst posture, so a verdict that rests on them must hold for that much more.
+"""
 NORM_BATCH = 16
 """Number of points whose norms are computed at once."""
 NEGLIGIBLE_STIFFNESS = 1e-9
@@ -129,6 +134,16 @@ class UncertaintySamples:
     def _stiffness_norms(self) -> dict[float, Array]:
         """Norms that were computed, by lead time."""
         return {}
+
+    def grown(self, share: float) -> "UncertaintySamples":
+        """Return each point twice: E (1 + share) and E/(1 + share), both with H and C times 1 + share.
+
+        What lies between them has no larger norm, which is convex in E, H and C.
+        """
+        factor = 1 + share
+        inertia = np.concatenate([factor * self.inertia, self.inertia / factor])
+        stiffness, damping = (factor * np.concatenate([part, part]) for part in (self.stiffness, self.damping))
+        return UncertaintySamples(inertia, stiffness, damping)
 
     def lead_time(self) -> float:
         """Return the θ [s] at which the largest damping counts as the largest stiffness, at most `MAX_LEAD_TIME`.

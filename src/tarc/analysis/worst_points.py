@@ -284,6 +284,43 @@ class UncertaintyNorm:
 
 
 @dataclass(frozen=True, eq=False)
+class GrownNorm:
+    """The larger norm of the two points of `UncertaintySamples.grown`, which decides the robot certificate.
+
+    With f = 1 + share they are f ‖[E − ρ0/f I, H/η, C/(η θ)]‖ and ‖[E − f ρ0 I, f² H/η, f² C/(η θ)]‖/f.
+
+    Parameters
+    ----------
+    nominal, centre, position_weight, lead_time
+        As in `UncertaintyNorm`.
+    share
+        Growth of ratios, stiffness and damping.
+    """
+
+    nominal: Array
+    centre: float
+    position_weight: float
+    lead_time: float
+    share: float
+
+    def values(self, points: Sequence[OperatingPoint]) -> Array:
+        """Return the norms of k points, shape (k,)."""
+        samples = uncertainty_samples(self.nominal, points).grown(self.share)
+        norms = samples.joint_norms(self.centre, self.position_weight, self.lead_time)
+        return norms.reshape(2, -1).max(axis=0)
+
+    def value_and_gradient(self, point: OperatingPoint) -> tuple[float, Array]:
+        """Return the norm of a point and its derivatives over the posture, shape (n,)."""
+        factor = 1 + self.share
+        lighter = UncertaintyNorm(self.nominal, self.centre / factor, self.position_weight, self.lead_time)
+        heavier = UncertaintyNorm(self.nominal, factor * self.centre, self.position_weight / factor**2, self.lead_time)
+        pairs = [(factor, lighter), (1 / factor, heavier)]
+        scale, norm = max(pairs, key=lambda pair: pair[0] * pair[1].values([point])[0])
+        value, gradient = norm.value_and_gradient(point)
+        return scale * value, scale * gradient
+
+
+@dataclass(frozen=True, eq=False)
 class ForceNorm:
     """The norm ‖E⁻¹[H, C/θ]‖ = ‖M̂^−½ [∂(M q̈ + N)/∂q, (∂N/∂q̇)/θ] M̂^−½‖, linear in G and D.
 

@@ -6,21 +6,21 @@ import numpy as np
 
 from tarc.analysis.inertia_ratio import InertiaSpread
 from tarc.analysis.linearise import Channel
-from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS, UncertaintySamples
+from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS, SEARCH_MARGIN, UncertaintySamples
 from tarc.analysis.uncertain_loop import UncertainLoop
 from tarc.analysis.worst_points import ForceNorm, SampledPoints
 from tarc.certificates.affine import find_proof
 from tarc.certificates.affine_form import RatioSet
 from tarc.certificates.robot_evidence import AffineCover, MaxRatePoint, linearised_point
 
-MIN_MARGIN = 0.05
-"""Growth of ratios, rate and forces beyond all that were found that a proof must cover; samples miss the worst."""
 POWERS = 0.0, 0.5, 1.0
 """Powers p of the bounds ‖E^−p [H, C/θ]‖."""
 LEAD_FACTORS = 0.25, 0.5, 1.0, 2.0
 """Lead times θ over that at which damping counts as much as stiffness."""
 SEARCHED_FACTORS = 0.5, 1.0
 """Those for which local searches look for the worst point."""
+ROUNDING_ROOM = 1.001
+"""Factor on the margin, so that rounding leaves enough of it."""
 ACCELERATION_SHARE = 0.01
 """Share of the bound on the forces that is left to the motion within a period."""
 
@@ -34,7 +34,7 @@ def cover_robot(
     known: UncertaintySamples,
     on_program: Callable[[], object] = lambda: None,
 ) -> AffineCover | None:
-    """Return a Lyapunov function that covers a robot with the margin `MIN_MARGIN`; None where none was found.
+    """Return a Lyapunov function that covers a robot with the margin `SEARCH_MARGIN`; None where none was found.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def cover_robot(
         sampled = sampled.add_stiffest(factor * sampled.uncertainty.lead_time())
     longest = sampled.uncertainty.force_lead_time()
     sampled = sampled.search_globally(ForceNorm(sampled.nominal, longest))
-    uncertainty, room = sampled.uncertainty | known, 1 + MIN_MARGIN
+    uncertainty, room = sampled.uncertainty | known, 1 + ROUNDING_ROOM * SEARCH_MARGIN
     bounds = [
         (power, factor * lead_time)
         for power in POWERS

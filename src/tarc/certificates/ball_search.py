@@ -8,15 +8,17 @@ import numpy as np
 
 from tarc.analysis.inertia_ratio import InertiaSpread
 from tarc.analysis.linearise import Channel
-from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS, UncertaintySamples
+from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS, SEARCH_MARGIN, UncertaintySamples
 from tarc.analysis.uncertain_loop import FrequencyResponses, UncertainLoop
-from tarc.analysis.worst_points import SampledPoints, UncertaintyNorm
+from tarc.analysis.worst_points import GrownNorm, SampledPoints
 from tarc.certificates.iqc import best_multiplier
 from tarc.certificates.robot_evidence import MaxRatePoint
 from tarc.certificates.varying_ratio import Ball, RadiusProof, best_centre, make_ball, max_radius
 
 LEAD_FACTORS = 0.5, 1.0
 """Lead times to try, over that at which damping counts as much as stiffness."""
+ROOM = 1 + SEARCH_MARGIN
+"""Factor on the largest ratio and rate that were found, and on the inverse of the smallest ratio."""
 MAX_CANDIDATES = 4
 """Largest number of balls that are tested at all frequencies."""
 CLOSE_RANGE = 1.03
@@ -55,20 +57,20 @@ NO_CANDIDATE = BallCandidate(0.0, 0.0, 0.0, 0.0, 1.0, None)
 def fit_ball(
     channel: Channel, slope: float, spread: InertiaSpread, sampled: SampledPoints, rate_point: MaxRatePoint | None
 ) -> tuple[SampledPoints, BallCandidate, Ball]:
-    """Return the points with the worst ones added, the best candidate, and its ball."""
-    ratios = spread.min_ratio, spread.max_ratio
-    max_change = None if rate_point is None else channel.period * rate_point.rate(sampled.nominal)
+    """Return the points with the worst ones added, the best candidate, and its ball for more rate and stiffness."""
+    ratios = spread.min_ratio / ROOM, spread.max_ratio * ROOM
+    max_change = None if rate_point is None else ROOM * channel.period * rate_point.rate(sampled.nominal)
     centres = {
         best_centre(UncertainLoop.from_channel(channel, slope, intersample=True), ratios, max_change),
         sum(ratios) / 2,
     }
     sampled = worst_case_points(min(centres), sampled)
-    best, proof, radius = best_ball(channel, slope, centres, sampled.uncertainty, max_change)
+    best, proof, radius = best_ball(channel, slope, centres, sampled.uncertainty.grown(SEARCH_MARGIN), max_change)
     if best.position_weight:  # the norm that decides, over the whole workspace
-        norm = UncertaintyNorm(sampled.nominal, best.centre, best.position_weight, best.lead_time)
+        norm = GrownNorm(sampled.nominal, best.centre, best.position_weight, best.lead_time, SEARCH_MARGIN)
         sampled = sampled.search_globally(norm)
     loop = UncertainLoop.from_channel(channel, slope, intersample=True, lead_periods=best.lead_time / channel.period)
-    stiffness = float(sampled.uncertainty.stiffness_norms(best.lead_time).max())
+    stiffness = ROOM * float(sampled.uncertainty.stiffness_norms(best.lead_time).max())
     ball = make_ball(
         loop,
         best.centre,
@@ -119,7 +121,8 @@ def best_ball(
     best, proof, radius = candidates[0], None, -1.0
     for candidate in candidates[:MAX_CANDIDATES]:
         if candidate.radius_over_needed > radius / best.needed_radius:
-            loop, stiffness = loops[candidate.lead_time], float(uncertainty.stiffness_norms(candidate.lead_time).max())
+            loop = loops[candidate.lead_time]
+            stiffness = float(uncertainty.stiffness_norms(candidate.lead_time).max())
             candidate_proof, candidate_radius = max_radius(
                 loop, candidate.centre, candidate.position_weight, max_change=candidate.max_change, stiffness=stiffness
             )

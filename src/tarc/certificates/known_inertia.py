@@ -9,7 +9,12 @@ import numpy as np
 from tarc.analysis.inertia_ratio import as_plants
 from tarc.analysis.known_inertia import KnownInertia, lagged_force_norms, to_posture_coordinates, worst_points
 from tarc.analysis.linearise import Channel, decoupled_channels, joints_share_loop, require_inertia
-from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS, OperatingPoint, UncertaintySamples
+from tarc.analysis.operating_points import (
+    NEGLIGIBLE_STIFFNESS,
+    SEARCH_MARGIN,
+    OperatingPoint,
+    UncertaintySamples,
+)
 from tarc.analysis.rest_stability import loop_with_model
 from tarc.analysis.uncertain_loop import FrequencyResponses, System, UncertainLoop, scaled_system
 from tarc.analysis.workspace import Workspace
@@ -18,7 +23,6 @@ from tarc.certificates.affine import AffineProof, find_proof
 from tarc.certificates.affine_form import RatioSet
 from tarc.certificates.base import Certificate, LoopMatrices, Verdict
 from tarc.certificates.known_inertia_evidence import (
-    MIN_MARGIN,
     KnownInertiaEvidence,
     KnownPoint,
     KnownRatePoint,
@@ -86,11 +90,11 @@ def certify_known_inertia(
 
         ‖[E − ρ0 I, H/η, C/(η θ)]‖ ≤ δ,     ‖T(e^{−rT/2} z)‖∞ < 1/δ,     r = sup ‖M̂^−½ (dM̂/dt) M̂^−½‖
 
-    with a margin of 5 %. T is the loop at ρ0 from an acceleration to (v, η q, η θ q̇), r the rate of M̂. Otherwise a
-    Lyapunov function V = xᵀ (P0 ⊗ M̂ + P1 ⊗ M) x is tried, as in `certify_affine`. Its P(λ) = P0 + P1/λ gains s0 S0 and
-    s1 S1/λ in a period, S0 ± P0 ⪰ 0, S1 ± P1 ⪰ 0, s0 and s1 the relative changes of M̂ and M. With a computation delay M̂
-    is that of the torque's sample, and the law's own stiffness acts at the position of then. The law is refuted if the
-    loop at rest in one of the worst postures is unstable.
+    with 5 % more of E, E⁻¹, H, C and r than was found. T is the loop at ρ0 from an acceleration to (v, η q, η θ q̇), r
+    the rate of M̂. Otherwise a Lyapunov function V = xᵀ (P0 ⊗ M̂ + P1 ⊗ M) x is tried, as in `certify_affine`. Its
+    P(λ) = P0 + P1/λ gains s0 S0 and s1 S1/λ in a period, S0 ± P0 ⪰ 0, S1 ± P1 ⪰ 0, s0 and s1 the relative changes of M̂
+    and M. With a computation delay M̂ is that of the torque's sample, and the law's own stiffness acts at the position
+    of then. The law is refuted if the loop at rest in one of the worst postures is unstable.
 
     Parameters
     ----------
@@ -112,7 +116,7 @@ def certify_known_inertia(
     Returns
     -------
     Certificate
-        Its margin is the radius over the needed one, less 1; for a refutation 1 less the spectral radius.
+        Its margin is the radius over the needed one, less 1, for a ball; for a refutation 1 less the spectral radius.
 
     Raises
     ------
@@ -134,7 +138,7 @@ def certify_known_inertia(
     is_bounded = bool(np.isfinite(law.robust_slope_bound))
     slope = law.robust_slope_bound if is_bounded else 0.0
     points = _operating_points(known, plants, workspace, samples, seed)
-    growth = rate_point.rate() * law.period
+    growth = (1 + SEARCH_MARGIN) * rate_point.rate() * law.period
     uncertainty = known.uncertainty(points)
     ball = _best_ball(channel, slope, uncertainty, growth, computation_delay)
     lead_time = ball.loop.lead_periods.item() * law.period
@@ -194,14 +198,14 @@ def _affine_proof(
     parts: tuple[Array, Array, Array, Array, Array],
     on_program: Callable[[], object],
 ) -> AffineProof | None:
-    """Return a Lyapunov function that covers the robot with the margin `MIN_MARGIN`; None where none was found.
+    """Return a Lyapunov function that covers the robot with the margin `SEARCH_MARGIN`; None where none was found.
 
     The parts are M̂, M, D, G and the law's own stiffness of the points, each (k, n, n). The law's stiffness acts at the
     position of the torque's sample, up to d + 1 periods ago, and M̂ is that of this sample.
     """
     nominal, M, D, G, own = parts
     uncertainty = to_posture_coordinates(nominal, M, D, G - own)
-    room, periods = 1 + 1.1 * MIN_MARGIN, 1 + evidence.computation_delay
+    room, periods = 1 + 1.1 * SEARCH_MARGIN, 1 + evidence.computation_delay
     growth = float(np.exp(evidence.rate * evidence.period * periods))
     min_ratio, max_ratio = evidence.min_ratio / growth / room, evidence.max_ratio * growth * room
     relative_rate = evidence.relative_rate_point.relative_rate() * room
@@ -419,7 +423,8 @@ def _certificate(
     speed, acceleration = np.asarray(workspace.speed), np.asarray(workspace.acceleration)
     assumptions = [
         f"the eigenvalues of M(q)⁻¹M̂(q) lie between {evidence.min_ratio:.4g} and {evidence.max_ratio:.4g}, and M̂(q) "
-        f"changes by at most {evidence.rate:.3g} 1/s; samples and local search found no others",
+        f"changes by at most {evidence.rate:.3g} 1/s; samples and local search found no others, and the verdict leaves "
+        f"{100 * SEARCH_MARGIN:.0f} % for worse ones",
         f"no joint is faster than ({format_vector(speed)}) rad/s or m/s, or accelerates by more than "
         f"({format_vector(acceleration)}) rad/s² or m/s²",
         "the robot is one of those given and stays in the workspace; its parameters do not change, or so rarely that "

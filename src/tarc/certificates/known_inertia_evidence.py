@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from tarc.analysis.known_inertia import lagged_force_norms, to_posture_coordinates
-from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS, UncertaintySamples
+from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS, SEARCH_MARGIN, UncertaintySamples
 from tarc.analysis.rest_stability import rest_state_matrix
 from tarc.analysis.stability import UnstableMode, Witness, unstable_mode
 from tarc.analysis.uncertain_loop import System, UncertainLoop, scaled_system
@@ -20,12 +20,6 @@ from tarc.numerics.norms import hinf_norm
 
 KNOWN_PARTS = "nominal", "model_stiffness"
 """Matrices of the law at a point."""
-
-MIN_MARGIN = 0.05
-"""Share by which the radius, or the ratios, rates and forces of a Lyapunov function, must exceed those needed.
-
-The worst points come from samples and search.
-"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -157,6 +151,11 @@ class KnownInertiaEvidence(Evidence):
         """Largest ‖M̂^−½ (dM̂/dt) M̂^−½‖ [1/s]."""
         return self.rate_point.rate()
 
+    @property
+    def growth(self) -> float:
+        """Change of M̂ in a period, relative to itself, with the margin for points that were missed."""
+        return (1 + SEARCH_MARGIN) * self.rate * self.period
+
     def uncertainty(self) -> UncertaintySamples:
         """Return E, H and C of the points in coordinates M̂(q)^½ q."""
         nominal = np.array([point.nominal for point in self.points])
@@ -172,11 +171,11 @@ class KnownInertiaEvidence(Evidence):
         return lagged_force_norms((nominal, M, D, G, own), lead_time, power, lag_weight)
 
     def needed_radius(self) -> float:
-        """Return the radius of the points, with what M̂(q) changes until the torque has acted."""
+        """Return the radius of the points and of worse ones, with what M̂(q) changes until the torque has acted."""
         return widened_radius(
             self.uncertainty(),
             (self.centre, self.position_weight, self.loop.lead_periods.item() * self.period),
-            self.rate * self.period,
+            self.growth,
             self.computation_delay,
         )
 
@@ -191,7 +190,7 @@ class KnownInertiaEvidence(Evidence):
                 )
         if self.affine is not None:
             margin = self.affine_margin(self.affine)
-            proven = margin >= MIN_MARGIN and self.robust_term_is_bounded and self.affine.is_proven()
+            proven = margin >= SEARCH_MARGIN and self.robust_term_is_bounded and self.affine.is_proven()
             return Judgement(Verdict.CERTIFIED if proven else Verdict.INCONCLUSIVE, margin)
         return self._judge_ball()
 
@@ -243,12 +242,12 @@ class KnownInertiaEvidence(Evidence):
         if not is_complete:
             return Judgement(Verdict.INCONCLUSIVE, -1.0)
         margin = self.radius / max(self.needed_radius(), self.centre / 1e3) - 1
-        certified = margin >= MIN_MARGIN and self.robust_term_is_bounded and self._is_proven()
+        certified = margin >= 0 and self.robust_term_is_bounded and self._is_proven()
         return Judgement(Verdict.CERTIFIED if certified else Verdict.INCONCLUSIVE, float(margin))
 
     def _is_proven(self) -> bool:
         """Return whether the decayed loop is stable, and its norm shows the radius."""
-        system = decayed_system(self.loop, self.centre, self.position_weight, self.rate * self.period)
+        system = decayed_system(self.loop, self.centre, self.position_weight, self.growth)
         if schur_stability(system[0])[0] != "certified":
             return False
         return hinf_norm(*scaled_system(system, self.radius, self.scale)) < 1
@@ -268,7 +267,9 @@ def decayed_system(loop: UncertainLoop, centre: float, position_weight: float, g
 def widened_radius(
     uncertainty: UncertaintySamples, ball: tuple[float, float, float], growth: float, computation_delay: int
 ) -> float:
-    """Return the radius that contains points, and what M̂(q) changes until the torque has acted.
+    """Return the radius that contains points and worse ones, and what M̂(q) changes until the torque has acted.
+
+    The worse ones are those of `UncertaintySamples.grown`, by the margin of a search.
 
     At the end of the period M̂ is e^{(1 + d) growth} times that of the torque at most, and the coordinates are those of
     its start.
@@ -285,6 +286,7 @@ def widened_radius(
         d, periods between a measurement and its torque.
     """
     centre, weight, lead_time = ball
+    uncertainty = uncertainty.grown(SEARCH_MARGIN)
     needed = uncertainty.needed_radius(centre, weight or np.inf, lead_time if weight else 0.0)
     largest_ratio = float(np.linalg.eigvalsh(uncertainty.inertia).max())
     return float(np.exp(growth) * (needed + largest_ratio * np.expm1((1 + computation_delay) * growth)))

@@ -15,11 +15,12 @@ from tarc.analysis.linearise import (
     refuse_nominal_inertia,
     require_inertia,
 )
+from tarc.analysis.operating_points import SEARCH_MARGIN
 from tarc.analysis.uncertain_loop import UncertainLoop
 from tarc.analysis.workspace import Workspace
 from tarc.analysis.worst_points import SampledPoints, max_rate_point
 from tarc.certificates.affine import spectral_radii
-from tarc.certificates.affine_cover import MIN_MARGIN, cover_robot
+from tarc.certificates.affine_cover import cover_robot
 from tarc.certificates.ball_search import NO_CANDIDATE, BallCandidate, fit_ball
 from tarc.certificates.base import Certificate, LoopMatrices, Verdict
 from tarc.certificates.robot_evidence import (
@@ -60,7 +61,8 @@ def certify_robot(
 
     the stiffness and damping of gravity, springs and the motion itself. The law is certified if every operating point
     satisfies ‖[E − ρ0 I, H/η, C/(η θ)]‖ ≤ δ. Here δ is the radius that the loop tolerates, together with every slope
-    of the robust term. The weight η and the lead time θ maximise the margin.
+    of the robust term. The weight η and the lead time θ maximise the margin. Samples and search may miss the worst
+    point. So this must hold for 5 % more of E, E⁻¹, H, C and the rate than was found.
 
     With a speed in the workspace, the operating points are all motions up to that speed and its acceleration. The
     radius δ is then that for the largest ‖dE⁻¹/dt‖ at this speed, and is much larger. Without a speed E may change at
@@ -172,11 +174,10 @@ def strengthen_robot(
 
         ‖k‖² ≤ κ_θ² (‖x‖² + θ² ‖ẋ‖²),    κ_θ = sup ‖E⁻¹[H, C/θ]‖ = sup ‖M̂^−½ [G, D/θ] M̂^−½‖,
 
-    which holds no M⁻¹. It must cover ratios, rate and κ_θ that are `MIN_MARGIN` larger than all that were found.
+    which holds no M⁻¹. It must cover ratios, rate and κ_θ that are `SEARCH_MARGIN` larger than all that were found.
 
-    It takes seconds. So it is left out for a law that is refuted, for one that is certified with that margin, and for
-    one that is unstable at a constant ratio of that range. It needs a workspace with a speed, and the same loop on
-    each joint.
+    It takes seconds. So it is left out for a law that is refuted or certified, and for one that is unstable at a
+    constant ratio of that range. It needs a workspace with a speed, and the same loop on each joint.
 
     Parameters
     ----------
@@ -188,8 +189,7 @@ def strengthen_robot(
         Called after each semidefinite program, to show progress.
     """
     evidence = certificate.evidence
-    decided = certificate.certified and certificate.margin >= MIN_MARGIN
-    if decided or certificate.verdict == Verdict.REFUTED or evidence.ball is None or workspace.speed is None:
+    if certificate.verdict != Verdict.INCONCLUSIVE or evidence.ball is None or workspace.speed is None:
         return certificate
     if not evidence.robust_term_is_bounded:
         return certificate
@@ -199,7 +199,7 @@ def strengthen_robot(
     if spread is None:
         spread = inertia_spread(plants, law.M, workspace, samples=samples, seed=seed)
     loop = UncertainLoop.from_channel(channel, evidence.slope, intersample=True)
-    room = 1 + MIN_MARGIN
+    room = 1 + SEARCH_MARGIN
     if spectral_radii(loop, spread.min_ratio / room, spread.max_ratio * room)[1].max() >= 1:
         return certificate
     workspace = workspace.for_joints(plants[0].joint_names)
@@ -212,7 +212,7 @@ def strengthen_robot(
         return certificate
     evidence = replace(evidence, affine=cover)
     verdict, margin, witness = evidence.judge()
-    if verdict != Verdict.CERTIFIED or (certificate.certified and margin <= certificate.margin):
+    if verdict != Verdict.CERTIFIED:
         return certificate
     return replace(
         certificate,
@@ -263,7 +263,8 @@ def _worst_points(sampled: SampledPoints, candidate: "BallCandidate") -> WorstPo
     stiffness_norms = uncertainty.stiffness_norms(candidate.lead_time)
     joint_norms = stiffness_norms
     if candidate.position_weight:
-        joint_norms = uncertainty.joint_norms(candidate.centre, candidate.position_weight, candidate.lead_time)
+        ball = candidate.centre, candidate.position_weight, candidate.lead_time
+        joint_norms = uncertainty.grown(SEARCH_MARGIN).joint_norms(*ball).reshape(2, -1).max(axis=0)
     is_moving = np.array([point.is_moving for point in points])
 
     def worst(is_included: Array, values: Array) -> LinearisedPoint:
@@ -296,6 +297,7 @@ def _assumptions(
         f"gravity and springs{motion} have a stiffness, in these coordinates, of at most {evidence.stiffness:.3g} "
         f"1/s²; like the inertia, it is from {min(spread.samples, MAX_STIFFNESS_SAMPLES)} samples, the two postures "
         "above and local search",
+        _search_assumption(),
         "the robot stays in the workspace; friction is only a disturbance, except viscous friction of the robot at "
         "rest; dry friction may stop a mode that is refuted",
         "no torque limit is reached and no sample is lost",
@@ -315,6 +317,14 @@ def _assumptions(
     return tuple(lines)
 
 
+def _search_assumption() -> str:
+    """Return what the verdict leaves for points that samples and search have missed."""
+    return (
+        "samples and search may have missed the worst point, but by no more than the verdict leaves for it: "
+        f"{100 * SEARCH_MARGIN:.0f} % more of ratios and their inverses, stiffness, damping and rate"
+    )
+
+
 def _motion_assumption(evidence: RobotEvidence, workspace: Workspace) -> str:
     """Return what is assumed of the speed of the joints."""
     if workspace.speed is None or workspace.acceleration is None:
@@ -325,8 +335,8 @@ def _motion_assumption(evidence: RobotEvidence, workspace: Workspace) -> str:
     changes = ""
     if evidence.rate is not None:
         changes = (
-            f"; so M̂^−½ M M̂^−½ changes by at most {evidence.rate:.3g} 1/s, the largest that samples and local search "
-            "found"
+            f"; so M̂^−½ M M̂^−½ changes by at most {evidence.rate:.3g} 1/s, {100 * SEARCH_MARGIN:.0f} % more than "
+            "samples and local search found"
         )
     return (
         f"no joint is faster than ({format_vector(workspace.speed)}) rad/s or m/s, or accelerates by more than "

@@ -7,6 +7,7 @@ import numpy as np
 
 from tarc.analysis.operating_points import (
     NEGLIGIBLE_STIFFNESS,
+    SEARCH_MARGIN,
     OperatingPoint,
     UncertaintySamples,
     linearise_point,
@@ -245,7 +246,7 @@ class RobotEvidence(Evidence):
         return None if self.ball is None or self.ball.max_change is None else self.ball.max_change / self.period
 
     def judge(self) -> Judgement:
-        """Test the worst points at rest for a mode that grows, then whether the ball contains all points."""
+        """Test the worst points at rest for a mode that grows, then whether what the loop tolerates contains all."""
         smallest, largest = np.inf, 0.0
         worst_radius, witness = 1.0, None
         loop = self._open_loop()
@@ -278,13 +279,13 @@ class RobotEvidence(Evidence):
     def _judge_ball(self, ball: Ball, smallest: float, largest: float) -> Judgement:
         """Test whether the ball contains the ratios, the stiffness and the rate of all points."""
         lead_time = ball.loop.lead_periods.item() * self.period
-        uncertainty = self.uncertainty()
+        uncertainty = self.uncertainty().grown(SEARCH_MARGIN)
         stiffness = float(uncertainty.stiffness_norms(lead_time).max())
-        undecided = Judgement(Verdict.INCONCLUSIVE, 0.0)
+        undecided, room = Judgement(Verdict.INCONCLUSIVE, 0.0), 1 + SEARCH_MARGIN
         has_damping = float(np.abs(uncertainty.damping).max()) > NEGLIGIBLE_STIFFNESS
         if not np.isfinite(lead_time) or (lead_time <= 0 and has_damping):
             return undecided
-        needed_radius = max(largest - ball.centre, ball.centre - smallest)
+        needed_radius = max(room * largest - ball.centre, ball.centre - smallest / room)
         if ball.position_weight > 0:
             joint_norms = uncertainty.joint_norms(ball.centre, ball.position_weight, lead_time)
             needed_radius = max(needed_radius, float(joint_norms.max()))
@@ -293,7 +294,8 @@ class RobotEvidence(Evidence):
         if ball.max_change is not None:
             if self.max_rate_point is None or not stiffness <= (1 + 1e-9) * ball.stiffness:
                 return undecided
-            if self.max_rate_point.rate(self.nominal_inertia) * self.period / (1 + 1e-9) > ball.max_change:
+            rate = room * self.max_rate_point.rate(self.nominal_inertia)
+            if rate * self.period / (1 + 1e-9) > ball.max_change:
                 return undecided
         judgement = ball.judge(needed_radius)
         is_bounded = self.robust_term_is_bounded and self.slope <= 2 * ball.loop.half_slope.item()
@@ -306,7 +308,7 @@ class RobotEvidence(Evidence):
         proof = cover.proof
         matches = proof.ratios.period == self.period and self.slope <= 2 * proof.loop.full.loop.half_slope.item()
         matches = matches and proof.ratios.intersample and self.robust_term_is_bounded
-        if matches and margin > 0 and proof.is_proven():
+        if matches and margin >= SEARCH_MARGIN and proof.is_proven():
             return Judgement(Verdict.CERTIFIED, margin)
         return Judgement(Verdict.INCONCLUSIVE, margin)
 
