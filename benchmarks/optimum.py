@@ -17,6 +17,8 @@ from scipy.optimize import minimize
 
 from tarc.analysis.linearise import Channel, decoupled_channels
 from tarc.analysis.optimum import least_error, loop_deviations
+from tarc.analysis.uncertain_loop import UncertainLoop
+from tarc.certificates.varying_ratio import best_centre, max_radius_any_rate
 from tarc.core.errors import InvalidParameter
 from tarc.core.progress import Progress
 from tarc.estimators import Algebraic
@@ -136,22 +138,34 @@ def score_of(channel: Channel, ratio: float, walk: float, budget: float) -> floa
     return float(np.log(found.error / NOISE)) + PENALTY * max(0.0, float(np.log(found.change / budget)))
 
 
-def free_window(best: Best, walk: float, budget: float) -> tuple[float, float]:
-    """Return the least error with free weights instead of a polynomial's, and the spread of ratios that is stable.
+def free_window(best: Best, walk: float, budget: float, least_spread: float = 1.0) -> Channel:
+    """Return the loop with free weights instead of a polynomial's that has the least error.
 
-    A literal law commands τ_k = τ_{k−1} + M̂ Σ c_i q_{k−i}: its only freedom is the N + 1 weights. They are searched
-    from those of the law.
+    A literal law commands τ_k = τ_{k−1} + M̂ Σ c_i q_{k−i}: its only freedom is the N + 1 weights. So they stand for
+    windows of any shape, for two windows, and for any filter of that length. They are searched from those of the law.
+
+    Parameters
+    ----------
+    best
+        The law.
+    walk, budget
+        Disturbance and RMS change of acceleration.
+    least_spread
+        Smallest range of varying ratios that the loop must be certified for, largest over smallest.
     """
     start = position_weights(best.channel) * best.ratio
 
     def score(x: np.ndarray) -> float:
-        return score_of(channel_of_weights(start * (1 + x)), 1.0, walk, budget)
+        channel = channel_of_weights(start * (1 + x))
+        value = score_of(channel, 1.0, walk, budget)
+        if least_spread > 1 and value < 100:
+            value += PENALTY * max(0.0, float(np.log(least_spread / varying_spread(channel))))
+        return value
 
     x = np.zeros(len(start))
     for _ in range(4):  # a simplex that has collapsed is opened again
         x = minimize(score, x, method="Powell", options={"maxiter": 30, "ftol": 1e-6}).x
-    channel = channel_of_weights(start * (1 + x))
-    return loop_deviations(channel, 1.0, NOISE, walk).error, spread(channel, 1.0)
+    return channel_of_weights(start * (1 + x))
 
 
 def position_weights(channel: Channel) -> np.ndarray:
@@ -180,27 +194,54 @@ def channel_of_weights(c: np.ndarray) -> Channel:
     return Channel(F=F, G=G, H=H, C=C, D=D, E=np.zeros((1, 1)), period=PERIOD, joints=(0,))
 
 
-def spread(channel: Channel, ratio: float) -> float:
-    """Return the largest over the smallest stable constant inertia ratio about one that is stable."""
-    ratios = ratio * np.geomspace(1e-3, 1e3, 2001)
-    stable = np.array([np.max(np.abs(np.linalg.eigvals(channel.state_matrix(r)))) < 1 for r in ratios])
-    middle = len(ratios) // 2
-    below, above = np.flatnonzero(~stable[:middle]), np.flatnonzero(~stable[middle:])
-    low = ratios[below[-1] + 1] if len(below) else ratios[0]
-    high = ratios[middle + above[0] - 1] if len(above) else ratios[-1]
-    return float(high / low)
+ANGLES = np.geomspace(1e-3, np.pi, 400)
+"""Frequencies ω T [rad] of `varying_spread`."""
+CENTRES = np.geomspace(0.05, 8.0, 50)
+"""Centres of the balls in `varying_spread`, over a ratio that is stable."""
+
+
+def varying_spread(channel: Channel) -> float:
+    """Return the largest over the smallest ratio of the widest ball of ratios that vary at any rate, on a grid.
+
+    With K from q to v and P from the mean and the skew acceleration of a period to q, a ball about ρ0 is tolerated up
+    to δ = 1/‖K P/(1 − ρ0 K P)‖∞. The loop of `channel_of_weights` is taken at the ratio one.
+    """
+    c = np.concatenate([channel.D[0], channel.C[0, 1:]])
+    z = np.exp(1j * ANGLES)
+    K = z[:, None] ** -np.arange(len(c)) @ c / (1 - 1 / z)
+    mean, skew = PERIOD**2 * np.array([1 / (z - 1) ** 2 + 0.5 / (z - 1), 12**-0.5 / (z - 1)])
+    size = np.abs(K) * np.hypot(np.abs(mean), np.abs(skew))
+    radii = 1 / np.max(size / np.abs(1 - CENTRES[:, None] * K * mean), axis=1)
+    spreads = (CENTRES + radii) / np.maximum(CENTRES - radii, 1e-9)
+    for k in np.argsort(spreads)[::-1]:
+        if np.max(np.abs(np.linalg.eigvals(channel.state_matrix(float(CENTRES[k]))))) < 1:
+            return float(spreads[k])
+    return 1.0
+
+
+def certified_spread(channel: Channel) -> float:
+    """Return the spread of ratios that vary at any rate for which the package certifies a loop."""
+    loop = UncertainLoop.from_channel(channel, 0.0, intersample=True)
+    centre = best_centre(loop, None)
+    radius = max_radius_any_rate(loop, centre)[1]
+    return (centre + radius) / (centre - radius)
 
 
 class Row(NamedTuple):
-    """Errors over the least one, for one walk and one budget."""
+    """Errors over the least one, for one walk and one budget, and certified spreads.
+
+    Those are of laws, of free weights, and of free weights that must reach the spread of the literal law.
+    """
 
     walk: float
     budget: float
     least: float
     laws: dict[str, Best]
     free: float
-    free_spread: float
+    equal: float
     law_spread: float
+    free_spread: float
+    equal_spread: float
 
     def over(self, name: str) -> float:
         """Return the error of a law over the least one."""
@@ -220,9 +261,12 @@ def rows(walks: Sequence[float] = WALKS, budgets: Sequence[float] = BUDGETS) -> 
                     bar.advance()
                 literal = laws[LITERAL]
                 least = least_error(budget, noise=NOISE, disturbance=walk, period=PERIOD)
-                free, free_spread = free_window(literal, walk, budget)
                 own = channel_of_weights(position_weights(literal.channel) * literal.ratio)
-                found.append(Row(walk, budget, least, laws, free / least, free_spread, spread(own, 1.0)))
+                free = free_window(literal, walk, budget)
+                equal = free_window(literal, walk, budget, varying_spread(own))
+                errors = [loop_deviations(channel, 1.0, NOISE, walk).error / least for channel in (free, equal)]
+                spreads = [certified_spread(channel) for channel in (own, free, equal)]
+                found.append(Row(walk, budget, least, laws, *errors, *spreads))
     return found
 
 
@@ -242,6 +286,8 @@ def figure(found: Sequence[Row]) -> StyledFigure:
             axes.loglog(budgets, errors, marker, ms=5, ls=":", lw=1, color=colour, label=kind.name)
         free = [row.free * row.least / NOISE for row in part]
         axes.loglog(budgets, free, "+", ms=8, color=COLOURS[4], label="literal, free window")
+        equal = [row.equal * row.least / NOISE for row in part]
+        axes.loglog(budgets, equal, "x", ms=6, color=COLOURS[5], label="the same, as robust")
         axes.set_title(f"disturbance walks by {walk:g} rad/s² a period", fontsize="medium")
         axes.set_xlabel("RMS change of acceleration a period [rad/s²]")
         axes.grid(alpha=0.3)
@@ -257,12 +303,13 @@ def main() -> None:
     options = parser.parse_args()
     found = rows()
     table = Table(title="error over the least one of any linear controller", title_justify="left")
-    for head in ("walk", "change", "least / σ", *(kind.name for kind in KINDS), "free window", "spread: law, free"):
+    for head in ("walk", "change", "least / σ", *(kind.name for kind in KINDS), "free", "free, as robust", "spreads"):
         table.add_column(head, justify="right")
     for row in found:
         cells = [f"{row.walk:g}", f"{row.budget:g}", f"{row.least / NOISE:.3g}"]
         cells += [f"{row.over(kind.name):.3f}" for kind in KINDS]
-        table.add_row(*cells, f"{row.free:.3f}", f"{row.law_spread:.3g}, {row.free_spread:.3g}")
+        spreads = f"{row.law_spread:.3g}, {row.free_spread:.3g}, {row.equal_spread:.3g}"
+        table.add_row(*cells, f"{row.free:.3f}", f"{row.equal:.3f}", spreads)
     Console().print(table)
     if options.figure:
         figure(found).savefig(options.figure, dpi=110)

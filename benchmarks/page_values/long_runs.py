@@ -100,13 +100,14 @@ def optimum() -> dict[str, Value]:
             f"{row.laws[search.LITERAL].window}",
             f"{row.over(search.LITERAL):.3f}",
             f"{row.free:.3f}",
+            f"{row.equal:.3f}",
             f"{row.law_spread:.2g}",
             f"{row.free_spread:.2g}",
+            f"{row.equal_spread:.2g}",
         )
         for row in found
     ]
     units = ["walk [rad/s²]", "change [rad/s²]"]
-    return {
-        "laws": table([*units, "least error / σ", *names], laws),
-        "free": table([*units, "window", "polynomial", "free", "spread, polynomial", "spread, free"], free),
-    }
+    heads = [*units, "window", "polynomial", "free", "free, as robust"]
+    heads += [f"spread, {one}" for one in ("polynomial", "free", "free, as robust")]
+    return {"laws": table([*units, "least error / σ", *names], laws), "free": table(heads, free)}
