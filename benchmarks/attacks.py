@@ -13,7 +13,7 @@ import sysconfig
 import time
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -32,6 +32,7 @@ from tarc.core.errors import DesignWarning, InfeasibleDesign, RobotFileWarning
 from tarc.estimators import Algebraic
 from tarc.laws import TDC
 from tarc.plants.base import Plant
+from tarc.signals import Chirp, Encoder, Payload, Reference, SineDisturbance, Sinusoid
 
 DATA = Path(sysconfig.get_path("purelib")) / "cmeel.prefix/share/example-robot-data/robots"
 PERIOD = 1e-3
@@ -43,6 +44,12 @@ CERTIFIED_STEPS = (0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
 BETTER_STEPS = (0.9, 0.95)
 ATTACKED_STEPS = (1.25, 1.5, 2.0, 3.0, 5.0, 10.0)
 """Natural frequencies to attack, over the greatest certified; 1.12 where the first breaks."""
+RUN_TIME = 5.0
+"""Of a nonlinear run [s]."""
+MAX_ERROR = 0.02
+"""Largest error in the last second of a nonlinear run that survives [rad]."""
+FIRST_DESIGNS = Path(__file__).parent / "7266d86.json"
+"""M̂, window and degree that the design tool chose at that revision, for the arms that it could load."""
 RESULTS = Path(__file__).parent / "attacks.json"
 
 
@@ -87,8 +94,10 @@ class Result:
         Greatest at which every constant ratio of the robot is stable.
     certified, route, margin
         Greatest that is certified, how, and its margin; zero for none.
-    attacks, broken
-        Attacks on the certified loop and those that broke it.
+    attacks, broken, growth
+        Attacks on the certified loop, those that broke it, and the fastest growth [1/s].
+    runs, failed
+        Simulations of the nonlinear robot with the certified loop, and those that failed.
     unbroken, broken_at
         Greatest tried that no attack broke, and least that one did.
     revision
@@ -104,6 +113,8 @@ class Result:
     attacks: int
     broken: int
     growth: float
+    runs: int
+    failed: int
     unbroken: float
     broken_at: float
     revision: str
@@ -164,6 +175,49 @@ class Case:
         attacker = MotionAttacker(decoupled_channels(law)[0], law.M, self.plants, self.workspace, starts)
         return attacker.attack(count, until_broken=until_broken)
 
+    def run(self, natural_frequency: float, count: int) -> int:
+        """Simulate nonlinear runs with random motions, chirps, torques, and loads that come and go; return failures."""
+        rng = np.random.default_rng(1)
+        law = replace(self.law(natural_frequency), torque_limit=np.inf)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DesignWarning)  # a loop that is unstable at rest is what it looks for
+            return sum(not self._survives(law, rng) for _ in range(count))
+
+    def _survives(self, law: TDC, rng: np.random.Generator) -> bool:
+        speed, acceleration = self.workspace.speed, self.workspace.acceleration
+        assert speed is not None
+        assert acceleration is not None
+        n, (low, high) = len(speed), (self.workspace.low, self.workspace.high)
+        slow = rng.uniform(0.5, 4.0, n)
+        fast = slow if rng.random() < 0.5 else np.full(n, rng.uniform(2.0, 40.0))
+        amplitude = np.minimum.reduce([speed / fast, acceleration / fast**2, (high - low) / 2])
+        offset = rng.uniform(low + amplitude, high - amplitude)
+        reference: Reference = Sinusoid(amplitude=amplitude, frequency=fast, offset=offset)
+        if fast is not slow:
+            reference = Chirp(
+                amplitude=amplitude, start_frequency=0.5, stop_frequency=float(fast[0]), sweep_time=4.0, offset=offset
+            )
+        start, stop = np.sort(rng.uniform(0.5, RUN_TIME - 1.0, 2))
+        size = 0.01 * rng.random() * np.diag(law.M)
+        frequency = float(np.exp(rng.uniform(np.log(1.0), np.log(300.0))))
+        load = float(self.plants[1].parameters["payload"])
+        run = tarc.simulate(
+            self.plants[0],
+            law,
+            reference,
+            RUN_TIME,
+            sensor=Encoder(bits=17),
+            disturbance=[
+                Payload(mass=load, start_time=float(start), stop_time=float(stop)),
+                SineDisturbance(amplitude=size, frequency=frequency),
+            ],
+            initial_torque="rest",
+            native=True,
+            progress=False,
+        )
+        errors = run.data["reference"].values - run.data["position"].values
+        return bool(run.status.completed and np.abs(errors[-1000:]).max() < MAX_ERROR)
+
 
 def plants_of(arm: Arm) -> list[Plant]:
     """Return the arm without and with its rated load."""
@@ -200,15 +254,14 @@ def shape_of(arm: Arm, plant: Plant) -> Shape:
 
 
 def measure(
-    name: str, shape: Shape | None, designs: str, count: int, on_certified: int, say: Callable[[str], object]
+    name: str, shape: Shape | None, designs: str, count: int, on_certified: int, runs: int, say: Callable[[str], object]
 ) -> Result:
     """Certify, attack what is certified, and look for the greatest natural frequency that attacks leave."""
     case = Case(ARMS[name], shape)
     say(f"{name}: window {case.shape.window}, degree {case.shape.degree}, synchronised {case.shape.synchronised}")
     frozen = case.frozen_limit()
-    say(
-        f"{name}: constant ratios are stable up to {frozen:.3g} rad/s, spread {case.spread.max_ratio / case.spread.min_ratio:.3g}"
-    )
+    spread = case.spread.max_ratio / case.spread.min_ratio
+    say(f"{name}: constant ratios are stable up to {frozen:.3g} rad/s, spread {spread:.3g}")
     certified, best = 0.0, None
     for share in CERTIFIED_STEPS:
         certificate = case.certificate(share * frozen)
@@ -225,6 +278,8 @@ def measure(
             certified, best = share * frozen, certificate
     own = case.attack(certified, on_certified) if certified else Attacks()
     say(f"{name}: {own.broken} of {own.count} attacks broke {certified:.3g} rad/s; growth {own.growth:.3g} 1/s")
+    failed = case.run(certified, runs) if certified else 0
+    say(f"{name}: {failed} of {runs} nonlinear runs failed")
     unbroken, broken_at = certified, np.inf
     for step in ATTACKED_STEPS if certified else ():
         tried = step * certified
@@ -239,7 +294,6 @@ def measure(
     say(f"{name}: broken at {broken_at:.3g} rad/s")
     route = "none" if best is None else "affine" if best.evidence.affine is not None else "ball"
     margin = 0.0 if best is None else best.margin
-    found = {"attacks": own.count, "broken": own.broken, "growth": own.growth, "unbroken": unbroken}
     return Result(
         name=name,
         designs=designs,
@@ -247,9 +301,14 @@ def measure(
         certified=certified,
         route=route,
         margin=margin,
+        attacks=own.count,
+        broken=own.broken,
+        growth=own.growth,
+        runs=runs if certified else 0,
+        failed=failed,
+        unbroken=unbroken,
         broken_at=broken_at,
         revision=revision(),
-        **found,
     )
 
 
@@ -271,6 +330,7 @@ def main() -> None:
     parser.add_argument("--designs", type=Path, help="JSON with M̂, window and degree by name; default: today's designs")
     parser.add_argument("--attacks", type=int, default=1000, help="on each loop beyond the certified one")
     parser.add_argument("--on-certified", type=int, default=6000, help="attacks on each certified loop")
+    parser.add_argument("--runs", type=int, default=200, help="nonlinear runs of each certified loop")
     parser.add_argument("--out", type=Path, default=RESULTS, help="file of results")
     options = parser.parse_args()
     console, start = Console(width=None if Console().is_terminal else 150), time.monotonic()
@@ -289,7 +349,9 @@ def main() -> None:
             console.print(f"[dim]{time.monotonic() - start:6.0f} s {text}[/dim]", highlight=False)
 
         try:
-            found.append(measure(name, shapes.get(name), label, options.attacks, options.on_certified, say))
+            found.append(
+                measure(name, shapes.get(name), label, options.attacks, options.on_certified, options.runs, say)
+            )
         except InfeasibleDesign as error:
             say(f"{name}: {error}")
             continue
@@ -299,7 +361,7 @@ def main() -> None:
 
 def table_of(found: Sequence[Result]) -> Table:
     """Return the results as a table."""
-    heads = ("arm", "designs", "certified", "by", "margin", "broken of attacks", "not broken", "broken at", "share")
+    heads = ("arm", "designs", "certified", "by", "margin", "broken", "failed runs", "not broken", "broken at", "share")
     table = Table(*heads, title="Greatest natural frequencies [rad/s]", title_justify="left")
     for one in found:
         table.add_row(
@@ -309,6 +371,7 @@ def table_of(found: Sequence[Result]) -> Table:
             one.route,
             f"{one.margin:.2g}",
             f"{one.broken} of {one.attacks}",
+            f"{one.failed} of {one.runs}",
             f"{one.unbroken:.3g}",
             f"{one.broken_at:.3g}",
             f"{one.share:.2f}",

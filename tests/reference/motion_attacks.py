@@ -102,8 +102,12 @@ class MotionAttacker:
             motions = first[:BATCH] if first else self._generation(found, rng)
             del first[:BATCH]
             growth = self.growth(motions, rng)
-            for i in np.flatnonzero(growth > TOLERANCE):
+            for i in np.argsort(-growth):
+                if growth[i] <= TOLERANCE:
+                    break
                 growth[i] = self.confirmed_growth(motions[i], rng)
+                if until_broken and growth[i] > TOLERANCE:
+                    break
             found.count += len(motions)
             found.broken += int(np.sum(growth > TOLERANCE))
             found.elite = sorted([*found.elite, *zip(growth.tolist(), motions, strict=True)], key=lambda one: -one[0])
