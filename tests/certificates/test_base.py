@@ -10,7 +10,7 @@ from law_catalogue import make_tdc
 from tarc.analysis import Workspace
 from tarc.certificates import certify_constant_ratio, certify_robot
 from tarc.certificates.base import Certificate, LoopMatrices
-from tarc.core.errors import InvalidParameter, UnsupportedLaw
+from tarc.core.errors import InvalidParameter
 from tarc.plants import TwoLinkArm
 
 ARM = TwoLinkArm()
@@ -41,10 +41,10 @@ def test_matrices_of_other_shapes_do_not_verify(constant_ratio):
 
 
 def test_a_loop_of_two_inputs_does_not_verify(constant_ratio):
-    """The crossings of the unit circle exist for one input."""
+    """Two inputs are those of two joints, which have twice as many positions."""
     (loop,) = constant_ratio.evidence.loops
     tampered = with_loop(constant_ratio, B=np.hstack([loop.B, loop.B]), C=np.vstack([loop.C, loop.C]))
-    with pytest.raises(UnsupportedLaw, match="couple the joints"):
+    with pytest.raises(ValueError, match="not those of a robot"):
         tampered.evidence.judge()
     assert not tampered.verify()
 

@@ -197,6 +197,44 @@ def test_forged_ones_are_found_out(written):
         assert tool.decide(forged(written[name], path, factor))[0] != 1, (name, path)
 
 
+OTHER_LOOPS = [
+    ("range", "evidence.period", 1.5),
+    ("range", "evidence.loops.0.B", 0.5),
+    ("ball", "evidence.period", 1.5),
+    ("ball", "evidence.ball.loop.B_mismatch", 0.5),
+    ("ball", "evidence.ball.loop.B", 0.5),
+    ("ball with a slope", "evidence.period", 0.7),
+    ("ball with a rate", "evidence.period", 0.7),
+    ("robot", "evidence.period", 0.7),
+    ("robot", "evidence.ball.loop.B_mismatch", 0.5),
+    ("robot at rest", "evidence.period", 0.7),
+    ("known inertia", "evidence.period", 0.7),
+    ("known inertia", "evidence.loop.B_mismatch", 0.5),
+    ("affine", "evidence.proof.ratios.period", 0.7),
+    ("affine", "evidence.proof.loop.full.loop.B_mismatch", 0.5),
+]
+"""Certificates of another loop than the law's: with another period, or another effect of a torque."""
+
+
+@pytest.mark.parametrize(("name", "path", "factor"), OTHER_LOOPS)
+def test_loops_of_another_period_are_found_out(written, name, path, factor):
+    changed = forged(written[name], path, factor)
+    assert certificate_from_dict(written[name]).verify()
+    assert not certificate_from_dict(changed).verify()
+    assert tool.decide(changed)[0] != 1
+    parent = changed
+    for key in path.split(".")[:-1]:
+        parent = parent[int(key) if key.isdigit() else key]
+    if "A" in parent:  # a torque that moves a state of the controller
+        changed = forged(written[name], path.rsplit(".", 1)[0] + ".B", float(1))
+        parent = changed
+        for key in path.split(".")[:-1]:
+            parent = parent[int(key) if key.isdigit() else key]
+        parent["B"][-1][0] = 1e-6
+        assert not certificate_from_dict(changed).verify()
+        assert tool.decide(changed)[0] != 1
+
+
 def numbers(content: Any, path: str) -> Iterator[str]:
     """Yield the paths of all numbers and arrays."""
     if isinstance(content, dict) or (isinstance(content, list) and content and isinstance(content[0], dict)):

@@ -406,7 +406,7 @@ def test_a_robot_that_is_certified_within_a_speed_only(verdicts):
         / (2 * dt)
         for angle in grid
     )
-    assert slow.evidence.rate == pytest.approx(0.5 * seen, rel=1e-3)
+    assert slow.evidence.rate == pytest.approx(1.05 * 0.5 * seen, rel=1e-3)  # with the margin of a search
 
 
 def test_a_robot_verifies_and_tampering_shows(verdicts):

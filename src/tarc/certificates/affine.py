@@ -16,7 +16,7 @@ from tarc.analysis.linearise import (
 from tarc.analysis.uncertain_loop import UncertainLoop
 from tarc.certificates.affine_form import LyapunovMatrices, Multipliers, RatioSet, decrease
 from tarc.certificates.affine_search import AffineCandidate, find_affine
-from tarc.certificates.base import Certificate, Evidence, Judgement, Verdict
+from tarc.certificates.base import Certificate, Evidence, Judgement, Verdict, require_held_torque
 from tarc.certificates.reduced_loop import CentredLoop, ReducedLoop, reduce_loop
 from tarc.core import validation as check
 from tarc.core.errors import UnsupportedLaw
@@ -133,14 +133,10 @@ def error_growth(growth: float, ratios: RatioSet) -> float:
 
 def _inputs_are_held(full: CentredLoop, ratios: RatioSet) -> bool:
     """Return whether an acceleration enters as one that is held over a period, and its first moment besides."""
-    within = ratios.intersample or bool(len(ratios.stiffness))
-    expected = np.zeros((len(full.loop.A), 2 if within else 1))
-    columns = [[1 / 2, 1 / 12**0.5], [1.0, 0.0]] if within else [[1 / 2], [1.0]]
-    expected[:2] = ratios.period**2 * np.array(columns)
-    found = full.loop.B_mismatch
-    if found.shape != expected.shape or not np.allclose(found, expected, rtol=1e-12, atol=0.0):
-        return False
-    return np.array_equal(full.loop.B[:, 0], found[:, 0])
+    n_columns = 2 if ratios.intersample or len(ratios.stiffness) else 1
+    loop = full.loop
+    require_held_torque(loop.A, loop.B, ratios.period, loop.B_mismatch)
+    return loop.B_mismatch.shape[1] == n_columns and np.array_equal(loop.B[:, 0], loop.B_mismatch[:, 0])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

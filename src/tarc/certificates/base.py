@@ -42,6 +42,47 @@ class LoopMatrices:
     C: Array
 
 
+MAX_INPUT_ERROR = 1e-12
+"""Largest difference of an input matrix from that of a held torque, over the largest entry."""
+
+
+def require_held_torque(A: Array, B: Array, period: float, B_mismatch: Array | None = None) -> None:
+    """Refuse an open loop whose first states are not the robot's, under a torque that is held for the period.
+
+    For n joints the states begin with q and q̇ T, each (n,). An acceleration a that is held adds a T²/2 to q and a T² to
+    q̇ T, and nothing to other states. A mismatch that changes within a period has a second column, its first moment.
+
+    Parameters
+    ----------
+    A, B
+        The loop, opened at its inertia ratio, with an input per joint.
+    period
+        T [s].
+    B_mismatch
+        Input matrix of the mismatched acceleration of one joint.
+
+    Raises
+    ------
+    ValueError
+        For other matrices, such as those of another period.
+    """
+    if not (np.isfinite(period) and period > 0):
+        raise ValueError(f"period: got {period}; needs a positive number")
+    n = B.shape[1]
+    double_integrator = np.kron([[1.0, 1.0], [0.0, 1.0]], np.eye(n))
+    expected = np.zeros((len(A), 2 * n))
+    expected[: 2 * n] = period**2 * np.kron([[1 / 2, 1 / 12**0.5], [1.0, 0.0]], np.eye(n))
+    inputs = [B] if B_mismatch is None else [B, B_mismatch]
+    is_held = all(
+        part.shape[0] == len(A)
+        and part.shape[1] in (n, 2 * n)
+        and np.abs(part - expected[:, : part.shape[1]]).max() <= MAX_INPUT_ERROR * period**2
+        for part in inputs
+    )
+    if not is_held or not np.array_equal(A[: 2 * n, : 2 * n], double_integrator) or np.any(A[: 2 * n, 2 * n :]):
+        raise ValueError("loop: its states are not those of a robot under a torque that is held for the period")
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Evidence(ABC):
     """The matrices and numbers that prove a verdict; one subclass per kind of certificate.

@@ -19,7 +19,14 @@ from tarc.analysis.stability import (
     spectral_radius,
     unstable_mode,
 )
-from tarc.certificates.base import Certificate, Evidence, Judgement, LoopMatrices, Verdict
+from tarc.certificates.base import (
+    Certificate,
+    Evidence,
+    Judgement,
+    LoopMatrices,
+    Verdict,
+    require_held_torque,
+)
 from tarc.core import validation as check
 from tarc.laws.base import Law
 from tarc.numerics.matrix_tests import schur_stability
@@ -89,6 +96,7 @@ class ConstantRatioEvidence(Evidence):
         """Test every loop at both ends of the range and between the crossings of the unit circle in it."""
         verdict, margin = Verdict.CERTIFIED, np.inf
         for loop in self.loops:
+            require_held_torque(loop.A, loop.B, self.period)
             judged = _judge_loop(loop, self.min_ratio, self.max_ratio, self.period)
             margin = min(margin, judged.margin)
             if judged.verdict == Verdict.REFUTED:

@@ -12,7 +12,7 @@ from tarc.analysis.stability import UnstableMode, Witness, unstable_mode
 from tarc.analysis.uncertain_loop import System, UncertainLoop, scaled_system
 from tarc.analysis.worst_points import inertia_rates
 from tarc.certificates.affine import AffineProof
-from tarc.certificates.base import Evidence, Judgement, LoopMatrices, Verdict
+from tarc.certificates.base import Evidence, Judgement, LoopMatrices, Verdict, require_held_torque
 from tarc.certificates.robot_evidence import LinearisedPoint, MaxRatePoint
 from tarc.core.types import Array
 from tarc.numerics.matrix_tests import schur_stability
@@ -181,6 +181,7 @@ class KnownInertiaEvidence(Evidence):
 
     def judge(self) -> Judgement:
         """Test the loop at rest for a mode that grows, then the Lyapunov function or the ball."""
+        require_held_torque(self.loop.A, self.loop.B, self.period, self.loop.B_mismatch)
         if self.rest_loop is not None:
             verdict, radius, mode = schur_stability(self.rest_loop.state_matrix(self.period))
             if verdict == "refuted":
@@ -239,6 +240,7 @@ class KnownInertiaEvidence(Evidence):
         is_complete = np.all(np.isfinite(numbers)) and self.radius > 0 and self.centre > 0
         is_complete &= not has_stiffness or self.position_weight > 0
         is_complete &= not has_damping or lead_time > 0
+        is_complete &= self.loop.B_mismatch.shape[1] == 2  # the posture changes within a period
         if not is_complete:
             return Judgement(Verdict.INCONCLUSIVE, -1.0)
         margin = self.radius / max(self.needed_radius(), self.centre / 1e3) - 1

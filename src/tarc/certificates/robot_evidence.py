@@ -18,7 +18,7 @@ from tarc.analysis.stability import UnstableMode, Witness, unstable_mode
 from tarc.analysis.workspace import Workspace
 from tarc.analysis.worst_points import inertia_rates
 from tarc.certificates.affine import AffineProof
-from tarc.certificates.base import Evidence, Judgement, LoopMatrices, Verdict
+from tarc.certificates.base import Evidence, Judgement, LoopMatrices, Verdict, require_held_torque
 from tarc.certificates.varying_ratio import Ball
 from tarc.core.types import Array
 from tarc.numerics.matrix_tests import schur_stability
@@ -250,6 +250,7 @@ class RobotEvidence(Evidence):
         smallest, largest = np.inf, 0.0
         worst_radius, witness = 1.0, None
         loop = self._open_loop()
+        require_held_torque(*loop[:2], self.period, None if self.ball is None else self.ball.loop.B_mismatch)
         for point in self.points.at_rest():
             ratios = np.linalg.eigvals(np.linalg.solve(point.inertia, self.nominal_inertia)).real
             smallest, largest = min(smallest, ratios.min()), max(largest, ratios.max())
@@ -283,7 +284,8 @@ class RobotEvidence(Evidence):
         stiffness = float(uncertainty.stiffness_norms(lead_time).max())
         undecided, room = Judgement(Verdict.INCONCLUSIVE, 0.0), 1 + SEARCH_MARGIN
         has_damping = float(np.abs(uncertainty.damping).max()) > NEGLIGIBLE_STIFFNESS
-        if not np.isfinite(lead_time) or (lead_time <= 0 and has_damping):
+        within = ball.loop.B_mismatch.shape[1] == 2  # the posture changes within a period
+        if not within or not np.isfinite(lead_time) or (lead_time <= 0 and has_damping):
             return undecided
         needed_radius = max(room * largest - ball.centre, ball.centre - smallest / room)
         if ball.position_weight > 0:

@@ -14,7 +14,7 @@ from tarc.analysis.linearise import (
     require_inertia,
 )
 from tarc.analysis.uncertain_loop import FrequencyResponses, UncertainLoop, scaled_system
-from tarc.certificates.base import Certificate, Evidence, Judgement, Verdict
+from tarc.certificates.base import Certificate, Evidence, Judgement, Verdict, require_held_torque
 from tarc.certificates.iqc import MIN_CHANGE, Multiplier, best_multiplier, iqc_matrices, satisfies_iqc
 from tarc.core import validation as check
 from tarc.core.errors import NoStableRatio, UnsupportedLaw
@@ -199,6 +199,8 @@ class VaryingRatioEvidence(Evidence):
 
     def judge(self) -> Judgement:
         """Judge the ball against the radius needed and the slope."""
+        loop = self.ball.loop
+        require_held_torque(loop.A, loop.B, self.period, loop.B_mismatch)
         judgement = self.ball.judge(self.needed_radius)
         has_slope = self.slope <= 2 * self.ball.loop.half_slope.item()
         return judgement if has_slope else judgement._replace(verdict=Verdict.INCONCLUSIVE)
