@@ -15,7 +15,7 @@ from tarc.analysis.linearise import (
 )
 from tarc.analysis.uncertain_loop import UncertainLoop
 from tarc.certificates.affine_form import LyapunovMatrices, Multipliers, RatioSet, decrease
-from tarc.certificates.affine_search import AffineCandidate, find_affine
+from tarc.certificates.affine_search import MAX_PROGRAMS, AffineCandidate, find_affine
 from tarc.certificates.base import Certificate, Evidence, Judgement, Verdict, require_held_torque
 from tarc.certificates.reduced_loop import CentredLoop, ReducedLoop, reduce_loop
 from tarc.core import validation as check
@@ -303,6 +303,8 @@ def find_proof(
     on_program: Callable[[], object] = lambda: None,
     *,
     computation_delay: int = 0,
+    orders: Sequence[int] = ORDERS,
+    max_programs: int = MAX_PROGRAMS,
 ) -> AffineProof | None:
     """Return a Lyapunov function with the fastest decay that is proven; None where none was found.
 
@@ -316,6 +318,10 @@ def find_proof(
         Called after each semidefinite program, to show progress.
     computation_delay
         Periods since the sample of the torque, for ratios with a lag; the loop has this delay already.
+    orders
+        Numbers of states to which the loop is reduced, tried in turn.
+    max_programs
+        Largest number of semidefinite programs per order.
     """
     lag_periods = computation_delay if len(ratios.lag_weights) else 0
     loop = loop.with_past_position(lag_periods)
@@ -327,12 +333,12 @@ def find_proof(
     )
     slowest = -float(np.log(radii.max()))
     tried = 0
-    for order in ORDERS:
+    for order in orders:
         reduced = reduce_loop(full, order)
         if reduced is None or len(reduced.A) == tried:
             break
         tried = len(reduced.A)
-        candidate = find_affine(reduced, ratios, on_program)
+        candidate = find_affine(reduced, ratios, on_program, max_programs)
         proof = None if candidate is None else _fastest_decay(candidate, ratios, slowest)
         if proof is not None:
             return proof

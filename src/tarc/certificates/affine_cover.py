@@ -12,6 +12,7 @@ from tarc.analysis.worst_points import ForceNorm, SampledPoints
 from tarc.certificates.affine import find_proof
 from tarc.certificates.affine_form import RatioSet
 from tarc.certificates.robot_evidence import AffineCover, MaxRatePoint, linearised_point
+from tarc.core.types import Array
 
 POWERS = 0.0, 0.5, 1.0
 """Powers p of the bounds ‖E^−p [H, C/θ]‖."""
@@ -23,6 +24,63 @@ ROUNDING_ROOM = 1.001
 """Factor on the margin, so that rounding leaves enough of it."""
 ACCELERATION_SHARE = 0.01
 """Share of the bound on the forces that is left to the motion within a period."""
+
+
+def robot_ratios(
+    spread: InertiaSpread,
+    sampled: SampledPoints,
+    rate_points: tuple[MaxRatePoint, ...],
+    period: float,
+    known: UncertaintySamples | None = None,
+) -> tuple[RatioSet, Array, SampledPoints]:
+    """Return what a Lyapunov function must tolerate to cover a robot with the margin `SEARCH_MARGIN`.
+
+    Parameters
+    ----------
+    spread, sampled, rate_points, known
+        As in `cover_robot`.
+    period
+        T [s].
+
+    Returns
+    -------
+    RatioSet
+        The mismatches, stiffnesses and dampings.
+    Array
+        ‖E^−p [H, C/θ]‖ of each of its bounds at each point, shape (k, m).
+    SampledPoints
+        The m operating points, with those that local and global searches found; points of ``known`` come after them.
+    """
+    for factor in SEARCHED_FACTORS:
+        sampled = sampled.add_largest_force(factor * sampled.uncertainty.force_lead_time())
+        sampled = sampled.add_stiffest(factor * sampled.uncertainty.lead_time())
+    longest = sampled.uncertainty.force_lead_time()
+    sampled = sampled.search_globally(ForceNorm(sampled.nominal, longest))
+    uncertainty = sampled.uncertainty if known is None else sampled.uncertainty | known
+    room = 1 + ROUNDING_ROOM * SEARCH_MARGIN
+    bounds = [
+        (power, factor * lead_time)
+        for power in POWERS
+        for lead_time in [uncertainty.force_lead_time(power)]
+        for factor in (LEAD_FACTORS if lead_time else (0.0,))
+    ]
+    norms = np.array([uncertainty.force_norms(lead_time, power) for power, lead_time in bounds])
+    if not norms.max() > NEGLIGIBLE_STIFFNESS:
+        bounds, norms = [], norms[:0]
+    values = np.linalg.eigvalsh(uncertainty.inertia)
+    ratios = RatioSet(
+        min_ratio=min(spread.min_ratio, float(values.min())) / room,
+        max_ratio=max(spread.max_ratio, float(values.max())) * room,
+        rate=max(point.rate(sampled.nominal) for point in rate_points) * room,
+        relative_rate=max(point.relative_rate() for point in rate_points) * room,
+        period=period,
+        intersample=True,
+        powers=np.array([power for power, _ in bounds]),
+        lead_times=np.array([lead_time for _, lead_time in bounds]),
+        stiffness=np.array([row.max() * room for row in norms]),
+        shares=np.full(len(bounds), ACCELERATION_SHARE),
+    )
+    return ratios, norms, sampled
 
 
 def cover_robot(
@@ -53,34 +111,7 @@ def cover_robot(
     on_program
         Called after each semidefinite program, to show progress.
     """
-    for factor in SEARCHED_FACTORS:
-        sampled = sampled.add_largest_force(factor * sampled.uncertainty.force_lead_time())
-        sampled = sampled.add_stiffest(factor * sampled.uncertainty.lead_time())
-    longest = sampled.uncertainty.force_lead_time()
-    sampled = sampled.search_globally(ForceNorm(sampled.nominal, longest))
-    uncertainty, room = sampled.uncertainty | known, 1 + ROUNDING_ROOM * SEARCH_MARGIN
-    bounds = [
-        (power, factor * lead_time)
-        for power in POWERS
-        for lead_time in [uncertainty.force_lead_time(power)]
-        for factor in (LEAD_FACTORS if lead_time else (0.0,))
-    ]
-    norms = np.array([uncertainty.force_norms(lead_time, power) for power, lead_time in bounds])
-    if not norms.max() > NEGLIGIBLE_STIFFNESS:
-        bounds, norms = [], norms[:0]
-    values = np.linalg.eigvalsh(uncertainty.inertia)
-    ratios = RatioSet(
-        min_ratio=min(spread.min_ratio, float(values.min())) / room,
-        max_ratio=max(spread.max_ratio, float(values.max())) * room,
-        rate=max(point.rate(sampled.nominal) for point in rate_points) * room,
-        relative_rate=max(point.relative_rate() for point in rate_points) * room,
-        period=channel.period,
-        intersample=True,
-        powers=np.array([power for power, _ in bounds]),
-        lead_times=np.array([lead_time for _, lead_time in bounds]),
-        stiffness=np.array([row.max() * room for row in norms]),
-        shares=np.full(len(bounds), ACCELERATION_SHARE),
-    )
+    ratios, norms, sampled = robot_ratios(spread, sampled, rate_points, channel.period, known)
     proof = find_proof(UncertainLoop.from_channel(channel, slope, intersample=True), ratios, on_program)
     if proof is None:
         return None

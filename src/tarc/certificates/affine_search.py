@@ -53,7 +53,10 @@ class AffineCandidate(NamedTuple):
 
 
 def find_affine(
-    loop: ReducedLoop, ratios: RatioSet, on_program: Callable[[], object] = lambda: None
+    loop: ReducedLoop,
+    ratios: RatioSet,
+    on_program: Callable[[], object] = lambda: None,
+    max_programs: int = MAX_PROGRAMS,
 ) -> AffineCandidate | None:
     """Return a Lyapunov function that decreases at all tested ratios; None where none was found.
 
@@ -68,6 +71,8 @@ def find_affine(
         What it must tolerate.
     on_program
         Called after each program, to show progress.
+    max_programs
+        Largest number of programs.
     """
     if not np.isfinite(ratios.condition) or not np.all(np.isfinite(ratios.force_bounds())):
         return None
@@ -75,7 +80,7 @@ def find_affine(
     points = list(np.geomspace(low, high, N_FIRST_RATIOS))
     grid = np.geomspace(low, high, N_TESTED_RATIOS)
     best, n_failed = None, 0
-    for _ in range(MAX_PROGRAMS):
+    for _ in range(max_programs):
         candidate, margin = _solve(loop, ratios, points)
         on_program()
         if candidate is None:

@@ -146,14 +146,13 @@ def _assess(
     centres = [centre for centre, ratio in zip(centres, stable, strict=True) if ratio]
     if not exhaustive and centres:
         centres = [centres[i] for i in sorted({0, len(centres) // 2, len(centres) - 1})]
-    scaled = [_at_centre(candidate, centre, by_centre[centre]) for centre in centres]
+    scaled = [at_scale(candidate, 2 * centre / (spec.spread + 1), by_centre[centre]) for centre in centres]
     return [loop for loop in scaled if np.isfinite(loop.noise) and np.isfinite(loop.error)] or [candidate]
 
 
-def _at_centre(candidate: Candidate, centre: float, margin: float) -> Candidate:
-    """Return a loop at the scale of a centre, with its noise and error."""
+def at_scale(candidate: Candidate, scale: float, margin: float) -> Candidate:
+    """Return a loop at a scale of M̂, with its margin, noise and error."""
     channel, spread = candidate.channel(), candidate.required_spread
-    scale = 2 * centre / (spread + 1)
     ratios = scale, scale * spread**0.5, scale * spread
     noise = scale * max(h2_norm(*noise_to_torque(channel, ratio)) for ratio in ratios)
     error = max(ratio / scale * step_error(channel, ratio) for ratio in ratios)

@@ -1,8 +1,8 @@
 """Loops that a design chooses from: their parameters, and the noise and error of each."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, replace
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -46,6 +46,8 @@ class Candidate:
         Scale of the shape, in the middle of those that tolerate the spread; zero where none does.
     spread_margin
         The spread that the loop tolerates at this scale, over the required one, less 1.
+    is_affine
+        Whether a Lyapunov function affine in the inertia shows that the loop tolerates the robot, instead of a ball.
     noise
         RMS torque over X for white measurement noise [1/s²]: torque noise = noise · ‖X_i‖ · σ.
     error
@@ -66,6 +68,7 @@ class Candidate:
     max_spread: float = 0.0
     inertia_scale: float = 0.0
     spread_margin: float = 0.0
+    is_affine: bool = False
     noise: float = np.inf
     error: float = np.inf
 
@@ -93,9 +96,19 @@ class Candidate:
 
     def channel(self) -> Channel:
         """Return the loop of one joint of unit inertia."""
-        return decoupled_channels(
-            TDC(inertia=1.0, estimator=self.estimator, **self.law_options()), self.computation_delay
-        )[0]
+        return _channel(replace(self, is_affine=False, **UNASSESSED))
+
+
+RESULTS = "robust_slope", "required_spread", "max_spread", "inertia_scale", "spread_margin", "noise", "error"
+"""What an assessment adds to a loop; the linearised loop does not depend on it."""
+UNASSESSED = dict.fromkeys(RESULTS, 0.0)
+"""Values of a loop that is not assessed."""
+
+
+@lru_cache(maxsize=1000)
+def _channel(loop: Candidate) -> Channel:
+    law = TDC(inertia=1.0, estimator=loop.estimator, **loop.law_options())
+    return decoupled_channels(law, loop.computation_delay)[0]
 
 
 def enumerate_candidates(

@@ -3,6 +3,8 @@
 import numpy as np
 
 from tarc.analysis.inertia_ratio import InertiaSpread
+from tarc.certificates.base import Certificate
+from tarc.certificates.robot_evidence import RobotEvidence
 from tarc.design.adaptation import Adaptation
 from tarc.design.candidates import Candidate
 from tarc.design.choice import DesignChoice
@@ -63,6 +65,18 @@ def explain_adaptation(best: Candidate, adaptation: Adaptation, step: float) -> 
             "a hundredth of the largest; it must be above zero",
         ),
     ]
+
+
+def explain_certificate(certificate: Certificate[RobotEvidence]) -> DesignChoice:
+    """Return which certificate of the robot has the largest margin."""
+    evidence = certificate.evidence
+    if evidence.affine is not None:
+        kind, reason = "affine", "a Lyapunov function affine in the inertia, which uses that it changes slowly"
+    elif evidence.rate is not None:
+        kind, reason = "iqc", "a ball of inertia mismatches that change slowly, by integral quadratic constraints"
+    else:
+        kind, reason = "ball", "a ball of inertia mismatches that change at any rate, by the small-gain theorem"
+    return DesignChoice((), "certificate", kind, f"{reason}; ball, iqc and affine were tried, from the cheapest on")
 
 
 def _inertia(selection: LoopSelection, best: Candidate, spread: InertiaSpread) -> DesignChoice:

@@ -57,6 +57,23 @@ class LoopSelection:
             return requirements.noise_budget
         return max(requirements.noise_target, self.min_noise_ratio)
 
+    @property
+    def has_feasible(self) -> bool:
+        """Whether a loop tolerates the robot."""
+        return any(candidate.feasible for candidate in self.candidates)
+
+    def cost(self, candidate: Candidate) -> float:
+        """Return noise² × error, infinite beyond the largest noise; at a given natural frequency the noise."""
+        requirements, noise = self.problem.requirements, self.noise_ratio(candidate)
+        if requirements.noise_budget is not None and noise > requirements.noise_budget:
+            return np.inf
+        if requirements.natural_frequency is not None:
+            return noise
+        is_limited = requirements.noise_budget is None and self.has_feasible
+        if is_limited and noise > MAX_BUDGET_FACTOR * self.free_noise_ratio:
+            return np.inf
+        return max(noise, requirements.noise_target) ** 2 * candidate.error
+
     def noise_ratio(self, candidate: Candidate) -> float:
         """Return the largest torque noise over the torque limit, of all joints."""
         return self.problem.noise_ratio(candidate, self.shape)

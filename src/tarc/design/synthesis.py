@@ -1,6 +1,6 @@
 """From requirements and a robot to certified gains."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, TypedDict, overload
 
@@ -14,12 +14,13 @@ from tarc.certification import certify_law
 from tarc.core.errors import InfeasibleDesign, InvalidParameter, UnsupportedLaw
 from tarc.core.progress import Progress
 from tarc.design.adaptation import Adaptation, choose_adaptation, expected_step
+from tarc.design.affine_assessment import MAX_PROOFS, AffineAssessment
 from tarc.design.assessment import assess_candidates
 from tarc.design.candidates import Candidate, enumerate_candidates, torque_change
 from tarc.design.choice import DesignChoice
 from tarc.design.noise import torque_noise
 from tarc.design.problem import DesignProblem, with_payloads
-from tarc.design.reasons import explain_adaptation, explain_loop
+from tarc.design.reasons import explain_adaptation, explain_certificate, explain_loop
 from tarc.design.requirements import DesignRequirements
 from tarc.design.result import Design
 from tarc.design.robot_facts import GravityLoad, assumptions, gravity_load
@@ -96,7 +97,7 @@ def design_controller(
     problem = DesignProblem.from_plant(plant, requirements)
     load = gravity_load(problem.plants, problem.workspace, problem.torque_limits, requirements.seed)
     trials = _initial_candidates(requirements)
-    with Progress("designing", len(trials) + 60, progress) as bar:
+    with Progress("designing", len(trials) + 60 + 2 * MAX_PROOFS, progress) as bar:
         shape, spread = _inertia_shape(problem)
         spec = RobustnessSpec.from_robot(problem.plants, problem.workspace, shape, spread, seed=requirements.seed)
         bar.advance(20)
@@ -105,6 +106,7 @@ def design_controller(
         )
         selection = LoopSelection(problem, shape, spec, assessed)
         bar.advance(20)
+        selection = _with_affine(selection, trials, spread, bar.advance)
         design = _slow_enough(selection, spread, load)
         bar.advance(20)
     return design
@@ -193,6 +195,7 @@ def _complete(selection: LoopSelection, best: Candidate, spread: InertiaSpread, 
     reasons = explain_loop(selection, best, spread)
     if adaptation is not None:
         reasons += explain_adaptation(best, *adaptation)
+    reasons.append(explain_certificate(certificate))
     return Design(
         requirements=requirements,
         law=law,
@@ -255,10 +258,10 @@ def _sampling(requirements: DesignRequirements) -> _Sampling:
 
 
 def _refine(selection: LoopSelection) -> tuple[LoopSelection, Candidate]:
-    """Assess the neighbours of the best loop until none is better."""
+    """Assess the neighbours of the best loop until none is better; those of an affine one are assessed already."""
     best = selection.pick()
     assessed: set[Candidate] = set()
-    for _ in range(MAX_REFINEMENTS):
+    for _ in range(0 if best.is_affine else MAX_REFINEMENTS):
         trials = [trial for trial in _neighbours(selection, best) if trial not in assessed]
         assessed.update(trials)
         neighbours = _assess_neighbours(selection, trials, MIN_SPREAD_MARGIN)
@@ -267,6 +270,24 @@ def _refine(selection: LoopSelection) -> tuple[LoopSelection, Candidate]:
         if best == previous:
             break
     return selection, best
+
+
+def _with_affine(
+    selection: LoopSelection, trials: Sequence[Candidate], spread: InertiaSpread, done: Callable[[], object]
+) -> LoopSelection:
+    """Add the best loop that a Lyapunov function affine in the inertia certifies, if any is better; then a neighbour.
+
+    It needs a workspace with speeds.
+    """
+    problem = selection.problem
+    if problem.workspace.speed is None or not np.all(np.isfinite(problem.workspace.speed)):
+        return selection
+    affine = AffineAssessment.from_robot(problem, selection.shape, spread, selection.spec)
+    found = affine.best(trials, selection, done)
+    if found:
+        selection = replace(selection, candidates=[*selection.candidates, *found])
+        found = affine.best(_neighbours(selection, selection.pick()), selection, done)
+    return replace(selection, candidates=[*selection.candidates, *found])
 
 
 def _neighbours(selection: LoopSelection, best: Candidate) -> list[Candidate]:
@@ -301,12 +322,15 @@ def _certified_law(
     def certify(law: TDC | TARC) -> Certificate:
         sampling = _sampling(problem.requirements)
         certificate = certify_robot(law, problem.plants, problem.workspace, **sampling)
-        if certificate.certified:
-            return certificate
         return strengthen_robot(certificate, law, problem.plants, problem.workspace, **sampling)
 
     law, adaptation = _build_law(problem, selection.shape, best)
     certificate = certify(law)
+    while best.is_affine and not certificate.certified:
+        selection = replace(selection, candidates=[loop for loop in selection.candidates if loop != best])
+        best = selection.pick()
+        law, adaptation = _build_law(problem, selection.shape, best)
+        certificate = certify(law)
     for extra in EXTRA_MARGINS:
         if certificate.certified:
             break
