@@ -68,7 +68,7 @@ def explain_adaptation(best: Candidate, adaptation: Adaptation, step: float) -> 
 
 
 def explain_certificate(certificate: Certificate[RobotEvidence]) -> DesignChoice:
-    """Return which certificate of the robot has the largest margin."""
+    """Return which certificate covers the robot."""
     evidence = certificate.evidence
     if evidence.affine is not None:
         kind, reason = "affine", "a Lyapunov function affine in the inertia, which uses that it changes slowly"
@@ -76,7 +76,9 @@ def explain_certificate(certificate: Certificate[RobotEvidence]) -> DesignChoice
         kind, reason = "iqc", "a ball of inertia mismatches that change slowly, by integral quadratic constraints"
     else:
         kind, reason = "ball", "a ball of inertia mismatches that change at any rate, by the small-gain theorem"
-    return DesignChoice((), "certificate", kind, f"{reason}; ball, iqc and affine were tried, from the cheapest on")
+    return DesignChoice(
+        (), "certificate", kind, f"{reason}; the cheapest of ball, iqc and affine that covers the robot"
+    )
 
 
 def _inertia(selection: LoopSelection, best: Candidate, spread: InertiaSpread) -> DesignChoice:

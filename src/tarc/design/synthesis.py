@@ -322,6 +322,8 @@ def _certified_law(
     def certify(law: TDC | TARC) -> Certificate:
         sampling = _sampling(problem.requirements)
         certificate = certify_robot(law, problem.plants, problem.workspace, **sampling)
+        if certificate.certified:
+            return certificate
         return strengthen_robot(certificate, law, problem.plants, problem.workspace, **sampling)
 
     law, adaptation = _build_law(problem, selection.shape, best)
