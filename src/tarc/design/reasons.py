@@ -76,9 +76,7 @@ def explain_certificate(certificate: Certificate[RobotEvidence]) -> DesignChoice
         kind, reason = "iqc", "a ball of inertia mismatches that change slowly, by integral quadratic constraints"
     else:
         kind, reason = "ball", "a ball of inertia mismatches that change at any rate, by the small-gain theorem"
-    return DesignChoice(
-        (), "certificate", kind, f"{reason}; the cheapest of ball, iqc and affine that covers the robot"
-    )
+    return DesignChoice((), "certificate", kind, f"{reason}; the cheapest of ball, iqc and affine that covers it")
 
 
 def _inertia(selection: LoopSelection, best: Candidate, spread: InertiaSpread) -> DesignChoice:
