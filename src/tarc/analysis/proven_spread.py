@@ -65,9 +65,9 @@ def prove_inertia_spread(
     `inertia_spread` finds, each widened by the tolerance, are proven by branch and bound. A posture beyond them widens
     the range and begins the proof anew.
 
-    The number of boxes grows with the number of angles on which M(q) depends: two or three take a fraction of a second,
-    five take seconds to minutes, and six hours. A proof that time or Ctrl-C ends goes on from there when it is asked
-    for again, from the folder `tarc.analysis.stored_proof.proofs_folder`.
+    The number of boxes grows with the number of angles on which M(q) depends. Two or three take a fraction of a second,
+    five seconds to minutes, six hours. A proof that time or Ctrl-C ends goes on from there in the next call, by a file
+    in the folder `tarc.analysis.stored_proof.proofs_folder`.
 
     Parameters
     ----------
