@@ -10,7 +10,7 @@ from tarc.analysis.inertia_ratio import InertiaSpread, as_plants, inertia_matric
 from tarc.analysis.operating_points import matrix_roots
 from tarc.analysis.stored_proof import prove_stored
 from tarc.analysis.workspace import Workspace
-from tarc.analysis.workspace_boxes import Matrices, angles_that_matter, as_polynomial, in_angles, workspace_boxes
+from tarc.analysis.workspace_boxes import Matrices, angles_that_matter, as_polynomials, in_angles, workspace_boxes
 from tarc.core import validation as check
 from tarc.core.types import Array
 from tarc.core.validation import Matrix
@@ -145,7 +145,7 @@ def inertia_polynomials(plants: Sequence[Plant], nominal: Array, boxes: Boxes) -
     functions = [scaled(plant) for plant in plants]
     angles = angles_that_matter(functions, boxes)
     polynomials = [
-        as_polynomial(function, plant.label, boxes[0][0], angles)
+        as_polynomials([function], plant.label, boxes[0][0], angles)[0]
         for function, plant in zip(functions, plants, strict=True)
     ]
     return polynomials, in_angles(boxes, angles)

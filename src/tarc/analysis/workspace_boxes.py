@@ -10,8 +10,8 @@ from tarc.core.types import Array
 from tarc.numerics.eigenvalue_proof import Boxes
 from tarc.numerics.trig_polynomial import DEGREE, TrigPolynomial
 
-FIT_TOLERANCE = 1e-9
-"""Largest difference of a function from its polynomial, over its largest value, at random postures."""
+FIT_TOLERANCE = 1e-10
+"""Largest difference of a function from its polynomial at random postures, over the largest value of all functions."""
 N_TESTED = 64
 """Number of those postures."""
 SMALLEST_REACH = 0.02
@@ -47,46 +47,60 @@ def workspace_boxes(workspace: Workspace) -> Boxes:
 
 def angles_that_matter(functions: list[Matrices], boxes: Boxes) -> Array:
     """Return the joints that move in the boxes and on which a function depends, by its change at random postures."""
-    low, high = (boxes[0] - boxes[1]).min(axis=0), (boxes[0] + boxes[1]).max(axis=0)
-    rng = np.random.default_rng(0)
-    postures = low + rng.random((N_TESTED, len(low))) * (high - low)
+    postures, moved_postures = _random_postures(boxes)
     before = [function(postures) for function in functions]
+    scale = max(float(np.max(np.abs(values))) for values in before)
     matters = []
-    for joint in np.flatnonzero(high > low):
-        moved = postures.copy()
-        moved[:, joint] = low[joint] + rng.random(N_TESTED) * (high - low)[joint]
-        for values, function in zip(before, functions, strict=True):
-            if np.max(np.abs(values - function(moved))) > FIT_TOLERANCE * np.max(np.abs(values)):
-                matters.append(int(joint))
-                break
+    for joint, moved in moved_postures.items():
+        changes = (np.max(np.abs(f(moved) - values)) for f, values in zip(functions, before, strict=True))
+        if any(change > FIT_TOLERANCE * scale for change in changes):
+            matters.append(joint)
     return np.array(matters, dtype=int)
 
 
-def as_polynomial(
-    function: Matrices, label: str, posture: Array, angles: Array, degree: int = DEGREE
-) -> TrigPolynomial:
-    """Return a function of the posture as a polynomial of some angles, the other joints as in a posture.
+def _random_postures(boxes: Boxes) -> tuple[Array, dict[int, Array]]:
+    """Return postures, and the same with another angle of one joint, by that joint."""
+    low, high = (boxes[0] - boxes[1]).min(axis=0), (boxes[0] + boxes[1]).max(axis=0)
+    rng = np.random.default_rng(0)
+    postures = low + rng.random((N_TESTED, len(low))) * (high - low)
+    moved = {}
+    for joint in np.flatnonzero(high > low).tolist():
+        moved[joint] = postures.copy()
+        moved[joint][:, joint] = low[joint] + rng.random(N_TESTED) * (high - low)[joint]
+    return postures, moved
+
+
+def as_polynomials(
+    functions: list[Matrices], label: str, posture: Array, angles: Array, degree: int = DEGREE
+) -> list[TrigPolynomial]:
+    """Return functions of the posture as polynomials of some angles, the other joints as in a posture.
 
     Raises
     ------
     InvalidParameter
-        Where it is none.
+        Where one is none.
     """
-
-    def at(values: Array) -> Array:
-        postures = np.tile(posture, (len(values), 1))
-        postures[:, angles] = values
-        return function(postures)
-
-    polynomial = TrigPolynomial.from_samples(at, len(angles), degree)
     tested = np.random.default_rng(1).uniform(-np.pi, np.pi, (N_TESTED, len(angles)))
-    expected = at(tested)
-    if np.max(np.abs(polynomial(tested) - expected)) > FIT_TOLERANCE * np.max(np.abs(expected), initial=1e-300):
-        raise InvalidParameter(
-            f"plant: the equations of {label} are no trigonometric polynomial of its joints, as they are for an open "
-            "chain of hinges; without a proof, samples and search decide"
-        )
-    return polynomial
+
+    def of_angles(function: Matrices) -> Matrices:
+        def at(values: Array) -> Array:
+            postures = np.tile(posture, (len(values), 1))
+            postures[:, angles] = values
+            return function(postures)
+
+        return at
+
+    reduced = [of_angles(function) for function in functions]
+    polynomials = [TrigPolynomial.from_samples(function, len(angles), degree) for function in reduced]
+    expected = [function(tested) for function in reduced]
+    scale = max(float(np.max(np.abs(values))) for values in expected)
+    for polynomial, values in zip(polynomials, expected, strict=True):
+        if np.max(np.abs(polynomial(tested) - values)) > FIT_TOLERANCE * scale:
+            raise InvalidParameter(
+                f"plant: the equations of {label} are no trigonometric polynomial of its joints, as they are for an "
+                "open chain of hinges; without a proof, samples and search decide"
+            )
+    return polynomials
 
 
 def in_angles(boxes: Boxes, angles: Array) -> Boxes:

@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+EVERY_POSTURE = "every posture"
+"""Basis of a certificate whose evidence was proven for the whole workspace, and does not rest on samples."""
+
+
 class Verdict(StrEnum):
     """The outcome of a test of stability."""
 
@@ -146,7 +150,7 @@ class Certificate(Generic[E]):
     problem
         The condition that was tested, as a formula.
     basis
-        The samples on which the evidence rests, if any; part of the verdict in words.
+        The samples on which the evidence rests, if any, or `EVERY_POSTURE`; part of the verdict in words.
     proof_grade
         Whether ball arithmetic, which encloses every rounding error, decided the verdict, and not floating point.
 
@@ -185,7 +189,9 @@ class Certificate(Generic[E]):
     @property
     def verdict_in_words(self) -> str:
         """The verdict, with the samples on which a certified one rests."""
-        return f"{self.verdict} on {self.basis}" if self.certified and self.basis else str(self.verdict)
+        if not self.certified or not self.basis:
+            return str(self.verdict)
+        return f"{self.verdict} {'for' if self.basis == EVERY_POSTURE else 'on'} {self.basis}"
 
     def verify(self) -> bool:
         """Return whether the evidence, judged again without any solver, gives the same verdict."""

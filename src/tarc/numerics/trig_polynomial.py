@@ -80,7 +80,8 @@ class TrigPolynomial:
     @cached_property
     def flat(self) -> tuple[Array, Array]:
         """The coefficients, each (K, n²)."""
-        return self.cosines.reshape(len(self.modes), -1), self.sines.reshape(len(self.modes), -1)
+        shape = self.cosines.shape[0], self.cosines.shape[1] * self.cosines.shape[2]
+        return self.cosines.reshape(shape), self.sines.reshape(shape)
 
     def derivative(self, *angles: int) -> "TrigPolynomial":
         """Return the derivative over some angles, in turn."""

@@ -1,0 +1,476 @@
+"""The proof that a certified robot stays within what its certificate covers, in every posture of the workspace."""
+
+import re
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from tarc.analysis.command_units import in_torque_units
+from tarc.analysis.inertia_ratio import as_plants, inertia_matrices
+from tarc.analysis.linearise import require_inertia
+from tarc.analysis.motion_forces import MotionCorners
+from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS, OperatingPoint, linearise_points, matrix_roots
+from tarc.analysis.stored_proof import prove_stored
+from tarc.analysis.workspace import Workspace
+from tarc.analysis.workspace_boxes import Matrices, angles_that_matter, as_polynomials, in_angles, workspace_boxes
+from tarc.certificates.affine import AffineProof
+from tarc.certificates.base import EVERY_POSTURE, Certificate
+from tarc.certificates.robot_evidence import AffineCover, MaxRatePoint, RobotEvidence, linearised_point
+from tarc.certificates.varying_ratio import Ball
+from tarc.core import validation as check
+from tarc.core.errors import InvalidParameter
+from tarc.core.types import Array
+from tarc.laws.base import Law
+from tarc.numerics.eigenvalue_proof import Boxes
+from tarc.numerics.trig_polynomial import TrigPolynomial
+from tarc.plants.base import Plant
+
+MAX_CORNERS = 2100
+"""Largest number of corners of the motions whose forces are proven; three joints have 256, four 2,048."""
+TANGENTS = 3, 5
+"""Numbers of tangents to try, see `tarc.analysis.motion_forces`."""
+MAX_GRID = 20_000
+"""Largest number of postures on which the forces are evaluated to make polynomials of them."""
+
+
+@dataclass(frozen=True)
+class ProvenPart:
+    """One of the bounds of a certificate, and for which share of the workspace it is proven.
+
+    Attributes
+    ----------
+    name
+        What is bounded.
+    limit
+        The bound, in words.
+    share
+        Proven share of the workspace, 1 for all of it.
+    n_boxes
+        Number of boxes that were looked at.
+    reason
+        Why it was not tried or did not end; empty for a proof.
+    """
+
+    name: str
+    limit: str
+    share: float
+    n_boxes: int
+    reason: str = ""
+
+    @property
+    def complete(self) -> bool:
+        """Whether the bound holds in every posture."""
+        return self.share >= 1
+
+    def __str__(self) -> str:
+        reason = f" ({self.reason})" if self.reason else ""
+        percent = "100 %" if self.complete else f"{100 * min(self.share, 0.9999):.4g} %"
+        return f"{self.name} {self.limit}: {percent}{reason}"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ProvenRobot:
+    """A certificate of a robot, and what of it is proven for every posture of the workspace.
+
+    Attributes
+    ----------
+    certificate
+        The certificate; where a posture breaks a bound, it is judged again with that posture.
+    parts
+        Its bounds.
+    """
+
+    certificate: Certificate[RobotEvidence]
+    parts: tuple[ProvenPart, ...]
+
+    @property
+    def complete(self) -> bool:
+        """Whether all bounds are proven, so that the verdict holds in every posture."""
+        return bool(self.parts) and all(part.complete for part in self.parts)
+
+    @property
+    def share(self) -> float:
+        """Share of the workspace in which all bounds are proven, at least that of the worst."""
+        return min((part.share for part in self.parts), default=0.0)
+
+
+class _Broken(Exception):  # noqa: N818
+    """A posture in which a bound does not hold."""
+
+    def __init__(self, evidence: RobotEvidence):
+        self.evidence = evidence
+
+
+def prove_robot(
+    certificate: Certificate[RobotEvidence],
+    law: Law,
+    plant: Plant | Sequence[Plant],
+    workspace: Workspace,
+    *,
+    time_limit: float = 600.0,
+    progress: bool | None = None,
+) -> ProvenRobot:
+    """Prove by branch and bound what a certified robot's verdict takes from samples and search.
+
+    These are the bounds that its Lyapunov function or its ball covers, in every posture, at every speed and
+    acceleration of the workspace. With J = M̂^−½ M M̂^−½ and K = M̂^−½ [G, D/θ] M̂^−½ each is a linear matrix inequality:
+
+        1/ρmax ⪯ J ⪯ 1/ρmin,    ±J̇ ⪯ rate,    ±J̇ ⪯ relative rate · J,
+        ‖E^−p [H, C/θ]‖ ≤ κ:  [J^{2−2p}, K/κ; Kᵀ/κ, I] ⪰ 0,
+        ‖[E − ρ0 I, H/η, C/(η θ)]‖ ≤ δ:  [2 ρ0 J − I, (ρ0² − δ²)^½ J, K/η; ·, I, 0; ·, 0, I] ⪰ 0.
+
+    All but p = 0 are affine in M, G and D. So a robot with and one without its payload stand for every payload between.
+    J and K are trigonometric polynomials of the posture, and K one of the speeds too: `tarc.analysis.motion_forces` has
+    the corners of the motions. More than four joints that move have too many, so that their forces rest on search.
+
+    What time or Ctrl-C ends goes on in the next call, from the folder of `tarc.analysis.stored_proof.proofs_folder`.
+
+    Parameters
+    ----------
+    certificate
+        A certified result of `certify_robot` or `strengthen_robot`; others are returned as they are.
+    law, plant, workspace
+        As they were for it.
+    time_limit
+        Time after which the proof stops as it is, with the share that it has proven [s].
+    progress
+        Show progress bars when it takes more than two seconds; None for when standard error is a terminal.
+
+    Raises
+    ------
+    InvalidParameter
+        For a robot whose equations are no trigonometric polynomials, as with joints that slide.
+    KeyboardInterrupt
+        For Ctrl-C; what was proven is kept.
+    """
+    deadline = time.monotonic() + check.number("time_limit", time_limit, 0, strict=True)
+    if not certificate.certified:
+        return ProvenRobot(certificate=certificate, parts=())
+    law, plants = in_torque_units(require_inertia(law, "the robot certificate"), as_plants(plant))
+    evidence = certificate.evidence
+    if evidence.affine is not None:
+        evidence = replace(evidence, affine=_with_fewest_bounds(evidence.affine))
+    workspace = workspace.for_joints(plants[0].joint_names)
+    prover = _Prover(plants, law.M, workspace, evidence, deadline, progress)
+    try:
+        parts = tuple(prover.parts())
+    except _Broken as broken:
+        verdict, margin, witness = broken.evidence.judge()
+        judged = replace(certificate, evidence=broken.evidence, verdict=verdict, margin=margin, witness=witness)
+        return ProvenRobot(certificate=judged, parts=())
+    result = ProvenRobot(certificate=replace(certificate, evidence=evidence), parts=parts)
+    return replace(result, certificate=_with_basis(result))
+
+
+def _with_basis(proven: ProvenRobot) -> Certificate[RobotEvidence]:
+    """Return the certificate with what is proven among its assumptions."""
+    certificate = proven.certificate
+    lines = [f"proven by branch and bound, with a bound on rounding: {part}" for part in proven.parts if part.complete]
+    if not proven.complete:
+        lines += [f"rests on samples and search: {part}" for part in proven.parts if not part.complete]
+        basis = f"{certificate.basis}, with {100 * min(proven.share, 0.9999):.3g} % of the workspace proven"
+        return replace(certificate, basis=basis, assumptions=(*certificate.assumptions, *lines))
+    kept = [
+        re.sub(r", the largest that samples and local search found", ", proven in every posture", line)
+        for line in certificate.assumptions[2:]
+    ]
+    return replace(certificate, basis=EVERY_POSTURE, assumptions=(*lines, *kept))
+
+
+def _with_fewest_bounds(cover: AffineCover) -> AffineCover:
+    """Return a cover whose proof needs fewer bounds on the forces, those of the largest multipliers."""
+    ratios, multipliers = cover.proof.ratios, cover.proof.multipliers
+    order = np.argsort(multipliers.forces)[::-1]
+    for count in range(1, len(order)):
+        kept = np.sort(order[:count])
+        bounds = {name: getattr(ratios, name)[kept] for name in ("powers", "lead_times", "stiffness", "shares")}
+        proof: AffineProof = replace(
+            cover.proof,
+            ratios=replace(ratios, **bounds),
+            multipliers=multipliers._replace(forces=multipliers.forces[kept]),
+        )
+        if proof.is_proven():
+            return replace(cover, proof=proof)
+    return cover
+
+
+@dataclass(eq=False)
+class _Prover:
+    """Proves the bounds of a certificate one after the other."""
+
+    plants: Sequence[Plant]
+    nominal: Array
+    workspace: Workspace
+    evidence: RobotEvidence
+    deadline: float
+    progress: bool | None
+
+    def __post_init__(self) -> None:
+        self.inverse_root = matrix_roots(self.nominal)[1]
+        self.boxes = workspace_boxes(self.workspace)
+        n = self.workspace.n_joints
+        limits = [self.workspace.speed, self.workspace.acceleration]
+        self.speed, self.acceleration = (np.zeros(n) if limit is None else np.asarray(limit) for limit in limits)
+        functions = [self._scaled_inertia(plant) for plant in self.plants]
+        self.angles = angles_that_matter(functions, self.boxes)
+        self.inertias = [self._polynomial(*pair) for pair in zip(functions, self.plants, strict=True)]
+
+    def parts(self) -> Iterator[ProvenPart]:
+        """Prove all bounds of the certificate."""
+        cover, ball = self.evidence.affine, self.evidence.ball
+        if cover is not None:
+            ratios = cover.proof.ratios
+            yield self._ratios(ratios.min_ratio, ratios.max_ratio)
+            yield self._rate(ratios.rate, relative=False)
+            yield self._rate(ratios.relative_rate, relative=True)
+            if not len(ratios.stiffness):
+                yield self._forces("no stiffness", NEGLIGIBLE_STIFFNESS, 0.0, 1.0)
+            for i, stiffness in enumerate(ratios.stiffness):
+                power, lead_time = float(ratios.powers[i]), float(ratios.lead_times[i])
+                yield self._forces("forces", float(stiffness), lead_time, power)
+        elif ball is not None:
+            yield from self._ball_parts(ball)
+
+    def _ball_parts(self, ball: Ball) -> Iterator[ProvenPart]:
+        radius, weight = ball.radius, ball.position_weight
+        lead_time = ball.loop.lead_periods.item() * self.evidence.period
+        yield self._ratios(ball.centre - radius, ball.centre + radius)
+        if ball.max_change is not None:
+            yield self._rate(ball.max_change / self.evidence.period, relative=False)
+        if not weight > 0:
+            yield self._forces("no stiffness", NEGLIGIBLE_STIFFNESS, 0.0, 1.0)
+            return
+        yield self._ball(ball.centre, radius, weight, lead_time)
+        if ball.max_change is not None and ball.stiffness < radius * weight:
+            yield self._forces("stiffness", ball.stiffness, lead_time, 0.0)
+
+    def _ratios(self, low: float, high: float) -> ProvenPart:
+        """Prove that all ratios are within two ends."""
+        functions = [sign * inertia for inertia in self.inertias for sign in (1.0, -1.0)]
+        bounds = [1 / low if low > 0 else np.inf, -1 / high] * len(self.inertias)
+        return self._prove("inertia ratios", f"from {low:.4g} to {high:.4g}", functions, bounds, self._at_rest)
+
+    def _rate(self, limit: float, *, relative: bool) -> ProvenPart:
+        """Prove that J changes no faster, relative to M̂ or to itself."""
+        name = "relative rate of the inertia" if relative else "rate of the inertia"
+        moving = [place for place, angle in enumerate(self.angles) if self.speed[angle] > 0]
+        if not moving:
+            return ProvenPart(name, "zero", 1.0, 0)
+        functions = []
+        for inertia in self.inertias:
+            slopes = [float(self.speed[self.angles[place]]) * inertia.derivative(place) for place in moving]
+            start = (-limit if relative else 0.0) * inertia
+            for signs in product((-1.0, 1.0), repeat=len(moving)):
+                total = start
+                for sign, slope in zip(signs, slopes, strict=True):
+                    total = total + sign * slope
+                functions.append(total)
+        bounds = [0.0 if relative else limit] * len(functions)
+        return self._prove(name, f"up to {limit:.4g} 1/s", functions, bounds, self._fastest)
+
+    def _forces(self, name: str, limit: float, lead_time: float, power: float) -> ProvenPart:
+        """Prove ‖E^−p [H, C/θ]‖ ≤ κ."""
+        words = f"up to {limit:.4g} 1/s² (p = {power:g}, θ = {lead_time:.3g} s)"
+        n = self.workspace.n_joints
+
+        def fixed(J: Array) -> Array:
+            matrix = np.zeros((len(J), 3 * n, 3 * n))
+            matrix[:, :n, :n] = np.eye(n) - (np.eye(n) if power == 1 else J if power else J @ J)
+            return matrix
+
+        def with_forces(K: Array) -> Array:
+            return _symmetric(K / limit, 0, n, 3 * n)
+
+        return self._prove_forces(name, words, lead_time, fixed, with_forces, degree=2 if power else 4)
+
+    def _ball(self, centre: float, radius: float, weight: float, lead_time: float) -> ProvenPart:
+        """Prove ‖[E − ρ0 I, H/η, C/(η θ)]‖ ≤ δ."""
+        words = f"up to {radius:.4g} about {centre:.4g} (η = {weight:.4g} 1/s², θ = {lead_time:.3g} s)"
+        n, factor = self.workspace.n_joints, np.sqrt(max(centre**2 - radius**2, 0.0))
+
+        def fixed(J: Array) -> Array:
+            matrix = _symmetric(-factor * J, 0, n, 4 * n)
+            matrix[:, :n, :n] = 2 * np.eye(n) - 2 * centre * J
+            return matrix
+
+        def with_forces(K: Array) -> Array:
+            return _symmetric(K / weight, 0, 2 * n, 4 * n)
+
+        return self._prove_forces("ratios and forces", words, lead_time, fixed, with_forces, degree=2)
+
+    def _prove_forces(
+        self,
+        name: str,
+        words: str,
+        lead_time: float,
+        fixed: Callable[[Array], Array],
+        with_forces: Callable[[Array], Array],
+        *,
+        degree: int,
+    ) -> ProvenPart:
+        """Prove that fixed(J) + with_forces(K) ≺ I at all motions."""
+        n, scale = self.workspace.n_joints, self.inverse_root
+        part = ProvenPart(name, words, 0.0, 0)
+        for n_tangents in TANGENTS:
+            corners = MotionCorners(tuple(self.speed), tuple(self.acceleration), n_tangents)
+            if corners.count() > MAX_CORNERS:
+                reason = f"{corners.count()} corners of the motions are too many; search decides"
+                return replace(part, reason=part.reason or reason)
+
+            def forces(function: Matrices) -> Matrices:
+                def at(postures: Array) -> Array:
+                    G, D = np.split(function(postures), 2, axis=2)
+                    D = scale @ D @ scale / lead_time if lead_time > 0 else scale @ D @ scale / NEGLIGIBLE_STIFFNESS
+                    return with_forces(np.concatenate([scale @ G @ scale, D], axis=2))
+
+                return at
+
+            def inertia(plant: Plant) -> Matrices:
+                scaled = self._scaled_inertia(plant)
+                return lambda postures: fixed(scaled(postures))
+
+            parts = [[inertia(plant), *(forces(part) for part in corners.parts(plant))] for plant in self.plants]
+            angles = angles_that_matter([function for row in parts for function in row], self.boxes)
+            if (2 * degree + 1) ** len(angles) > MAX_GRID:
+                return replace(part, reason=f"they depend on {len(angles)} angles; search decides")
+            families = [
+                PolynomialFamily.from_parts(
+                    as_polynomials(row, plant.label, self.boxes[0][0], angles, degree),
+                    [np.concatenate([[1.0], corners.weights(*corner)]) for corner in corners.corners()],
+                )
+                for row, plant in zip(parts, self.plants, strict=True)
+            ]
+            functions = [function for family in families for function in family.members()]
+            motions = corners.corners()
+
+            def breaks(index: int, posture: Array, motions: list[tuple[Array, Array, Array]] = motions) -> None:
+                v, s, a = motions[index % len(motions)]
+                if np.array_equal(s, v**2):
+                    v, a = v * self.speed, a * self.acceleration
+                    self._break(OperatingPoint(self.plants[index // len(motions)], posture, v, a))
+
+            part = self._prove(name, words, functions, [1.0] * len(functions), breaks, angles)
+            if part.reason != RELAXED:
+                return part
+        return part
+
+    def _prove(
+        self,
+        name: str,
+        limit: str,
+        functions: Sequence[TrigPolynomial],
+        bounds: Sequence[float],
+        on_counterexample: Callable[[int, Array], None],
+        angles: Array | None = None,
+    ) -> ProvenPart:
+        """Prove that functions stay below bounds; what breaks one goes to the function given."""
+        angles = self.angles if angles is None else angles
+        finite = [i for i, bound in enumerate(bounds) if np.isfinite(bound)]
+        proof = prove_stored(
+            [functions[i] for i in finite],
+            [bounds[i] for i in finite],
+            in_angles(self.boxes, angles),
+            label=f"proving {name}",
+            time_limit=max(self.deadline - time.monotonic(), 0.0),
+            progress=self.progress,
+        )
+        if proof.counterexample is not None:
+            index, values = proof.counterexample
+            posture = self.boxes[0][0].copy()
+            posture[angles] = values
+            on_counterexample(finite[index], posture)
+            return ProvenPart(name, limit, 0.0, proof.n_boxes, RELAXED)
+        reason = "" if proof.complete else "the time ended"
+        return ProvenPart(name, limit, proof.share, proof.n_boxes, reason)
+
+    def _at_rest(self, index: int, posture: Array) -> None:
+        self._break(OperatingPoint.at_rest(self.plants[index // 2], posture))
+
+    def _fastest(self, index: int, posture: Array) -> None:
+        n_signs = 2 ** sum(self.speed[angle] > 0 for angle in self.angles)
+        point = OperatingPoint.at_rest(self.plants[index // n_signs], posture)
+        rate_point, evidence = MaxRatePoint.from_point(point, self.workspace), self.evidence
+        cover = evidence.affine
+        if cover is None:
+            raise _Broken(replace(evidence, max_rate_point=rate_point))
+        raise _Broken(replace(evidence, affine=replace(cover, rate_points=(*cover.rate_points, rate_point))))
+
+    def _break(self, point: OperatingPoint) -> None:
+        """Raise with the evidence to which a point is added that its bounds leave out."""
+        evidence, linearised = self.evidence, linearised_point(point)
+        cover = evidence.affine
+        if cover is not None:
+            cover = replace(cover, force_points=(*cover.force_points, linearised))
+            raise _Broken(replace(evidence, affine=cover))
+        name = "largest_norm_moving" if point.is_moving else "largest_norm"
+        raise _Broken(replace(evidence, points=replace(evidence.points, **{name: linearised})))
+
+    def _scaled_inertia(self, plant: Plant) -> Matrices:
+        return lambda postures: self.inverse_root @ inertia_matrices(plant, postures) @ self.inverse_root
+
+    def _polynomial(self, function: Matrices, plant: Plant) -> TrigPolynomial:
+        return as_polynomials([function], plant.label, self.boxes[0][0], self.angles)[0]
+
+
+RELAXED = "a corner of the motions that no motion reaches breaks it; search decides"
+"""Why a bound may stay open although no motion breaks it."""
+
+
+def _symmetric(block: Array, row: int, column: int, size: int) -> Array:
+    """Return symmetric matrices with a block above the diagonal, and its transpose below."""
+    k, height, width = block.shape
+    matrix = np.zeros((k, size, size))
+    matrix[:, row : row + height, column : column + width] = block
+    matrix[:, column : column + width, row : row + height] = block.transpose(0, 2, 1)
+    return matrix
+
+
+@dataclass(frozen=True, eq=False)
+class PolynomialFamily:
+    """Polynomials that are sums of the same parts with different factors.
+
+    Attributes
+    ----------
+    modes
+        The integer vectors of all parts, shape (K, d).
+    cosines, sines
+        Coefficients of the parts, shape (p, K, n, n).
+    left_out
+        Of the parts, shape (p,).
+    weights
+        Factors, shape (k, p).
+    """
+
+    modes: Array
+    cosines: Array
+    sines: Array
+    left_out: Array
+    weights: Array
+
+    @classmethod
+    def from_parts(cls, parts: Sequence[TrigPolynomial], weights: Sequence[Array]) -> "PolynomialFamily":
+        """Return the family of parts and of the factors of each member."""
+        zero = 0.0 * sum(parts[1:], start=parts[0])
+        padded = [part + zero for part in parts]
+        return cls(
+            padded[0].modes,
+            np.array([part.cosines for part in padded]),
+            np.array([part.sines for part in padded]),
+            np.array([part.left_out for part in parts]),
+            np.array(weights),
+        )
+
+    def members(self) -> list[TrigPolynomial]:
+        """Return all polynomials."""
+        return [
+            TrigPolynomial(
+                self.modes,
+                np.tensordot(weights, self.cosines, axes=1),
+                np.tensordot(weights, self.sines, axes=1),
+                float(np.abs(weights) @ self.left_out),
+            )
+            for weights in self.weights
+        ]
