@@ -27,6 +27,7 @@ from tarc.certificates.constant_ratio import ConstantRatioEvidence, certify_cons
 from tarc.certificates.known_inertia_evidence import KnownInertiaEvidence
 from tarc.certificates.robot import certify_robot, strengthen_robot
 from tarc.certificates.robot_evidence import RobotEvidence
+from tarc.certificates.robot_proof import ProvenRobot, prove_robot
 from tarc.certificates.sector import SectorEvidence, certify_sector
 from tarc.certificates.varying_ratio import VaryingRatioEvidence, certify_varying_ratio
 from tarc.core.errors import InvalidParameter, NoStableRatio
@@ -56,6 +57,8 @@ def certify_law(
     robot_certificate: Certificate[RobotEvidence] | None = None,
     others: Collection["LawCertification"] = (),
     on_certificate: Callable[[str], object] = lambda kind: None,
+    prove: bool = False,
+    prove_time: float = 600.0,
 ) -> "LawCertification":
     """Return all certificates that apply to a law on a robot.
 
@@ -78,6 +81,11 @@ def certify_law(
         on M̂ or on the linearised loop is taken from those that share it.
     on_certificate
         Called with the kind of each certificate once it is made, to show progress.
+    prove
+        Prove the robot's certificate for every posture by branch and bound, with `LawCertification.proven`. A law that
+        is not certified is strengthened first.
+    prove_time
+        Time after which such a proof stops as it is [s].
 
     Returns
     -------
@@ -133,14 +141,11 @@ def certify_law(
     if isinstance(law, TDE):
         for certificate in _time_delay_conditions(law, others):
             add(certificate)
-    return LawCertification(
-        law=law,
-        channels=channels,
-        certificates=certificates,
-        spread=spread,
-        computation_delay=computation_delay,
-        others=tuple(others),
-    )
+    result = LawCertification(law=law, certificates=certificates, spread=spread, others=tuple(others), **loop)
+    if prove:
+        result = result.strengthened(plants, workspace, samples=samples, seed=seed)
+        result = result.proven(plants, workspace, time_limit=prove_time)
+    return result
 
 
 def _time_delay_conditions(law: TDE, others: Collection["LawCertification"]) -> list[Certificate]:
@@ -218,6 +223,8 @@ class LawCertification:
         Periods between a measurement and its torque.
     others
         Certifications of other laws on the same robot, whose results this one may share.
+    proof
+        What of the robot's certificate is proven for every posture; None where that was not tried.
     """
 
     law: PolePlacement
@@ -226,6 +233,7 @@ class LawCertification:
     spread: InertiaSpread | None = None
     computation_delay: int = 0
     others: Collection["LawCertification"] = ()
+    proof: ProvenRobot | None = None
 
     @property
     def verdict(self) -> Certificate[RobotEvidence]:
@@ -263,6 +271,30 @@ class LawCertification:
             on_program=on_program,
         )
         return self if robot is self.verdict else replace(self, certificates=self.certificates | {"robot": robot})
+
+    def proven(
+        self,
+        plant: Plant | Sequence[Plant],
+        workspace: Workspace,
+        *,
+        time_limit: float = 600.0,
+        progress: bool | None = None,
+    ) -> "LawCertification":
+        """Return the same with the robot's certificate proven for every posture, by `tarc.certificates.prove_robot`.
+
+        The verdict then says for every posture; where a bound is not proven in the time, with which share it is.
+
+        Parameters
+        ----------
+        plant, workspace
+            As in `certify_law`.
+        time_limit
+            Time after which the proof stops as it is [s].
+        progress
+            Show progress bars when it takes more than two seconds; None for when standard error is a terminal.
+        """
+        proof = prove_robot(self.verdict, self.law, plant, workspace, time_limit=time_limit, progress=progress)
+        return replace(self, certificates=self.certificates | {"robot": proof.certificate}, proof=proof)
 
     @cached_property
     def suggestion(self) -> str:

@@ -47,6 +47,30 @@ def test_what_the_search_missed_is_met_by_the_proof():
         assert high < proven.max_ratio
 
 
+def test_two_links_in_closed_form():
+    """Unit masses and lengths: the eigenvalues of M are 2 + c ± √((2 + c)² − 2 + c²), c = cos q2; the ends at c = 1."""
+    proven = prove_inertia_spread(
+        TwoLinkArm(), np.eye(2), Workspace.from_joint_limits(TwoLinkArm()), tolerance=1e-4, progress=False
+    )
+    assert proven.complete
+    assert proven.min_ratio == pytest.approx(1 / (3 + 8**0.5), rel=2e-4)
+    assert proven.max_ratio == pytest.approx(1 / (3 - 8**0.5), rel=2e-4)
+    assert proven.min_ratio < 1 / (3 + 8**0.5) < 1 / (3 - 8**0.5) < proven.max_ratio
+
+
+def test_no_payload_between_and_no_posture_is_left_out():
+    arm, rng = NLinkArm(), np.random.default_rng(4)
+    nominal, workspace = np.diag([3.0, 2.0, 1.0]), Workspace.box(np.full(3, -7.0), np.full(3, 7.0))
+    plants = [arm, arm.with_parameters({"payload": 2.0})]
+    proven = prove_inertia_spread(plants, nominal, workspace, samples=200, progress=False)
+    assert proven.complete
+    for payload in rng.uniform(0, 2, 8):
+        between = arm.with_parameters({"payload": payload})
+        for q in rng.uniform(-7, 7, (100, 3)):
+            ratios = np.linalg.eigvals(np.linalg.solve(between.inertia(q), nominal)).real
+            assert proven.min_ratio <= ratios.min() <= ratios.max() <= proven.max_ratio
+
+
 def test_time_that_ends_leaves_a_share():
     arm = tarc.plants.load_robot("ur5e", armature=0.1)
     nominal = 0.5 * arm.mean_inertia(arm.home[:, None])

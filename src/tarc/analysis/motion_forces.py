@@ -5,13 +5,13 @@ linear in v:
 
     [G, D] = [G0, 0] + Σ a_j [A_j, 0] + Σ s_i [S_i, 0] + Σ_{i<j} v_i v_j [C_ij, 0] + Σ v_i [0, D_i],    s_i = v_i².
 
-In each pair (v_i, s_i) it is affine. The parabola s = v² lies in the polygon of its chord and some tangents. So a convex
-function of [G, D], such as a norm, is largest where each pair is at a corner of that polygon, and each a_j at its limit.
+In each pair (v_i, s_i) it is affine. The parabola s = v² lies in the polygon of its chord and some tangents. So a
+convex function of [G, D], such as a norm, is largest where each pair is at a corner and each a_j at its limit.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations, product
+from itertools import combinations, pairwise, product
 
 import numpy as np
 
@@ -49,7 +49,7 @@ class MotionCorners:
     def _pairs(self) -> list[tuple[float, float]]:
         """Corners of the polygon about s = v², −1 ≤ v ≤ 1."""
         ends = np.linspace(-1, 1, self.n_tangents)
-        tangents = [((a + b) / 2, a * b) for a, b in zip(ends, ends[1:], strict=False)]
+        tangents = [((a + b) / 2, a * b) for a, b in pairwise(ends)]
         return [(-1.0, 1.0), *((float(v), float(s)) for v, s in tangents), (1.0, 1.0)]
 
     def count(self) -> int:
@@ -103,7 +103,7 @@ class MotionCorners:
 
         def stiffness(terms: Sequence[tuple[float, Array]], acceleration: Array = zero) -> Matrices:
             def at(postures: Array) -> Array:
-                total = sum(factor * motion(postures, v, acceleration) for factor, v in terms)
+                total = np.sum([factor * motion(postures, v, acceleration) for factor, v in terms], axis=0)
                 return np.concatenate([total[:, :, :n], 0 * total[:, :, n:]], axis=2)
 
             return at

@@ -2,6 +2,7 @@
 
 import hashlib
 import time
+import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -104,10 +105,10 @@ def _name(functions: Sequence[TrigPolynomial], bounds: Sequence[float], boxes: B
 def _read(file: Path, n_functions: int, n_angles: int) -> tuple[list[Boxes] | None, int]:
     """Return the open boxes of each function and the number of boxes that were looked at; None for no such file."""
     try:
-        with np.load(file, allow_pickle=False) as content:
+        with file.open("rb") as stream, np.load(stream, allow_pickle=False) as content:
             counts, n_boxes = content["counts"], int(content["n_boxes"])
             centres, half_widths = content["centres"], content["half_widths"]
-    except (OSError, ValueError, KeyError, EOFError):  # none, or one that was cut off
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):  # none, or one that was cut off
         return None, 0
     shape = (int(counts.sum()), n_angles)
     if len(counts) != n_functions or centres.shape != shape or half_widths.shape != shape:

@@ -9,16 +9,20 @@ from tarc.certificates.base import Certificate
 from tarc.certificates.constant_ratio import certify_constant_ratio
 from tarc.certificates.known_inertia import certify_known_inertia
 from tarc.certificates.robot import certify_robot, strengthen_robot
+from tarc.certificates.robot_proof import ProvenPart, ProvenRobot, prove_robot
 from tarc.certificates.sector import certify_sector
 from tarc.certificates.varying_ratio import certify_varying_ratio
 
 __all__ = [
     "Certificate",
+    "ProvenPart",
+    "ProvenRobot",
     "certify_affine",
     "certify_constant_ratio",
     "certify_known_inertia",
     "certify_robot",
     "certify_sector",
     "certify_varying_ratio",
+    "prove_robot",
     "strengthen_robot",
 ]

@@ -4,6 +4,7 @@ import re
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -12,7 +13,7 @@ from tarc.analysis.command_units import in_torque_units
 from tarc.analysis.inertia_ratio import as_plants, inertia_matrices
 from tarc.analysis.linearise import require_inertia
 from tarc.analysis.motion_forces import MotionCorners
-from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS, OperatingPoint, linearise_points, matrix_roots
+from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS, OperatingPoint, matrix_roots
 from tarc.analysis.stored_proof import prove_stored
 from tarc.analysis.workspace import Workspace
 from tarc.analysis.workspace_boxes import Matrices, angles_that_matter, as_polynomials, in_angles, workspace_boxes
@@ -21,10 +22,9 @@ from tarc.certificates.base import EVERY_POSTURE, Certificate
 from tarc.certificates.robot_evidence import AffineCover, MaxRatePoint, RobotEvidence, linearised_point
 from tarc.certificates.varying_ratio import Ball
 from tarc.core import validation as check
-from tarc.core.errors import InvalidParameter
+from tarc.core.formatting import format_vector
 from tarc.core.types import Array
 from tarc.laws.base import Law
-from tarc.numerics.eigenvalue_proof import Boxes
 from tarc.numerics.trig_polynomial import TrigPolynomial
 from tarc.plants.base import Plant
 
@@ -34,6 +34,10 @@ TANGENTS = 3, 5
 """Numbers of tangents to try, see `tarc.analysis.motion_forces`."""
 MAX_GRID = 20_000
 """Largest number of postures on which the forces are evaluated to make polynomials of them."""
+
+
+RELAXED = "a corner of the motions that no motion reaches breaks it; search decides"
+"""Why a bound may stay open although no motion breaks it."""
 
 
 @dataclass(frozen=True)
@@ -97,11 +101,11 @@ class ProvenRobot:
         return min((part.share for part in self.parts), default=0.0)
 
 
-class _Broken(Exception):  # noqa: N818
-    """A posture in which a bound does not hold."""
+class _Broken(Exception):
+    """A posture in which a bound does not hold, and the evidence with it."""
 
-    def __init__(self, evidence: RobotEvidence):
-        self.evidence = evidence
+    def __init__(self, evidence: RobotEvidence, posture: Array):
+        self.evidence, self.posture = evidence, posture
 
 
 def prove_robot(
@@ -159,7 +163,15 @@ def prove_robot(
         parts = tuple(prover.parts())
     except _Broken as broken:
         verdict, margin, witness = broken.evidence.judge()
-        judged = replace(certificate, evidence=broken.evidence, verdict=verdict, margin=margin, witness=witness)
+        line = f"the proof met a posture beyond what samples and search found: q = ({format_vector(broken.posture)})"
+        judged = replace(
+            certificate,
+            evidence=broken.evidence,
+            verdict=verdict,
+            margin=margin,
+            witness=witness,
+            assumptions=(*certificate.assumptions, line),
+        )
         return ProvenRobot(certificate=judged, parts=())
     result = ProvenRobot(certificate=replace(certificate, evidence=evidence), parts=parts)
     return replace(result, certificate=_with_basis(result))
@@ -173,10 +185,8 @@ def _with_basis(proven: ProvenRobot) -> Certificate[RobotEvidence]:
         lines += [f"rests on samples and search: {part}" for part in proven.parts if not part.complete]
         basis = f"{certificate.basis}, with {100 * min(proven.share, 0.9999):.3g} % of the workspace proven"
         return replace(certificate, basis=basis, assumptions=(*certificate.assumptions, *lines))
-    kept = [
-        re.sub(r", the largest that samples and local search found", ", proven in every posture", line)
-        for line in certificate.assumptions[2:]
-    ]
+    rest = (re.sub(r"; so [^;]*samples and local search found", "", line) for line in certificate.assumptions)
+    kept = [line for line in rest if "samples" not in line]
     return replace(certificate, basis=EVERY_POSTURE, assumptions=(*lines, *kept))
 
 
@@ -245,7 +255,8 @@ class _Prover:
             return
         yield self._ball(ball.centre, radius, weight, lead_time)
         if ball.max_change is not None and ball.stiffness < radius * weight:
-            yield self._forces("stiffness", ball.stiffness, lead_time, 0.0)
+            name = "stiffness" if len(self.plants) == 1 else "stiffness at each payload given"
+            yield self._forces(name, ball.stiffness, lead_time, 0.0)
 
     def _ratios(self, low: float, high: float) -> ProvenPart:
         """Prove that all ratios are within two ends."""
@@ -312,50 +323,50 @@ class _Prover:
         degree: int,
     ) -> ProvenPart:
         """Prove that fixed(J) + with_forces(K) ≺ I at all motions."""
-        n, scale = self.workspace.n_joints, self.inverse_root
         part = ProvenPart(name, words, 0.0, 0)
         for n_tangents in TANGENTS:
             corners = MotionCorners(tuple(self.speed), tuple(self.acceleration), n_tangents)
             if corners.count() > MAX_CORNERS:
                 reason = f"{corners.count()} corners of the motions are too many; search decides"
                 return replace(part, reason=part.reason or reason)
-
-            def forces(function: Matrices) -> Matrices:
-                def at(postures: Array) -> Array:
-                    G, D = np.split(function(postures), 2, axis=2)
-                    D = scale @ D @ scale / lead_time if lead_time > 0 else scale @ D @ scale / NEGLIGIBLE_STIFFNESS
-                    return with_forces(np.concatenate([scale @ G @ scale, D], axis=2))
-
-                return at
-
-            def inertia(plant: Plant) -> Matrices:
-                scaled = self._scaled_inertia(plant)
-                return lambda postures: fixed(scaled(postures))
-
-            parts = [[inertia(plant), *(forces(part) for part in corners.parts(plant))] for plant in self.plants]
-            angles = angles_that_matter([function for row in parts for function in row], self.boxes)
+            rows = [
+                [
+                    lambda postures, plant=plant: fixed(self._scaled_inertia(plant)(postures)),
+                    *(self._scaled_forces(function, lead_time, with_forces) for function in corners.parts(plant)),
+                ]
+                for plant in self.plants
+            ]
+            angles = angles_that_matter([function for row in rows for function in row], self.boxes)
             if (2 * degree + 1) ** len(angles) > MAX_GRID:
                 return replace(part, reason=f"they depend on {len(angles)} angles; search decides")
-            families = [
-                PolynomialFamily.from_parts(
-                    as_polynomials(row, plant.label, self.boxes[0][0], angles, degree),
-                    [np.concatenate([[1.0], corners.weights(*corner)]) for corner in corners.corners()],
-                )
-                for row, plant in zip(parts, self.plants, strict=True)
-            ]
-            functions = [function for family in families for function in family.members()]
             motions = corners.corners()
-
-            def breaks(index: int, posture: Array, motions: list[tuple[Array, Array, Array]] = motions) -> None:
-                v, s, a = motions[index % len(motions)]
-                if np.array_equal(s, v**2):
-                    v, a = v * self.speed, a * self.acceleration
-                    self._break(OperatingPoint(self.plants[index // len(motions)], posture, v, a))
-
+            weights = [np.concatenate([[1.0], corners.weights(*motion)]) for motion in motions]
+            functions: list[TrigPolynomial] = []
+            for row, plant in zip(rows, self.plants, strict=True):
+                polynomials = as_polynomials(row, plant.label, self.boxes[0][0], angles, degree)
+                functions += PolynomialFamily.from_parts(polynomials, weights).members()
+            breaks = partial(self._break_motion, motions)
             part = self._prove(name, words, functions, [1.0] * len(functions), breaks, angles)
             if part.reason != RELAXED:
                 return part
         return part
+
+    def _scaled_forces(self, function: Matrices, lead_time: float, with_forces: Callable[[Array], Array]) -> Matrices:
+        """Return a function of K = M̂^−½ [G, D/θ] M̂^−½; without a lead time D must be negligible."""
+        scale, unit = self.inverse_root, lead_time if lead_time > 0 else NEGLIGIBLE_STIFFNESS
+
+        def at(postures: Array) -> Array:
+            G, D = np.split(function(postures), 2, axis=2)
+            return with_forces(np.concatenate([scale @ G @ scale, scale @ D @ scale / unit], axis=2))
+
+        return at
+
+    def _break_motion(self, motions: list[tuple[Array, Array, Array]], index: int, posture: Array) -> None:
+        """Raise for a corner of the motions that is a motion, in a posture."""
+        v, s, a = motions[index % len(motions)]
+        if np.array_equal(s, v**2):
+            plant = self.plants[index // len(motions)]
+            self._break(OperatingPoint(plant, posture, v * self.speed, a * self.acceleration))
 
     def _prove(
         self,
@@ -390,13 +401,14 @@ class _Prover:
         self._break(OperatingPoint.at_rest(self.plants[index // 2], posture))
 
     def _fastest(self, index: int, posture: Array) -> None:
-        n_signs = 2 ** sum(self.speed[angle] > 0 for angle in self.angles)
+        n_signs = 2 ** int(np.sum(self.speed[self.angles] > 0))
         point = OperatingPoint.at_rest(self.plants[index // n_signs], posture)
         rate_point, evidence = MaxRatePoint.from_point(point, self.workspace), self.evidence
         cover = evidence.affine
         if cover is None:
-            raise _Broken(replace(evidence, max_rate_point=rate_point))
-        raise _Broken(replace(evidence, affine=replace(cover, rate_points=(*cover.rate_points, rate_point))))
+            raise _Broken(replace(evidence, max_rate_point=rate_point), posture)
+        cover = replace(cover, rate_points=(*cover.rate_points, rate_point))
+        raise _Broken(replace(evidence, affine=cover), posture)
 
     def _break(self, point: OperatingPoint) -> None:
         """Raise with the evidence to which a point is added that its bounds leave out."""
@@ -404,19 +416,15 @@ class _Prover:
         cover = evidence.affine
         if cover is not None:
             cover = replace(cover, force_points=(*cover.force_points, linearised))
-            raise _Broken(replace(evidence, affine=cover))
+            raise _Broken(replace(evidence, affine=cover), point.position)
         name = "largest_norm_moving" if point.is_moving else "largest_norm"
-        raise _Broken(replace(evidence, points=replace(evidence.points, **{name: linearised})))
+        raise _Broken(replace(evidence, points=replace(evidence.points, **{name: linearised})), point.position)
 
     def _scaled_inertia(self, plant: Plant) -> Matrices:
         return lambda postures: self.inverse_root @ inertia_matrices(plant, postures) @ self.inverse_root
 
     def _polynomial(self, function: Matrices, plant: Plant) -> TrigPolynomial:
         return as_polynomials([function], plant.label, self.boxes[0][0], self.angles)[0]
-
-
-RELAXED = "a corner of the motions that no motion reaches breaks it; search decides"
-"""Why a bound may stay open although no motion breaks it."""
 
 
 def _symmetric(block: Array, row: int, column: int, size: int) -> Array:

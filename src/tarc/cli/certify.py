@@ -42,6 +42,23 @@ Quick = Annotated[
         "that certifies a law.",
     ),
 ]
+Prove = Annotated[
+    bool,
+    typer.Option(
+        "--prove",
+        help="Prove what certified laws take from samples and search, for every posture, by branch and bound. Ctrl-C "
+        "keeps what is proven, and the same command goes on. It is kept in $XDG_CACHE_HOME/tarc/proofs, by default "
+        "~/.cache/tarc/proofs.",
+    ),
+]
+ProveTime = Annotated[
+    float,
+    typer.Option(
+        metavar="SECONDS",
+        min=0.001,
+        help="Time of --prove for each law. What is left then is printed, and the same command goes on.",
+    ),
+]
 Samples = Annotated[int, typer.Option(help="Number of sampled postures, before the local search for worse ones.")]
 
 
@@ -56,6 +73,8 @@ def certify(
     acceleration: Acceleration = "",
     samples: Samples = 2000,
     quick: Quick = False,
+    prove: Prove = False,
+    prove_time: ProveTime = 600.0,
     as_json: Json = False,
     figures: Figures = True,
 ) -> None:
@@ -69,6 +88,9 @@ def certify(
     A Lyapunov function affine in the inertia is then tried for each law that
     is not certified with a margin. Where it is not either, settings that
     certify the law are searched for and printed. --quick leaves out both.
+
+    A verdict says on how many sampled postures it rests. With --prove it says
+    for every posture, or which share of them is proven in --prove-time.
 
     Example: tarc certify ur5e --set law.synchronised=true --set law.inertia.fraction=0.5
     """
@@ -90,6 +112,8 @@ def certify(
         strengthened = certifications.strengthen()
         if not as_json:
             tables.print_strengthened(strengthened)
+    if prove:
+        prove_postures(certifications, prove_time, quiet=as_json)
     files = save_certificates(certifications, folder)
     if figures:
         files += save_figures(certifications, folder)
@@ -100,6 +124,26 @@ def certify(
         )
     else:
         tables.print_suggestions(loaded, certifications, files, commands)
+
+
+def prove_postures(certifications: "CertifiedLaws", time_limit: float, *, quiet: bool) -> None:
+    """Prove the certificates for every posture, and print what is proven.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        For Ctrl-C, after the folder in which open boxes are kept is printed.
+    """
+    from tarc.analysis.stored_proof import proofs_folder
+    from tarc.cli.tables import certify as tables
+
+    try:
+        certifications.prove(time_limit)
+    except KeyboardInterrupt:
+        print(f"What is proven is kept in {proofs_folder()}; the same command goes on.", file=sys.stderr)
+        raise
+    if not quiet:
+        tables.print_proofs(certifications)
 
 
 def certifying_commands(scenario: "Scenario", certifications: "CertifiedLaws") -> dict[str, str]:

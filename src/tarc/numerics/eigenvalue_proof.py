@@ -40,6 +40,8 @@ MIN_ROOM = 1e-6
 """What must be left of S B Sᵀ, whose centre is the identity. It stands for rounding in S and in the corners' test."""
 MAX_CONDITION = 1e8
 """Largest condition of B(c) for which S counts: n² 2⁻⁵³ times this is below `MIN_ROOM`."""
+MIN_PIVOT = 1e-12
+"""Pivot of a matrix near the identity that does not count as positive."""
 SLOPE_WEIGHT = 0.1
 """Weight of first derivatives, against higher ones, in the choice of the angle to cut across."""
 MAX_BATCH = 1024
@@ -246,14 +248,13 @@ class BoxTest:
 
 
 def positive_definite(matrices: Array) -> Array:
-    """Return whether each of many small symmetric matrices (k, n, n) is positive definite, by its pivots."""
+    """Return whether all pivots of each of many small symmetric matrices (k, n, n) are above `MIN_PIVOT`."""
     A = np.ascontiguousarray(matrices.transpose(1, 2, 0))
     n = len(A)
     result = np.ones(A.shape[2], dtype=bool)
     for j in range(n):
-        pivots = A[j, j]
-        result &= pivots > 0
-        rows = A[j, j + 1 :] / np.where(pivots > 0, pivots, 1.0)
+        result &= A[j, j] > MIN_PIVOT
+        rows = A[j, j + 1 :] * (result / np.where(result, A[j, j], 1.0))
         for i in range(j + 1, n):
             A[i, i:] -= rows[i - j - 1] * A[j, i:]
     return result

@@ -160,6 +160,28 @@ class CertifiedLaws(dict[str, LawCertification]):
         self.update(changed)
         return changed
 
+    def prove(self, time_limit: float = 600.0, progress: bool | None = None) -> None:
+        """Prove the certificate of each law that is certified for every posture, by `LawCertification.proven`.
+
+        Parameters
+        ----------
+        time_limit
+            Time for each law after which its proof stops as it is [s].
+        progress
+            Show progress bars when it takes more than two seconds; None for when standard error is a terminal.
+
+        Raises
+        ------
+        InvalidParameter
+            For a robot whose equations are no trigonometric polynomials, as with joints that slide.
+        KeyboardInterrupt
+            For Ctrl-C; what was proven is kept.
+        """
+        for name, certification in self.items():
+            if certification.verdict.certified:
+                proven = certification.proven(self.plants, self.workspace, time_limit=time_limit, progress=progress)
+                self[name] = proven
+
 
 class Scenario(BaseModel):
     """Description of a run, read from YAML by `load` and from a dictionary by `parse`.

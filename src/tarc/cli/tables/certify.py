@@ -49,6 +49,7 @@ def _summary(certificate: Certificate) -> dict[str, Any]:
     return {
         "claim": certificate.claim,
         "verdict": certificate.verdict,
+        "basis": certificate.basis,
         "margin": certificate.margin if math.isfinite(certificate.margin) else None,
         "margin_meaning": certificate.margin_meaning,
         "proof_grade": certificate.proof_grade,
@@ -138,6 +139,21 @@ def print_strengthened(certifications: dict[str, LawCertification]) -> None:
             f"({verdict.margin_meaning}); errors decay as e^(−{decay:.3g} t)",
             highlight=False,
         )
+
+
+def print_proofs(certifications: CertifiedLaws) -> None:
+    """Print the verdicts after the proof over all postures, and each bound with its proven share, by law."""
+    console = Console()
+    for name, certification in certifications.items():
+        if certification.proof is None:
+            console.print(f"{escape(name)}: not certified, so that there is nothing to prove", highlight=False)
+            continue
+        verdict = certification.verdict
+        console.print(
+            f"{escape(name)}: [{VERDICT_COLOURS[verdict.verdict]}]{verdict.verdict_in_words}[/]", highlight=False
+        )
+        for part in certification.proof.parts:
+            console.print(f"  {escape(str(part))}", highlight=False)
 
 
 def print_suggestions(
