@@ -263,7 +263,9 @@ def rows(walks: Sequence[float] = WALKS, budgets: Sequence[float] = BUDGETS) -> 
                 least = least_error(budget, noise=NOISE, disturbance=walk, period=PERIOD)
                 own = channel_of_weights(position_weights(literal.channel) * literal.ratio)
                 free = free_window(literal, walk, budget)
-                equal = free_window(literal, walk, budget, varying_spread(own))
+                equal = free
+                if varying_spread(free) < varying_spread(own):
+                    equal = free_window(literal, walk, budget, varying_spread(own))
                 errors = [loop_deviations(channel, 1.0, NOISE, walk).error / least for channel in (free, equal)]
                 spreads = [certified_spread(channel) for channel in (own, free, equal)]
                 found.append(Row(walk, budget, least, laws, *errors, *spreads))
