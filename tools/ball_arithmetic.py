@@ -8,6 +8,7 @@ import numpy as np
 from flint import acb, acb_mat, arb, arb_mat, arb_poly
 
 LOOSE = 1 + arb(2) ** -27  # widens the bounds that the file has in floating point
+LEAST = arb(2) ** -120  # squared stiffness that counts as none
 ROOM = 1.05  # what is needed may grow by this factor, since the worst points come from samples
 
 
@@ -19,6 +20,11 @@ def symmetric(x):
     if not np.array_equal(x, np.transpose(x)):
         raise ValueError("a matrix is not symmetric")
     return ball(x)
+
+
+def within_period(lead, T):
+    """Return (T/π)√((T/π)² + θ²), by which an acceleration adds to (x, θẋ) within a period (Wirtinger)."""
+    return T / arb.pi() * ((T / arb.pi()) ** 2 + lead**2).sqrt()
 
 
 def inverse(A):

@@ -3,7 +3,7 @@
 import numpy as np
 from flint import arb
 
-from ball_arithmetic import LOOSE, ROOM, ball, inverse, sign, symmetric
+from ball_arithmetic import LEAST, LOOSE, ROOM, ball, inverse, sign, symmetric
 from uncertain_inertia import affine_proof, at_rest, changes, contained, force, lags, tolerates
 
 
@@ -13,6 +13,18 @@ def relative_rate(point, inertia):
     values = [np.linalg.eigvals(np.linalg.solve(np.array(inertia), np.array(change, dtype=float))) for change in moved]
     rate = arb(float(np.abs(values).max())) * LOOSE + arb(2) ** -200
     return rate, min(sign(rate * M - change) for change in moved)
+
+
+def largest_stiffness(points, lead, T):
+    """Return a little more than sup|[H, C/θ]|, with 5 % more of both, at the start and the end of a period."""
+    largest = 0.0
+    for known in points:
+        M, D, G = (np.array(known["robot"][name]) for name in ("inertia", "damping", "stiffness"))
+        W = np.linalg.inv(np.array(known["nominal"]))
+        for damping in (D, D + T * (G + np.array(known["model_stiffness"]))):
+            size = np.linalg.solve(M @ W @ M, G @ W @ G.T + damping @ W @ damping.T / lead**2)
+            largest = max(largest, float(np.abs(np.linalg.eigvals(size)).max()))
+    return arb(largest).sqrt() * ROOM * LOOSE + LEAST
 
 
 def delayed(loop, periods):
@@ -64,7 +76,9 @@ def known_inertia(e, witness):
             if phi is not None:  # the law's own stiffness
                 needs = needs + force({"stiffness": 0 * M, "damping": known["model_stiffness"]}, W, arb(phi))
             found.append(sign((LOOSE * x / wider) ** 2 * size[p] - needs))
-        if not proof:
-            stiffness = force(point, W, lead) / eta**2 if eta > 0 else ball(np.zeros(M.shape))
-            found.append(contained(M, N, W, centre, needed, stiffness))
+        if not proof and eta > 0:
+            of_ball = centre, needed, eta, lead, largest_stiffness(e["points"], float(lead), T)
+            found.append(contained(point, N, W, of_ball, T, ball(known["model_stiffness"])))
+        elif not proof:
+            found += [sign(N * ROOM - (centre - needed) * M * ROOM**2), sign((centre + needed) * M - N * ROOM)]
     return min(found), f"all points have {e['min_ratio']:.6g} ≤ E ≤ {e['max_ratio']:.6g} and what the loop tolerates"

@@ -6,7 +6,21 @@ import math
 import numpy as np
 from flint import acb, arb, arb_mat
 
-from ball_arithmetic import LOOSE, ROOM, ball, inverse, on_circle, opened, positive, sign, square, stable, symmetric
+from ball_arithmetic import (
+    LEAST,
+    LOOSE,
+    ROOM,
+    ball,
+    inverse,
+    on_circle,
+    opened,
+    positive,
+    sign,
+    square,
+    stable,
+    symmetric,
+    within_period,
+)
 
 MEAN_SQUARES = [[120, 60, 20], [60, 40, 15], [20, 15, 6]], [[0, 0, 0], [0, 6, 3], [0, 3, 2]]
 
@@ -15,11 +29,12 @@ def tolerates(b, period, slope, growth=1):
     """Decide whether the loop is stable for all E(t) of a ball, with its stiffness, its change and all slopes κ(t).
 
     With v = M̂⁻¹τ, b = E v and d the acceleration by stiffness, a = b − d − ρ0 v is bounded by radius and η; d by the
-    stiffness; w by the slope; and Σ y_m (v(k+m)·b(k) − v(k)·b(k+m)) is bounded since E⁻¹ is symmetric and slow.
-    The states may grow by a factor in each period, for a norm that follows M̂(q).
+    stiffness σ, and by σg(ρ0 + δ)|(v, ηx, ηθẋ)| as the acceleration moves x within a period; w by the slope; and
+    Σ y_m (v(k+m)·b(k) − v(k)·b(k+m)) is bounded since E⁻¹ is symmetric and slow. The states may grow by a factor in
+    each period, for a norm that follows M̂(q).
     """
     loop, change, proof = b["loop"], b["max_change"], b["multiplier"] or {}
-    (A, B, C), mismatch = opened(loop, period, "B_mismatch"), ball(loop["B_mismatch"])
+    (A, B, C), mismatch, T = opened(loop, period, "B_mismatch"), ball(loop["B_mismatch"]), arb(period)
     robust, direct, half, lead = (ball(loop[name]) for name in ("B_robust", "D_robust", "half_slope", "lead_periods"))
     centre, radius, eta, sigma = (arb(b[name]) for name in ("centre", "radius", "position_weight", "stiffness"))
     half, lead, n, q, scale = half[0, 0], lead[0, 0], len(mismatch.T), ball(np.eye(1, len(A))), arb(b["scale"] or 1)
@@ -53,7 +68,10 @@ def tolerates(b, period, slope, growth=1):
             - radius**2 * square(G[0])
             - penalty * square(moved_by)
         )
-        size = (radius * eta) ** 2 * moved + forces * (LOOSE * sigma) ** 2 * moved + weight * half**2
+        of_both = 21 * (LOOSE * sigma * within_period(lead * T, T) * (centre + radius)) ** 2 * has_forces
+        of_position = (arb(21) / 20 * (LOOSE * sigma) ** 2 + of_both * eta**2) * moved
+        F = F - forces * of_both * square(G[0])
+        size = (radius * eta) ** 2 * moved + forces * of_position + weight * half**2
         return (F - size * square(G[1]) - mixed - np.conj(mixed.T))[np.ix_(kept, kept)]
 
     found, columns = stable(X * growth), np.hstack([mismatch, entry]) * growth
@@ -86,14 +104,29 @@ def at_rest(loop, point, nominal, T, witness):
 
 def force(point, W, lead):
     """Return G W Gᵀ + D W Dᵀ/θ²; it is infinite for a damping without a lead time θ."""
-    G, D = ball(point["stiffness"]), ball(point["damping"])
+    return stiff(ball(point["stiffness"]), ball(point["damping"]), W, lead)
+
+
+def stiff(G, D, W, lead):
     return G @ W @ G.T + (D @ W @ D.T / lead**2 if lead > 0 else ball(np.where(D == 0, 0, np.inf)))
 
 
-def contained(M, N, W, centre, radius, stiffness):
-    """Return whether |[E − ρ0, H/η, C/(ηθ)]| is below a radius, for 5 % more of E or 1/E, and of the stiffness."""
-    parts = [ratio * N - centre * M for ratio in (arb(ROOM), 1 / arb(ROOM))]
-    return min(sign(radius**2 * M @ W @ M - R @ W @ R - arb(ROOM) ** 2 * stiffness) for R in parts)
+def contained(point, N, W, b, T, own=0):
+    """Return whether |[E − ρ0, H/η, C/(ηθ)]| is below a radius with 5 % more of E or 1/E, of H and of C.
+
+    Since x(t) = x + tẋ in a period, C becomes C + HT at its end, where the law's own stiffness does not move. Beyond
+    this the acceleration adds to x and ẋ, so that the norm must be below δ(1 − g) − gρ0, g = sup|[H, C/θ]| within.
+    """
+    M, (centre, radius, eta, lead, stiffness) = symmetric(point["inertia"]), b
+    within = stiffness * within_period(lead, T)
+    below = radius * (1 - within) - within * centre
+    dampings = ball(point["damping"]), ball(point["damping"]) + arb(T) * (ball(point["stiffness"]) + own)
+    parts, size, found = [ratio * N - centre * M for ratio in (arb(ROOM), 1 / arb(ROOM))], M @ W @ M, []
+    for damping in dampings:
+        forces = stiff(ball(point["stiffness"]), damping, W, lead) * arb(ROOM) ** 2
+        found.append(sign((LOOSE * stiffness) ** 2 * size + LEAST * size - forces))
+        found += [sign(below**2 * size - R @ W @ R - forces / eta**2) for R in parts]
+    return min(found) if below > 0 else -1
 
 
 def changes(point):
@@ -139,7 +172,7 @@ def robot(e, witness):
             sign((LOOSE * x / ROOM) ** 2 * size[power] - force(point, W, arb(theta))) for power, theta, x in bounds
         ]
         if not cover and eta > 0:
-            found.append(contained(M, N, W, centre, radius, force(point, W, lead) / eta**2))
+            found.append(contained(point, N, W, (centre, radius, eta, lead, arb(b["stiffness"])), T))
     for point in rates:
         for change in changes(point):
             found.append(sign(LOOSE * rate / ROOM * N - change))

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 import tarc
 from tarc.analysis import Workspace
 from tarc.analysis.inertia_ratio import extreme_ratio_functions
-from tarc.analysis.operating_points import OperatingPoint, linearise_point, linearise_points
+from tarc.analysis.operating_points import OperatingPoint, UncertaintySamples, linearise_point, linearise_points
 from tarc.analysis.worst_points import InertiaRate, UncertaintyNorm
 from tarc.plants.base import Plant
 from tarc.signals.references import Sinusoid
@@ -143,3 +144,46 @@ def test_many_points_at_once(robot, is_moving):
         points = [OperatingPoint.at_rest(robot, point.position) for point in points]
     for found, expected in zip(linearise_points(points), zip(*map(linearise_point, points), strict=True), strict=True):
         np.testing.assert_allclose(found, np.array(expected), rtol=1e-12, atol=1e-9)
+
+
+def motion_within_a_period(E, H, C, start, period, steps=400):
+    """Return x, ẋ and ẍ of ẍ = E v − H x − C ẋ over a period, (steps + 1, n) each, from x, ẋ and v."""
+    n = len(E)
+    zero, one = np.zeros((n, n)), np.eye(n)
+    step = expm(np.block([[zero, one, zero], [-H, -C, E], [zero, zero, zero]]) * period / steps)
+    states = [np.concatenate(start)]
+    for _ in range(steps):
+        states.append(step @ states[-1])
+    path = np.array(states)
+    return path[:, :n], path[:, n : 2 * n], path @ np.hstack([-H, -C, E]).T
+
+
+def mean_square(values):
+    return np.sqrt(np.trapezoid(np.sum(values**2, axis=1)) / (len(values) - 1))
+
+
+def test_a_radius_with_a_period_bounds_the_acceleration_within_it():
+    """|ẍ − ρ0 v| ≤ δ |(v, η x, η θ ẋ)| in the mean square over a period, x at its start and ẋ its mean."""
+    rng, T, centre, weight, lead, shares = np.random.default_rng(5), 0.02, 0.8, 60.0, 0.1, []
+    for _ in range(100):
+        E = np.diag(rng.uniform(0.5, 1.0, 2))
+        H, C = rng.normal(size=(2, 2)) * rng.uniform(0, 60), rng.normal(size=(2, 2)) * rng.uniform(0, 5)
+        radius = UncertaintySamples(E[None], H[None], C[None]).grown(0.0, T).needed_radius(centre, weight, lead, T)
+        x, speed, v = rng.normal(size=(3, 2)) * [[rng.uniform(0, 0.03)], [rng.uniform(0, 1)], [1.0]]
+        positions, _, accelerations = motion_within_a_period(E, H, C, (x, speed, v), T)
+        mean_speed = (positions[-1] - x) / T
+        known = np.linalg.norm(np.concatenate([v, weight * x, weight * lead * mean_speed]))
+        shares.append(mean_square(accelerations - centre * v) / (radius * known))
+    assert 0.5 < max(shares) <= 1
+
+
+def test_without_the_end_of_the_period_the_radius_is_too_small():
+    """A spring of E = ρ0 that is moved towards its longer side."""
+    T, lead, one = 0.02, 0.1, np.eye(1)
+    found = UncertaintySamples(one[None], 50.0 * one[None], 0.0 * one[None])
+    plain, radius = found.needed_radius(1.0, 50.0, lead), found.grown(0.0, T).needed_radius(1.0, 50.0, lead, T)
+    assert plain == pytest.approx(1.0)
+    assert radius > np.hypot(1.0, T / lead)
+    positions, _, accelerations = motion_within_a_period(one, 50.0 * one, 0 * one, ([1.0], [1.5], [0.0]), T)
+    known = np.hypot(50.0, 50.0 * lead * (positions[-1, 0] - 1.0) / T)
+    assert plain * known < mean_square(accelerations) < radius * known

@@ -222,7 +222,7 @@ def test_loops_of_another_period_are_found_out(written, name, path, factor):
     assert certificate_from_dict(written[name]).verify()
     assert not certificate_from_dict(changed).verify()
     assert tool.decide(changed)[0] != 1
-    parent = changed
+    parent: Any = changed
     for key in path.split(".")[:-1]:
         parent = parent[int(key) if key.isdigit() else key]
     if "A" in parent:  # a torque that moves a state of the controller

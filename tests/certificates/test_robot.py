@@ -184,7 +184,7 @@ def test_ur5e():
     everywhere = Workspace.from_joint_limits(arm)
     X, spread = best_inertia_shape(arm, everywhere, samples=200)
     verdicts = {}
-    for window, synchronised in ((10, False), (5, True)):
+    for window, synchronised in ((10, False), (4, True)):
         found = certify_varying_ratio(make_tdc(window, synchronised)).evidence
         law = make_tdc(window, synchronised, inertia=X * found.min_ratio * np.sqrt(found.ratio_spread / spread))
         verdicts[synchronised] = certify_arm(law, arm, everywhere)

@@ -74,8 +74,9 @@ class KnownInertia:
         return M, D, G, slopes
 
     def uncertainty(self, points: Sequence[OperatingPoint]) -> UncertaintySamples:
-        """Return E, H and C at k points in coordinates M̂(q)^½ q."""
-        return to_posture_coordinates(self.inertias(points), *self.linearised(points))
+        """Return E, H, C and the law's own part of H at k points in coordinates M̂(q)^½ q."""
+        M, D, G, own = self.linearised_apart(points)
+        return to_posture_coordinates(self.inertias(points), M, D, G - own, own)
 
     def rates(self, points: Sequence[OperatingPoint], speed: Array) -> Array:
         """Return the largest ‖M̂^−½ (dM̂/dt) M̂^−½‖ [1/s] at k points within the speed limits, shape (k,)."""
@@ -107,14 +108,20 @@ def lagged_force_norms(
     return together.force_norms(0.0, power)
 
 
-def to_posture_coordinates(nominal: Array, M: Array, D: Array, G: Array) -> UncertaintySamples:
-    """Return the uncertainty in coordinates M̂^½ q, with an M̂ for each point; all have shape (k, n, n)."""
+def to_posture_coordinates(
+    nominal: Array, M: Array, D: Array, G: Array, own: Array | None = None
+) -> UncertaintySamples:
+    """Return the uncertainty in coordinates M̂^½ q, with an M̂ for each point; all have shape (k, n, n).
+
+    The law's own stiffness, by which G is less than that of the robot, acts at the position of the sample.
+    """
     values, vectors = np.linalg.eigh(nominal)
     transposed = vectors.transpose(0, 2, 1)
     root = vectors * values[:, None] ** 0.5 @ transposed
     inverse_root = vectors * values[:, None] ** -0.5 @ transposed
-    scaled = np.linalg.solve(M, np.concatenate([root, G @ inverse_root, D @ inverse_root], axis=2))
-    return UncertaintySamples(*np.split(root @ scaled, 3, axis=2))
+    parts = [root, G @ inverse_root, D @ inverse_root] + ([] if own is None else [own @ inverse_root])
+    scaled = np.linalg.solve(M, np.concatenate(parts, axis=2))
+    return UncertaintySamples(*np.split(root @ scaled, len(parts), axis=2))
 
 
 def worst_points(

@@ -58,11 +58,14 @@ class UncertaintySamples:
     ----------
     inertia, stiffness, damping
         E, H [1/s²] and C [1/s], each (k, n, n).
+    held_stiffness
+        That part of −H which the law itself adds, at the position of the sample [1/s²], (k, n, n); None for none.
     """
 
     inertia: Array
     stiffness: Array
     damping: Array
+    held_stiffness: Array | None = None
 
     def stiffness_norms(self, lead_time: float) -> Array:
         """Return ‖[H, C/θ]‖ of each point [1/s²], shape (k,), for the lead time θ [s]."""
@@ -93,7 +96,25 @@ class UncertaintySamples:
         stiffness = _stack(self.stiffness, self.damping, lead_time) / position_weight
         return _spectral_norms(np.concatenate([mismatch, stiffness], axis=2))
 
-    def needed_radius(self, centre: float, position_weight: float, lead_time: float = 0.0) -> float:
+    def needed_radius(
+        self, centre: float, position_weight: float, lead_time: float = 0.0, period: float = 0.0
+    ) -> float:
+        """Return the largest of `joint_norms`, and what the acceleration adds to it within a period.
+
+        The position within a period T is not x + t ẋ, and the velocity is not its mean. They differ by at most T/π and
+        (T/π)² times the acceleration, in the mean square (Wirtinger). With κ = ‖[H, C/θ]‖ the loop must tolerate
+
+            (norm + g ρ0)/(1 − g),     g = κ (T/π) √((T/π)² + θ²).
+
+        Without a period it is the norm alone.
+        """
+        largest = self._largest_norm(centre, position_weight, lead_time)
+        if not period or not np.isfinite(position_weight):
+            return largest
+        within = float(self.stiffness_norms(lead_time).max()) * within_period(lead_time, period)
+        return (largest + within * centre) / (1 - within) if within < 1 else np.inf
+
+    def _largest_norm(self, centre: float, position_weight: float, lead_time: float) -> float:
         """Return the largest of `joint_norms`, computed only where ‖E − ρ0 I‖² + ‖[H, C/θ]‖²/η² does not exclude it."""
         low, high = self._eigenvalues
         bounds = np.maximum(high - centre, centre - low) ** 2 + (self.stiffness_norms(lead_time) / position_weight) ** 2
@@ -135,15 +156,20 @@ class UncertaintySamples:
         """Norms that were computed, by lead time."""
         return {}
 
-    def grown(self, share: float) -> "UncertaintySamples":
-        """Return each point twice: E (1 + share) and E/(1 + share), both with H and C times 1 + share.
+    def grown(self, share: float, period: float = 0.0) -> "UncertaintySamples":
+        """Return each point with more uncertainty, at the start and the end of a period.
 
-        What lies between them has no larger norm, which is convex in E, H and C.
+        These are E (1 + share) and E/(1 + share), both with H and C times 1 + share. With a period T they are there
+        with C and with C + H T, since x(t) = x + t ẋ at the mean velocity. What lies between all of them has no larger
+        norm, which is convex in E, H and C.
         """
         factor = 1 + share
-        inertia = np.concatenate([factor * self.inertia, self.inertia / factor])
-        stiffness, damping = (factor * np.concatenate([part, part]) for part in (self.stiffness, self.damping))
-        return UncertaintySamples(inertia, stiffness, damping)
+        moving = self.stiffness if self.held_stiffness is None else self.stiffness + self.held_stiffness
+        dampings = [self.damping, self.damping + period * moving] if period else [self.damping]
+        count = len(dampings)
+        inertia = np.concatenate([factor * self.inertia] * count + [self.inertia / factor] * count)
+        stiffness = factor * np.concatenate(2 * count * [self.stiffness])
+        return UncertaintySamples(inertia, stiffness, factor * np.concatenate(2 * dampings))
 
     def lead_time(self) -> float:
         """Return the θ [s] at which the largest damping counts as the largest stiffness, at most `MAX_LEAD_TIME`.
@@ -156,8 +182,15 @@ class UncertaintySamples:
         return min(damping / max(stiffness, NEGLIGIBLE_STIFFNESS), MAX_LEAD_TIME)
 
     def __or__(self, added: "UncertaintySamples") -> "UncertaintySamples":
-        pairs = (self.inertia, added.inertia), (self.stiffness, added.stiffness), (self.damping, added.damping)
+        pairs = [(self.inertia, added.inertia), (self.stiffness, added.stiffness), (self.damping, added.damping)]
+        if self.held_stiffness is not None and added.held_stiffness is not None:
+            pairs.append((self.held_stiffness, added.held_stiffness))
         return UncertaintySamples(*(np.concatenate(pair) for pair in pairs))
+
+
+def within_period(lead_time: float, period: float) -> float:
+    """Return (T/π) √((T/π)² + θ²) [s²], what an acceleration adds to (x, θ ẋ) within a period T."""
+    return period / np.pi * float(np.hypot(period / np.pi, lead_time))
 
 
 def _stack(stiffness: Array, damping: Array, lead_time: float) -> Array:

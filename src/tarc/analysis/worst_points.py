@@ -287,6 +287,8 @@ class UncertaintyNorm:
 class GrownNorm:
     """The larger norm of the two points of `UncertaintySamples.grown`, which decides the robot certificate.
 
+    What happens within a period is left out; it adds a few per cent of stiffness and damping.
+
     With f = 1 + share they are f ‖[E − ρ0/f I, H/η, C/(η θ)]‖ and ‖[E − f ρ0 I, f² H/η, f² C/(η θ)]‖/f.
 
     Parameters

@@ -19,6 +19,8 @@ LEAD_FACTORS = 0.5, 1.0
 """Lead times to try, over that at which damping counts as much as stiffness."""
 ROOM = 1 + SEARCH_MARGIN
 """Factor on the largest ratio and rate that were found, and on the inverse of the smallest ratio."""
+MIN_LEAD_PERIODS = 4.0
+"""Least lead time of a robot with stiffness [periods], since its position moves within a period."""
 MAX_CANDIDATES = 4
 """Largest number of balls that are tested at all frequencies."""
 CLOSE_RANGE = 1.03
@@ -65,12 +67,13 @@ def fit_ball(
         sum(ratios) / 2,
     }
     sampled = worst_case_points(min(centres), sampled)
-    best, proof, radius = best_ball(channel, slope, centres, sampled.uncertainty.grown(SEARCH_MARGIN), max_change)
+    best, proof, radius = best_ball(channel, slope, centres, sampled.uncertainty, max_change)
     if best.position_weight:  # the norm that decides, over the whole workspace
         norm = GrownNorm(sampled.nominal, best.centre, best.position_weight, best.lead_time, SEARCH_MARGIN)
         sampled = sampled.search_globally(norm)
     loop = UncertainLoop.from_channel(channel, slope, intersample=True, lead_periods=best.lead_time / channel.period)
-    stiffness = ROOM * float(sampled.uncertainty.stiffness_norms(best.lead_time).max())
+    grown = sampled.uncertainty.grown(SEARCH_MARGIN, channel.period)
+    stiffness = float(grown.stiffness_norms(best.lead_time).max())
     ball = make_ball(
         loop,
         best.centre,
@@ -96,6 +99,14 @@ def worst_case_points(centre: float, sampled: SampledPoints) -> SampledPoints:
     return sampled
 
 
+def tried_lead_times(uncertainty: UncertaintySamples, period: float) -> list[float]:
+    """Return lead times θ to try [s]; zero for a robot without stiffness and damping."""
+    longest = uncertainty.lead_time()
+    if not longest and not float(uncertainty.stiffness_norms(0.0).max()) > NEGLIGIBLE_STIFFNESS:
+        return [0.0]
+    return list(dict.fromkeys(max(factor * longest, MIN_LEAD_PERIODS * period) for factor in LEAD_FACTORS))
+
+
 def best_ball(
     channel: Channel,
     slope: float,
@@ -108,21 +119,22 @@ def best_ball(
     Several are tested, because what holds on a grid of frequencies may fail between them. A ball for any rate may be
     better than that for a bounded rate.
     """
-    lead_times = dict.fromkeys(factor * uncertainty.lead_time() for factor in LEAD_FACTORS)
+    lead_times = tried_lead_times(uncertainty, channel.period)
     loops = {
         lead_time: UncertainLoop.from_channel(channel, slope, intersample=True, lead_periods=lead_time / channel.period)
         for lead_time in lead_times
     }
+    grown = uncertainty.grown(SEARCH_MARGIN, channel.period)
     candidates: list[BallCandidate] = []
     for centre, (lead_time, loop), limit in product(centres, loops.items(), dict.fromkeys([max_change, None])):
         reached = max((candidate.radius_over_needed for candidate in candidates), default=0.0)
-        candidates += best_weights(loop, centre, uncertainty, lead_time, limit, reached)
+        candidates += best_weights(loop, centre, grown, lead_time, limit, reached)
     candidates.sort(reverse=True, key=lambda candidate: candidate.radius_over_needed)
     best, proof, radius = candidates[0], None, -1.0
     for candidate in candidates[:MAX_CANDIDATES]:
         if candidate.radius_over_needed > radius / best.needed_radius:
             loop = loops[candidate.lead_time]
-            stiffness = float(uncertainty.stiffness_norms(candidate.lead_time).max())
+            stiffness = float(grown.stiffness_norms(candidate.lead_time).max())
             candidate_proof, candidate_radius = max_radius(
                 loop, candidate.centre, candidate.position_weight, max_change=candidate.max_change, stiffness=stiffness
             )
@@ -134,7 +146,7 @@ def best_ball(
 def best_weights(
     loop: UncertainLoop,
     centre: float,
-    uncertainty: UncertaintySamples,
+    grown: UncertaintySamples,
     lead_time: float,
     max_change: float | None = None,
     reached: float = 0.0,
@@ -145,11 +157,12 @@ def best_weights(
     over the weight, so the search goes uphill from the middle. The search at a weight ends where it cannot come close
     to the best, or to what other balls `reached`.
     """
-    responses, stiffness = FrequencyResponses(loop), float(uncertainty.stiffness_norms(lead_time).max())
-    weights = uncertainty.candidate_weights(centre, lead_time) or [0.0]
+    responses, stiffness = FrequencyResponses(loop), float(grown.stiffness_norms(lead_time).max())
+    period = loop.B[1, 0] ** 0.5
+    weights = grown.candidate_weights(centre, lead_time) or [0.0]
 
     def candidate(weight: float, reached: float) -> BallCandidate:
-        needed = uncertainty.needed_radius(centre, weight or np.inf, lead_time)
+        needed = grown.needed_radius(centre, weight or np.inf, lead_time, period)
         needed = needed if weight else max(needed, 0.1 * centre)
         if max_change is None:
             radius = responses.best_scale(centre, weight)[1]

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tarc.analysis.operating_points import within_period
 from tarc.analysis.uncertain_loop import FrequencyResponses, UncertainLoop
 from tarc.core.types import Array
 from tarc.numerics.norms import fdi_negative
@@ -22,6 +23,8 @@ MIN_COEFFICIENT = 1e-4
 """Share of the largest coefficient below which one is dropped."""
 MIN_DECAY = 1e-7
 """Least 1 − p of a decay; slower ones act only below the frequencies that are tested."""
+WITHIN_SHARE = 0.05
+"""Share β of the bound (1 + β) σ² + (1 + 1/β) ε² on (σ + ε)², where ε is what an acceleration adds in a period."""
 FORM_MARGIN = 1e-6
 """Amount by which the form must be negative, as a share of the mismatch's own square."""
 
@@ -36,7 +39,8 @@ class Multiplier(NamedTuple):
         2 Σ_k Σ_m y_m (v_{k+m}ᵀ b_k − v_kᵀ b_{k+m}) ≥ −2 Σ_m |y_m| D_m Σ_k ‖b_k‖²,
 
     because each summand is b_{k+m}ᵀ (E⁻¹_{k+m} − E⁻¹_k) b_k. It is added to ‖a‖² ≤ δ² (‖v‖² + η² ‖x‖²) and
-    ‖d‖ ≤ ‖H‖ ‖x‖, which hold for any rate of E.
+    ‖d‖ ≤ σ ‖x‖, σ = ‖H‖, which hold for any rate of E. Within a period the acceleration moves x and adds ε to d, with
+    ε = σ g (ρ0 + δ) √(‖v‖² + η² ‖x‖²), see `tarc.analysis.operating_points.UncertaintySamples.needed_radius`.
 
     Attributes
     ----------
@@ -152,7 +156,11 @@ def iqc_matrices(
         form = form + multiplier.slope * (_square(outputs[-1]) - _square(u[n_mismatch]))
         scale[n_mismatch] = multiplier.slope**-0.5
     if has_stiffness:
-        form = form + multiplier.stiffness * ((stiffness / position_weight) ** 2 * squared_position - _square(u[-1]))
+        period = loop.B[1, 0] ** 0.5
+        within = stiffness * within_period(loop.lead_periods.item() * period, period) * (centre + radius)
+        of_both = (1 + 1 / WITHIN_SHARE) * within**2
+        of_position = (1 + WITHIN_SHARE) * (stiffness / position_weight) ** 2 + of_both
+        form = form + multiplier.stiffness * (of_position * squared_position + of_both * _square(v) - _square(u[-1]))
         scale[-1] = multiplier.stiffness**-0.5
     Q, S, R = form[:m, :m], form[:m, m:] * scale, form[m:, m:] * scale * scale[:, None]
     return dynamics[:, :m], dynamics[:, m:] * scale, Q, S, R

@@ -21,6 +21,7 @@ from tarc.analysis.workspace import Workspace
 from tarc.analysis.worst_points import max_rate_point, sample_points
 from tarc.certificates.affine import AffineProof, find_proof
 from tarc.certificates.affine_form import RatioSet
+from tarc.certificates.ball_search import tried_lead_times
 from tarc.certificates.base import Certificate, LoopMatrices, Verdict
 from tarc.certificates.known_inertia_evidence import (
     KnownInertiaEvidence,
@@ -39,9 +40,6 @@ from tarc.laws.nominal_inertia import NominalInertia
 from tarc.laws.pole_placement import PolePlacement
 from tarc.numerics.norms import hinf_norm
 from tarc.plants.base import Plant
-
-LEAD_FACTORS = 0.5, 1.0
-"""Lead times to try, over that at which damping counts as much as stiffness."""
 
 POWERS = 0.0, 0.5, 1.0
 """Powers p of the bounds ‖E^−p [H, C/θ]‖ of the Lyapunov function."""
@@ -308,14 +306,14 @@ def _best_ball(
     ratios = np.linalg.eigvalsh(uncertainty.inertia)
     centre = float(ratios.min() + ratios.max()) / 2
     balls = []
-    for lead_time in dict.fromkeys(factor * uncertainty.lead_time() for factor in LEAD_FACTORS):
+    for lead_time in tried_lead_times(uncertainty, channel.period):
         lead_periods = lead_time / channel.period
         loop = UncertainLoop.from_channel(channel, slope, intersample=True, lead_periods=lead_periods)
         angles = FrequencyResponses(loop, centre).angles
         for weight in uncertainty.candidate_weights(centre, lead_time) or [0.0]:
             system = decayed_system(loop, centre, weight, growth)
             radius, scale = _grid_radius(system, angles, bool(slope))
-            needed = widened_radius(uncertainty, (centre, weight, lead_time), growth, computation_delay)
+            needed = widened_radius(uncertainty, (centre, weight, lead_time), growth, computation_delay, channel.period)
             balls.append(_Ball(radius / needed, radius, centre, weight, scale, loop))
     best = max(balls, key=lambda ball: ball.quality)
     system = decayed_system(best.loop, best.centre, best.position_weight, growth)
@@ -462,10 +460,9 @@ def _stiffness_note(evidence: KnownInertiaEvidence) -> str:
             "the stiffness of the law's model acts at the position of the torque's sample, and its matrix is that of "
             "the posture now; what it changes since that sample is left to the margin"
         )
-    return (
-        "the effect of stiffness and damping over a period follows from the position and the mean velocity, and that "
-        "of the law's model is as if its posture were the present one"
-    )
+    if evidence.computation_delay:
+        return "the stiffness of the law's model acts as if the posture of the torque's sample were the present one"
+    return "the stiffness of the law's model acts at the position of the sample, for a period"
 
 
 def _margin_meaning(evidence: KnownInertiaEvidence, verdict: Verdict) -> str:

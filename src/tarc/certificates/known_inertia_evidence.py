@@ -157,11 +157,11 @@ class KnownInertiaEvidence(Evidence):
         return (1 + SEARCH_MARGIN) * self.rate * self.period
 
     def uncertainty(self) -> UncertaintySamples:
-        """Return E, H and C of the points in coordinates M̂(q)^½ q."""
-        nominal = np.array([point.nominal for point in self.points])
+        """Return E, H, C and the law's own part of H of the points in coordinates M̂(q)^½ q."""
         robots = [point.robot for point in self.points]
         M, D, G = (np.array([getattr(robot, name) for robot in robots]) for name in ("inertia", "damping", "stiffness"))
-        return to_posture_coordinates(nominal, M, D, G)
+        nominal, own = (np.array([getattr(point, name) for point in self.points]) for name in KNOWN_PARTS)
+        return to_posture_coordinates(nominal, M, D, G, own)
 
     def lagged_force_norms(self, lead_time: float, power: float, lag_weight: float) -> Array:
         """Return ‖E^−p [H, C/θ, K/φ]‖ of the points [1/s²], shape (k,)."""
@@ -177,6 +177,7 @@ class KnownInertiaEvidence(Evidence):
             (self.centre, self.position_weight, self.loop.lead_periods.item() * self.period),
             self.growth,
             self.computation_delay,
+            self.period,
         )
 
     def judge(self) -> Judgement:
@@ -239,7 +240,7 @@ class KnownInertiaEvidence(Evidence):
         numbers = self.centre, self.radius, self.position_weight, lead_time, self.rate
         is_complete = np.all(np.isfinite(numbers)) and self.radius > 0 and self.centre > 0
         is_complete &= not has_stiffness or self.position_weight > 0
-        is_complete &= not has_damping or lead_time > 0
+        is_complete &= not (has_damping or has_stiffness) or lead_time > 0
         is_complete &= self.loop.B_mismatch.shape[1] == 2  # the posture changes within a period
         if not is_complete:
             return Judgement(Verdict.INCONCLUSIVE, -1.0)
@@ -267,7 +268,11 @@ def decayed_system(loop: UncertainLoop, centre: float, position_weight: float, g
 
 
 def widened_radius(
-    uncertainty: UncertaintySamples, ball: tuple[float, float, float], growth: float, computation_delay: int
+    uncertainty: UncertaintySamples,
+    ball: tuple[float, float, float],
+    growth: float,
+    computation_delay: int,
+    period: float,
 ) -> float:
     """Return the radius that contains points and worse ones, and what M̂(q) changes until the torque has acted.
 
@@ -286,9 +291,11 @@ def widened_radius(
         Relative change of M̂ in one period.
     computation_delay
         d, periods between a measurement and its torque.
+    period
+        T [s].
     """
     centre, weight, lead_time = ball
-    uncertainty = uncertainty.grown(SEARCH_MARGIN)
-    needed = uncertainty.needed_radius(centre, weight or np.inf, lead_time if weight else 0.0)
+    uncertainty = uncertainty.grown(SEARCH_MARGIN, period)
+    needed = uncertainty.needed_radius(centre, weight or np.inf, lead_time if weight else 0.0, period)
     largest_ratio = float(np.linalg.eigvalsh(uncertainty.inertia).max())
     return float(np.exp(growth) * (needed + largest_ratio * np.expm1((1 + computation_delay) * growth)))

@@ -62,7 +62,8 @@ def certify_robot(
     the stiffness and damping of gravity, springs and the motion itself. The law is certified if every operating point
     satisfies ‖[E − ρ0 I, H/η, C/(η θ)]‖ ≤ δ. Here δ is the radius that the loop tolerates, together with every slope
     of the robust term. The weight η and the lead time θ maximise the margin. Samples and search may miss the worst
-    point. So this must hold for 5 % more of E, E⁻¹, H, C and the rate than was found.
+    point. So this must hold for 5 % more of E, E⁻¹, H, C and the rate than was found. It must hold for C + H T as well,
+    because the position moves within a period, see `tarc.analysis.operating_points.UncertaintySamples`.
 
     With a speed in the workspace, the operating points are all motions up to that speed and its acceleration. The
     radius δ is then that for the largest ‖dE⁻¹/dt‖ at this speed, and is much larger. Without a speed E may change at
@@ -130,7 +131,7 @@ def certify_robot(
         robust_term_is_bounded=is_bounded,
         ball=ball,
         coupled_loop=coupled_loop,
-        points=_worst_points(sampled, candidate),
+        points=_worst_points(sampled, candidate, law.period),
         max_rate_point=rate_point,
         min_ratio=spread.min_ratio,
         max_ratio=spread.max_ratio,
@@ -257,14 +258,14 @@ def _max_rate_point(
     return MaxRatePoint.from_point(max_rate_point(plants, nominal, workspace, samples, seed), workspace)
 
 
-def _worst_points(sampled: SampledPoints, candidate: "BallCandidate") -> WorstPoints:
+def _worst_points(sampled: SampledPoints, candidate: "BallCandidate", period: float) -> WorstPoints:
     """Return the first two points, and those of the largest stiffness and joint norm, at rest and moving."""
     points, uncertainty = sampled.points, sampled.uncertainty
     stiffness_norms = uncertainty.stiffness_norms(candidate.lead_time)
     joint_norms = stiffness_norms
     if candidate.position_weight:
         ball = candidate.centre, candidate.position_weight, candidate.lead_time
-        joint_norms = uncertainty.grown(SEARCH_MARGIN).joint_norms(*ball).reshape(2, -1).max(axis=0)
+        joint_norms = uncertainty.grown(SEARCH_MARGIN, period).joint_norms(*ball).reshape(4, -1).max(axis=0)
     is_moving = np.array([point.is_moving for point in points])
 
     def worst(is_included: Array, values: Array) -> LinearisedPoint:
@@ -301,8 +302,7 @@ def _assumptions(
         "the robot stays in the workspace; friction is only a disturbance, except viscous friction of the robot at "
         "rest; dry friction may stop a mode that is refuted",
         "no torque limit is reached and no sample is lost",
-        f"the torque reaches the joints {computation_delay} periods late and is held for a period; the effect of "
-        "stiffness and damping over a period follows from the position and the mean velocity",
+        f"the torque reaches the joints {computation_delay} periods late and is held for a period",
         _motion_assumption(evidence, workspace),
     ]
     if isinstance(law, TARC) and law.max_gain is None:

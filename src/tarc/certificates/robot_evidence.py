@@ -280,17 +280,18 @@ class RobotEvidence(Evidence):
     def _judge_ball(self, ball: Ball, smallest: float, largest: float) -> Judgement:
         """Test whether the ball contains the ratios, the stiffness and the rate of all points."""
         lead_time = ball.loop.lead_periods.item() * self.period
-        uncertainty = self.uncertainty().grown(SEARCH_MARGIN)
+        uncertainty = self.uncertainty().grown(SEARCH_MARGIN, self.period)
         stiffness = float(uncertainty.stiffness_norms(lead_time).max())
         undecided, room = Judgement(Verdict.INCONCLUSIVE, 0.0), 1 + SEARCH_MARGIN
         has_damping = float(np.abs(uncertainty.damping).max()) > NEGLIGIBLE_STIFFNESS
         within = ball.loop.B_mismatch.shape[1] == 2  # the posture changes within a period
-        if not within or not np.isfinite(lead_time) or (lead_time <= 0 and has_damping):
+        has_either = has_damping or stiffness > NEGLIGIBLE_STIFFNESS
+        if not within or not np.isfinite(lead_time) or (lead_time <= 0 and has_either):
             return undecided
         needed_radius = max(room * largest - ball.centre, ball.centre - smallest / room)
         if ball.position_weight > 0:
-            joint_norms = uncertainty.joint_norms(ball.centre, ball.position_weight, lead_time)
-            needed_radius = max(needed_radius, float(joint_norms.max()))
+            joint_radius = uncertainty.needed_radius(ball.centre, ball.position_weight, lead_time, self.period)
+            needed_radius = max(needed_radius, joint_radius)
         elif not stiffness <= NEGLIGIBLE_STIFFNESS:  # without a weight the ball leaves the stiffness out
             return undecided
         if ball.max_change is not None:
