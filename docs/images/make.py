@@ -20,6 +20,7 @@ from PIL import Image
 from tarc import Scenario
 from tarc.design import design_controller
 from tarc.plants import load_robot
+from tarc.plotting.animation import animate
 from tarc.plotting.certificates import design_figure
 from tarc.plotting.runs import run_figure
 from tarc.plotting.style import COLOURS, STYLE
@@ -92,15 +93,15 @@ def examples() -> None:
 
 def demo() -> None:
     """Run the demo."""
-    draw(run_figure(Scenario.load("ur5e").run()), "demo.png")
+    draw(run_figure(Scenario.load("ur5e_model").run()), "demo.png")
 
 
 def animation() -> None:
     """Take a picture of the demo's animation in Chromium."""
-    runs = Scenario.load("ur5e").run()
+    runs = Scenario.load("ur5e_model").run()
     with tempfile.TemporaryDirectory() as folder:
         page, picture = Path(folder, "run.html"), Path(folder, "animation.png")
-        runs["TARC"].animate(page, others={"TDC": runs["TDC"]})
+        animate(runs, None, page)
         options = [
             "--headless=new",
             "--no-sandbox",

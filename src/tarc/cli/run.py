@@ -2,6 +2,7 @@
 
 import json
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -46,8 +47,9 @@ def run_scenario(
     figures: bool,
     animation: Path | None = None,
     view: bool = False,
+    verdicts: Mapping[str, str] | None = None,
 ) -> None:
-    """Run a scenario, write its results and print them."""
+    """Run a scenario, write its results and print them, with the verdicts of its laws by name."""
     from tarc.cli.tables import run as tables
 
     if animation is not None:
@@ -68,9 +70,9 @@ def run_scenario(
     if animation is not None:
         files.append(save_animation(runs, animation))
     if as_json:
-        print(json.dumps(tables.run_summary(scenario, runs, files), indent=2, allow_nan=False))
+        print(json.dumps(tables.run_summary(scenario, runs, files, verdicts), indent=2, allow_nan=False))
     else:
-        tables.print_runs(scenario, runs, files)
+        tables.print_runs(scenario, runs, files, verdicts)
     for result in runs.values() if view else ():
         result.view()
 

@@ -1,19 +1,22 @@
 """What `tarc run` and `tarc demo` print."""
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
-from tarc.cli.tables.console import print_written
+from tarc.cli.tables.console import VERDICT_COLOURS, print_written
 from tarc.scenario.model import Scenario
 from tarc.simulation.quantities import MEASURES, measure_unit
 from tarc.simulation.run import Run
 
 
-def run_summary(scenario: Scenario, runs: dict[str, Run], files: list[Path]) -> dict[str, Any]:
+def run_summary(
+    scenario: Scenario, runs: dict[str, Run], files: list[Path], verdicts: Mapping[str, str] | None = None
+) -> dict[str, Any]:
     """Return results as plain data, ready for JSON."""
     results = {}
     for name, run in runs.items():
@@ -25,11 +28,15 @@ def run_summary(scenario: Scenario, runs: dict[str, Run], files: list[Path]) -> 
             "saturated": status.saturated,
             "metrics": {key: value if math.isfinite(value) else None for key, value in metrics.items()},
         }
+    for name, verdict in (verdicts or {}).items():
+        results[name]["verdict"] = verdict
     return {"name": scenario.name, "runs": results, "files": [str(file) for file in files]}
 
 
-def print_runs(scenario: Scenario, runs: dict[str, Run], files: list[Path]) -> None:
-    """Print a table of measures, one column per run, and the files."""
+def print_runs(
+    scenario: Scenario, runs: dict[str, Run], files: list[Path], verdicts: Mapping[str, str] | None = None
+) -> None:
+    """Print a table of measures, one column per run, with its verdict where there is one, and the files."""
     console = Console()
     since = f", measured after {scenario.metrics_start:g} s" if scenario.metrics_start else ""
     table = Table(title=f"{scenario.name}, {scenario.duration:g} s{since}", title_justify="left")
@@ -47,6 +54,9 @@ def print_runs(scenario: Scenario, runs: dict[str, Run], files: list[Path]) -> N
     table.add_section()
     statuses = [str(run.status) for run in runs.values()]
     table.add_row("status", *[s if s.startswith("completed") else f"[bold red]{s}[/bold red]" for s in statuses], "")
+    if verdicts:
+        cells = [f"[{VERDICT_COLOURS[verdict]}]{verdict}[/]" for verdict in (verdicts[name] for name in runs)]
+        table.add_row("on the robot", *cells, "")
     console.print(table)
     if not any(results.values()):
         console.print(f"no measures: no run lasts beyond metrics_start, {scenario.metrics_start:g} s")
