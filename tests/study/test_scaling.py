@@ -9,7 +9,7 @@ from tarc.study.scaling import rescale
 
 RATIO = 50.0
 POSITION = 100.0
-MODEL_FREE = [name for name, part in tuned_laws().items() if "model" not in part]
+MODEL_FREE = [name for name, part in tuned_laws().items() if "model" not in part | part.get("inertia", {})]
 
 
 def run(law, ratio, position):

@@ -19,8 +19,8 @@ Laws = Annotated[
     str,
     typer.Option(
         metavar="A,B",
-        help="Names of laws with commas between, or all. Default: all, or the one of --law. tdc-model and tarc-model, "
-        "with M̂(q) of the scenario's robot, are not among all.",
+        help="Names of laws with commas between, or all. Default: all, or the one of --law. Those ending in -model "
+        "have M̂(q) of the scenario's robot.",
     ),
 ]
 OwnLaw = Annotated[

@@ -2,6 +2,7 @@
 
 from tarc.laws.adrc import ADRC
 from tarc.laws.asmc import ASMC
+from tarc.laws.barrier import BarrierTDARC
 from tarc.laws.base import Law, LawInput, LawOutput
 from tarc.laws.computed_torque import ComputedTorque
 from tarc.laws.corless_leitmann import CorlessLeitmann
@@ -19,6 +20,7 @@ from tarc.laws.sliding import SlidingMode
 from tarc.laws.super_twisting import SuperTwisting
 from tarc.laws.switching import Switching
 from tarc.laws.tarc import TARC
+from tarc.laws.tdarc import TDARC
 from tarc.laws.tdc import TDC
 from tarc.laws.tde import TDE
 from tarc.laws.terminal import TerminalSliding
@@ -29,10 +31,12 @@ __all__ = [
     "IVF",
     "PID",
     "TARC",
+    "TDARC",
     "TDC",
     "TDCIM",
     "TDE",
     "AdaptiveFuzzy",
+    "BarrierTDARC",
     "ComputedTorque",
     "CorlessLeitmann",
     "IntelligentPID",

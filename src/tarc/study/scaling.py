@@ -25,6 +25,25 @@ LAYER: Powers = {"boundary_layer": (1, 1)}
 
 OWN: dict[str, Powers] = {
     "TARC": {"rise_rate": (3, 0), "fall_rate": (3, 0), "boundary_layer": (0, 1)},
+    "TDARC": {
+        "rise_rate": (2, 0),
+        "fall_rate": (2, 0),
+        "state_rise_rate": (0, -2),
+        "state_fall_rate": (0, -2),
+        "max_state_gain": (1, 0),
+        **LAYER,
+    },
+    "BarrierTDARC": {
+        "position_limit": (0, 1),
+        "velocity_limit": (1, 1),
+        "barrier_gain": (2, 0),
+        "adaptation_rate": (2, 0),
+        "state_adaptation_rate": (0, -2),
+        "leakage": (1, 0),
+        "decay_time": (-1, 0),
+        "max_state_gain": (1, 0),
+        **LAYER,
+    },
     "IVF": {"ideal_velocity_gain": (1, 0), "max_correction": (2, 1)},
     "TDCIM": {"time_constant": (-1, 0)},
     "TerminalSliding": {

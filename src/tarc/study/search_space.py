@@ -100,24 +100,28 @@ def _law(kind: str, **fixed: Any) -> dict[str, Any]:
     return {"kind": kind, "estimator": {"kind": "Algebraic", "window": 0.010, "degree": 2}, **fixed}
 
 
+TARC_GAINS = {"rise_rate": (1e2, 1e5), "fall_rate": (1e2, 1e5), "boundary_layer": (1e-3, 0.1)}
+TDARC_GAINS = {
+    "rise_rate": (1.0, 1e4),
+    "fall_rate": (1.0, 1e4),
+    "state_rise_rate": (1.0, 1e5),
+    "state_fall_rate": (1.0, 1e5),
+    **LAYER,
+}
+BARRIER_GAINS = {
+    "position_limit": (1e-3, 0.1),
+    "velocity_limit": (0.1, 10.0),
+    "barrier_gain": (1.0, 1e3),
+    "adaptation_rate": (1.0, 1e4),
+    "state_adaptation_rate": (1.0, 1e5),
+    "leakage": (0.1, 100.0),
+    **LAYER,
+}
+BOUND_CAPS = {"max_gain": 100.0, "max_state_gain": 100.0}
+
 KNOWN = {"inertia": {"model": True, "gravity": True, "coriolis": True}}
 """M̂(q) of the scenario's own robot, without its friction."""
-
-MODEL_SPACES: dict[str, SearchSpace] = {
-    "tdc-model": SearchSpace(_law("TDC", **KNOWN), {**COMMON, "natural_frequency": (4.0, 120.0)}),
-    "tarc-model": SearchSpace(
-        _law("TARC", max_gain=10.0, **KNOWN),
-        {
-            **COMMON,
-            "natural_frequency": (4.0, 120.0),
-            "rise_rate": (1e2, 1e5),
-            "fall_rate": (1e2, 1e5),
-            "boundary_layer": (1e-3, 0.1),
-        },
-        extends="tdc-model",
-    ),
-}
-"""Laws with M̂(q), which `tarc tune` knows by name. They are no part of the comparison of laws without a model."""
+WITH_MODEL = {**COMMON, "natural_frequency": (4.0, 120.0)}
 
 SPACES: dict[str, SearchSpace] = {
     "tdc": SearchSpace(_law("TDC"), COMMON),
@@ -139,9 +143,11 @@ SPACES: dict[str, SearchSpace] = {
     ),
     "tarc": SearchSpace(
         _law("TARC", max_gain=10.0),
-        {**COMMON, "rise_rate": (1e2, 1e5), "fall_rate": (1e2, 1e5), "boundary_layer": (1e-3, 0.1)},
+        {**COMMON, **TARC_GAINS},
         extends="tdc",
     ),
+    "tdarc": SearchSpace(_law("TDARC", **BOUND_CAPS), {**COMMON, **TDARC_GAINS}, extends="tdc"),
+    "barrier": SearchSpace(_law("BarrierTDARC", **BOUND_CAPS), {**COMMON, **BARRIER_GAINS}, extends="tdc"),
     "ivf": SearchSpace(_law("IVF"), {**COMMON, "ideal_velocity_gain": (0.5, 60.0)}, extends="tdc"),
     "tdcim": SearchSpace(_law("TDCIM"), {**COMMON, "time_constant": (0.01, 2.0)}, extends="tdc"),
     "terminal": SearchSpace(
@@ -202,5 +208,13 @@ SPACES: dict[str, SearchSpace] = {
     "computed-torque-integral": SearchSpace(
         _law("ComputedTorque", model="robot", friction_at_reference=True),
         {**POLES, **WINDOW, "integral_gain": (0.1, 30.0)},
+    ),
+    "tdc-model": SearchSpace(_law("TDC", **KNOWN), WITH_MODEL),
+    "tarc-model": SearchSpace(_law("TARC", max_gain=10.0, **KNOWN), {**WITH_MODEL, **TARC_GAINS}, extends="tdc-model"),
+    "tdarc-model": SearchSpace(
+        _law("TDARC", **BOUND_CAPS, **KNOWN), {**WITH_MODEL, **TDARC_GAINS}, extends="tdc-model"
+    ),
+    "barrier-model": SearchSpace(
+        _law("BarrierTDARC", **BOUND_CAPS, **KNOWN), {**WITH_MODEL, **BARRIER_GAINS}, extends="tdc-model"
     ),
 }

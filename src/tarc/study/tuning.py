@@ -20,7 +20,7 @@ from tarc.core.progress import Progress
 from tarc.scenario.model import Scenario
 from tarc.simulation.run import Run
 from tarc.study.comparison import check_comparable, run_one
-from tarc.study.search_space import MODEL_SPACES, SPACES, SearchSpace
+from tarc.study.search_space import SPACES, SearchSpace
 
 FAILURE_SCORE = 60.0
 """Objective of a run that did not complete, above that of any that did."""
@@ -187,8 +187,7 @@ def tune_all(
     Parameters
     ----------
     names
-        Names out of `default_search_spaces`, ``tdc-model`` or ``tarc-model``, the laws with M̂(q) of the scenario's
-        robot.
+        Names out of `default_search_spaces`.
     scenarios, limits, trials, seed, progress
         As in `tune`.
     jobs
@@ -206,7 +205,7 @@ def tune_all(
     InvalidParameter
         For an unknown name, and for a process that was killed.
     """
-    spaces = {**default_search_spaces(), **MODEL_SPACES, **(spaces or {})}
+    spaces = {**default_search_spaces(), **(spaces or {})}
     for name in names:
         check.one_of("laws", name, spaces)
     contents = [scenario.model_dump() for scenario in scenarios]
