@@ -156,7 +156,9 @@ def claims() -> dict[str, Value]:
         "derivatives": _derivatives(page.columns(r"^(TDC|TARC) +(None|16) +(\S+ mrad, \S+ N m/s)$")),
         "best": _best(page.columns(r"^(None|16) +(\S+) mrad, (\S+) M, (\S+)$")),
         "moves": _moves(own[4e3], rivals),
-        "growth": _growth(page.names["grown"], page.names["similar_gain"]),
+        "growth": _growth(page.names["grown"]),
+        "stiff": _stiff(page.names["stiff"]),
+        "later": _later(page.names["line"]),
         "filters": table(
             ["estimator", "RMS error [mrad]", "torque variation [N m/s]"],
             [(name, f"{1e3 * float(error):.2f}", f"{float(variation):.0f}") for name, error, variation in filters],
@@ -205,20 +207,42 @@ def _moves(own: dict, rivals: dict) -> str:
     return table(["law", "perfect sensor", "sample", "20 ms", "16 bits", "sample", "20 ms"], rows)
 
 
-def _growth(grown: dict, similar_gain: dict) -> str:
+def _growth(grown: dict) -> str:
     rows = []
     for name, pair in grown.items():
         for bits, run in pair.items():
             moves = f"{run['smooth overestimation']:.1f}, {run['smooth underestimation']:.1f}"
             rows.append((name, _sensor(str(bits)), f"{run['gain']:.2f}", f"{run['error']:.2f}", moves))
-    for name, run in similar_gain.items():
-        plain, smooth = run.metrics(1.0), run.metrics(1.0, averaging_time=0.020)
-        moves = f"{100 * smooth['overestimation']:.1f}, {100 * smooth['underestimation']:.1f}"
-        is_constant = name == "constant gain"
-        cells = (f"{plain['mean_gain']:.2f}", f"{1e3 * plain['rms_error']:.2f}", NO_VALUE if is_constant else moves)
-        rows.append((name, _sensor("16"), *cells))
     heads = ["f", "sensor", "mean gain [rad/s²]", "RMS error [mrad]", "over- and underestimation over 20 ms [%]"]
     return table(heads, rows)
+
+
+def _stiff(found: dict[tuple[str, float], dict[str, float]]) -> str:
+    names = list(dict.fromkeys(name for name, _ in found))
+    gains = list(dict.fromkeys(gain for _, gain in found))
+    rows = []
+    for name in names:
+        cells = [_stiff_cell(found[name, gain], name) for gain in gains]
+        rows.append((name, *cells))
+    heads = ["f", *(f"mean gain {gain:g} rad/s²: mrad, N m/s, over- and underestimation" for gain in gains)]
+    return table(heads, rows)
+
+
+def _stiff_cell(one: dict[str, float], name: str) -> str:
+    moves = "" if name == "constant gain" else f", {one['over']:.0f} and {one['under']:.0f} %"
+    return f"{one['error']:.3f}, {one['variation']:.0f}{moves}"
+
+
+def _later(line: dict[str, dict[str, float]]) -> str:
+    rows = []
+    for name, run in line.items():
+        moves = f"{100 * run['overestimation']:.1f}, {100 * run['underestimation']:.1f}" if "mean_gain" in run else ""
+        adapts = moves and not name.startswith("barrier")
+        error, peak = f"{1e3 * run['rms_error']:.3f}", f"{run['peak']:.2f}"
+        numbers = (error, peak, f"{run['outside']:.1f} %", f"{run['torque_variation']:.0f}")
+        rows.append((name, *numbers, moves if adapts else NO_VALUE))
+    heads = ["law", "RMS error [mrad]", "peak of a joint [mrad]", "beyond 3 mrad", "torque variation [N m/s]"]
+    return table([*heads, "over- and underestimation over 20 ms [%]"], rows)
 
 
 def _counts(runs: dict) -> list[str]:

@@ -111,3 +111,17 @@ def optimum() -> dict[str, Value]:
     heads = [*units, "window", "polynomial", "free", "free, as robust"]
     heads += [f"spread, {one}" for one in ("polynomial", "free", "free, as robust")]
     return {"laws": table([*units, "least error / σ", *names], laws), "free": table(heads, free)}
+
+
+@long_source
+def adaptive_term() -> dict[str, Value]:
+    """Errors of TARC and TDC with M̂(q) where friction and load differ from the design; the figure is drawn too."""
+    from benchmarks import adaptive_term as benchmark
+
+    results = benchmark.run_all()
+    benchmark.figure(results).savefig(ROOT / "docs" / "images" / "adaptive-term.png", dpi=110)
+    chosen = [label.split("; ") for label in benchmark.chosen(results).values()]
+    return {
+        "cases": table(benchmark.HEADS, benchmark.rows(results)),
+        "chosen": table(["law", "gains chosen as designed"], chosen),
+    }
