@@ -50,7 +50,7 @@ MAX_ERROR = 0.02
 """Largest error in the last second of a nonlinear run that survives [rad]."""
 FIRST_DESIGNS = Path(__file__).parent / "7266d86.json"
 """M̂, window and degree that the design tool chose at that revision, for the arms that it could load."""
-RESULTS = Path(__file__).parent / "attacks.json"
+RESULTS = Path(__file__).parents[1] / "runs" / "attacks.json"
 
 
 class Arm(NamedTuple):
@@ -329,10 +329,11 @@ def main() -> None:
     parser.add_argument("robots", nargs="*", metavar="ROBOT", help=f"some of {', '.join(ARMS)}; default all")
     parser.add_argument("--designs", type=Path, help="JSON with M̂, window and degree by name; default: today's designs")
     parser.add_argument("--attacks", type=int, default=1000, help="on each loop beyond the certified one")
-    parser.add_argument("--on-certified", type=int, default=6000, help="attacks on each certified loop")
+    parser.add_argument("--on-certified", type=int, default=7000, help="attacks on each certified loop")
     parser.add_argument("--runs", type=int, default=200, help="nonlinear runs of each certified loop")
     parser.add_argument("--out", type=Path, default=RESULTS, help="file of results")
     options = parser.parse_args()
+    options.out.parent.mkdir(parents=True, exist_ok=True)
     console, start = Console(width=None if Console().is_terminal else 150), time.monotonic()
     shapes: dict[str, Shape] = {}
     label = "today"

@@ -30,15 +30,15 @@ from tarc.plants import TwoLinkArm
 from tarc.plotting.style import COLOURS, StyledFigure
 
 WINDOWS = (2, 5, 10, 20, 50)
-RATES = (1.0, 10.0, 100.0, 1000.0, 1e4)
+RATES = (1.0, 10.0, 100.0, 300.0, 1000.0, 3000.0, 1e4)
 """Of the inertia in units of M̂ [1/s]."""
 FREQUENCIES = (2.0, 4.0, 8.0, 16.0, 32.0)
 """Natural frequencies of the arm whose gravity grows [rad/s]."""
 GRAVITIES = (1.0, 1e5)
 """Range of the search for its largest gravity [m/s²]."""
 TURNS = np.geomspace(1e-4, np.pi, 60)
-"""Rates at which a mismatch turns [rad per period]."""
-SPREADS = np.geomspace(1.05, 3000.0, 80)
+"""Rates at which the axes of a mismatch turn [rad per period]."""
+SPREADS = np.geomspace(1.02, 1000.0, 60)
 TOPS = (0.85, 0.96)
 """Upper ends of the ranges that the affine function is tried on, over that of the stable range."""
 
@@ -54,7 +54,10 @@ class HowMuch(NamedTuple):
 
 
 class HowFast(NamedTuple):
-    """Spreads of one loop for a rate [1/s]: certified by the multiplier's ball and the affine function, and broken."""
+    """Spreads of one loop for a rate [1/s]: certified by the multiplier's ball and the affine function, and broken.
+
+    Broken is about the same centre as the wider one of the two, or below the same upper end.
+    """
 
     rate: float
     ball: float
@@ -74,21 +77,27 @@ def _loop(window: int, synchronised: bool) -> LawParameters:
     return LawParameters(window=window, synchronised=synchronised)
 
 
-def broken_spread(design: LawParameters, centre: float, rate: float = np.inf) -> float:
-    """Return the smallest spread about a centre that a turning mismatch breaks, with ‖dE⁻¹/dt‖ at most the rate.
+def broken_spread(
+    design: LawParameters, *, centre: float | None = None, top: float = 0.0, rate: float = np.inf
+) -> float:
+    """Return the smallest spread that a turning mismatch breaks, about a centre or below an upper end.
 
-    The eigenvalues are the centre ± the radius. The inertia of a pair that turns by φ per period changes by half of
-    φ/T times the difference of its eigenvalues.
+    ‖ΔE⁻¹‖ of a period is at most the rate times T: that of a pair whose axes turn by φ is sin φ times the difference of
+    its eigenvalues.
     """
     law = recurrence(design)
-    for spread in SPREADS:
-        radius = centre * (spread - 1) / (spread + 1)
-        difference = 1 / (centre - radius) - 1 / (centre + radius)
-        turns = TURNS[difference * TURNS <= 2 * rate * PERIOD]
-        case = UncertainCase(law, centre, radius)
-        if np.any(growth_per_period(case, 0.0, np.append(turns, 0.0)) > 1 + 1e-9):
-            return float(spread)
-    return float(SPREADS[-1])
+
+    def is_broken(spread: float) -> bool:
+        middle = top * (1 + 1 / spread) / 2 if centre is None else centre
+        radius = middle * (spread - 1) / (spread + 1)
+        difference = 1 / (middle - radius) - 1 / (middle + radius)
+        turns = TURNS[difference * np.sin(np.minimum(TURNS, np.pi / 2)) <= rate * PERIOD]
+        case = UncertainCase(law, middle, radius)
+        return bool(np.any(growth_per_period(case, 0.0, np.append(turns, 0.0)) > 1 + 1e-9))
+
+    first = next((k for k, spread in enumerate(SPREADS) if is_broken(float(spread))), len(SPREADS) - 1)
+    ends = float(SPREADS[max(first - 1, 0)]), float(SPREADS[first])
+    return _last(ends, lambda spread: not is_broken(spread), 1.005)[1]
 
 
 def how_much() -> list[HowMuch]:
@@ -99,7 +108,7 @@ def how_much() -> list[HowMuch]:
             design = _loop(window, synchronised)
             low, high = stable_interval(design.law)
             ball = certify_varying_ratio(design.law, intersample=False).evidence
-            broken = broken_spread(design, ball.centre)
+            broken = broken_spread(design, centre=ball.centre)
             found.append(HowMuch(synchronised, window, high / low, ball.ratio_spread, broken))
     return found
 
@@ -113,17 +122,12 @@ def how_fast(window: int = 5) -> list[HowFast]:
             low, high = stable_interval(design.law)
             affine = [_widest(design.law, rate, share * high, low) for share in TOPS]
             spread, top = max(zip(affine, TOPS, strict=True))
-            # the mismatch that turns has the ends of the widest certified range, or is about the ball's centre
-            centres = [ball.centre, share_centre(spread, top * high)]
-            broken = min(broken_spread(design, centre, rate) for centre in centres)
-            found.append(HowFast(rate, ball.ratio_spread, spread, broken))
+            is_ball = ball.ratio_spread > spread
+            place = {"centre": ball.centre} if is_ball else {"top": top * high}
+            broken = broken_spread(design, rate=rate, **place)
+            found.append(HowFast(rate, float(ball.ratio_spread), spread, broken))
             bar.advance()
     return found
-
-
-def share_centre(spread: float, top: float) -> float:
-    """Return the middle of a range with this spread below an upper end."""
-    return top * (1 + 1 / spread) / 2
 
 
 def _widest(law: TDE, rate: float, top: float, low: float) -> float:
@@ -172,10 +176,10 @@ def stiffnesses() -> list[Stiffness]:
     return found
 
 
-def _last(ends: tuple[float, float], holds: Callable[[float], bool]) -> tuple[float, float]:
-    """Return the largest value that holds and one 5 % above that does not, by bisection of logarithms."""
+def _last(ends: tuple[float, float], holds: Callable[[float], bool], close: float = 1.05) -> tuple[float, float]:
+    """Return the largest value that holds and one within a factor that does not, by bisection of logarithms."""
     low, high = ends
-    while high > 1.05 * low:
+    while high > close * low:
         middle = (low * high) ** 0.5
         low, high = (middle, high) if holds(middle) else (low, middle)
     return low, high
@@ -200,6 +204,8 @@ def _draw_much(found: Sequence[HowMuch]) -> StyledFigure:
         axes.set_title("synchronised" if synchronised else "literal", fontsize="medium")
         axes.set_xlabel("window [periods]")
         axes.set_ylim(1, 1e3)
+        axes.set_xticks(windows, labels=[str(window) for window in windows], minor=False)
+        axes.set_xticks([], minor=True)
         axes.grid(alpha=0.3)
     panels[0].set_ylabel("largest over smallest inertia ratio")
     panels[1].legend(frameon=False, fontsize="small")
@@ -215,7 +221,7 @@ def _draw_fast(found: Sequence[HowFast]) -> StyledFigure:
     axes.loglog(rates, broken, "x-", color=COLOURS[1], label="a turning mismatch breaks it")
     axes.loglog(rates, [row.affine for row in found], "o-", color=COLOURS[0], label="certified, affine function")
     axes.loglog(rates, [row.ball for row in found], "s--", color=COLOURS[2], label="certified, ball with a multiplier")
-    axes.set_xlabel("rate of the inertia in units of M̂ [1/s]")
+    axes.set_xlabel("rate of the inertia in units of $\\hat M$ [1/s]")
     axes.set_ylabel("largest over smallest ratio")
     axes.set_ylim(10, 500)
     axes.grid(alpha=0.3)
@@ -234,6 +240,8 @@ def _draw_stiff(found: Sequence[Stiffness]) -> StyledFigure:
     axes.set_xlabel("natural frequency [rad/s]")
     axes.set_ylabel("stiffness of gravity and motion [1/s²]")
     axes.set_ylim(top=10 * max(broken))
+    axes.set_xticks(values, labels=[f"{value:g}" for value in values], minor=False)
+    axes.set_xticks([], minor=True)
     axes.grid(alpha=0.3)
     axes.legend(frameon=False, fontsize="small")
     return drawn

@@ -125,3 +125,51 @@ def adaptive_term() -> dict[str, Value]:
         "cases": table(benchmark.HEADS, benchmark.rows(results)),
         "chosen": table(["law", "gains chosen as designed"], chosen),
     }
+
+
+@long_source
+def three_questions() -> dict[str, Value]:
+    """Compare what is certified with what breaks, for spread, rate and stiffness; draw the figures too."""
+    from benchmarks import three_questions as questions
+
+    much, fast, stiff = questions.how_much(), questions.how_fast(), questions.stiffnesses()
+    for name, drawn in questions.figures(much, fast, stiff).items():
+        drawn.savefig(ROOT / "docs" / "images" / f"{name}.png", dpi=110)
+    shares = {
+        "much": min(row.certified / row.broken for row in much),
+        "fast": min(max(row.ball, row.affine) / row.broken for row in fast),
+        "stiff": min(row.certified / row.broken for row in stiff),
+    }
+    return {f"{name}_share": 100 * share for name, share in shares.items()}
+
+
+@long_source
+def attacks() -> dict[str, Value]:
+    """Attack the loops of eight arms with the designs of two revisions, beyond what is certified as well."""
+    from benchmarks import attacks as benchmark
+
+    options = ["--designs", str(benchmark.FIRST_DESIGNS)]
+    for further in (options, []):
+        subprocess.run([sys.executable, "-m", "benchmarks.attacks", *further], cwd=ROOT, check=True)
+    found = benchmark.known_results(benchmark.RESULTS)
+    rows = [
+        (
+            one.name,
+            one.designs,
+            f"{one.certified:.3g}",
+            one.route,
+            f"{one.broken_at:.3g}",
+            f"{one.share:.2f}",
+            f"{one.broken} of {one.attacks}",
+            f"{one.failed} of {one.runs}",
+        )
+        for one in found
+    ]
+    heads = ["arm", "design of", "certified [rad/s]", "by", "broken at [rad/s]", "share"]
+    heads += ["broken by motions", "failed runs"]
+    return {
+        "arms": table(heads, rows),
+        "count": float(sum(one.attacks + one.runs for one in found)),
+        "broken": float(sum(one.broken + one.failed for one in found)),
+        "revision": "`" + "`, `".join(dict.fromkeys(one.revision for one in found)) + "`",
+    }
