@@ -18,6 +18,7 @@ from flint import arb, arb_poly, ctx, fmpq, fmpq_poly
 
 from ball_arithmetic import ball, inverse, on_circle, opened, sign, stable, symmetric
 from known_inertia import known_inertia
+from region import region
 from uncertain_inertia import affine, robot, varying_ratio
 
 
@@ -147,7 +148,7 @@ def nominal(e, witness):
 
 CHECKS = dict(constant_ratio=one_parameter, sector=one_parameter, varying_ratio=varying_ratio, affine=affine)
 CHECKS |= dict(robot=robot, known_inertia=known_inertia, lemma1=lemma1, c2=c2, theorem1=theorem, theorem2=theorem)
-CHECKS |= dict(nominal=nominal)
+CHECKS |= dict(nominal=nominal, region=region)
 
 
 def decide(content):

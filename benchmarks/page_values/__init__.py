@@ -1,6 +1,16 @@
 """Where the numbers of the pages come from: one function per source, in `SOURCES` by name."""
 
-from benchmarks.page_values import certificates, demo, explanation, known_model, lemma1, long_runs, real_robots, start
+from benchmarks.page_values import (
+    certificates,
+    demo,
+    explanation,
+    known_model,
+    lemma1,
+    long_runs,
+    real_robots,
+    region,
+    start,
+)
 from benchmarks.page_values.registry import SOURCES, Value
 
 __all__ = [
@@ -13,5 +23,6 @@ __all__ = [
     "lemma1",
     "long_runs",
     "real_robots",
+    "region",
     "start",
 ]

@@ -25,6 +25,7 @@ from tarc.certificates.affine import AffineEvidence
 from tarc.certificates.base import Certificate, Evidence, certificate_from_plain
 from tarc.certificates.constant_ratio import ConstantRatioEvidence, certify_constant_ratio
 from tarc.certificates.known_inertia_evidence import KnownInertiaEvidence
+from tarc.certificates.region import RegionEvidence
 from tarc.certificates.robot import certify_robot, strengthen_robot
 from tarc.certificates.robot_evidence import RobotEvidence
 from tarc.certificates.robot_proof import ProvenRobot, prove_robot
@@ -468,6 +469,7 @@ def _evidence_types() -> dict[str, type[Evidence]]:
         SectorEvidence,
         VaryingRatioEvidence,
         AffineEvidence,
+        RegionEvidence,
         Lemma1Evidence,
         ConditionC2Evidence,
         Theorem1Evidence,

@@ -21,6 +21,7 @@ from tarc.certificates import (
     certify_affine,
     certify_constant_ratio,
     certify_known_inertia,
+    certify_region,
     certify_robot,
     certify_sector,
     certify_varying_ratio,
@@ -28,6 +29,7 @@ from tarc.certificates import (
 from tarc.certification import certificate_from_dict
 from tarc.core.errors import InvalidParameter
 from tarc.paper.kernel import lag_area
+from tarc.signals import Quintic
 
 ARM = plants.TwoLinkArm()
 PATH = Workspace.box([-0.5, 1.0], [0.5, 2.0])
@@ -61,6 +63,8 @@ def certificates() -> Iterator[tuple[str, Any]]:
     known = make_tdc(6, True, 20.0, NominalInertia(ARM, 0.8, gravity=True, coriolis=True))
     slow = Workspace.box([-0.5, 1.0], [0.5, 2.0], speed=1.0)
     yield "known inertia", certify_known_inertia(known, ARM, slow, samples=20, quick=True)
+    swing = Quintic(points=[[0.2], [0.5]], times=[0.0, 0.5])
+    yield "region", certify_region(make_tdc(2, False), plants.Pendulum(), swing, 0.5, max_error=0.3, samples=10)
     yield "affine", certify_affine(make_tdc(window=5), (0.02, 0.3), 10.0)
 
 

@@ -67,7 +67,7 @@ def test_import_is_light():
         assert not heavy & loaded, module
 
 
-LONG_EXAMPLES = {"affine_certificate", "certify_robot", "design_robot"}
+LONG_EXAMPLES = {"affine_certificate", "certify_robot", "design_robot", "largest_error"}
 
 
 @pytest.mark.parametrize(

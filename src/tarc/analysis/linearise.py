@@ -295,3 +295,36 @@ def _required_states(F: Array, inputs: Array, outputs: Array) -> Array:
         walks = walks @ unused
     # a cycle among the unused states could have an eigenvalue of its own
     return np.ones_like(required) if walks.any() else required
+
+
+def initial_responses(law: Law, computation_delay: int = 0) -> tuple[Array, Array]:
+    """Return the states x of the loop of one joint at the start, for a unit position and for a unit v.
+
+    The law starts with a window full of the first position, and with the torque that was applied before.
+
+    Parameters
+    ----------
+    law
+        A law whose joints share a loop, see `decoupled_channels`.
+    computation_delay
+        Periods between a measurement and its torque.
+
+    Returns
+    -------
+    tuple
+        x for the position 1 and v = 0, and for the position 0 and v = 1, each of the shape of the states of `Channel`.
+    """
+    law = require_inertia(law, "its linearisation")
+    single = law.single_joint(float(law.K1[0, 0]), float(law.K2[0, 0]), None).without_model()
+    controller = DigitalController(Encoder(), single)
+    J, n_states = _slopes_at_rest(single, 0.0)(np.zeros(1))
+    used = _required_states(J[:n_states, :n_states], J[:n_states, n_states:], J[n_states:, :n_states])
+    labels = [label.split(".")[-1] for label in names(controller.init(np.zeros(1)))]
+    varying = [i for i, label in enumerate(labels) if label not in single.linearisation_constants(0.0)]
+
+    def state(position: float, torque: float) -> Array:
+        present = leaves(controller.init(np.array([position]), np.array([torque])))
+        x = pack(tuple(present[i] for i in varying))[used]
+        return np.concatenate([x, np.full(computation_delay, torque / single.M.item())])
+
+    return state(1.0, 0.0), state(0.0, single.M.item())

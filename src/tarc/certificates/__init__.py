@@ -8,6 +8,7 @@ from tarc.certificates.affine import certify_affine
 from tarc.certificates.base import Certificate
 from tarc.certificates.constant_ratio import certify_constant_ratio
 from tarc.certificates.known_inertia import certify_known_inertia
+from tarc.certificates.region import certify_region
 from tarc.certificates.robot import certify_robot, strengthen_robot
 from tarc.certificates.robot_proof import ProvenPart, ProvenRobot, prove_robot
 from tarc.certificates.sector import certify_sector
@@ -20,6 +21,7 @@ __all__ = [
     "certify_affine",
     "certify_constant_ratio",
     "certify_known_inertia",
+    "certify_region",
     "certify_robot",
     "certify_sector",
     "certify_varying_ratio",

@@ -139,7 +139,7 @@ class ReducedLoop:
         A, B = growth * A, growth * B
         if schur_stability(A)[0] != "certified":
             return None
-        size = np.sqrt(np.diag(_gramian(A, B)))
+        size = np.sqrt(np.diag(gramian(A, B)))
         size = np.maximum(size, MIN_STATE_SHARE * size.max())
         A, B, C = A * size / size[:, None], B / size[:, None], C * size
         to_states = hinf_norm(A, B, np.eye(len(A)), np.zeros(B.shape), 1e-2)
@@ -193,7 +193,7 @@ def reduce_loop(full: CentredLoop, max_states: int) -> ReducedLoop | None:
     A, B, C, D = full.matrices()
     if schur_stability(A)[0] != "certified":
         return None
-    reachable, observable = _root(_gramian(A, B)), _root(_gramian(A.T, C.T))
+    reachable, observable = _root(gramian(A, B)), _root(gramian(A.T, C.T))
     left, hankel, right = svd(observable.T @ reachable)
     tails = 2 * np.array([hankel[i:].sum() for i in range(len(hankel) + 1)])
     count = min(int(np.argmax(tails < NEGLIGIBLE_SHARE * hankel[0])), max_states)
@@ -213,7 +213,7 @@ def reduce_loop(full: CentredLoop, max_states: int) -> ReducedLoop | None:
     return replace(reduced, error_gain=gain)
 
 
-def _gramian(A: Array, B: Array) -> Array:
+def gramian(A: Array, B: Array) -> Array:
     """Return Σ_k A^k B Bᵀ (Aᵀ)^k of a stable A, doubling the number of summands in each step."""
     W, power = B @ B.T, A
     while np.abs(power).max() > MIN_POWER:

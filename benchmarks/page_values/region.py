@@ -1,0 +1,101 @@
+"""Values of the region of attraction: certified errors, and runs of the nonlinear robot from the boundary."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from benchmarks.page_values.registry import Value, long_source, table
+from tarc import simulate
+from tarc.analysis import Workspace, best_inertia_shape
+from tarc.certificates import certify_region
+from tarc.core.types import Array
+from tarc.estimators import Algebraic
+from tarc.laws import TDC
+from tarc.plants import Plant, TwoLinkArm, load_robot
+from tarc.signals import Encoder, Quintic
+from tarc.signals.disturbances import Disturbance
+
+BITS = 17
+HEADS = [
+    "robot, R [mrad]",
+    "start r [mrad]",
+    "end b [mrad]",
+    "decay rate [1/s]",
+    "runs, of which left the tube",
+    "largest error in them, of R",
+    "error in the end, of b",
+]
+FREQUENCIES = 3.0, 10.0, 20.0, 40.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Triangle(Disturbance):
+    """A torque [N m] that changes at a steady rate, up and down in turn."""
+
+    frequency: float
+
+    def profile(self, times: np.ndarray, n_joints: int, rng: np.random.Generator) -> np.ndarray:
+        """Return a triangular wave between −1 and 1."""
+        return 2 / np.pi * np.arcsin(np.sin(self.frequency * times))
+
+
+def row(
+    label: str, plant: Plant, inertia: Array, reference: Quintic, rate: Array, *, size: float, runs: int
+) -> tuple[Any, ...]:
+    """Return what is certified for the largest error R, and what runs from the boundary reach."""
+    law = TDC(inertia=inertia, natural_frequency=20.0, period=1e-3, estimator=Algebraic(window=0.006))
+    duration = float(reference.times[-1])
+    found = certify_region(
+        law, plant, reference, duration, max_error=size, measurement_error=np.pi / 2**BITS, torque_rate=rate
+    )
+    evidence, rng = found.evidence, np.random.default_rng(0)
+    if evidence.proof is None:
+        return f"{label}, {1e3 * size:g}", "–", "–", "–", "–", "–", "–"
+    values, vectors = np.linalg.eigh(inertia)
+    inverse_root = vectors * values**-0.5 @ vectors.T
+    largest = final = 0.0
+    left = 0
+    for i in range(runs):
+        direction = rng.normal(size=law.n_joints)
+        offset = 0.9999 * evidence.start_error * inverse_root @ direction / np.linalg.norm(direction)
+        signs, frequency = rng.choice([-1.0, 1.0], law.n_joints), FREQUENCIES[i % len(FREQUENCIES)]
+        run = simulate(
+            plant,
+            law,
+            reference,
+            duration,
+            sensor=Encoder(bits=BITS),
+            initial_position=reference.sample([0.0])[0][:, 0] + offset,
+            initial_torque="rest",
+            disturbance=Triangle(amplitude=signs * rate * np.pi / 2 / frequency, frequency=frequency),
+            progress=False,
+        )
+        error = np.abs((run.data["position"] - run.data["reference"]).values)
+        largest = max(largest, float((error / evidence.tube_errors).max()))
+        left += bool(np.any(error > evidence.tube_errors))
+        final = max(final, float((error[-500:] / evidence.final_errors).max()))
+    starts, ends = (
+        " ".join(f"{1e3 * value:.3g}" for value in part) for part in (evidence.start_errors, evidence.final_errors)
+    )
+    decay = f"{evidence.proof.decay_rate:.3g}"
+    return f"{label}, {1e3 * size:g}", starts, ends, decay, f"{runs}, {left}", f"{largest:.2f}", f"{final:.2f}"
+
+
+@long_source
+def region() -> dict[str, Value]:
+    """Errors from which a law recovers, certified and attacked."""
+    arm = TwoLinkArm(viscous=0.2)
+    swing = Quintic(points=[[0.2, 0.8], [0.8, 1.4], [0.2, 0.8]], times=[0.0, 2.0, 4.0])
+    inertia = 0.08 * arm.inertia([0.0, 1.1])
+    rows = [
+        row("two-link arm", arm, inertia, swing, np.array([5.0, 5.0]), size=size, runs=runs)
+        for size, runs in ((0.1, 100), (0.3, 100))
+    ]
+    ur5e = load_robot("ur5e", armature=0.1, viscous=1.0, coulomb=0.0)
+    home, change = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.3]), np.array([0.4, 0.3, -0.4, 0.3, 0.3, 0.5])
+    motion = Quintic(points=[home, home + change, home], times=[0.0, 3.0, 6.0])
+    shape, _ = best_inertia_shape(ur5e, Workspace.box(home - 0.7, home + 0.9), samples=500)
+    rate = np.array([5.0, 5.0, 5.0, 1.0, 1.0, 1.0])
+    rows.append(row("UR5e", ur5e, 0.05 * shape, motion, rate, size=0.05, runs=40))
+    return {"attacked": table(HEADS, rows)}

@@ -1,0 +1,251 @@
+"""The region of attraction, attacked: motions of the nonlinear robot from its boundary, at the rates allowed."""
+
+import json
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import check_certificate as tool
+from law_catalogue import make_law, make_tdc
+from tarc import Feedforward, NominalInertia, laws, simulate
+from tarc.analysis.linearise import decoupled_channels
+from tarc.analysis.operating_points import matrix_roots
+from tarc.analysis.tube import torques_along
+from tarc.certificates import certify_region
+from tarc.certificates.region import RegionProof, reference_residuals, tracking_loop
+from tarc.certification import certificate_from_json
+from tarc.core.errors import InvalidParameter, UnsupportedLaw
+from tarc.plants import Pendulum, TwoLinkArm
+from tarc.signals import Encoder, Quintic
+from tarc.signals.disturbances import Disturbance
+
+T, BITS = 1e-3, 17
+HALF_STEP = np.pi / 2**BITS
+PENDULUM = Pendulum(viscous=0.1)
+SWING = Quintic(points=[[0.2], [1.0]], times=[0.0, 1.0])
+PENDULUM_LAW = make_tdc(3, False, 20.0, 0.1)
+ARM = TwoLinkArm(viscous=0.2)
+REACH = Quintic(points=[[0.2, 0.8], [0.8, 1.4], [0.2, 0.8]], times=[0.0, 2.0, 4.0])
+ARM_LAW = make_tdc(6, False, 20.0, 0.08 * ARM.inertia([0.0, 1.1]))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Triangle(Disturbance):
+    """A torque that starts at zero and always changes at the same rate, one way or the other."""
+
+    frequency: float
+
+    def profile(self, times: np.ndarray, n_joints: int, rng: np.random.Generator) -> np.ndarray:
+        return 2 / np.pi * np.arcsin(np.sin(self.frequency * times))
+
+
+def triangle(rate: Any, frequency: float) -> Triangle:
+    return Triangle(amplitude=np.asarray(rate) * np.pi / 2 / frequency, frequency=frequency)
+
+
+@pytest.fixture(scope="module")
+def swung():
+    return certify_region(
+        PENDULUM_LAW, PENDULUM, SWING, 1.0, max_error=0.5, measurement_error=HALF_STEP, torque_rate=5.0, samples=30
+    )
+
+
+def run_from(law, plant, reference, duration, offset, disturbance=()):
+    start = reference.sample([0.0])[0][:, 0] + offset
+    return simulate(
+        plant,
+        law,
+        reference,
+        duration,
+        sensor=Encoder(bits=BITS),
+        initial_position=start,
+        initial_torque="rest",
+        disturbance=disturbance,
+        progress=False,
+    )
+
+
+def errors(run):
+    return (run.data["position"] - run.data["reference"]).values
+
+
+def test_certified_verified_and_checked_by_the_tool(swung, tmp_path):
+    assert swung.certified
+    assert swung.verify()
+    again = certificate_from_json(swung.to_json())
+    assert again.verify()
+    assert again.explain() == swung.explain()
+    evidence = swung.evidence
+    assert evidence.tube_errors == pytest.approx(0.5)
+    assert 0.4 < evidence.start_errors[0] < 0.5
+    assert evidence.final_errors[0] < 0.02
+    assert evidence.start_contains(np.array([0.99]) * evidence.start_errors)
+    assert not evidence.start_contains(np.array([1.01]) * evidence.start_errors)
+    path = tmp_path / "region.json"
+    path.write_text(swung.to_json(), encoding="utf-8")
+    assert tool.main([str(path)]) == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "factor"),
+    [
+        ("start_error", 1.01),
+        ("final_error", 0.9),
+        ("max_error", 0.9),
+        ("proof.level", 1.5),
+        ("proof.decay", 0.9),
+        ("proof.tube.error", 0.9),
+        ("proof.bounds.change", 1.5),
+        ("proof.ratios.stiffness", 30.0),
+        ("proof.ratios.max_ratio", 4.0),
+        ("proof.matrices.P0", -1.0),
+        ("proof.weights.change", 0.2),
+        ("proof.rest_stiffness", 3.0),
+        ("proof.start_torque", "50"),
+    ],
+)
+def test_forged_ones_are_found_out_twice(swung, tmp_path, name, factor):
+    content = json.loads(swung.to_json())
+    parent = content["evidence"]
+    *names, last = name.split(".")
+    for part in names:
+        parent = parent[part]
+    value = parent[last]
+    parent[last] = float(factor) if isinstance(factor, str) else (factor * np.array(value)).tolist()
+    path = tmp_path / "forged.json"
+    path.write_text(json.dumps(content), encoding="utf-8")
+    assert not certificate_from_json(path.read_text(encoding="utf-8")).verify()
+    assert tool.main([str(path)]) == 1
+
+
+def test_pendulum_never_leaves_its_tube(swung):
+    for sign in (-1, 1):
+        start = 0.999 * sign * swung.evidence.start_errors
+        run = run_from(PENDULUM_LAW, PENDULUM, SWING, 1.0, start, triangle(5.0, 20.0 * sign))
+        assert np.all(np.abs(errors(run)) <= swung.evidence.tube_errors)
+        assert np.all(np.abs(errors(run)[-200:]) <= swung.evidence.final_errors + 0.5 * np.exp(-0.8 * 10))
+
+
+def lyapunov_values(proof: RegionProof, law, plant, reference, run, disturbance=None):
+    """V of the whole state along a run, and the largest difference of the law's torque from the loop's."""
+    root, inverse_root = matrix_roots(law.M)
+    data, n_steps = run.data, run.data.sizes["time"]
+    times = np.arange(n_steps) * law.period
+    channel, own = decoupled_channels(law)[0], tracking_loop(law, 0)
+    to_states = state_map(own, proof.loop)
+    q, v, a = reference.sample(times)
+    wanted = torques_along(plant, q, v, a)
+    if disturbance is not None:
+        wanted -= disturbance.sample(times, law.n_joints, np.random.default_rng(0))
+    wanted, residual = inverse_root @ wanted, root @ reference_residuals(law, reference, times[-1])
+    position = data["position"].values
+    e, rate = root @ (position.T - q), root @ (data["velocity"].values.T - v)
+    noise = root @ (data["measured_position"].values - position).T
+    torque = inverse_root @ data["torque"].values.T
+    _, _, window, held = own.starts.T
+    started = inverse_root @ plant.holding_torque(position[0]) - wanted[:, 0]
+    x = np.outer(window[2:], e[:, 0] + noise[:, 0]) + np.outer(held[2:], started)
+    P0, P1, Q1 = proof.matrices[:3]
+    values, difference = [], 0.0
+    for k in range(n_steps):
+        measured = (e[:, k] + noise[:, k])[None]
+        commanded = channel.C @ x + channel.D @ measured + channel.E @ residual[None, :, k]
+        difference = max(difference, float(np.abs(commanded[0] - torque[:, k] + wanted[:, k]).max()))
+        z = to_states @ np.vstack([e[:, k], rate[:, k] * law.period, x])
+        J = inverse_root @ plant.inertia(position[k]) @ inverse_root
+        values.append(np.trace(z.T @ P0 @ z) + np.sum((z.T @ (P1 + Q1) @ z) * J))
+        if k + 1 < n_steps:
+            x = channel.F @ x + channel.G @ measured + channel.H @ residual[None, :, k]
+            x -= np.outer(held[2:], wanted[:, k + 1] - wanted[:, k])
+    return np.array(values), difference
+
+
+def state_map(own, scaled):
+    """Return the matrix from the states of the law to those of the proof, by what both reach."""
+
+    def reached(loop):
+        columns = [np.hstack([loop.B, loop.noise, loop.residual, loop.change, loop.starts])]
+        for _ in range(len(loop.A)):
+            columns.append(loop.A @ columns[-1])
+        return np.hstack(columns)
+
+    first, second = reached(own), reached(scaled)
+    sizes = np.maximum(np.linalg.norm(first, axis=0), 1e-300)
+    return np.linalg.lstsq((first / sizes).T, (second / sizes).T, rcond=None)[0].T
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [0.1, 0.3])
+def test_arm_never_leaves_its_tube(size):
+    """Errors all over the boundary of the ellipsoid, rates of torque of both signs: V falls as claimed."""
+    rate = 5.0
+    certificate = certify_region(
+        ARM_LAW, ARM, REACH, 4.0, max_error=size, measurement_error=HALF_STEP, torque_rate=rate, samples=200
+    )
+    assert certificate.certified
+    evidence = certificate.evidence
+    proof, inverse_root = evidence.proof, matrix_roots(ARM_LAW.M)[1]
+    assert proof is not None
+    rng = np.random.default_rng(0)
+    for i, angle in enumerate(np.linspace(0, 2 * np.pi, 12, endpoint=False)):
+        offset = 0.9999 * evidence.start_error * inverse_root @ [np.cos(angle), np.sin(angle)]
+        assert evidence.start_contains(offset)
+        attack = triangle(rate * rng.choice([-1.0, 1.0], 2), [3.0, 12.0, 20.0, 40.0][i % 4])
+        run = run_from(ARM_LAW, ARM, REACH, 4.0, offset, attack)
+        assert np.all(np.abs(errors(run)) <= evidence.tube_errors)
+        assert np.all(np.abs(errors(run)[-500:]) <= evidence.final_errors)
+        values, difference = lyapunov_values(proof, ARM_LAW, ARM, REACH, run, attack)
+        assert difference < 1e-6, "the loop of the proof is that of the law's own code"
+        assert values.max() <= proof.level
+        assert np.all(values[1:] <= proof.decay * values[:-1] + proof.supply)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Flips(Disturbance):
+    """A torque of either sign, at random in blocks of periods."""
+
+    block: int
+
+    def profile(self, times: np.ndarray, n_joints: int, rng: np.random.Generator) -> np.ndarray:
+        signs = rng.choice([-1.0, 1.0], (n_joints, len(times) // self.block + 1))
+        return np.repeat(signs, self.block, axis=1)[:, : len(times)]
+
+
+@pytest.mark.slow
+def test_friction_that_flips_at_any_time_stays_within_the_bound():
+    found = certify_region(PENDULUM_LAW, PENDULUM, SWING, 1.0, max_error=0.3, friction=20.0, samples=20)
+    assert found.certified
+    largest = 0.0
+    for block in (1, 3, 10, 15, 20, 25, 30, 40, 60):
+        run = run_from(PENDULUM_LAW, PENDULUM, SWING, 1.0, np.zeros(1), Flips(amplitude=20.0, block=block))
+        largest = max(largest, float(np.abs(errors(run)).max()))
+    assert 0.02 * found.evidence.final_errors < largest < found.evidence.final_errors
+
+
+def test_too_much_friction_is_left_undecided():
+    found = certify_region(PENDULUM_LAW, PENDULUM, SWING, 1.0, max_error=0.02, friction=200.0, samples=20)
+    assert found.verdict == "inconclusive"
+    assert found.evidence.start_error == 0
+    assert certificate_from_json(found.to_json()).verify()
+
+
+def test_bad_input():
+    def certify(law, plant=ARM, reference=REACH, max_error=0.1, friction=0.0):
+        return certify_region(law, plant, reference, 1.0, max_error=max_error, friction=friction)
+
+    with pytest.raises(UnsupportedLaw, match="covers tarc.laws.TDC"):
+        certify(make_law(laws.TARC))
+    with pytest.raises(UnsupportedLaw, match="M̂\\(q\\) from a model"):
+        certify(make_tdc(inertia=NominalInertia(ARM, 0.1)))
+    with pytest.raises(UnsupportedLaw, match="feed-forward"):
+        certify(replace(ARM_LAW, feedforward=Feedforward(ARM)))
+    with pytest.raises(UnsupportedLaw, match="differ between the joints"):
+        certify(make_tdc(natural_frequency=[10.0, 20.0], inertia=[0.1, 0.1]))
+    with pytest.raises(InvalidParameter, match="2 and 1 joints, the law 2"):
+        certify(ARM_LAW, reference=SWING)
+    with pytest.raises(InvalidParameter, match="has dry friction of \\[0.5, 0.5\\]"):
+        certify(ARM_LAW, TwoLinkArm(coulomb=0.5), friction=0.4)
+    with pytest.raises(InvalidParameter, match="max_error"):
+        certify(ARM_LAW, max_error=0.0)
