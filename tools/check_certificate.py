@@ -177,9 +177,8 @@ def report(name, content):
     slow.start()
     found, text = decide(content)
     slow.cancel()
-    seconds = time.monotonic() - start
     words = {1: "holds", -1: "does not hold", 0: "not decided"}[found]
-    took = f" ({seconds:.1f} s)" if seconds > 2 else ""
+    took = f" ({seconds:.1f} s)" if (seconds := time.monotonic() - start) > 2 else ""
     print(f"{name}: {content.get('kind')} {content.get('verdict')}: {words}{took}", f"  tested: {text}", sep="\n")
     if content.get("verdict") != "inconclusive":
         print("  assumed: the matrices are those of the law and the robot")
