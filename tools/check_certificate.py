@@ -27,13 +27,14 @@ def one_parameter(e, witness):
     constant = "min_ratio" in e
     low, high = (e["min_ratio"], e["max_ratio"]) if constant else (0, e["max_slope"])
     loops = [opened(loop, e["period"]) if constant else [ball(loop[name]) for name in "ABC"] for loop in e["loops"]]
-    loops = [(A, B if constant else -B, C) for A, B, C in loops]
+    growth = 1 if witness else (arb(e["decay_rate"]) * e["period"]).exp()
+    loops = [(A * growth, B * growth if constant else -B * growth, C) for A, B, C in loops]
     name = "constant ratio ρ" if constant else "slope κ(t) of the robust term"
     if witness:
         at, rate = witness["ratio" if constant else "slope"], witness["growth_rate"] * e["period"] * 0.999
         found = max(-stable((A + arb(at) * B @ C) / arb(rate).exp()) for A, B, C in loops)
         return found if low <= at <= high and rate > 0 else -1, f"a mode grows at the {name} of {at:.6g}"
-    pieces = [(*loop, low, high) for loop in loops] if low <= high and e.get("gain_is_bounded", True) else []
+    pieces = [(*loop, low, high) for loop in loops if low <= high and growth >= 1 and e.get("gain_is_bounded", True)]
     found = 1 if pieces else -1
     for _ in range(500):
         if found != 1 or not pieces:
@@ -44,13 +45,12 @@ def one_parameter(e, witness):
         X, D = A + arb(middle) * B @ C, ball(np.zeros((len(C), len(B.T))))
         found = stable(X)
         if found == 1 and first < last:
-            found = on_circle(
-                X, B, C, D, lambda _, G, half=half: np.eye(len(G.T), dtype=int) - half**2 * np.conj(G.T) @ G
-            )
+            found = on_circle(X, B, C, D, lambda _, G, r=half: np.eye(len(G.T), dtype=int) - r**2 * np.conj(G.T) @ G)
             if constant and found == -1:  # the ball is too large, not the range
                 found = 1
                 pieces += [(A, B, C, first, middle), (A, B, C, middle, last)]
-    return 0 if pieces and found == 1 else found, f"stable for every {name} from {low:.6g} to {high:.6g}"
+    text = f"errors decay by exp(−{e['decay_rate']:.4g} t) for every {name} from {low:.6g} to {high:.6g}"
+    return 0 if pieces and found == 1 else found, text
 
 
 def lemma1(e, witness):

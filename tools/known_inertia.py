@@ -65,6 +65,11 @@ def known_inertia(e, witness):
         ball_of |= {"stiffness": 0, "max_change": None, "multiplier": None}
         found += [1 if needed > 0 and len(loop["B_mismatch"][0]) == 2 else -1]
         found += [tolerates(ball_of, T, slope, (rate * T / 2).exp())]
+        if e["decay_growth"] != 1:
+            decaying = ball_of | {"radius": e["decay_radius"]}
+            found += [1 if e["decay_growth"] > 1 and 0 < e["decay_radius"] <= e["radius"] else -1]
+            found += [tolerates(decaying, T, slope, (rate * T / 2).exp() * arb(e["decay_growth"]))]
+            needed = arb(e["decay_radius"]) * LOOSE / turned - high * ROOM * (later - 1)
         bounds = [] if eta > 0 else [(0, lead, 1e-9, None)]
     for known in e["points"]:
         point, N = known["robot"], symmetric(known["nominal"])

@@ -83,7 +83,24 @@ def varying_ratio(e, witness):
     rate = "" if b["max_change"] is None else f" and E⁻¹ changing by at most {b['max_change'] / e['period']:.6g} 1/s"
     rate += "" if len(b["loop"]["B_mismatch"][0]) == 2 else ", constant within each period"
     text = f"stable for all E(t) with {b['centre'] - b['radius']:.6g} ≤ E ≤ {b['centre'] + b['radius']:.6g}{rate}"
-    return tolerates(b, e["period"], e["slope"]) if b["radius"] >= e["needed_radius"] and not witness else -1, text
+    text += decaying(b["growth"], e["period"], f" up to a radius of {b['decay_radius']:.6g}")
+    fits = b["radius"] >= e["needed_radius"] and not witness
+    return min(tolerates(b, e["period"], e["slope"]), decays(b, e)) if fits else -1, text
+
+
+def decaying(growth, T, addition=""):
+    """Return in words how errors decay."""
+    return f"; errors decay by exp(−{math.log(growth) / T:.4g} t){addition}" if growth > 1 else ""
+
+
+def decays(b, e):
+    """Decide whether errors decay in a part of a ball, if it says so."""
+    growth, radius = b["growth"], b["decay_radius"]
+    if growth == 1:
+        return 1
+    if not (growth > 1 and e.get("needed_radius", 0) <= radius <= b["radius"]):
+        return -1
+    return tolerates(b | {"radius": radius}, e["period"], e["slope"], arb(growth))
 
 
 def at_rest(loop, point, nominal, T, witness):
@@ -160,7 +177,10 @@ def robot(e, witness):
         if b["max_change"] is not None:
             rate, rates = arb(b["max_change"]) / T, [e["max_rate_point"]]
             bounds = bounds or [(0, lead, b["stiffness"])]
-        found = [tolerates(b, T, e["slope"])]
+        found, needed = [tolerates(b, T, e["slope"]), decays(b, e)], radius
+        if b["growth"] != 1:
+            needed = arb(b["decay_radius"]) * LOOSE
+        low, high = centre - needed, centre + needed
     found.append(1 if inside and low <= e["min_ratio"] <= e["max_ratio"] <= high else -1)
     for point in points:
         if point["velocity"] is None:  # without the viscous friction of a robot at rest
@@ -172,12 +192,13 @@ def robot(e, witness):
             sign((LOOSE * x / ROOM) ** 2 * size[power] - force(point, W, arb(theta))) for power, theta, x in bounds
         ]
         if not cover and eta > 0:
-            found.append(contained(point, N, W, (centre, radius, eta, lead, arb(b["stiffness"])), T))
+            found.append(contained(point, N, W, (centre, needed, eta, lead, arb(b["stiffness"])), T))
     for point in rates:
         for change in changes(point):
             found.append(sign(LOOSE * rate / ROOM * N - change))
             found += [sign(LOOSE * own / ROOM * symmetric(point["inertia"]) - change)] if cover else []
-    return min(found), f"all points have {float(low):.6g} ≤ E ≤ {float(high):.6g} and what the loop tolerates"
+    text = f"all points have {float(low):.6g} ≤ E ≤ {float(high):.6g} and what the loop tolerates"
+    return min(found), text + decaying(cover["proof"]["growth"] if cover else b["growth"], T)
 
 
 def lags(of):

@@ -89,7 +89,7 @@ class UncertainLoop(NamedTuple):
             B_mismatch=np.concatenate([self.B_mismatch, np.zeros((periods, self.B_mismatch.shape[1]))]),
         )
 
-    def closed_loop(self, ratio: float, position_weight: float = 0.0) -> System:
+    def closed_loop(self, ratio: float, position_weight: float = 0.0, growth: float = 1.0) -> System:
         """Return A, B, C, D at a ratio, with half of the slope in the loop and the uncertainty outside.
 
         The system maps (a, w) to (v, η q, η θ q̇, s k/2). The mismatch maps the first three back to a, where q and its
@@ -102,6 +102,9 @@ class UncertainLoop(NamedTuple):
             ρ.
         position_weight
             η [1/s²]. Without it the outputs η q and η θ q̇ are left out; without a slope w and s k/2.
+        growth
+            Factor g on states and inputs in each period. Signals times g^k obey this system, so that what holds for it
+            shows that errors decay as g^−k.
         """
         half, lead = self.half_slope.item(), self.lead_periods
         position = np.eye(1, len(self.A))
@@ -120,7 +123,7 @@ class UncertainLoop(NamedTuple):
             D[0, self.B_mismatch.shape[1]] = self.D_robust.item()
         if position_weight and lead.item():
             D[2] = position_weight * lead * B[0]
-        return A, B, C, D
+        return growth * A, growth * B, C, D
 
 
 def scaled_system(system: System, radius: float, scale: float | None = None) -> System:

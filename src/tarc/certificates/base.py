@@ -2,6 +2,7 @@
 
 import json
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, Self, TypeVar
@@ -54,7 +55,8 @@ def require_held_torque(A: Array, B: Array, period: float, B_mismatch: Array | N
     """Refuse an open loop whose first states are not the robot's, under a torque that is held for the period.
 
     For n joints the states begin with q and q̇ T, each (n,). An acceleration a that is held adds a T²/2 to q and a T² to
-    q̇ T, and nothing to other states. A mismatch that changes within a period has a second column, its first moment.
+    q̇ T, and nothing to other states. A mismatch that changes within a period has two columns, for
+    its mean and its first moment.
 
     Parameters
     ----------
@@ -124,6 +126,50 @@ class Evidence(ABC):
             For missing or unknown fields, and values of another type.
         """
         return from_plain(cls, content)
+
+
+DECAY_SHARES = (
+    0.99,
+    0.97,
+    0.94,
+    0.9,
+    0.8,
+    0.7,
+    0.6,
+    0.5,
+    0.4,
+    0.3,
+    0.2,
+    0.14,
+    0.1,
+    0.07,
+    0.05,
+    0.03,
+    0.02,
+    0.01,
+    3e-3,
+    1e-3,
+)
+"""Decay rates to prove, as shares of one that is not exceeded."""
+
+
+def fastest_decay(is_proven: Callable[[float], bool], spectral_radius: float) -> float:
+    """Return the largest growth e^{αT} in a period with which something is proven; 1 for none.
+
+    Parameters
+    ----------
+    is_proven
+        Whether it is proven with a growth.
+    spectral_radius
+        Of a loop among those that decay no slower than is proven.
+    """
+    slowest = -np.log(spectral_radius) if 0 < spectral_radius < 1 else 0.0
+    growths = [float(np.exp(share * slowest)) for share in DECAY_SHARES]
+    low, high = 0, len(growths)  # the first that is proven is among these
+    while low < high:
+        middle = (low + high) // 2
+        low, high = (low, middle) if growths[middle] > 1 and is_proven(growths[middle]) else (middle + 1, high)
+    return growths[low] if low < len(growths) else 1.0
 
 
 E = TypeVar("E", bound=Evidence, covariant=True)
@@ -210,6 +256,9 @@ class Certificate(Generic[E]):
         if self.problem:
             lines.append(f"Tested: {self.problem}")
         lines.append(verdict)
+        decay_rate = getattr(self.evidence, "decay_rate", None)
+        if self.certified and decay_rate:
+            lines.append(f"Errors decay at least as e^(−{decay_rate:.3g} t), t in seconds.")
         if self.witness:
             lines.append(f"Shown by: {describe(self.witness)}.")
         return "\n".join([*lines, "Assumed:", *(f"- {assumption}" for assumption in self.assumptions)])

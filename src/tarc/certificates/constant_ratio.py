@@ -25,6 +25,7 @@ from tarc.certificates.base import (
     Judgement,
     LoopMatrices,
     Verdict,
+    fastest_decay,
     require_held_torque,
 )
 from tarc.core import validation as check
@@ -80,6 +81,8 @@ class ConstantRatioEvidence(Evidence):
         A, B, C of each loop, closed as A + ρ B C.
     findings
         Rates and gains, which `judge` does not use.
+    decay_rate
+        α [1/s]: errors decay as e^{−αt} for every ratio of the range; zero where none is proven.
     """
 
     kind: ClassVar[str] = "constant_ratio"
@@ -91,6 +94,7 @@ class ConstantRatioEvidence(Evidence):
     gain: float
     loops: tuple[LoopMatrices, ...]
     findings: LoopFindings
+    decay_rate: float = 0.0
 
     def judge(self) -> Judgement:
         """Test every loop at both ends of the range and between the crossings of the unit circle in it."""
@@ -103,9 +107,17 @@ class ConstantRatioEvidence(Evidence):
                 return Judgement(Verdict.REFUTED, margin, judged.witness)
             if judged.verdict == Verdict.INCONCLUSIVE:
                 verdict = Verdict.INCONCLUSIVE
-        if not self.loops:
+        if not self.loops or not self.decay_rate >= 0:
+            verdict = Verdict.INCONCLUSIVE
+        if verdict == Verdict.CERTIFIED and self.decay_rate and not self.decays(np.exp(self.decay_rate * self.period)):
             verdict = Verdict.INCONCLUSIVE
         return Judgement(verdict, float(margin))
+
+    def decays(self, growth: float) -> bool:
+        """Return whether errors shrink by more than a factor in each period, for every ratio of the range."""
+        grown = [LoopMatrices(growth * loop.A, growth * loop.B, loop.C) for loop in self.loops]
+        judgements = [_judge_loop(loop, self.min_ratio, self.max_ratio, self.period) for loop in grown]
+        return all(judgement.verdict == Verdict.CERTIFIED for judgement in judgements)
 
 
 def certify_constant_ratio(
@@ -165,7 +177,12 @@ def certify_constant_ratio(
     )
     verdict, margin, witness = evidence.judge()
     if verdict == Verdict.CERTIFIED:
-        evidence = replace(evidence, findings=_describe(channels, worst, stable=True))
+        growth = fastest_decay(evidence.decays, spectral_radius(channels, worst))
+        evidence = replace(
+            evidence,
+            findings=_describe(channels, worst, stable=True),
+            decay_rate=float(np.log(growth) / law.period),
+        )
     span = f"ρ = {low:g}" if low == high else f"every constant ρ from {low:g} to {high:g}"
     return Certificate(
         claim=f"The loop of {type(law).__name__} around q̈ = ρ M̂⁻¹τ is stable for {span}.",

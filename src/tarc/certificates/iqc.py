@@ -86,6 +86,7 @@ def satisfies_iqc(
     multiplier: Multiplier,
     position_weight: float = 0.0,
     stiffness: float = 0.0,
+    growth: float = 1.0,
 ) -> bool:
     """Return whether the multiplier proves at all frequencies that the loop tolerates the ball.
 
@@ -104,6 +105,9 @@ def satisfies_iqc(
         The multiplier.
     position_weight, stiffness
         η and the largest ‖[H, C/θ]‖ [1/s²].
+    growth
+        Factor g in each period for a decay as g^−k. The inequalities hold for signals times g^k as well, because E, H,
+        C and the slope have no memory.
     """
     p, c = multiplier.decays, multiplier.coefficients
     in_range = max_change >= 0 and np.all((p > 0) & (p < 1 - MIN_DECAY))
@@ -111,7 +115,7 @@ def satisfies_iqc(
         return False
     if not np.isfinite(np.abs(c) @ rate_penalty(p, max_change, centre + radius) if len(p) else 0.0):
         return False
-    A, B, Q, S, R = iqc_matrices(loop, centre, radius, max_change, multiplier, position_weight, stiffness)
+    A, B, Q, S, R = iqc_matrices(loop, centre, radius, max_change, multiplier, position_weight, stiffness, growth)
     return fdi_negative(A, B, Q, S, R + FORM_MARGIN * np.eye(len(R)))
 
 
@@ -123,13 +127,14 @@ def iqc_matrices(
     multiplier: Multiplier,
     position_weight: float = 0.0,
     stiffness: float = 0.0,
+    growth: float = 1.0,
 ) -> tuple[Array, Array, Array, Array, Array]:
     """Return A, B, Q, S, R of the form that must be negative, each input scaled so that its own square has −1.
 
     The states are those of the loop, v through the exponentials, and b through the exponentials. The inputs are a, w
     and d, as far as there is a slope and a stiffness. The parameters are those of `satisfies_iqc`.
     """
-    A, B, C, D = loop.closed_loop(centre, position_weight)
+    A, B, C, D = loop.closed_loop(centre, position_weight, growth)
     p, c = multiplier.decays, multiplier.coefficients
     penalty = np.abs(c) @ rate_penalty(p, max_change, centre + radius) if len(p) else 0.0
     n, k, n_mismatch = len(A), len(p), loop.B_mismatch.shape[1]

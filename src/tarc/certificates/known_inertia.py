@@ -171,6 +171,8 @@ def certify_known_inertia(
         parts = known.inertias(points), *known.linearised_apart(points)
         proof = _affine_proof(channel, slope, evidence, parts, on_program)
         evidence = replace(evidence, affine=proof) if proof is not None else evidence
+    if evidence.affine is None and evidence.judge().verdict == Verdict.CERTIFIED:
+        evidence = evidence.with_decay()
     return _certificate(law, evidence, workspace)
 
 

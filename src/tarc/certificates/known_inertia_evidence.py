@@ -12,7 +12,7 @@ from tarc.analysis.stability import UnstableMode, Witness, unstable_mode
 from tarc.analysis.uncertain_loop import System, UncertainLoop, scaled_system
 from tarc.analysis.worst_points import inertia_rates
 from tarc.certificates.affine import AffineProof
-from tarc.certificates.base import Evidence, Judgement, LoopMatrices, Verdict, require_held_torque
+from tarc.certificates.base import Evidence, Judgement, LoopMatrices, Verdict, fastest_decay, require_held_torque
 from tarc.certificates.robot_evidence import LinearisedPoint, MaxRatePoint
 from tarc.core.types import Array
 from tarc.numerics.matrix_tests import schur_stability
@@ -119,6 +119,8 @@ class KnownInertiaEvidence(Evidence):
         Smallest and largest eigenvalue of M(q)⁻¹M̂(q) at the points. `judge` does not use them.
     samples
         Number of sampled postures.
+    decay_growth, decay_radius
+        e^{αT} and the radius up to which errors decay as e^{−αt} by the ball; 1 and 0 where no rate α is proven.
     """
 
     kind: ClassVar[str] = "known_inertia"
@@ -140,6 +142,8 @@ class KnownInertiaEvidence(Evidence):
     min_ratio: float
     max_ratio: float
     samples: int
+    decay_growth: float = 1.0
+    decay_radius: float = 0.0
 
     @property
     def ratio_spread(self) -> float:
@@ -150,6 +154,20 @@ class KnownInertiaEvidence(Evidence):
     def rate(self) -> float:
         """Largest ‖M̂^−½ (dM̂/dt) M̂^−½‖ [1/s]."""
         return self.rate_point.rate()
+
+    @property
+    def decay_rate(self) -> float:
+        """α [1/s]: errors decay as e^{−αt}; zero where no rate is proven."""
+        if self.affine is not None:
+            return self.affine.decay_rate
+        return float(np.log(self.decay_growth) / self.period)
+
+    def with_decay(self) -> "KnownInertiaEvidence":
+        """Return the evidence with the fastest decay that the ball proves for all points."""
+        system = decayed_system(self.loop, self.centre, self.position_weight, self.growth)
+        spectral_radius, needed = float(np.abs(np.linalg.eigvals(system[0])).max()), self.needed_radius()
+        growth = fastest_decay(lambda growth: self.is_proven(needed, growth), spectral_radius)
+        return replace(self, decay_growth=growth, decay_radius=needed) if growth > 1 else self
 
     @property
     def growth(self) -> float:
@@ -237,7 +255,7 @@ class KnownInertiaEvidence(Evidence):
         lead_time = self.loop.lead_periods.item() * self.period
         has_stiffness = float(uncertainty.stiffness_norms(lead_time).max()) > NEGLIGIBLE_STIFFNESS
         has_damping = float(np.abs(uncertainty.damping).max()) > NEGLIGIBLE_STIFFNESS
-        numbers = self.centre, self.radius, self.position_weight, lead_time, self.rate
+        numbers = self.centre, self.radius, self.position_weight, lead_time, self.rate, self.decay_growth
         is_complete = np.all(np.isfinite(numbers)) and self.radius > 0 and self.centre > 0
         is_complete &= not has_stiffness or self.position_weight > 0
         is_complete &= not (has_damping or has_stiffness) or lead_time > 0
@@ -245,15 +263,19 @@ class KnownInertiaEvidence(Evidence):
         if not is_complete:
             return Judgement(Verdict.INCONCLUSIVE, -1.0)
         margin = self.radius / max(self.needed_radius(), self.centre / 1e3) - 1
-        certified = margin >= 0 and self.robust_term_is_bounded and self._is_proven()
+        certified = margin >= 0 and self.robust_term_is_bounded and self.is_proven(self.radius)
+        if certified and self.decay_growth != 1:
+            in_range = self.decay_growth > 1 and self.needed_radius() <= self.decay_radius <= self.radius
+            certified = in_range and self.is_proven(self.decay_radius, self.decay_growth)
         return Judgement(Verdict.CERTIFIED if certified else Verdict.INCONCLUSIVE, float(margin))
 
-    def _is_proven(self) -> bool:
-        """Return whether the decayed loop is stable, and its norm shows the radius."""
-        system = decayed_system(self.loop, self.centre, self.position_weight, self.growth)
+    def is_proven(self, radius: float, growth: float = 1.0) -> bool:
+        """Return whether the decayed loop is stable, and its norm shows a radius; with a growth g also a decay g^−k."""
+        total = self.growth + 2 * float(np.log(growth))
+        system = decayed_system(self.loop, self.centre, self.position_weight, total)
         if schur_stability(system[0])[0] != "certified":
             return False
-        return hinf_norm(*scaled_system(system, self.radius, self.scale)) < 1
+        return hinf_norm(*scaled_system(system, radius, self.scale)) < 1
 
 
 def decayed_system(loop: UncertainLoop, centre: float, position_weight: float, growth: float) -> System:
@@ -262,9 +284,7 @@ def decayed_system(loop: UncertainLoop, centre: float, position_weight: float, g
     If its norm is below 1/δ, a P exists with e^{growth} V(x⁺) < V(x) for all mismatches up to δ, V = xᵀ (P ⊗ M̂) x. Then
     V decreases although M̂ grows by e^{growth} in a period.
     """
-    A, B, C, D = loop.closed_loop(centre, position_weight)
-    factor = np.exp(growth / 2)
-    return factor * A, factor * B, C, D
+    return loop.closed_loop(centre, position_weight, float(np.exp(growth / 2)))
 
 
 def widened_radius(

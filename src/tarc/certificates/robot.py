@@ -140,6 +140,7 @@ def certify_robot(
         samples=spread.samples,
     )
     verdict, margin, witness = evidence.judge()
+    evidence = evidence.with_decay() if verdict == Verdict.CERTIFIED else evidence
     refuted = verdict == Verdict.REFUTED
     return Certificate(
         claim=_claim(law, workspace),
@@ -177,8 +178,8 @@ def strengthen_robot(
 
     which holds no M⁻¹. It must cover ratios, rate and κ_θ that are `SEARCH_MARGIN` larger than all that were found.
 
-    It takes seconds. So it is left out for a law that is refuted or certified, and for one that is unstable at a
-    constant ratio of that range. It needs a workspace with a speed, and the same loop on each joint.
+    It takes seconds. So it is left out for a law that is refuted or certified. It is also left out for one that is
+    unstable at a constant ratio of that range. It needs a workspace with a speed, and the same loop on each joint.
 
     Parameters
     ----------

@@ -232,8 +232,10 @@ class RobotEvidence(Evidence):
 
     @property
     def decay_rate(self) -> float | None:
-        """Rate α [1/s] at which errors are proven to decay, e^{−αt}; None where the ball decides."""
-        return None if self.affine is None else self.affine.proof.decay_rate
+        """Rate α [1/s] at which errors are proven to decay, e^{−αt}; None without a ball."""
+        if self.affine is not None:
+            return self.affine.proof.decay_rate
+        return None if self.ball is None else float(np.log(self.ball.growth) / self.period)
 
     @property
     def ratio_spread(self) -> float:
@@ -247,13 +249,11 @@ class RobotEvidence(Evidence):
 
     def judge(self) -> Judgement:
         """Test the worst points at rest for a mode that grows, then whether what the loop tolerates contains all."""
-        smallest, largest = np.inf, 0.0
         worst_radius, witness = 1.0, None
         loop = self._open_loop()
         require_held_torque(*loop[:2], self.period, None if self.ball is None else self.ball.loop.B_mismatch)
         for point in self.points.at_rest():
             ratios = np.linalg.eigvals(np.linalg.solve(point.inertia, self.nominal_inertia)).real
-            smallest, largest = min(smallest, ratios.min()), max(largest, ratios.max())
             matrices = point.inertia, point.damping, point.stiffness
             state_matrix = rest_state_matrix(loop, self.nominal_inertia, matrices, self.period)
             verdict, radius, mode = schur_stability(state_matrix)
@@ -267,7 +267,7 @@ class RobotEvidence(Evidence):
             return Judgement(Verdict.INCONCLUSIVE, 0.0)
         if self.affine is not None:
             return self._judge_affine(self.affine)
-        return self._judge_ball(self.ball, float(smallest), float(largest))
+        return self._judge_ball(self.ball)
 
     def _open_loop(self) -> tuple[Array, Array, Array]:
         """Return A, B, C of the loop opened at its inertia ratio."""
@@ -277,32 +277,40 @@ class RobotEvidence(Evidence):
             raise ValueError("evidence: it has neither a ball nor a loop of all joints")
         return self.coupled_loop.A, self.coupled_loop.B, self.coupled_loop.C
 
-    def _judge_ball(self, ball: Ball, smallest: float, largest: float) -> Judgement:
+    def with_decay(self) -> "RobotEvidence":
+        """Return the evidence with the fastest decay that the ball proves for all points."""
+        return self if self.ball is None else replace(self, ball=self.ball.with_decay(self.needed_radius(self.ball)))
+
+    def _judge_ball(self, ball: Ball) -> Judgement:
         """Test whether the ball contains the ratios, the stiffness and the rate of all points."""
+        judgement = ball.judge(self.needed_radius(ball))
+        is_bounded = self.robust_term_is_bounded and self.slope <= 2 * ball.loop.half_slope.item()
+        return judgement if is_bounded else judgement._replace(verdict=Verdict.INCONCLUSIVE)
+
+    def needed_radius(self, ball: Ball) -> float:
+        """Return the radius that contains all points and worse ones; infinite where the ball leaves something out."""
         lead_time = ball.loop.lead_periods.item() * self.period
         uncertainty = self.uncertainty().grown(SEARCH_MARGIN, self.period)
-        stiffness = float(uncertainty.stiffness_norms(lead_time).max())
-        undecided, room = Judgement(Verdict.INCONCLUSIVE, 0.0), 1 + SEARCH_MARGIN
-        has_damping = float(np.abs(uncertainty.damping).max()) > NEGLIGIBLE_STIFFNESS
+        stiffness, room = float(uncertainty.stiffness_norms(lead_time).max()), 1 + SEARCH_MARGIN
+        damping = float(np.abs(uncertainty.damping).max())
         within = ball.loop.B_mismatch.shape[1] == 2  # the posture changes within a period
-        has_either = has_damping or stiffness > NEGLIGIBLE_STIFFNESS
+        has_either = max(damping, stiffness) > NEGLIGIBLE_STIFFNESS
         if not within or not np.isfinite(lead_time) or (lead_time <= 0 and has_either):
-            return undecided
-        needed_radius = max(room * largest - ball.centre, ball.centre - smallest / room)
+            return np.inf
+        ratios = np.linalg.eigvalsh(self.uncertainty().inertia)
+        needed_radius = float(max(room * ratios.max() - ball.centre, ball.centre - ratios.min() / room))
         if ball.position_weight > 0:
             joint_radius = uncertainty.needed_radius(ball.centre, ball.position_weight, lead_time, self.period)
             needed_radius = max(needed_radius, joint_radius)
         elif not stiffness <= NEGLIGIBLE_STIFFNESS:  # without a weight the ball leaves the stiffness out
-            return undecided
+            return np.inf
         if ball.max_change is not None:
             if self.max_rate_point is None or not stiffness <= (1 + 1e-9) * ball.stiffness:
-                return undecided
+                return np.inf
             rate = room * self.max_rate_point.rate(self.nominal_inertia)
             if rate * self.period / (1 + 1e-9) > ball.max_change:
-                return undecided
-        judgement = ball.judge(needed_radius)
-        is_bounded = self.robust_term_is_bounded and self.slope <= 2 * ball.loop.half_slope.item()
-        return judgement if is_bounded else judgement._replace(verdict=Verdict.INCONCLUSIVE)
+                return np.inf
+        return needed_radius
 
     def _judge_affine(self, cover: AffineCover) -> Judgement:
         """Test whether the Lyapunov function covers all points, and prove it."""

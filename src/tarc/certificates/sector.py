@@ -9,7 +9,7 @@ import numpy as np
 
 from tarc.analysis.linearise import Channel, decoupled_channels, require_inertia
 from tarc.analysis.stability import UnstableMode, Witness, crossings, unstable_mode
-from tarc.certificates.base import Certificate, Evidence, Judgement, LoopMatrices, Verdict
+from tarc.certificates.base import Certificate, Evidence, Judgement, LoopMatrices, Verdict, fastest_decay
 from tarc.core import validation as check
 from tarc.core.errors import UnsupportedLaw
 from tarc.core.types import Array
@@ -44,6 +44,8 @@ class SectorEvidence(Evidence):
         ‖P2‖ κ at that gain [1/s²].
     largest_max_gain
         Largest ``max_gain`` that the circle criterion admits, ε κ/α [rad/s²].
+    decay_rate
+        α [1/s]: errors decay as e^{−αt}; zero where none is proven, as for the largest slope that is admitted.
     """
 
     kind: ClassVar[str] = "sector"
@@ -59,6 +61,7 @@ class SectorEvidence(Evidence):
     max_gain: float | None = None
     slope_at_max_gain: float | None = None
     largest_max_gain: float | None = None
+    decay_rate: float = 0.0
 
     def judge(self) -> Judgement:
         """Test constant slopes up to the largest, then the circle criterion."""
@@ -73,8 +76,21 @@ class SectorEvidence(Evidence):
                     witness = replace(unstable_mode(radius, mode, self.period), slope=float(trial))
                     return Judgement(Verdict.REFUTED, 0.0, witness)
         bounded = self.gain_is_bounded and bool(self.loops)
-        sound = bounded and all(_within_circle(loop.A, loop.B, loop.C, kappa) for loop in self.loops)
+        sound = bounded and self.decay_rate >= 0 and self.is_within_circle(np.exp(self.decay_rate * self.period))
         return Judgement(Verdict.CERTIFIED if sound else Verdict.INCONCLUSIVE, 0.0)
+
+    def is_within_circle(self, growth: float) -> bool:
+        """Return whether the circle criterion holds for states that grow by a factor in each period."""
+        return all(_within_circle(growth * loop.A, growth * loop.B, loop.C, self.max_slope) for loop in self.loops)
+
+    def with_decay(self) -> "SectorEvidence":
+        """Return the evidence with the fastest decay that the circle criterion proves."""
+        if not np.isfinite(self.max_slope):
+            return self
+        middle = [loop.A - self.max_slope / 2 * loop.B @ loop.C for loop in self.loops]
+        spectral_radius = max(float(np.abs(np.linalg.eigvals(A)).max()) for A in middle)
+        growth = fastest_decay(self.is_within_circle, spectral_radius)
+        return replace(self, decay_rate=float(np.log(growth) / self.period))
 
 
 def certify_sector(
@@ -150,6 +166,7 @@ def certify_sector(
         largest_max_gain=circle / per_gain if adaptive or max_gain is not None else None,
     )
     verdict, _, witness = evidence.judge()
+    evidence = evidence.with_decay() if verdict == Verdict.CERTIFIED else evidence
     if isinstance(witness, UnstableMode) and witness.slope is not None and adaptive:
         witness = replace(witness, gain=witness.slope / per_gain)
     if max_gain is not None:

@@ -1,7 +1,7 @@
 """The varying-ratio certificate: inertia mismatches of any direction that change at any time."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -14,7 +14,7 @@ from tarc.analysis.linearise import (
     require_inertia,
 )
 from tarc.analysis.uncertain_loop import FrequencyResponses, UncertainLoop, scaled_system
-from tarc.certificates.base import Certificate, Evidence, Judgement, Verdict, require_held_torque
+from tarc.certificates.base import Certificate, Evidence, Judgement, Verdict, fastest_decay, require_held_torque
 from tarc.certificates.iqc import MIN_CHANGE, Multiplier, best_multiplier, iqc_matrices, satisfies_iqc
 from tarc.core import validation as check
 from tarc.core.errors import NoStableRatio, UnsupportedLaw
@@ -27,6 +27,8 @@ NORM_TOLERANCE = 1e-6
 """Relative tolerance of the H∞ norm."""
 RADIUS_REDUCTIONS = 0.0, 2e-5, 2e-4, 1e-3, 2e-3, 4e-3, 7e-3, 0.01, 0.03, 0.08, 0.2, 0.4
 """Shares by which a radius from a grid of frequencies is reduced until it is certified at all frequencies."""
+DECAY_RADIUS_SHARE = 0.98
+"""Share of the radius up to which a decay rate is proven where no range is to be contained."""
 CENTRE_FACTORS = 0.94, 0.88, 0.82
 """Factors on the best centre of the grid, to try others."""
 RATE_FACTORS = 1.0, 4.0, 16.0
@@ -56,6 +58,8 @@ class Ball:
         Largest change of E⁻¹ in one period; None for any.
     multiplier
         Proof of the radius where the change is bounded.
+    growth, decay_radius
+        e^{αT} and the radius up to which errors decay as e^{−αt}; 1 and 0 where no decay rate α is proven.
     """
 
     loop: UncertainLoop
@@ -66,6 +70,8 @@ class Ball:
     scale: float | None = None
     max_change: float | None = None
     multiplier: Multiplier | None = None
+    growth: float = 1.0
+    decay_radius: float = 0.0
 
     @property
     def min_ratio(self) -> float:
@@ -81,6 +87,7 @@ class Ball:
         """Test the radius against the needed one, the loop at the centre, and the norm or the form of the ball."""
         multiplier = self.multiplier
         numbers = [self.centre, self.radius, needed_radius, self.position_weight, self.stiffness]
+        numbers += [self.growth, self.decay_radius]
         numbers += [value for value in (self.scale, self.max_change) if value is not None]
         numbers += [] if multiplier is None else [multiplier.slope, multiplier.stiffness]
         if not np.all(np.isfinite(numbers)) or not self.centre > 0 or self.scale == 0:
@@ -88,20 +95,42 @@ class Ball:
         margin = self.radius / self.centre
         if needed_radius:
             margin = self.radius / max(needed_radius, self.centre / 1e3) - 1
-        proven = self.radius > 0 and self.radius >= needed_radius and self._is_proven()
+        proven = self.radius > 0 and self.radius >= needed_radius and self.is_proven(self.radius)
+        if proven and self.growth != 1:
+            decays = self.growth > 1 and 0 < self.decay_radius <= self.radius and needed_radius <= self.decay_radius
+            proven = decays and self.is_proven(self.decay_radius, self.growth)
         return Judgement(Verdict.CERTIFIED if proven else Verdict.INCONCLUSIVE, float(margin))
 
-    def _is_proven(self) -> bool:
-        """Return whether the loop at the centre is stable, and the norm or the form shows the radius."""
+    def with_decay(self, radius: float) -> "Ball":
+        """Return the ball with the fastest decay that its proof shows up to a radius."""
         system = self.loop.closed_loop(self.centre, self.position_weight)
+        spectral_radius = float(np.abs(np.linalg.eigvals(system[0])).max())
+        if not 0 < radius <= self.radius:
+            return self
+        growth = fastest_decay(lambda growth: self.is_proven(radius, growth), spectral_radius)
+        return replace(self, growth=growth, decay_radius=radius) if growth > 1 else self
+
+    def is_proven(self, radius: float, growth: float = 1.0) -> bool:
+        """Return whether the loop at the centre is stable, and the norm or the form shows a radius.
+
+        With a growth g they show that errors decay as g^−k.
+        """
+        system = self.loop.closed_loop(self.centre, self.position_weight, growth)
         if schur_stability(system[0])[0] != "certified":
             return False
         if self.max_change is None:
-            return hinf_norm(*scaled_system(system, self.radius, self.scale)) < 1
+            return hinf_norm(*scaled_system(system, radius, self.scale)) < 1
         if self.multiplier is None:
             return False
         return satisfies_iqc(
-            self.loop, self.centre, self.radius, self.max_change, self.multiplier, self.position_weight, self.stiffness
+            self.loop,
+            self.centre,
+            radius,
+            self.max_change,
+            self.multiplier,
+            self.position_weight,
+            self.stiffness,
+            growth,
         )
 
     def gains(self, angles: Array) -> Array:
@@ -196,6 +225,11 @@ class VaryingRatioEvidence(Evidence):
     def rate(self) -> float | None:
         """Largest ‖dE⁻¹/dt‖ [1/s]; None for any."""
         return None if self.ball.max_change is None else self.ball.max_change / self.period
+
+    @property
+    def decay_rate(self) -> float:
+        """α [1/s]: errors decay as e^{−αt} for mismatches up to the ball's ``decay_radius``; zero for none."""
+        return float(np.log(self.ball.growth) / self.period)
 
     def judge(self) -> Judgement:
         """Judge the ball against the radius needed and the slope."""
@@ -299,9 +333,12 @@ def certify_varying_ratio(
         centre = best_centre(loop, ratio_range, max_change) if centre is None else centre
         centre = check.number("centre", centre, 0, strict=True)
         proof, radius = max_radius(loop, centre, max_change=max_change)
+    needed_radius = 0.0 if ratio_range is None else max(ratio_range[1] - centre, centre - ratio_range[0])
+    ball = make_ball(loop, centre, radius, proof, max_change=max_change)
+    ball = ball.with_decay(needed_radius or DECAY_RADIUS_SHARE * radius)
     evidence = VaryingRatioEvidence(
-        ball=make_ball(loop, centre, radius, proof, max_change=max_change),
-        needed_radius=0.0 if ratio_range is None else max(ratio_range[1] - centre, centre - ratio_range[0]),
+        ball=ball,
+        needed_radius=needed_radius,
         slope=slope,
         period=law.period,
     )
@@ -315,13 +352,16 @@ def certify_varying_ratio(
         verdict=verdict,
         margin=margin,
         margin_meaning="radius over the centre" if ratio_range is None else "radius over the one needed, less 1",
-        assumptions=_assumptions(slope, rate, intersample, computation_delay),
+        assumptions=_assumptions(ball, slope, rate, intersample, computation_delay),
         evidence=evidence,
     )
 
 
-def _assumptions(slope: float, rate: float | None, intersample: bool, computation_delay: int) -> tuple[str, ...]:
+def _assumptions(
+    ball: Ball, slope: float, rate: float | None, intersample: bool, computation_delay: int
+) -> tuple[str, ...]:
     """Return what the verdict takes for granted."""
+    low, high = ball.centre - ball.decay_radius, ball.centre + ball.decay_radius
     changes = "E changes at any time" if intersample else "E is constant within each period"
     robust_term = "there is no robust term"
     if slope:
@@ -332,6 +372,9 @@ def _assumptions(slope: float, rate: float | None, intersample: bool, computatio
         "the same gains, window, period and delay on every joint; no torque limit is reached, no sample is lost",
         "Coriolis forces, gravity and friction are only disturbances",
         "H∞ norms are computed in floating point, to six digits from above",
+        f"the decay rate is that of eigenvalues from {low:.5g} to {high:.5g}"
+        if ball.decay_radius
+        else "no decay rate is proven",
         f"the torque reaches the joints {computation_delay} periods late and is held for a period",
     )
 

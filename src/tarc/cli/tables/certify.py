@@ -44,6 +44,12 @@ def _findings(certificate: Certificate) -> dict[str, Any]:
     return {key: None if value in ("inf", "-inf", "nan") else value for key, value in flat.items()}
 
 
+def _decay(certificate: Certificate) -> str:
+    """Return the rate at which errors decay at least, empty where none is certified."""
+    rate = getattr(certificate.evidence, "decay_rate", None)
+    return f"{rate:.3g}" if certificate.certified and rate else ""
+
+
 def _summary(certificate: Certificate) -> dict[str, Any]:
     """Return a certificate as plain data without its matrices."""
     return {
@@ -92,8 +98,9 @@ def print_certificates(scenario: Scenario, certifications: CertifiedLaws, *, own
     for name, certification in certifications.items():
         table = Table(title=f"{scenario.name}: {name}", title_justify="left")
         wide = console.width >= WIDE
-        for column in ("certificate", "verdict", "margin", *(["which is"] if wide else []), "decided in"):
-            table.add_column(column, justify="right" if column == "margin" else "left")
+        decay = "decay [1/s]"
+        for column in ("certificate", "verdict", "margin", *(["which is"] if wide else []), decay, "decided in"):
+            table.add_column(escape(column), justify="right" if column in ("margin", decay) else "left")
         for kind, certificate in certification.certificates.items():
             if kind == "lemma1":
                 table.add_section()
@@ -102,6 +109,7 @@ def print_certificates(scenario: Scenario, certifications: CertifiedLaws, *, own
                 f"[{VERDICT_COLOURS[certificate.verdict]}]{certificate.verdict_in_words}[/]",
                 f"{certificate.margin:.3g}",
                 *([certificate.margin_meaning] if wide else []),
+                _decay(certificate),
                 "ball arithmetic" if certificate.proof_grade else "floating point",
             )
         console.print(table)
