@@ -3,7 +3,7 @@
 import numpy as np
 from flint import arb
 
-from ball_arithmetic import LEAST, LOOSE, ROOM, ball, inverse, sign, symmetric
+from ball_arithmetic import LEAST, LOOSE, ROOM, ball, inverse, opened, sign, symmetric
 from uncertain_inertia import affine_proof, at_rest, changes, contained, force, lags, tolerates
 
 
@@ -37,6 +37,7 @@ def delayed(loop, periods):
 def known_inertia(e, witness):
     """Decide whether what M̂(q) is and changes lies in what the loop tolerates, with room."""
     T, loop, proof, rest = e["period"], e["loop"], e["affine"], e["rest_loop"]
+    opened(loop, T, "B_mismatch")
     if witness:
         return at_rest(rest["loop"], rest["robot"], rest["nominal"], T, witness)
     if not e["robust_term_is_bounded"]:

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from typing import Any
 
 import numpy as np
 from flint import acb, arb, arb_mat
@@ -25,7 +26,7 @@ from ball_arithmetic import (
 MEAN_SQUARES = [[120, 60, 20], [60, 40, 15], [20, 15, 6]], [[0, 0, 0], [0, 6, 3], [0, 3, 2]]
 
 
-def tolerates(b, period, slope, growth=1):
+def tolerates(b, period, slope, growth: Any = 1):
     """Decide whether the loop is stable for all E(t) of a ball, with its stiffness, its change and all slopes κ(t).
 
     With v = M̂⁻¹τ, b = E v and d the acceleration by stiffness, a = b − d − ρ0 v is bounded by radius and η; d by the
@@ -157,6 +158,7 @@ def robot(e, witness):
     """Decide whether all points lie in what the loop tolerates: in a ball, or by an affine Lyapunov function."""
     if witness:
         loop = (e["ball"] or {}).get("loop") or e["coupled_loop"]
+        opened(loop, e["period"], "B_mismatch" if e["ball"] else "B")
         points = [point for point in e["points"].values() if point]
         return max(at_rest(loop, point, e["nominal_inertia"], e["period"], witness) for point in points)
     N, b, T, cover, rates = symmetric(e["nominal_inertia"]), e["ball"], e["period"], e["affine"], []
@@ -164,7 +166,7 @@ def robot(e, witness):
     if b is None or not e["robust_term_is_bounded"]:
         return -1, "no ball, or an unbounded slope"
     centre, radius, eta = (arb(b[name]) for name in ("centre", "radius", "position_weight"))
-    lead = b["loop"]["lead_periods"][0][0] * arb(T)
+    lead, needed = b["loop"]["lead_periods"][0][0] * arb(T), radius
     if cover:
         of = cover["proof"]["ratios"]
         low, high, rate, own = (arb(of[name]) for name in ("min_ratio", "max_ratio", "rate", "relative_rate"))
@@ -177,9 +179,8 @@ def robot(e, witness):
         if b["max_change"] is not None:
             rate, rates = arb(b["max_change"]) / T, [e["max_rate_point"]]
             bounds = bounds or [(0, lead, b["stiffness"])]
-        found, needed = [tolerates(b, T, e["slope"]), decays(b, e)], radius
-        if b["growth"] != 1:
-            needed = arb(b["decay_radius"]) * LOOSE
+        found = [tolerates(b, T, e["slope"]), decays(b, e)]
+        needed = radius if b["growth"] == 1 else arb(b["decay_radius"]) * LOOSE
         low, high = centre - needed, centre + needed
     found.append(1 if inside and low <= e["min_ratio"] <= e["max_ratio"] <= high else -1)
     for point in points:

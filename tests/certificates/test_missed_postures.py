@@ -11,7 +11,7 @@ from scipy.optimize import differential_evolution
 from law_catalogue import make_tdc
 from tampering import scaled
 from tarc.analysis import Workspace, inertia_spread
-from tarc.analysis.operating_points import SEARCH_MARGIN, OperatingPoint, UncertaintySamples
+from tarc.analysis.operating_points import SEARCH_MARGIN, OperatingPoint, UncertaintySamples, uncertainty_samples
 from tarc.analysis.worst_points import GrownNorm, SampledPoints, UncertaintyNorm
 from tarc.certificates import certify_robot, strengthen_robot
 from tarc.estimators import Algebraic
@@ -52,6 +52,26 @@ def test_the_verdict_holds_for_five_per_cent_more_than_was_found(certified):
     assert evidence.rate == pytest.approx(1.05 * evidence.max_rate_point.rate(evidence.nominal_inertia))
     assert ball.stiffness == pytest.approx(stiffest)
     assert any("5 % more of ratios" in line for line in certified.assumptions)
+
+
+def test_payloads_between_both_ends_are_covered(certified):
+    ball, rng = certified.evidence.ball, np.random.default_rng(0)
+    assert ball.radius < ball.centre
+    lead_time = ball.loop.lead_periods.item() * certified.evidence.period
+    norm = UncertaintyNorm(certified.evidence.nominal_inertia, ball.centre, ball.position_weight, lead_time)
+    between = [TwoLinkArm(payload=mass) for mass in (0.2, 0.7)]
+    points = [
+        OperatingPoint(
+            between[i % 2],
+            rng.uniform(BOX.low, BOX.high),
+            rng.uniform(-1, 1, 2),
+            rng.uniform(-4, 4, 2),
+        )
+        for i in range(200)
+    ]
+    assert norm.values(points).max() < ball.radius / (1 + certified.margin)
+    stiffness = uncertainty_samples(norm.nominal, points).stiffness_norms(lead_time)
+    assert stiffness.max() < ball.stiffness
 
 
 def test_a_ball_without_that_margin_does_not_verify(certified):

@@ -69,6 +69,10 @@ def certify_robot(
     radius δ is then that for the largest ‖dE⁻¹/dt‖ at this speed, and is much larger. Without a speed E may change at
     any rate, but H and C are those at rest. So what motion adds to them is not certified.
 
+    The loop at ρ0 is stable. The robot is reached from there along E_τ⁻¹ = (1 − τ)/ρ0 + τ E⁻¹, H_τ = F_τ H and
+    C_τ = F_τ C with F_τ = ρ0 τ ((1 − τ) E + τ ρ0)⁻¹. Since E_τ − ρ0 I = F_τ (E − ρ0 I) and ‖F_τ‖ ≤ 1, all points of
+    this way satisfy the condition, and E_τ⁻¹ changes no faster.
+
     The law is refuted if the robot, held at rest in one of the worst postures, is unstable. That test includes its
     inertia, gravity and viscous friction. Otherwise the verdict is inconclusive, as for gains that differ between the
     joints.
@@ -78,7 +82,9 @@ def certify_robot(
     law
         A law with an inertia M̂.
     plant
-        The robot, or several, such as one without and one with its payload.
+        The robot, or several, such as one without and one with its payload. M, G and D are affine in a payload. With
+        that the condition is convex in it for δ ≤ ρ0, as (I − ρ0 E⁻¹)² + (Ĝ Ĝᵀ + Ĉ Ĉᵀ/θ²)/η² ≼ δ² E⁻² shows. So both
+        ends stand for each payload between. ‖[H, C/θ]‖ alone, which counts for a bounded rate, is left to the margin.
     workspace
         The postures that it takes.
     computation_delay
