@@ -5,6 +5,7 @@ import pytest
 
 import tarc
 from tarc.analysis import Workspace, prove_inertia_spread
+from tarc.analysis.workspace_boxes import workspace_boxes
 from tarc.numerics.eigenvalue_proof import prove_below
 from tarc.numerics.trig_polynomial import TrigPolynomial
 from tarc.plants import MassSpringDamper, NLinkArm, TwoLinkArm
@@ -45,6 +46,18 @@ def test_what_the_search_missed_is_met_by_the_proof():
         assert proven.complete
         assert proven.min_ratio < low
         assert high < proven.max_ratio
+
+
+def test_boxes_contain_the_tube_about_a_reference_and_one_turn_of_each_angle():
+    reference = tarc.signals.Sinusoid(amplitude=[0.6, 0.9], frequency=1.3)
+    workspace = Workspace.from_reference(reference, 3.0, tube=[0.05, 0.0])
+    centres, halves = workspace_boxes(workspace)
+    assert len(centres) > 10
+    for posture in workspace.sample(300, 2):
+        assert np.any(np.all(np.abs(posture - centres) <= halves, axis=1))
+    assert halves.max() < 0.1
+    turns = workspace_boxes(Workspace.box([-7.0, 0.0], [7.0, 1.0]))
+    assert turns[1].tolist() == [[np.pi, 0.5]]
 
 
 def test_two_links_in_closed_form():

@@ -6,6 +6,7 @@ import pytest
 from tarc.analysis import Workspace, prove_inertia_spread, stored_proof
 from tarc.core.progress import Progress
 from tarc.plants import NLinkArm, TwoLinkArm
+from tarc.plants.base import Plant
 
 ARM = NLinkArm()
 WORKSPACE = Workspace.box(np.full(3, -2.0), np.full(3, 2.5))
@@ -18,7 +19,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path / "proofs"
 
 
-def prove(arm=ARM, workspace=WORKSPACE, tolerance=0.02, **options):
+def prove(arm: Plant = ARM, workspace=WORKSPACE, tolerance=0.02, **options):
     nominal = np.diag(np.arange(arm.n_joints, 0, -1.0))
     return prove_inertia_spread(arm, nominal, workspace, tolerance=tolerance, samples=200, progress=False, **options)
 

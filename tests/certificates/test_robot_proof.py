@@ -87,7 +87,7 @@ def test_time_that_ends_leaves_the_samples_and_a_share(affine):
     assert not proven.complete
     assert proven.share < 1
     assert proven.certificate.certified
-    assert proven.certificate.verdict_in_words.startswith("certified on 30 sampled postures and local search, with ")
+    assert proven.certificate.verdict_in_words.startswith("certified on 30 sampled postures and local search")
     assert sum(line.startswith("rests on samples") for line in proven.certificate.assumptions) == len(proven.parts)
     assert "the time ended" in str(proven.parts[0])
 
@@ -132,7 +132,8 @@ def test_too_many_corners_rest_on_search(affine, monkeypatch):
     assert [part.complete for part in proven.parts] == [True, True, True, False]
     assert "32 corners of the motions are too many; search decides" in str(proven.parts[-1])
     assert proven.certificate.verdict_in_words == (
-        "certified on 30 sampled postures and local search, with 0 % of the workspace proven"
+        "certified on 30 sampled postures and local search; proven for every posture: inertia ratios, "
+        "rate of the inertia, relative rate of the inertia"
     )
 
 

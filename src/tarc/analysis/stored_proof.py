@@ -20,8 +20,8 @@ SAVE_PERIOD = 10.0
 """Time between two saves of the open boxes [s]."""
 MIN_SAVED_TIME = 1.0
 """Time that a proof must have taken to be saved [s]."""
-DIGITS = 11
-"""Digits of the coefficients that make two robots different; bounds hold for differences a thousand times larger."""
+DIGITS = 13
+"""Digits of the coefficients that make two robots different; smaller differences are in the bounds' allowance."""
 STEPS = 1000
 """Steps of the progress bar."""
 

@@ -183,11 +183,19 @@ def _with_basis(proven: ProvenRobot) -> Certificate[RobotEvidence]:
     lines = [f"proven by branch and bound, with a bound on rounding: {part}" for part in proven.parts if part.complete]
     if not proven.complete:
         lines += [f"rests on samples and search: {part}" for part in proven.parts if not part.complete]
-        basis = f"{certificate.basis}, with {100 * min(proven.share, 0.9999):.3g} % of the workspace proven"
+        basis = "; ".join([certificate.basis, *_shares(proven.parts)])
         return replace(certificate, basis=basis, assumptions=(*certificate.assumptions, *lines))
     rest = (re.sub(r"; so [^;]*samples and local search found", "", line) for line in certificate.assumptions)
     kept = [line for line in rest if "samples" not in line]
     return replace(certificate, basis=EVERY_POSTURE, assumptions=(*lines, *kept))
+
+
+def _shares(parts: Sequence[ProvenPart]) -> list[str]:
+    """Return which bounds are proven for every posture, and which for a share of them, in words."""
+    complete = dict.fromkeys(part.name for part in parts if part.complete)
+    begun = [f"{part.name} in {100 * min(part.share, 0.9999):.3g} %" for part in parts if 0 < part.share < 1]
+    words = [f"proven for every posture: {', '.join(complete)}"] if complete else []
+    return words + ([f"proven for a share of the postures: {', '.join(begun)}"] if begun else [])
 
 
 def _with_fewest_bounds(cover: AffineCover) -> AffineCover:
