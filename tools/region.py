@@ -40,14 +40,16 @@ def falls(p, low, high):
     P0, P1, Q1, S, Z = (symmetric(p["matrices"][name]) for name in ("P0", "P1", "Q1", "S", "R"))
     turn, change = (LOOSE * arb(of[name]) * T for name in ("rate", "relative_rate"))
     turned, swing = uneven(of)
-    sizes = np.cumsum([len(A), 2, 1, 2, 1, 1, 1])
-    z, k, c, f, n, r, delta = np.split(np.eye(sizes[-1], dtype=int), sizes[:-1])
-    v = C @ z + d * n + s * r
+    half = arb(loop["half_slope"])
+    sizes = np.cumsum([len(A), 2, 1, 2, 1, 1, 1, half > 0])
+    z, k, c, f, n, r, delta, w = np.split(np.eye(sizes[-1], dtype=int), sizes[:-1])
+    added = r + w.sum(axis=0)
+    v = C @ z + d * n + s * added
     forces, _ = terms(p)
 
     def decrease(x):
         mean, moment = x * (v + k[:1] + f[:1]), c + x * (k[1:] + f[1:])
-        later = A @ z + B[:, :1] @ mean + B[:, 1:] @ moment + N @ n + R @ r + X @ delta
+        later = A @ z + B[:, :1] @ mean + B[:, 1:] @ moment + N @ n + R @ added + X @ delta
         after = x * (P0 + turn * turned**2 * S) + P1 + Q1 + (change.exp() - 1) * Z
         F = arb(p["decay"]) * z.T @ (x * P0 + P1 + Q1) @ z - later.T @ after @ later
         track = np.vstack([rows @ z, mean * T**2])
@@ -55,6 +57,8 @@ def falls(p, low, high):
             squares = ball(MEAN_SQUARES[0]) / 120 + lead * ball(MEAN_SQUARES[1]) / 6
             F = F - x * arb(weight) * (size * track.T @ squares @ track + within * x * v.T @ v - k.T @ k)
         F = F - arb(weights["swing"]) * ((x * swing) ** 2 * v.T @ v - c.T @ c)
+        if half > 0:
+            F = F - x * arb(weights["slope"]) * (half**2 * (rows[:1] @ z + n).T @ (rows[:1] @ z + n) - w.T @ w)
         for name, part in (("drift", f), ("noise", n), ("residual", r), ("change", delta)):
             F = F + x * arb(weights[name]) * part.T @ part
         return F
@@ -77,7 +81,7 @@ def region(e, witness):
     turned, swing = uneven(of)
     numbers = [of["rate"], of["relative_rate"], *bounds.values(), *of["stiffness"], *of["lead_times"], *of["shares"]]
     numbers += [*weights["forces"], *(weights[x] for x in weights if x != "forces")]
-    numbers += [p["rest_stiffness"], p["start_torque"], p["start_velocity"]]
+    numbers += [loop["half_slope"], p["rest_stiffness"], p["start_torque"], p["start_velocity"]]
     fits = 0 < low <= high and 0 < turned < 3 and 0 < decay < 1 and level > 0 and loop["period"] == T
     fits = fits and all(x >= 0 for x in numbers) and set(of["powers"]) <= {1.0} and of["intersample"]
     if not fits:
@@ -101,7 +105,8 @@ def region(e, witness):
 
     def largest(value):
         v = value.sqrt() * gain(ball(loop["C"])[0]) + abs(arb(loop["noise_gain"][0][0])) * bounds["noise"]
-        v += abs(arb(loop["residual_gain"][0][0])) * bounds["residual"]
+        robust = arb(loop["half_slope"]) * (arb(tube["error"]) + bounds["noise"])
+        v += abs(arb(loop["residual_gain"][0][0])) * (bounds["residual"] + robust)
         reach = [
             x * (arb(tube["error"]) ** 2 + (arb(y) * tube["error_rate"]) ** 2).sqrt()
             for x, y in zip(of["stiffness"], of["lead_times"], strict=True)

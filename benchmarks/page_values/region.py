@@ -1,5 +1,6 @@
 """Values of the region of attraction: certified errors, and runs of the nonlinear robot from the boundary."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,12 +12,12 @@ from tarc.analysis import Workspace, best_inertia_shape
 from tarc.certificates import certify_region
 from tarc.core.types import Array
 from tarc.estimators import Algebraic
-from tarc.laws import TDC
+from tarc.laws import TARC, TDC
 from tarc.plants import Plant, TwoLinkArm, load_robot
 from tarc.signals import Encoder, Quintic
 from tarc.signals.disturbances import Disturbance
 
-BITS = 17
+BITS, SAMPLES = 17, 200
 HEADS = [
     "robot, R [mrad]",
     "start r [mrad]",
@@ -41,18 +42,33 @@ class Triangle(Disturbance):
 
 
 def row(
-    label: str, plant: Plant, inertia: Array, reference: Quintic, rate: Array, *, size: float, runs: int
-) -> tuple[Any, ...]:
+    label: str,
+    plants: Sequence[Plant],
+    law: TDC | TARC,
+    reference: Quintic,
+    rate: Array,
+    *,
+    size: float,
+    runs: int,
+    friction: float = 0.0,
+) -> tuple[str, ...]:
     """Return what is certified for the largest error R, and what runs from the boundary reach."""
-    law = TDC(inertia=inertia, natural_frequency=20.0, period=1e-3, estimator=Algebraic(window=0.006))
     duration = float(reference.times[-1])
     found = certify_region(
-        law, plant, reference, duration, max_error=size, measurement_error=np.pi / 2**BITS, torque_rate=rate
+        law,
+        plants,
+        reference,
+        duration,
+        max_error=size,
+        measurement_error=np.pi / 2**BITS,
+        torque_rate=rate,
+        friction=friction,
+        samples=SAMPLES,
     )
     evidence, rng = found.evidence, np.random.default_rng(0)
     if evidence.proof is None:
-        return f"{label}, {1e3 * size:g}", "–", "–", "–", "–", "–", "–"
-    values, vectors = np.linalg.eigh(inertia)
+        return (f"{label}, {1e3 * size:g}", *(["–"] * (len(HEADS) - 1)))
+    values, vectors = np.linalg.eigh(law.M)
     inverse_root = vectors * values**-0.5 @ vectors.T
     largest = final = 0.0
     left = 0
@@ -61,7 +77,7 @@ def row(
         offset = 0.9999 * evidence.start_error * inverse_root @ direction / np.linalg.norm(direction)
         signs, frequency = rng.choice([-1.0, 1.0], law.n_joints), FREQUENCIES[i % len(FREQUENCIES)]
         run = simulate(
-            plant,
+            plants[i % len(plants)],
             law,
             reference,
             duration,
@@ -76,26 +92,57 @@ def row(
         left += bool(np.any(error > evidence.tube_errors))
         final = max(final, float((error[-500:] / evidence.final_errors).max()))
     starts, ends = (
-        " ".join(f"{1e3 * value:.3g}" for value in part) for part in (evidence.start_errors, evidence.final_errors)
+        ", ".join(f"{1e3 * value:.2g}" for value in part) for part in (evidence.start_errors, evidence.final_errors)
     )
-    decay = f"{evidence.proof.decay_rate:.3g}"
+    decay = f"{evidence.proof.decay_rate:.2g}"
     return f"{label}, {1e3 * size:g}", starts, ends, decay, f"{runs}, {left}", f"{largest:.2f}", f"{final:.2f}"
+
+
+def arm_rows() -> list[tuple[str, ...]]:
+    """Return the rows of the two-link arm, under TDC and TARC."""
+    arm = TwoLinkArm(viscous=0.2)
+    swing = Quintic(points=[[0.2, 0.8], [0.8, 1.4], [0.2, 0.8]], times=[0.0, 2.0, 4.0])
+    common: dict[str, Any] = {
+        "inertia": 0.08 * arm.inertia([0.0, 1.1]),
+        "natural_frequency": 20.0,
+        "period": 1e-3,
+        "estimator": Algebraic(window=0.006),
+    }
+    weight = np.array([800.0, 800.0, 1.0, 1.0])
+    adaptive = TARC(
+        **common, rise_rate=4000.0, fall_rate=2000.0, max_gain=5.0, boundary_layer=0.02, lyapunov_weight=weight
+    )
+    rate = np.array([5.0, 5.0])
+    cases = ("TDC", TDC(**common), 0.1), ("TDC", TDC(**common), 0.3), ("TARC", adaptive, 0.1)
+    return [row(f"two-link arm, {name}", [arm], law, swing, rate, size=size, runs=100) for name, law, size in cases]
+
+
+def ur5e_rows() -> list[tuple[str, ...]]:
+    """Return the rows of the UR5e: with dry friction, and with a load between 0 and 5 kg."""
+    home, change = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.3]), np.array([0.4, 0.3, -0.4, 0.3, 0.3, 0.5])
+    motion = Quintic(points=[home, home + change, home], times=[0.0, 3.0, 6.0])
+    place, rate = Workspace.box(home - 0.7, home + 0.9), np.array([5.0, 5.0, 5.0, 1.0, 1.0, 1.0])
+    cases: list[tuple[str, tuple[float, ...], float, float, float, bool, float]] = [
+        ("UR5e", (0.0,), 0.0, 0.05, 20.0, False, 0.05),
+        ("UR5e, 2 N m of dry friction", (0.0,), 2.0, 0.05, 40.0, False, 0.1),
+        ("UR5e, 0 to 5 kg, synchronised", (0.0, 5.0), 0.0, 0.1, 20.0, True, 0.05),
+    ]
+    found = []
+    for label, loads, friction, fraction, frequency, synchronised, size in cases:
+        robots = [load_robot("ur5e", armature=0.1, viscous=1.0, coulomb=friction, payload=load) for load in loads]
+        shape, _ = best_inertia_shape(robots, place, samples=SAMPLES)
+        law = TDC(
+            inertia=fraction * shape,
+            natural_frequency=frequency,
+            period=1e-3,
+            estimator=Algebraic(window=0.006),
+            synchronised=synchronised,
+        )
+        found.append(row(label, robots, law, motion, rate, size=size, runs=40, friction=friction))
+    return found
 
 
 @long_source
 def region() -> dict[str, Value]:
     """Errors from which a law recovers, certified and attacked."""
-    arm = TwoLinkArm(viscous=0.2)
-    swing = Quintic(points=[[0.2, 0.8], [0.8, 1.4], [0.2, 0.8]], times=[0.0, 2.0, 4.0])
-    inertia = 0.08 * arm.inertia([0.0, 1.1])
-    rows = [
-        row("two-link arm", arm, inertia, swing, np.array([5.0, 5.0]), size=size, runs=runs)
-        for size, runs in ((0.1, 100), (0.3, 100))
-    ]
-    ur5e = load_robot("ur5e", armature=0.1, viscous=1.0, coulomb=0.0)
-    home, change = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.3]), np.array([0.4, 0.3, -0.4, 0.3, 0.3, 0.5])
-    motion = Quintic(points=[home, home + change, home], times=[0.0, 3.0, 6.0])
-    shape, _ = best_inertia_shape(ur5e, Workspace.box(home - 0.7, home + 0.9), samples=500)
-    rate = np.array([5.0, 5.0, 5.0, 1.0, 1.0, 1.0])
-    rows.append(row("UR5e", ur5e, 0.05 * shape, motion, rate, size=0.05, runs=40))
-    return {"attacked": table(HEADS, rows)}
+    return {"attacked": table(HEADS, [*arm_rows(), *ur5e_rows()])}

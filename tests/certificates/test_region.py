@@ -129,7 +129,10 @@ def test_pendulum_never_leaves_its_tube(swung):
 
 
 def lyapunov_values(proof: RegionProof, law, plant, reference, run, disturbance=None):
-    """V of the whole state along a run, and the largest difference of the law's torque from the loop's."""
+    """V of the whole state along a run, and the largest difference of the law's torque from the loop's.
+
+    With a robust term that difference is what the term adds, which must lie in its sector; the rest is returned.
+    """
     root, inverse_root = matrix_roots(law.M)
     data, n_steps = run.data, run.data.sizes["time"]
     times = np.arange(n_steps) * law.period
@@ -152,12 +155,15 @@ def lyapunov_values(proof: RegionProof, law, plant, reference, run, disturbance=
     for k in range(n_steps):
         measured = (e[:, k] + noise[:, k])[None]
         commanded = channel.C @ x + channel.D @ measured + channel.E @ residual[None, :, k]
-        difference = max(difference, float(np.abs(commanded[0] - torque[:, k] + wanted[:, k]).max()))
+        robust = (torque[:, k] - wanted[:, k] - commanded[0])[None] / channel.E
+        slope = law.robust_slope_bound / 2
+        outside = np.linalg.norm(robust + slope * measured) - slope * np.linalg.norm(measured)
+        difference = max(difference, float(outside))
         z = to_states @ np.vstack([e[:, k], rate[:, k] * law.period, x])
         J = inverse_root @ plant.inertia(position[k]) @ inverse_root
         values.append(np.trace(z.T @ P0 @ z) + np.sum((z.T @ (P1 + Q1) @ z) * J))
         if k + 1 < n_steps:
-            x = channel.F @ x + channel.G @ measured + channel.H @ residual[None, :, k]
+            x = channel.F @ x + channel.G @ measured + channel.H @ (residual[None, :, k] + robust)
             x -= np.outer(held[2:], wanted[:, k + 1] - wanted[:, k])
     return np.array(values), difference
 
@@ -224,6 +230,42 @@ def test_friction_that_flips_at_any_time_stays_within_the_bound():
     assert 0.02 * found.evidence.final_errors < largest < found.evidence.final_errors
 
 
+@pytest.mark.slow
+def test_robust_term_of_tarc_is_covered(tmp_path):
+    """The adaptive gain rises and falls at will; V falls as claimed, and the tool decides the same."""
+    law = laws.TARC(
+        inertia=ARM_LAW.M,
+        natural_frequency=20.0,
+        period=T,
+        estimator=ARM_LAW.estimator,
+        rise_rate=4000.0,
+        fall_rate=2000.0,
+        max_gain=5.0,
+        boundary_layer=0.02,
+        lyapunov_weight=np.array([800.0, 800.0, 1.0, 1.0]),
+    )
+    assert law.robust_slope_bound == pytest.approx(250.0)
+    found = certify_region(
+        law, ARM, REACH, 4.0, max_error=0.1, measurement_error=HALF_STEP, torque_rate=5.0, samples=100
+    )
+    assert found.certified
+    (tmp_path / "tarc.json").write_text(found.to_json(), encoding="utf-8")
+    assert tool.main([str(tmp_path / "tarc.json")]) == 0
+    proof, inverse_root = found.evidence.proof, matrix_roots(law.M)[1]
+    assert proof is not None
+    for angle in np.linspace(0, 2 * np.pi, 4, endpoint=False):
+        offset = 0.9999 * found.evidence.start_error * inverse_root @ [np.cos(angle), np.sin(angle)]
+        attack = triangle([5.0, -5.0], 20.0)
+        run = run_from(law, ARM, REACH, 4.0, offset, attack)
+        assert run.data["gain"].values.max() > 1.0
+        assert np.all(np.abs(errors(run)) <= found.evidence.tube_errors)
+        assert np.all(np.abs(errors(run)[-500:]) <= found.evidence.final_errors)
+        values, outside = lyapunov_values(proof, law, ARM, REACH, run, attack)
+        assert outside < 1e-6, "the robust term lies in its sector"
+        assert np.all(values[1:] <= proof.decay * values[:-1] + proof.supply)
+
+
+@pytest.mark.slow
 def test_too_much_friction_is_left_undecided():
     found = certify_region(PENDULUM_LAW, PENDULUM, SWING, 1.0, max_error=0.02, friction=200.0, samples=20)
     assert found.verdict == "inconclusive"
@@ -236,6 +278,8 @@ def test_bad_input():
         return certify_region(law, plant, reference, 1.0, max_error=max_error, friction=friction)
 
     with pytest.raises(UnsupportedLaw, match="covers tarc.laws.TDC"):
+        certify(make_law(laws.IVF))
+    with pytest.raises(UnsupportedLaw, match="give max_gain"):
         certify(make_law(laws.TARC))
     with pytest.raises(UnsupportedLaw, match="M̂\\(q\\) from a model"):
         certify(make_tdc(inertia=NominalInertia(ARM, 0.1)))

@@ -24,6 +24,7 @@ from tarc.core.types import Array
 from tarc.core.validation import Numbers
 from tarc.estimators.oracle import refuse_oracle
 from tarc.laws.base import Law
+from tarc.laws.tarc import TARC
 from tarc.laws.tdc import TDC
 from tarc.numerics.ball_arithmetic import BALLS, decide, is_positive_definite
 from tarc.numerics.matrix_polynomial import definite_pieces, is_definite_on
@@ -48,6 +49,7 @@ ASSUMPTIONS = (
     f"than those found is covered up to {MARGIN:.0%}",
     "sampled: the torque along the reference at quarters of a period, and what the law's derivatives of the reference "
     "lack at each period",
+    "the robust term, if any, is a slope of the measured error between zero and its bound, which changes at any time",
     "the robot is one of those given throughout; it has no flexibility, and no friction besides viscous friction and "
     "the given torque",
     "the disturbing torque is zero at the start, and changes no faster than given",
@@ -58,6 +60,8 @@ ASSUMPTIONS = (
 """What a verdict takes for granted."""
 SLACK = 1 + 2.0**-27
 """Factor by which stored sizes may miss those computed again."""
+SIZE_ROOM = 1e-5
+"""Share by which sizes are stored smaller or larger than computed, beyond rounding."""
 BISECTIONS = 50
 """Number of steps in which the largest level within the tube is found."""
 
@@ -106,7 +110,7 @@ class RegionProof:
     def supply(self) -> float:
         """g, by which V may grow in a period."""
         force_squares, squares = signal_bounds(self.ratios, self.bounds)
-        return float(self.weights.forces @ force_squares + np.array(self.weights[2:]) @ squares)
+        return float(self.weights.forces @ force_squares + np.array(self.weights[3:]) @ squares)
 
     @property
     def final_level(self) -> float:
@@ -119,7 +123,7 @@ class RegionProof:
         for _ in range(BISECTIONS):
             middle = (low + high) / 2
             low, high = (middle, high) if self.is_in_tube(middle) else (low, middle)
-        return replace(self, level=low)
+        return replace(self, level=low * (1 - SIZE_ROOM))
 
     def is_in_tube(self, level: float) -> bool:
         """Return whether a level of V that is not left lies in the tube, also between samples."""
@@ -177,7 +181,14 @@ class RegionProof:
             self.bounds.drift,
             self.rest_stiffness,
         ]
-        numbers += [self.start_torque, self.start_velocity, *ratios.stiffness, *ratios.lead_times, *weights]
+        numbers += [
+            self.loop.half_slope,
+            self.start_torque,
+            self.start_velocity,
+            *ratios.stiffness,
+            *ratios.lead_times,
+            *weights,
+        ]
         return (
             0 < ratios.min_ratio <= ratios.max_ratio < np.inf
             and 0 < self.decay < 1
@@ -211,7 +222,8 @@ class RegionProof:
         T, (position, velocity), root = self.ratios.period, self.loop.outputs, level**0.5
         bounds = self.bounds
         v = root * self._gain(self.loop.C[0]) + abs(self.loop.noise_gain.item()) * bounds.noise
-        v += abs(self.loop.residual_gain.item()) * bounds.residual
+        robust = self.loop.half_slope * (self.tube.error + bounds.noise)
+        v += abs(self.loop.residual_gain.item()) * (bounds.residual + robust)
         force = bounds.change + bounds.torque
         if len(self.ratios.stiffness):
             reach = np.hypot(self.tube.error, self.ratios.lead_times * self.tube.error_rate)
@@ -311,7 +323,8 @@ def certify_region(
     Parameters
     ----------
     law
-        A `tarc.laws.TDC` with a constant M̂, no feed-forward and gains that all joints share.
+        A `tarc.laws.TDC` or `TARC` with a constant M̂, no feed-forward and gains that all joints share. The robust term
+        of TARC, whose ``max_gain`` must be given, may have any slope up to its bound at any time.
     plant
         The robot in symbols, or several, one of which it is throughout.
     reference, duration
@@ -385,8 +398,8 @@ def certify_region(
         proof=best,
         nominal_inertia=nominal,
         max_error=limit,
-        start_error=best.start_error if best else 0.0,
-        final_error=best.final_error if best else float("inf"),
+        start_error=best.start_error * (1 - SIZE_ROOM) if best else 0.0,
+        final_error=best.final_error * (1 + SIZE_ROOM) if best else float("inf"),
     )
     return _certificate(law, evidence, samples)
 
@@ -412,10 +425,12 @@ def _root(least: float, largest: float) -> float:
     return float(largest) ** 0.5 if least >= 0 else float("inf")
 
 
-def _supported(law: Law) -> TDC:
+def _supported(law: Law) -> TDC | TARC:
     """Return a law that is covered, or refuse it."""
-    if not isinstance(law, TDC):
-        raise UnsupportedLaw(f"law: got {type(law).__name__}; certify_region covers tarc.laws.TDC")
+    if not isinstance(law, TDC | TARC):
+        raise UnsupportedLaw(f"law: got {type(law).__name__}; certify_region covers tarc.laws.TDC and TARC")
+    if not np.isfinite(law.robust_slope_bound):
+        raise UnsupportedLaw("law: nothing bounds the gain of its robust term; give max_gain")
     refuse_nominal_inertia(law, "the certificate of a region")
     refuse_oracle(law.estimator)
     if law.feedforward is not None or law.torque_limit is not None or law.actuation_delay:
@@ -429,8 +444,8 @@ def _supported(law: Law) -> TDC:
     return law
 
 
-def tracking_loop(law: TDC, computation_delay: int) -> TrackingLoop:
-    """Return the loop of one joint of a law in errors from the reference."""
+def tracking_loop(law: TDC | TARC, computation_delay: int) -> TrackingLoop:
+    """Return the loop of one joint of a law in errors from the reference, with half of its robust slope."""
     channel = decoupled_channels(law, computation_delay)[0]
     loop = UncertainLoop.from_channel(channel, 0.0, intersample=True)
     window, torque = (np.concatenate([[0, 0], x]) for x in initial_responses(law, computation_delay))
@@ -438,25 +453,25 @@ def tracking_loop(law: TDC, computation_delay: int) -> TrackingLoop:
     if not np.allclose(channel.F @ torque[2:], torque[2:]) or not np.allclose(channel.C @ torque[2:], 1):
         raise UnsupportedLaw("law: a constant torque is no equilibrium of its memory, which certify_region needs")
 
-    def column(entries: Array) -> Array:
-        return np.concatenate([np.zeros((2, 1)), entries])
-
+    half, none = law.robust_slope_bound / 2, np.zeros((2, 1))
+    auxiliary = np.concatenate([none, channel.H])
     return TrackingLoop(
-        A=loop.A,
+        A=loop.A - half * auxiliary @ unit[:1],
         B=loop.B_mismatch,
-        C=loop.C,
-        noise=column(channel.G),
-        residual=column(channel.H),
+        C=loop.C - half * channel.E @ unit[:1],
+        noise=np.concatenate([none, channel.G]) - half * auxiliary,
+        residual=auxiliary,
         change=-torque[:, None],
-        noise_gain=channel.D,
+        noise_gain=channel.D - half * channel.E,
         residual_gain=channel.E,
         outputs=unit[:2],
         starts=np.column_stack([unit[0], unit[1], window, torque]),
+        half_slope=half,
         period=law.period,
     )
 
 
-def reference_residuals(law: TDC, reference: Reference, duration: float) -> Array:
+def reference_residuals(law: TDC | TARC, reference: Reference, duration: float) -> Array:
     """Return r = q̈ᵈ − â + K2 (q̇ᵈ − v̂) at each period, (n, k), with the law's estimates of the reference itself.
 
     The window is full of the first position at the start. A literal law takes the acceleration one delay before.
@@ -544,7 +559,7 @@ def _proofs(
     return proofs
 
 
-def _certificate(law: TDC, evidence: RegionEvidence, samples: int) -> Certificate[RegionEvidence]:
+def _certificate(law: TDC | TARC, evidence: RegionEvidence, samples: int) -> Certificate[RegionEvidence]:
     """Return the certificate of the evidence, with what it assumes."""
     verdict, margin, _ = evidence.judge()
     sizes = [

@@ -28,7 +28,8 @@ class TrackingLoop:
 
     The state y is (e, ė T, x), with x the memory of the law less that along the reference. (mean, moment) are those of
     the acceleration over a period, the moment with T²/√12. The inputs n, r and δ are the error of measurement, what
-    the law's derivatives of the reference lack, and the change of v* in a period, negative.
+    the law's derivatives of the reference lack, and the change of v* in a period, negative. Half of the largest slope
+    of a robust term is in the loop; the rest w, ‖w‖ ≤ ‖e + n‖ k/2, enters as r does.
 
     Attributes
     ----------
@@ -42,6 +43,8 @@ class TrackingLoop:
         Rows of e and ė T, (2, m).
     starts
         Columns y, (m, 4): an error of one, an ė T of one, a window full of an error of one, and v − v* of one.
+    half_slope
+        k/2 [1/s²]; zero without a robust term.
     period
         T [s].
     """
@@ -56,6 +59,7 @@ class TrackingLoop:
     residual_gain: Array
     outputs: Array
     starts: Array
+    half_slope: float
     period: float
 
     def transformed(self, T: Array, inverse: Array) -> "TrackingLoop":
@@ -71,6 +75,7 @@ class TrackingLoop:
             residual_gain=self.residual_gain,
             outputs=self.outputs @ inverse,
             starts=T @ self.starts,
+            half_slope=self.half_slope,
             period=self.period,
         )
 
@@ -111,12 +116,15 @@ class RegionWeights(NamedTuple):
         Of each bound on k, shape (k,).
     swing
         Of the change of E within a period.
+    slope
+        Of the bound on w; zero without a robust term.
     drift, noise, residual, change
         Of the bounds on f (the change of v* within the period), n, r and δ.
     """
 
     forces: Array
     swing: float
+    slope: float
     drift: float
     noise: float
     residual: float
@@ -143,15 +151,16 @@ def signal_bounds(ratios: RatioSet, bounds: InputBounds) -> tuple[Array, Array]:
 def region_forms(loop: TrackingLoop, ratios: RatioSet, arithmetic: Arithmetic = FLOATS) -> "RegionForms":
     """Return the signals of the loop and the forms that are at least zero, less their constants."""
     matrix, number = arithmetic.matrix, arithmetic.number
-    sizes = [len(loop.A), 2, 1, 2, 1, 1, 1]
+    sizes = [len(loop.A), 2, 1, 2, 1, 1, 1, int(loop.half_slope > 0)]
     ends = np.cumsum(sizes)
     unit = matrix(np.eye(int(ends[-1])))
-    z, k, c, f, n, r, d = (unit[end - size : end] for end, size in zip(ends, sizes, strict=True))
-    B = matrix(loop.B)
-    v = product(matrix(loop.C), z) + product(matrix(loop.noise_gain), n) + product(matrix(loop.residual_gain), r)
+    z, k, c, f, n, r, d, w = (unit[end - size : end] for end, size in zip(ends, sizes, strict=True))
+    B, auxiliary = matrix(loop.B), np.concatenate([r, w]).sum(axis=0, keepdims=True)
+    v = product(matrix(loop.C), z) + product(matrix(loop.noise_gain), n)
+    v = v + product(matrix(loop.residual_gain), auxiliary)
     mean, moment = v + k[:1] + f[:1], k[1:] + f[1:]
     constant = product(matrix(loop.A), z) + product(B[:, 1:], c) + product(matrix(loop.noise), n)
-    constant = constant + product(matrix(loop.residual), r) + product(matrix(loop.change), d)
+    constant = constant + product(matrix(loop.residual), auxiliary) + product(matrix(loop.change), d)
     factor = product(B[:, :1], mean) + product(B[:, 1:], moment)
     rows = product(matrix(loop.outputs), z)
     forces = []
@@ -168,7 +177,8 @@ def region_forms(loop: TrackingLoop, ratios: RatioSet, arithmetic: Arithmetic = 
             ]
         )
     swing = [-square(c), 0 * square(c), number(ratios.swing) ** 2 * square(v)]
-    return RegionForms(z, (constant, factor), forces, swing, [square(part) for part in (f, n, r, d)])
+    slope = [number(loop.half_slope) ** 2 * square(rows[:1] + n) - square(w)] if len(w) else []
+    return RegionForms(z, (constant, factor), forces, swing, slope, [square(part) for part in (f, n, r, d)])
 
 
 class RegionForms(NamedTuple):
@@ -178,6 +188,7 @@ class RegionForms(NamedTuple):
     next_state: tuple[Array, Array]
     forces: list[list[Array]]
     swing: list[Array]
+    slope: list[Array]
     inputs: list[Array]
 
 
@@ -217,8 +228,8 @@ def region_decrease(
         for i, part in enumerate(parts):
             forms[degree + i] = forms[degree + i] - part
     pairs = [(1, weight, form) for weight, form in zip(weights.forces.tolist(), signals.forces, strict=True)]
-    pairs.append((0, weights.swing, signals.swing))
-    pairs += [(1, -weight, [form]) for weight, form in zip(weights[2:], signals.inputs, strict=True)]
+    pairs += [(0, weights.swing, signals.swing), (1, weights.slope, signals.slope)]
+    pairs += [(1, -weight, [form]) for weight, form in zip(weights[3:], signals.inputs, strict=True)]
     for degree, weight, coefficients in pairs:
         for i, form in enumerate(coefficients):
             forms[degree + i] = forms[degree + i] - number(weight) * form

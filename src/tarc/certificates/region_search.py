@@ -147,13 +147,15 @@ def _solve(
     signals = region_forms(loop, ratios)
     force_squares, squares = signal_bounds(ratios, bounds)
     constant, factor = signals.next_state
-    sizes = np.concatenate([np.ones(m), _input_sizes(loop, squares)])
+    sizes = np.concatenate([np.ones(m), _input_sizes(loop, squares, tube)])
     forms = [*((0, form) for form in signals.forces), (1, signals.swing)]
+    forms += [(0, signals.slope)] if signals.slope else []
     forms += [(0, [-part]) for part in signals.inputs]
     scaled = [[part * np.outer(sizes, sizes) for part in form] for _, form in forms]
     units = np.array([max(np.abs(evaluate(form, middle)).max(), 1e-300) for form in scaled])
     weights = cp.Variable(len(forms), nonneg=True)
-    g = (np.concatenate([force_squares, [0.0], squares]) / units) @ weights
+    own = np.zeros(len(forms) - len(force_squares) - len(squares))
+    g = (np.concatenate([force_squares, own, squares]) / units) @ weights
     constraints: list[cp.Constraint] = [S - P1 >> 0, S + P1 >> 0]
     constraints += [R - Q1 >> 0, R + Q1 >> 0] if has_two_parts else []
     ends = [P0 + (P1 + Q1) * (middle / ratio) for ratio in (ratios.min_ratio, ratios.max_ratio)]
@@ -188,14 +190,16 @@ def _candidate(loop: TrackingLoop, parts: list[Array], weights: Array, middle: f
         R=middle * _above(R, Q1),
         S0=np.zeros_like(P0),
     )
-    others = [float(value) for value in weights[-5:]]
-    return RegionCandidate(loop, matrices, RegionWeights(weights[:-5], *others))
+    *forces, swing, slope = weights[:-4] if loop.half_slope else np.append(weights[:-4], 0.0)
+    others = [float(value) for value in (swing, slope, *weights[-4:])]
+    return RegionCandidate(loop, matrices, RegionWeights(np.array(forces), *others))
 
 
-def _input_sizes(loop: TrackingLoop, squares: Array) -> Array:
+def _input_sizes(loop: TrackingLoop, squares: Array, tube: TubeSize) -> Array:
     """Return sizes of the inputs in units of the states."""
     acceleration = 0.1 / max(float(np.linalg.norm(loop.B, 2)), 1e-300)
-    return np.array([acceleration] * 5 + [max(float(part) ** 0.5, 1e-9) for part in squares[1:]])
+    sizes = [acceleration] * 5 + [max(float(part) ** 0.5, 1e-9) for part in squares[1:]]
+    return np.array(sizes + [loop.half_slope * tube.error] * (loop.half_slope > 0))
 
 
 def _above(S: Array, P1: Array) -> Array:
