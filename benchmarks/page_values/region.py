@@ -120,7 +120,7 @@ def arm_rows() -> list[tuple[str, ...]]:
 def ur5e_rows() -> list[tuple[str, ...]]:
     """Return the rows of the UR5e: with dry friction, and with a load between 0 and 5 kg."""
     home, change = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.3]), np.array([0.4, 0.3, -0.4, 0.3, 0.3, 0.5])
-    motion = Quintic(points=[home, home + change, home], times=[0.0, 3.0, 6.0])
+    motion = Quintic(points=np.array([home, home + change, home]), times=[0.0, 3.0, 6.0])
     place, rate = Workspace.box(home - 0.7, home + 0.9), np.array([5.0, 5.0, 5.0, 1.0, 1.0, 1.0])
     cases: list[tuple[str, tuple[float, ...], float, float, float, bool, float]] = [
         ("UR5e", (0.0,), 0.0, 0.05, 20.0, False, 0.05),

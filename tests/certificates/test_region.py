@@ -83,6 +83,9 @@ def test_certified_verified_and_checked_by_the_tool(swung, tmp_path):
     assert evidence.final_errors[0] < 0.02
     assert evidence.start_contains(np.array([0.99]) * evidence.start_errors)
     assert not evidence.start_contains(np.array([1.01]) * evidence.start_errors)
+    assert [line.get_ydata()[0] for line in swung.plot().axes[0].lines] == pytest.approx(
+        [0.5, *evidence.tube_errors, *evidence.start_errors, *evidence.final_errors]
+    )
     path = tmp_path / "region.json"
     path.write_text(swung.to_json(), encoding="utf-8")
     assert tool.main([str(path)]) == 0

@@ -27,6 +27,7 @@ TITLES = {
     "theorem1": "Theorem 1",
     "theorem2": "Theorem 2",
     "nominal": "nominal loop",
+    "region": "region of attraction",
 }
 VERDICT_COLOURS = {"certified": COLOURS[2], "refuted": COLOURS[1], "inconclusive": COLOURS[4]}
 
@@ -207,7 +208,29 @@ def conditions_figure(certificates: Sequence["Certificate"]) -> Figure:
     return figure
 
 
+def _region(certificate: "Certificate") -> Figure:
+    """Draw the largest error of each joint that ever occurs, at the start, and in the end."""
+    evidence = certificate.evidence
+    sizes = {"allowed": evidence.max_error}
+    if evidence.proof is not None:
+        sizes |= {"never exceeded": evidence.tube_errors, "at the start, one joint alone": evidence.start_errors}
+        sizes["in the end"] = evidence.final_errors
+    figure = StyledFigure(figsize=(6.5, 4.2))
+    axes = figure.subplots(gridspec_kw=_margins(left=0.14, right=0.97))
+    joints = np.arange(1, len(evidence.max_error) + 1)
+    for (label, errors), marker in zip(sizes.items(), "_vo^", strict=False):
+        axes.semilogy(joints, errors, marker, label=label, ms=9)
+    _label_powers(axes, "y")
+    axes.set_xticks(joints)
+    axes.set_xlim(0.5, len(joints) + 0.5)
+    axes.set_xlabel("joint")
+    axes.set_ylabel("error [rad or m]")
+    axes.legend(fontsize="small")
+    return _finish(figure, certificate)
+
+
 FIGURES: dict[str, Callable[[Any], Figure]] = {
+    "region": _region,
     "robot": _varying_ratio,
     "constant_ratio": _constant_ratio,
     "sector": _sector,
