@@ -119,9 +119,26 @@ def adaptive_term() -> dict[str, Value]:
     from benchmarks import adaptive_term as benchmark
 
     results = benchmark.run_all()
+    benchmark.save(results, ROOT / "runs" / "adaptive_term")
     benchmark.figure(results).savefig(ROOT / "docs" / "images" / "adaptive-term.png", dpi=110)
     chosen = [label.split("; ") for label in benchmark.chosen(results).values()]
+    slopes = [
+        (
+            f"{frequency:g}",
+            f"{benchmark.CERTIFIED_SLOPES[frequency]:g}",
+            verdict,
+            f"{benchmark.slope_bound(frequency):.0f}",
+        )
+        for frequency, verdict in benchmark.verdicts().items()
+    ]
+    heads = [
+        "natural frequency [rad/s]",
+        "slope [1/s²]",
+        "verdict with M̂(q)",
+        "circle criterion, constant ratio [1/s²]",
+    ]
     return {
+        "slopes": table(heads, slopes),
         "cases": table(benchmark.HEADS, benchmark.rows(results)),
         "chosen": table(["law", "gains chosen as designed"], chosen),
     }

@@ -14,6 +14,7 @@ RESULTS = {
     "TARC, difference; stiff": Result(0.9, 402.0, 1.0),
     "TARC, difference; too stiff": Result(0.1, 500.0, 2.0),
     "TARC, window; soft": Result(1.8, 200.0, 0.5),
+    "TARC, window, uncertified slope; stiff": Result(0.8, 400.0, 2.0),
     "constant gain; beyond": Result(2.0, 50.0, 1.0),
     "constant gain; soft": Result(3.0, 100.0, 1.0),
 }
@@ -31,6 +32,7 @@ def test_gains_keep_to_the_torque_variation_of_tdc():
     names = chosen({DESIGN: RESULTS, "another": {}})
     assert names["TDC"] == "TDC; 40 rad/s"
     assert names["TARC, difference"] == "TARC, difference; stiff"
+    assert names["TARC, window"] == "TARC, window; soft"
     assert names["constant gain"] == "constant gain; beyond"
 
 
