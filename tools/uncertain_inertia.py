@@ -138,7 +138,7 @@ def contained(point, N, W, b, T, own=0):
     M, (centre, radius, eta, lead, stiffness) = symmetric(point["inertia"]), b
     within = stiffness * within_period(lead, T)
     below = radius * (1 - within) - within * centre
-    dampings = ball(point["damping"]), ball(point["damping"]) + arb(T) * (ball(point["stiffness"]) + own)
+    dampings = [ball(point["damping"]) + arb(time) * (ball(point["stiffness"]) + own) for time in (0, T)]
     parts, size, found = [ratio * N - centre * M for ratio in (arb(ROOM), 1 / arb(ROOM))], M @ W @ M, []
     for damping in dampings:
         forces = stiff(ball(point["stiffness"]), damping, W, lead) * arb(ROOM) ** 2
@@ -184,16 +184,17 @@ def robot(e, witness):
         low, high = centre - needed, centre + needed
     found.append(1 if inside and low <= e["min_ratio"] <= e["max_ratio"] <= high else -1)
     for point in points:
-        if point["velocity"] is None:  # without the viscous friction of a robot at rest
-            point = point | {"damping": np.zeros_like(point["damping"])}
+        friction = np.array(point["damping"] if point["friction"] is None else point["friction"])
+        damping = np.array(point["damping"]) * (point["velocity"] is not None)
+        smooth, rough = (point | {"damping": damping + share * friction} for share in (0, 1))
         M = symmetric(point["inertia"])
         size = {0: M @ W @ M, 0.5: M, 1: N}
         found += [sign(M), sign(N - low * ROOM * M), sign(high / ROOM * M - N)]
-        found += [
-            sign((LOOSE * x / ROOM) ** 2 * size[power] - force(point, W, arb(theta))) for power, theta, x in bounds
-        ]
+        for one, (p, theta, x) in itertools.product((smooth, rough), bounds):
+            found.append(sign((LOOSE * x / ROOM) ** 2 * size[p] - force(one, W, arb(theta))))
         if not cover and eta > 0:
-            found.append(contained(point, N, W, (centre, needed, eta, lead, arb(b["stiffness"])), T))
+            of_ball = centre, needed, eta, lead, arb(b["stiffness"])
+            found += [contained(one, N, W, of_ball, T) for one in (smooth, rough)]
     for point in rates:
         for change in changes(point):
             found.append(sign(LOOSE * rate / ROOM * N - change))

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from law_catalogue import make_law, make_tdc
-from tampering import replaced, reread
+from tampering import replaced, reread, scaled
 from tarc import NominalInertia, laws
 from tarc.analysis import Workspace
 from tarc.analysis.known_inertia import KnownInertia
 from tarc.analysis.linearise import decoupled_channels
-from tarc.analysis.operating_points import OperatingPoint, linearise_points
+from tarc.analysis.operating_points import OperatingPoint, UncertaintySamples, linearise_points, uncertainty_samples
 from tarc.certificates import (
     certify_affine,
     certify_constant_ratio,
@@ -161,4 +161,30 @@ def test_known_inertia():
     for plant in (ARM, LOADED):
         points = motion(plant, 4)
         steps = steps_along(law, known.inertias(points), *known.linearised(points))
+        assert rate_of_product(steps, 2 * len(matrices(law)[0])) >= evidence.decay_rate
+
+
+def test_viscous_friction_that_changes_at_any_time():
+    """Any share of the robot's viscous friction is covered, and the loop decays with it as it says."""
+    arms = [TwoLinkArm(viscous=[1.0, 0.6], payload=mass) for mass in (0.0, 1.0)]
+    law = make_tdc(5, True, 10.0, 0.2 * ARM.inertia([0.0, 1.5]))
+    verdict = certify_robot(law, arms, BOX, samples=20)
+    evidence, ball = verdict.evidence, verdict.evidence.ball
+    assert verdict.certified
+    assert ball is not None
+    assert reread(verdict).verify()
+    assert not scaled(verdict, "points.largest_norm.damping", 1e3).verify()
+    assert not scaled(verdict, "points.stiffest_moving.friction", 1e3).verify()
+    points = motion(arms[1], 5, 2000)
+    samples = uncertainty_samples(law.M, points)
+    friction, lead_time = samples.friction, ball.loop.lead_periods.item() * law.period
+    assert friction is not None
+    assert np.linalg.norm(friction[0], 2) > 0.5
+    M, D, G = linearise_points(points)
+    rng = np.random.default_rng(6)
+    for interval in (1, 100):
+        shares = np.repeat(rng.choice([0.0, 0.5, 1.0], 2000), interval)[:2000, None, None]
+        rubbed = UncertaintySamples(samples.inertia, samples.stiffness, samples.damping + shares * friction)
+        assert rubbed.joint_norms(ball.centre, ball.position_weight, lead_time).max() < ball.decay_radius
+        steps = steps_along(law, [law.M] * len(points), M, D + shares * np.diag([1.0, 0.6]), G)
         assert rate_of_product(steps, 2 * len(matrices(law)[0])) >= evidence.decay_rate

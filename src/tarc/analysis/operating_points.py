@@ -60,12 +60,15 @@ class UncertaintySamples:
         E, H [1/s²] and C [1/s], each (k, n, n).
     held_stiffness
         That part of −H which the law itself adds, at the position of the sample [1/s²], (k, n, n); None for none.
+    friction
+        What viscous friction adds to C [1/s], (k, n, n); None for none.
     """
 
     inertia: Array
     stiffness: Array
     damping: Array
     held_stiffness: Array | None = None
+    friction: Array | None = None
 
     def stiffness_norms(self, lead_time: float) -> Array:
         """Return ‖[H, C/θ]‖ of each point [1/s²], shape (k,), for the lead time θ [s]."""
@@ -95,6 +98,17 @@ class UncertaintySamples:
         mismatch = self.inertia - centre * np.eye(self.inertia.shape[1])
         stiffness = _stack(self.stiffness, self.damping, lead_time) / position_weight
         return _spectral_norms(np.concatenate([mismatch, stiffness], axis=2))
+
+    @property
+    def _frictionless(self) -> bool:
+        return self.friction is None or not np.any(self.friction)
+
+    def with_friction(self) -> "UncertaintySamples":
+        """Return the points without viscous friction, then all of them with it; the same where there is none."""
+        if self.friction is None or self._frictionless:
+            return self
+        inertia, stiffness = (np.concatenate([part, part]) for part in (self.inertia, self.stiffness))
+        return UncertaintySamples(inertia, stiffness, np.concatenate([self.damping, self.damping + self.friction]))
 
     def needed_radius(
         self, centre: float, position_weight: float, lead_time: float = 0.0, period: float = 0.0
@@ -161,11 +175,12 @@ class UncertaintySamples:
 
         These are E (1 + share) and E/(1 + share), both with H and C times 1 + share. With a period T they are there
         with C and with C + H T, since x(t) = x + t ẋ at the mean velocity. What lies between all of them has no larger
-        norm, which is convex in E, H and C.
+        norm, which is convex in E, H and C. So any viscous friction between none and that of the robot counts as well.
         """
         factor = 1 + share
         moving = self.stiffness if self.held_stiffness is None else self.stiffness + self.held_stiffness
-        dampings = [self.damping, self.damping + period * moving] if period else [self.damping]
+        dampings = [self.damping, *([] if self._frictionless else [self.damping + self.friction])]
+        dampings += [damping + period * moving for damping in dampings] if period else []
         count = len(dampings)
         inertia = np.concatenate([factor * self.inertia] * count + [self.inertia / factor] * count)
         stiffness = factor * np.concatenate(2 * count * [self.stiffness])
@@ -182,10 +197,16 @@ class UncertaintySamples:
         return min(damping / max(stiffness, NEGLIGIBLE_STIFFNESS), MAX_LEAD_TIME)
 
     def __or__(self, added: "UncertaintySamples") -> "UncertaintySamples":
-        pairs = [(self.inertia, added.inertia), (self.stiffness, added.stiffness), (self.damping, added.damping)]
-        if self.held_stiffness is not None and added.held_stiffness is not None:
-            pairs.append((self.held_stiffness, added.held_stiffness))
-        return UncertaintySamples(*(np.concatenate(pair) for pair in pairs))
+        def both(first: Array | None, second: Array | None) -> Array | None:
+            return None if first is None or second is None else np.concatenate([first, second])
+
+        return UncertaintySamples(
+            np.concatenate([self.inertia, added.inertia]),
+            np.concatenate([self.stiffness, added.stiffness]),
+            np.concatenate([self.damping, added.damping]),
+            held_stiffness=both(self.held_stiffness, added.held_stiffness),
+            friction=both(self.friction, added.friction),
+        )
 
 
 def within_period(lead_time: float, period: float) -> float:
@@ -218,7 +239,7 @@ def uncertainty_samples(nominal: Array, points: Sequence[OperatingPoint]) -> Unc
     InvalidParameter
         For a stiffness or damping that is not finite.
     """
-    M, D, G = linearise_points(points)
+    M, D, G, friction = linearise_with_friction(points)
     invalid = np.flatnonzero(~np.isfinite(D + G).all(axis=(1, 2)))
     if invalid.size:
         raise InvalidParameter(
@@ -226,22 +247,27 @@ def uncertainty_samples(nominal: Array, points: Sequence[OperatingPoint]) -> Unc
             f"{points[invalid[0]].position.round(4).tolist()}; check the potential energy, or give a workspace "
             "without this posture"
         )
-    return to_nominal_coordinates(nominal, M, D, G)
+    return to_nominal_coordinates(nominal, M, D, G, friction)
 
 
 def linearise_points(points: Sequence[OperatingPoint]) -> tuple[Array, Array, Array]:
     """Return M, D and G of `linearise_point` at k points, each of shape (k, n, n)."""
+    return linearise_with_friction(points)[:3]
+
+
+def linearise_with_friction(points: Sequence[OperatingPoint]) -> tuple[Array, Array, Array, Array]:
+    """Return M, D and G of `linearise_point` and the viscous friction at k points, each of shape (k, n, n)."""
     groups: dict[tuple[int, bool], list[int]] = {}
     for i, point in enumerate(points):
         groups.setdefault((id(point.plant), point.is_moving), []).append(i)
     n = points[0].plant.n_joints
-    M, D, G = np.empty((3, len(points), n, n))
+    M, D, G, friction = np.empty((4, len(points), n, n))
     for (_, is_moving), places in groups.items():
         plant = points[places[0]].plant
         q, v, a = np.array([points[i][1:] for i in places]).transpose(1, 2, 0)
         M[places], D[places], G[places] = plant.linearised_at(q, v, a)
-        D[places] -= plant.linearised_at(q, 0 * v, 0 * a)[1] if is_moving else D[places]
-    return M, D, G
+        friction[places] = plant.linearised_at(q, 0 * v, 0 * a)[1] if is_moving else D[places]
+    return M, D - friction, G, friction
 
 
 def linearise_point(point: OperatingPoint) -> tuple[Array, Array, Array]:
@@ -258,8 +284,14 @@ def matrix_roots(nominal: Array) -> tuple[Array, Array]:
     return vectors * values**0.5 @ vectors.T, vectors * values**-0.5 @ vectors.T
 
 
-def to_nominal_coordinates(nominal: Array, M: Array, D: Array, G: Array) -> UncertaintySamples:
+def to_nominal_coordinates(
+    nominal: Array, M: Array, D: Array, G: Array, friction: Array | None = None
+) -> UncertaintySamples:
     """Return the uncertainty in coordinates x = M̂^½ q, from inertias, dampings and stiffnesses (k, n, n)."""
     root, inverse_root = matrix_roots(nominal)
-    scaled = np.linalg.solve(M, np.concatenate([root + 0 * M, G @ inverse_root, D @ inverse_root], axis=2))
-    return UncertaintySamples(*np.split(root @ scaled, 3, axis=2))
+    parts = [root + 0 * M, G @ inverse_root, D @ inverse_root]
+    parts += [] if friction is None else [friction @ inverse_root]
+    inertia, stiffness, damping, *rubbing = np.split(
+        root @ np.linalg.solve(M, np.concatenate(parts, axis=2)), len(parts), axis=2
+    )
+    return UncertaintySamples(inertia, stiffness, damping, friction=rubbing[0] if rubbing else None)

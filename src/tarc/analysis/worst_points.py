@@ -309,7 +309,7 @@ class GrownNorm:
         """Return the norms of k points, shape (k,)."""
         samples = uncertainty_samples(self.nominal, points).grown(self.share)
         norms = samples.joint_norms(self.centre, self.position_weight, self.lead_time)
-        return norms.reshape(2, -1).max(axis=0)
+        return norms.reshape(-1, len(points)).max(axis=0)
 
     def value_and_gradient(self, point: OperatingPoint) -> tuple[float, Array]:
         """Return the norm of a point and its derivatives over the posture, shape (n,)."""

@@ -56,7 +56,8 @@ def robot_ratios(
         sampled = sampled.add_stiffest(factor * sampled.uncertainty.lead_time())
     longest = sampled.uncertainty.force_lead_time()
     sampled = sampled.search_globally(ForceNorm(sampled.nominal, longest))
-    uncertainty = sampled.uncertainty if known is None else sampled.uncertainty | known
+    points = sampled.uncertainty if known is None else sampled.uncertainty | known
+    uncertainty = points.with_friction()
     room = 1 + ROUNDING_ROOM * SEARCH_MARGIN
     bounds = [
         (power, factor * lead_time)
@@ -65,6 +66,7 @@ def robot_ratios(
         for factor in (LEAD_FACTORS if lead_time else (0.0,))
     ]
     norms = np.array([uncertainty.force_norms(lead_time, power) for power, lead_time in bounds])
+    norms = norms.reshape(len(bounds), -1, len(points.inertia)).max(axis=1)
     if not norms.max() > NEGLIGIBLE_STIFFNESS:
         bounds, norms = [], norms[:0]
     values = np.linalg.eigvalsh(uncertainty.inertia)

@@ -68,12 +68,17 @@ def fit_ball(
     }
     sampled = worst_case_points(min(centres), sampled)
     best, proof, radius = best_ball(channel, slope, centres, sampled.uncertainty, max_change)
+    tested = float(sampled.uncertainty.grown(SEARCH_MARGIN, channel.period).stiffness_norms(best.lead_time).max())
     if best.position_weight:  # the norm that decides, over the whole workspace
         norm = GrownNorm(sampled.nominal, best.centre, best.position_weight, best.lead_time, SEARCH_MARGIN)
         sampled = sampled.search_globally(norm)
     loop = UncertainLoop.from_channel(channel, slope, intersample=True, lead_periods=best.lead_time / channel.period)
     grown = sampled.uncertainty.grown(SEARCH_MARGIN, channel.period)
     stiffness = float(grown.stiffness_norms(best.lead_time).max())
+    if best.max_change is not None and stiffness > tested:  # the proof of the radius counts it
+        proof, radius = max_radius(
+            loop, best.centre, best.position_weight, max_change=best.max_change, stiffness=stiffness
+        )
     ball = make_ball(
         loop,
         best.centre,
@@ -101,7 +106,7 @@ def worst_case_points(centre: float, sampled: SampledPoints) -> SampledPoints:
 
 def tried_lead_times(uncertainty: UncertaintySamples, period: float) -> list[float]:
     """Return lead times θ to try [s]; zero for a robot without stiffness and damping."""
-    longest = uncertainty.lead_time()
+    longest = uncertainty.with_friction().lead_time()
     if not longest and not float(uncertainty.stiffness_norms(0.0).max()) > NEGLIGIBLE_STIFFNESS:
         return [0.0]
     return list(dict.fromkeys(max(factor * longest, MIN_LEAD_PERIODS * period) for factor in LEAD_FACTORS))

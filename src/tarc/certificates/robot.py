@@ -272,7 +272,7 @@ def _worst_points(sampled: SampledPoints, candidate: "BallCandidate", period: fl
     joint_norms = stiffness_norms
     if candidate.position_weight:
         ball = candidate.centre, candidate.position_weight, candidate.lead_time
-        joint_norms = uncertainty.grown(SEARCH_MARGIN, period).joint_norms(*ball).reshape(4, -1).max(axis=0)
+        joint_norms = uncertainty.grown(SEARCH_MARGIN, period).joint_norms(*ball).reshape(-1, len(points)).max(axis=0)
     is_moving = np.array([point.is_moving for point in points])
 
     def worst(is_included: Array, values: Array) -> LinearisedPoint:
@@ -306,8 +306,8 @@ def _assumptions(
         f"1/s²; like the inertia, it is from {min(spread.samples, MAX_STIFFNESS_SAMPLES)} samples, the two postures "
         "above and local search",
         _search_assumption(),
-        "the robot stays in the workspace; friction is only a disturbance, except viscous friction of the robot at "
-        "rest; dry friction may stop a mode that is refuted",
+        "the robot stays in the workspace; viscous friction is anything between none and that of the robot, and "
+        "changes at any time; dry friction is only a disturbance, and may stop a mode that is refuted",
         "no torque limit is reached and no sample is lost",
         f"the torque reaches the joints {computation_delay} periods late and is held for a period",
         _motion_assumption(evidence, workspace),

@@ -36,6 +36,8 @@ class LinearisedPoint:
         M, D and G, shape (n, n).
     velocity, acceleration
         Of the motion, shape (n,); None at rest.
+    friction
+        Viscous friction of a moving robot, which D leaves out, shape (n, n); None at rest, where it is D.
     """
 
     position: Array
@@ -44,6 +46,7 @@ class LinearisedPoint:
     stiffness: Array
     velocity: Array | None = None
     acceleration: Array | None = None
+    friction: Array | None = None
 
 
 def linearised_point(point: OperatingPoint) -> LinearisedPoint:
@@ -56,6 +59,7 @@ def linearised_point(point: OperatingPoint) -> LinearisedPoint:
         stiffness=G,
         velocity=point.velocity if point.is_moving else None,
         acceleration=point.acceleration if point.is_moving else None,
+        friction=point.plant.damping(point.position) if point.is_moving else None,
     )
 
 
@@ -314,7 +318,7 @@ class RobotEvidence(Evidence):
 
     def _judge_affine(self, cover: AffineCover) -> Judgement:
         """Test whether the Lyapunov function covers all points, and prove it."""
-        uncertainty = self.uncertainty(cover.force_points)
+        uncertainty = self.uncertainty(cover.force_points).with_friction()
         margin = cover.margin(self.nominal_inertia, uncertainty)
         proof = cover.proof
         matches = proof.ratios.period == self.period and self.slope <= 2 * proof.loop.full.loop.half_slope.item()
@@ -324,8 +328,9 @@ class RobotEvidence(Evidence):
         return Judgement(Verdict.INCONCLUSIVE, margin)
 
     def uncertainty(self, added: tuple[LinearisedPoint, ...] = ()) -> UncertaintySamples:
-        """Return the uncertainty at all points, without the viscous friction of those at rest."""
+        """Return the uncertainty at all points, with the viscous friction by itself."""
         points = [*self.points.at_rest(), *self.points.moving(), *added]
         M, D, G = (np.array([getattr(point, name) for point in points]) for name in ("inertia", "damping", "stiffness"))
+        friction = np.array([point.damping if point.friction is None else point.friction for point in points])
         D[np.array([point.velocity is None for point in points])] = 0
-        return to_nominal_coordinates(self.nominal_inertia, M, D, G)
+        return to_nominal_coordinates(self.nominal_inertia, M, D, G, friction)
