@@ -191,17 +191,15 @@ def _force_bounds(uncertainty: UncertaintySamples, period: float, delay: int) ->
     return found
 
 
-def _affine_proof(
-    channel: Channel,
-    slope: float,
-    evidence: KnownInertiaEvidence,
-    parts: tuple[Array, Array, Array, Array, Array],
-    on_program: Callable[[], object],
-) -> AffineProof | None:
-    """Return a Lyapunov function that covers the robot with the margin `SEARCH_MARGIN`; None where none was found.
+def known_ratios(evidence: KnownInertiaEvidence, parts: tuple[Array, Array, Array, Array, Array]) -> RatioSet:
+    """Return what a Lyapunov function must tolerate to cover the robot with the margin `SEARCH_MARGIN`.
 
-    The parts are M̂, M, D, G and the law's own stiffness of the points, each (k, n, n). The law's stiffness acts at the
-    position of the torque's sample, up to d + 1 periods ago, and M̂ is that of this sample.
+    Parameters
+    ----------
+    evidence
+        Ratios, rates and delay of the robot.
+    parts
+        M̂, M, D, G and the law's own stiffness of the points, each (k, n, n).
     """
     nominal, M, D, G, own = parts
     uncertainty = to_posture_coordinates(nominal, M, D, G - own)
@@ -218,7 +216,7 @@ def _affine_proof(
     )
     if not norms.max() > NEGLIGIBLE_STIFFNESS:
         bounds, norms = [], norms[:0]
-    ratios = RatioSet(
+    return RatioSet(
         min_ratio=min_ratio,
         max_ratio=max_ratio,
         rate=relative_rate / min_ratio,
@@ -232,6 +230,21 @@ def _affine_proof(
         nominal_rate=evidence.rate * room,
         lag_weights=np.array([lag for _, _, lag in bounds]),
     )
+
+
+def _affine_proof(
+    channel: Channel,
+    slope: float,
+    evidence: KnownInertiaEvidence,
+    parts: tuple[Array, Array, Array, Array, Array],
+    on_program: Callable[[], object],
+) -> AffineProof | None:
+    """Return a Lyapunov function that covers the robot with the margin `SEARCH_MARGIN`; None where none was found.
+
+    The parts are M̂, M, D, G and the law's own stiffness of the points, each (k, n, n). The law's stiffness acts at the
+    position of the torque's sample, up to d + 1 periods ago, and M̂ is that of this sample.
+    """
+    ratios = known_ratios(evidence, parts)
     loop = UncertainLoop.from_channel(channel, slope, intersample=True)
     return find_proof(loop, ratios, on_program, computation_delay=evidence.computation_delay)
 

@@ -12,10 +12,9 @@ from tarc.design.noise import torque_noise
 from tarc.design.selection import MAX_BUDGET_FACTOR, LoopSelection
 
 
-def explain_loop(selection: LoopSelection, best: Candidate, spread: InertiaSpread) -> list[DesignChoice]:
-    """Return the choices of M̂, window, natural frequency, synchronisation and delay, and the torque noise."""
+def explain_loop(selection: LoopSelection, best: Candidate) -> list[DesignChoice]:
+    """Return the choices of window, natural frequency, synchronisation and delay, and the torque noise."""
     return [
-        _inertia(selection, best, spread),
         _window(selection, best),
         _natural_frequency(selection, best),
         DesignChoice(
@@ -79,7 +78,8 @@ def explain_certificate(certificate: Certificate[RobotEvidence]) -> DesignChoice
     return DesignChoice((), "certificate", kind, f"{reason}; the cheapest of ball, iqc and affine that covers it")
 
 
-def _inertia(selection: LoopSelection, best: Candidate, spread: InertiaSpread) -> DesignChoice:
+def explain_inertia(selection: LoopSelection, best: Candidate, spread: InertiaSpread) -> DesignChoice:
+    """Return the choice of a constant M̂."""
     shape = selection.shape
     is_diagonal = np.count_nonzero(shape - np.diag(np.diag(shape))) == 0
     over = "payloads and workspace" if len(selection.problem.plants) > 1 else "the workspace"

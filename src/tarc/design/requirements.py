@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 LAWS = ("TARC", "TDC")
 """Laws that can be designed."""
+MODELS = ("none", "inertia", "known")
+"""What a law may know of the robot."""
 DEFAULT_ENCODER_BITS = 17
 """Bits per turn of the default encoder."""
 DEFAULT_NOISE_BUDGET = 0.01
@@ -66,6 +68,19 @@ class DesignRequirements:
     torque_rate
         Largest rate of the torque that the robot's interface accepts [N m/s or N/s], one number or one per joint. A
         trial run must keep to it. Default: any.
+    model
+        Model of the robot in the law: ``none``; ``inertia``, M̂(q) = ρ M(q) of the file, which the spread of the inertia
+        then hardly limits; ``known``, with gravity, Coriolis torque and friction of the file as well. Both need a
+        speed.
+    armature_error
+        For a model: share by which the true rotor inertia may differ from the file's, such as 0.2 for 20 %.
+    mass_error
+        For a model: share by which the true mass and inertia of each link may differ from the file's.
+    friction_error
+        For a known model: share by which the true friction may be larger than that of the law.
+    friction_width
+        For a known model with dry friction: speed w [rad/s or m/s] of its smooth sign tanh(q̇ᵈ/w), one number or one per
+        joint.
     law
         ``TARC``, with the adaptive switching gain, or ``TDC``, without. Or ``my_file.py:MyLaw``: a law of your own that
         extends `tarc.laws.TDE`, at the defaults of its own parameters.
@@ -96,6 +111,11 @@ class DesignRequirements:
     noise_budget: float | None = None
     torque_limits: "Numbers | None" = None
     torque_rate: "Numbers | None" = None
+    model: str = "none"
+    armature_error: float = 0.0
+    mass_error: float = 0.0
+    friction_error: float = 0.3
+    friction_width: "Numbers | None" = None
     law: str = "TARC"
     diagonal: bool = False
     computation_delay: int = 0
@@ -112,6 +132,14 @@ class DesignRequirements:
         if high < low:
             raise InvalidParameter(f"payload: got {low:g} to {high:g} kg; needs the smallest first")
         object.__setattr__(self, "payload", (low, high))
+        check.one_of("model", self.model, MODELS)
+        for name in ("armature_error", "mass_error", "friction_error"):
+            share = check.number(name, getattr(self, name), 0)
+            if not share < 1:
+                raise InvalidParameter(
+                    f"{name}: got {share:g}; needs a share below 1, such as 0.2 for 20 %, beyond which M̂(q)⁻¹M "
+                    "need not be definite"
+                )
         check.number("damping_ratio", self.damping_ratio, 0, strict=True)
         for name in ("natural_frequency", "joint_range"):
             if getattr(self, name) is not None:

@@ -9,6 +9,7 @@ import numpy as np
 from tarc.analysis.inertia_ratio import InertiaSpread, inertia_spread
 from tarc.analysis.inertia_shape import best_inertia_shape
 from tarc.certificates.base import Certificate
+from tarc.certificates.known_inertia import certify_known_inertia
 from tarc.certificates.robot import certify_robot, strengthen_robot
 from tarc.certification import certify_law
 from tarc.core.errors import InfeasibleDesign, InvalidParameter, UnsupportedLaw
@@ -18,9 +19,11 @@ from tarc.design.affine_assessment import MAX_PROOFS, AffineAssessment
 from tarc.design.assessment import assess_candidates
 from tarc.design.candidates import Candidate, enumerate_candidates, torque_change
 from tarc.design.choice import DesignChoice
+from tarc.design.infeasible import infeasible_design
+from tarc.design.known_model import KnownModel
 from tarc.design.noise import torque_noise
 from tarc.design.problem import DesignProblem, with_payloads
-from tarc.design.reasons import explain_adaptation, explain_certificate, explain_loop
+from tarc.design.reasons import explain_adaptation, explain_certificate, explain_inertia, explain_loop
 from tarc.design.requirements import DesignRequirements
 from tarc.design.result import Design
 from tarc.design.robot_facts import GravityLoad, assumptions, gravity_load
@@ -94,6 +97,8 @@ def design_controller(
     if np.ptp(plant.command_gain) > 0:
         plant.require_fully_driven("a design")
         return _for_commands(plant, requirements, progress)
+    if requirements.model != "none":
+        return _with_model(plant, requirements, progress)
     problem = DesignProblem.from_plant(plant, requirements)
     load = gravity_load(problem.plants, problem.workspace, problem.torque_limits, requirements.seed)
     trials = _initial_candidates(requirements)
@@ -110,6 +115,64 @@ def design_controller(
         design = _slow_enough(selection, spread, load)
         bar.advance(20)
     return design
+
+
+def _with_model(plant: Plant, requirements: DesignRequirements, progress: bool | None) -> Design:
+    """Return the design with M̂(q) of a model."""
+    problem = DesignProblem.from_plant(plant, requirements)
+    load = gravity_load(problem.plants, problem.workspace, problem.torque_limits, requirements.seed)
+    trials = _initial_candidates(requirements)
+    with Progress("designing with a model", 30 + 4 * MAX_PROOFS, progress) as bar:
+        known = KnownModel.from_problem(problem)
+        bar.advance(20)
+        selection = LoopSelection(problem, known.shape, known.assessment.spec, [])
+        selection = _with_best(selection, known.assessment, trials, bar.advance)
+        if not selection.has_feasible:
+            raise infeasible_design(
+                f"design: no loop with M̂(q) was found for eigenvalues of M(q)⁻¹M̂(q) that spread by {known.spread:.3g}; "
+                "use a lower speed, smaller intervals, or a higher control rate",
+                [],
+            )
+        design = _complete_with_model(selection, known, load)
+        bar.advance(10)
+    return design
+
+
+def _complete_with_model(selection: LoopSelection, known: KnownModel, load: GravityLoad | None) -> Design:
+    """Certify the best loop with M̂(q), or the next ones where it is not certified, and return the design."""
+    problem = selection.problem
+    requirements, sampling = problem.requirements, _sampling(problem.requirements)
+    while True:
+        best = selection.pick()
+        law, adaptation = _build_law(problem, known.law_options(best), best)
+        certificate = certify_known_inertia(law, known.robots, problem.workspace, **sampling)
+        if certificate.certified:
+            break
+        selection = replace(selection, candidates=[loop for loop in selection.candidates if loop != best])
+        if not selection.has_feasible:
+            raise InfeasibleDesign(
+                f"design: the loop with M̂(q) is {certificate.verdict} on the robot; use more samples, a lower speed "
+                "or smaller intervals"
+            )
+    given = assumptions(
+        problem.plants, problem.workspace, problem.torque_limits, load, own=requirements.torque_limits is None
+    )
+    reasons = [known.choice(best), *explain_loop(selection, best)]
+    if adaptation is not None:
+        reasons += explain_adaptation(best, *adaptation)
+    return Design(
+        requirements=requirements,
+        law=law,
+        plants=problem.plants,
+        workspace=problem.workspace,
+        certificates={"robot": certificate},
+        choices=(*given, *reasons),
+        shape=selection.shape,
+        spread=known.spread,
+        candidates=tuple(selection.candidates),
+        candidate=best,
+        torque_noise=torque_noise(best.noise, selection.shape, requirements.sensor),
+    )
 
 
 def _for_commands(plant: Plant, requirements: DesignRequirements, progress: bool | None) -> Design:
@@ -192,7 +255,7 @@ def _complete(selection: LoopSelection, best: Candidate, spread: InertiaSpread, 
     ).certificates
     own_limits = requirements.torque_limits is None
     given = assumptions(problem.plants, problem.workspace, problem.torque_limits, load, own=own_limits)
-    reasons = explain_loop(selection, best, spread)
+    reasons = [explain_inertia(selection, best, spread), *explain_loop(selection, best)]
     if adaptation is not None:
         reasons += explain_adaptation(best, *adaptation)
     reasons.append(explain_certificate(certificate))
@@ -283,6 +346,13 @@ def _with_affine(
     if problem.workspace.speed is None or not np.all(np.isfinite(problem.workspace.speed)):
         return selection
     affine = AffineAssessment.from_robot(problem, selection.shape, spread, selection.spec)
+    return _with_best(selection, affine, trials, done)
+
+
+def _with_best(
+    selection: LoopSelection, affine: AffineAssessment, trials: Sequence[Candidate], done: Callable[[], object]
+) -> LoopSelection:
+    """Add the best loop that is proven, if any is better than those that are there; then the best neighbour."""
     found = affine.best(trials, selection, done)
     if found:
         selection = replace(selection, candidates=[*selection.candidates, *found])
@@ -326,12 +396,15 @@ def _certified_law(
             return certificate
         return strengthen_robot(certificate, law, problem.plants, problem.workspace, **sampling)
 
-    law, adaptation = _build_law(problem, selection.shape, best)
+    def build(best: Candidate) -> tuple[TDC | TARC, tuple[Adaptation, float] | None]:
+        return _build_law(problem, {"inertia": best.inertia_scale * selection.shape}, best)
+
+    law, adaptation = build(best)
     certificate = certify(law)
     while best.is_affine and not certificate.certified:
         selection = replace(selection, candidates=[loop for loop in selection.candidates if loop != best])
         best = selection.pick()
-        law, adaptation = _build_law(problem, selection.shape, best)
+        law, adaptation = build(best)
         certificate = certify(law)
     for extra in EXTRA_MARGINS:
         if certificate.certified:
@@ -342,7 +415,7 @@ def _certified_law(
         if not any(candidate.feasible for candidate in candidates):
             break
         best = replace(selection, candidates=candidates).pick()
-        law, adaptation = _build_law(problem, selection.shape, best)
+        law, adaptation = build(best)
         certificate = certify(law)
     if not certificate.certified:
         raise InfeasibleDesign(
@@ -353,10 +426,10 @@ def _certified_law(
 
 
 def _build_law(
-    problem: DesignProblem, shape: np.ndarray, best: Candidate
+    problem: DesignProblem, inertia: dict[str, Any], best: Candidate
 ) -> tuple[TDC | TARC, tuple[Adaptation, float] | None]:
-    """Return the law of a loop; for TARC also its adaptation and the expected step of acceleration [rad/s²]."""
-    options = {**best.law_options(), "inertia": best.inertia_scale * shape, "estimator": best.estimator}
+    """Return the law of a loop with M̂ or M̂(q); for TARC also its adaptation and the expected step [rad/s²]."""
+    options = {**best.law_options(), **inertia, "estimator": best.estimator}
     if np.isfinite(problem.torque_limits).any():
         options["torque_limit"] = problem.torque_limits
     if problem.requirements.has_own_law:

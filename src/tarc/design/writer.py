@@ -20,6 +20,7 @@ from tarc.design.choice import DesignChoice
 from tarc.design.robot_facts import joint_workspace
 from tarc.design.trial_motion import DURATION, slow_sines
 from tarc.estimators.base import Estimator
+from tarc.laws.nominal_inertia import ModelTerms, NominalInertia
 from tarc.laws.tarc import TARC
 from tarc.laws.tdc import TDC
 from tarc.plants.base import Plant
@@ -68,7 +69,7 @@ def scenario_content(
     content: Content = {
         "name": f"{plant_name(plants[0])} designed",
         "robot": robot_section(plants[0]),
-        "law": law_section(law),
+        "law": law_section(law, plants[0]),
         "estimator": estimator_section(law.estimator),
         "sensor": {key: value for key, value in _non_defaults(sensor).items() if value is not None},
         "reference": reference_section(law, plants, workspace, torque_noise),
@@ -118,24 +119,47 @@ def relative_path(file: Path, folder: Path) -> str:
     return str(file.relative_to(parent) if file.is_relative_to(parent) else file)
 
 
-def law_section(law: TDC | TARC) -> Content:
+def law_section(law: TDC | TARC, plant: Plant) -> Content:
     """Return a law's section of a scenario, without its estimator and period.
 
     Every chosen value is included, also where it is the default.
+
+    Parameters
+    ----------
+    law
+        The law.
+    plant
+        The scenario's robot, of which a model of the law is named by the parameters that differ.
     """
-    options = _non_defaults(law, without=("period", "estimator"))
+    options = _non_defaults(law, without=("period", "estimator", "inertia", "feedforward"))
     if law.torque_limit is not None and not np.all(np.isfinite(law.torque_limit)):
         options.pop("torque_limit", None)
-    inertia, is_diagonal = law.M, np.count_nonzero(law.M - np.diag(np.diag(law.M))) == 0
+    if law.feedforward is not None:
+        options["feedforward"] = _model_section(law.feedforward, plant)
     content: Content = {
         "kind": kind_of(law),
         **options,
-        "inertia": _plain(np.diag(inertia) if is_diagonal else inertia),
+        "inertia": _inertia_section(law, plant),
         "damping_ratio": _plain(law.damping_ratio),
         "synchronised": law.synchronised,
         "delay": None if law.synchronised else _plain(law.delay_periods * law.period),
     }
     return {key: content[key] for key in (*LAW_ORDER, *content)}
+
+
+def _inertia_section(law: TDC | TARC, plant: Plant) -> Value:
+    """Return M̂ as numbers, its diagonal where it is diagonal, or M̂(q) as a model."""
+    if isinstance(law.inertia, NominalInertia):
+        return _model_section(law.inertia, plant)
+    is_diagonal = np.count_nonzero(law.M - np.diag(np.diag(law.M))) == 0
+    return _plain(np.diag(law.M) if is_diagonal else law.M)
+
+
+def _model_section(terms: ModelTerms, plant: Plant) -> Content:
+    """Return a model by the parameters in which it differs from the robot, and its terms."""
+    own = plant.parameters
+    values = {name: value for name, value in terms.model.parameters.items() if not _equal(value, own[name])}
+    return {"model": _plain(values) if values else True, **_non_defaults(terms, without=("model",))}
 
 
 def estimator_section(estimator: Estimator) -> Content:
