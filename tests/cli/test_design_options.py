@@ -49,6 +49,14 @@ def test_numbers_per_joint_and_the_rate():
     assert requirements.law == "TDC"
 
 
+def test_the_model_and_its_intervals():
+    requirements = requirements_of(options(model="known", armature_error=0.2, friction_width="0.05,0.1"))
+    assert requirements.model == "known"
+    assert requirements.armature_error == 0.2
+    assert requirements.friction_width == [0.05, 0.1]
+    assert requirements_of(options()).model == "none"
+
+
 def test_a_trajectory_with_velocities_may_be_csv_or_yaml(tmp_path):
     (tmp_path / "motion.csv").write_text("time,a,a/velocity\n0,0.1,0\n2,0.7,0\n", encoding="utf-8")
     (tmp_path / "motion.yaml").write_text(

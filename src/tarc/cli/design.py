@@ -3,6 +3,7 @@
 import json
 import shlex
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,7 +16,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from tarc.analysis.workspace import Workspace
+    from tarc.design.requirements import DesignRequirements
     from tarc.design.result import Design
+    from tarc.design.stress_case import StressRun
     from tarc.plants.base import Plant
 
 PANEL = "The robot"
@@ -149,6 +152,11 @@ def design(
 
     Example: tarc design ur5e --payload 0 5 --armature 0.1 --speed 1
 
+    With --model inertia or known the law has M̂(q) of the file, and the
+    design without a model is made too, to compare.
+
+    Example: tarc design ur5e --payload 0 5 --armature 0.1 --speed 1 --model inertia --armature-error 0.2
+
     Example: tarc design arm.urdf --trajectory motion.csv --armature 0.1
 
     Then: tarc run design.yaml; tarc certify design.yaml --full-range
@@ -176,13 +184,33 @@ def design(
     result = design_controller(plant, required)
     trial, predicted = try_design(result), predict_design_error(result)
     files = result.save(file, figures=_draw(result) if figures else {}, command=shlex.join(["tarc", *sys.argv[1:]]))
+    designs = {}
+    if required.model != "none":
+        designs = {"none": _without_model(plant, required), required.model: (result, trial, predicted)}
     if not as_json:
         tables.print_design(result, trial, predicted, files)
+    if designs and not as_json:
+        tables.print_comparison(designs)
     limits = find_limits(result) if stress_test else {}
     if as_json:
-        print(json.dumps(tables.design_summary(result, trial, predicted, files, limits), indent=2, allow_nan=False))
+        summary = tables.design_summary(result, trial, predicted, files, limits)
+        if designs:
+            summary["models"] = tables.comparison_summary(designs)
+        print(json.dumps(summary, indent=2, allow_nan=False))
     elif limits:
         tables.print_limits(limits)
+
+
+def _without_model(plant: "Plant", required: "DesignRequirements") -> "tuple[Design, StressRun, float] | str":
+    """Return the design without a model, its trial and its predicted error; the reason where there is none."""
+    from tarc.core.errors import InfeasibleDesign
+    from tarc.design import design_controller, predict_design_error, try_design
+
+    try:
+        design = design_controller(plant, replace(required, model="none"))
+    except InfeasibleDesign as error:
+        return str(error)
+    return design, try_design(design), predict_design_error(design)
 
 
 def workspace_of(trajectory: Path, tube: float, plant: "Plant") -> "Workspace":

@@ -35,7 +35,7 @@ def uncertain_robots(plants: Sequence[Plant], requirements: DesignRequirements) 
     """Return the robots at the ends of all intervals: payload, rotor inertia and masses of the links.
 
     M is linear in each of them and grows with it. So the eigenvalues of M⁻¹M̂ of every robot within the intervals lie
-    between those of the ends, also where each link has an error of its own.
+    between those of the ends. Each link may have an error of its own.
 
     Raises
     ------

@@ -10,6 +10,7 @@ from tarc.core import validation as check
 from tarc.core.types import Array
 from tarc.design.noise import measurement_deviation
 from tarc.laws.base import ControlInput
+from tarc.laws.nominal_inertia import ModelTerms, NominalInertia
 from tarc.laws.pole_placement import PolePlacement
 from tarc.laws.tarc import TARC
 from tarc.laws.tde import TDE
@@ -71,10 +72,13 @@ def predict_error(
     in the terms of `tarc.analysis.linearise.Channel`, opened at its ratio. TARC's robust term counts at its largest
     gain in the boundary layer, so that K1 is K1 + α ĉ P2/ε. The error of noise is that of white noise at one ratio.
 
+    With M̂(q) of a model, M̂ is that at qᵈ, and ĥ(qᵈ, q̇ᵈ) is taken from N. Feed-forward adds M(qᵈ)⁻¹f to the
+    acceleration, and with its own window w has the estimates of q̈ᵈ and q̇ᵈ.
+
     Parameters
     ----------
     law
-        A law with an inertia M̂, without a model of the robot, in units of torque.
+        A law with an inertia M̂ or M̂(q), in units of torque.
     plants
         The robot from the start on; with several the duration is shared equally, in their order.
     reference
@@ -99,9 +103,12 @@ def predict_error(
     times = law.period * np.arange(n_periods)
     ratios, load = _equation_along(law, plants, reference, times + law.period / 2)
     q, v, a = reference.sample(times)
+    v, a = _fed_back(law, reference, times, v, a)
     command = a + (law.K1 + _robust_stiffness(law, gain)) @ q + law.K2 @ v
     at_rest = (law.K1 + _robust_stiffness(law, gain)) @ q[:, 0]
-    rest_load = -np.linalg.solve(plants[0].inertia(q[:, 0]), plants[0].gravity_torque(q[:, 0]))
+    zero = np.zeros((law.n_joints, 1))
+    held = plants[0].gravity_torque(q[:, 0]) - _known_torque(law, q[:, :1], zero, zero)[1][0]
+    rest_load = -np.linalg.solve(plants[0].inertia(q[:, 0]), held)
     loops = [_OpenLoop(channel) for channel in channels]
     slowest = float(np.sqrt(np.min(np.linalg.eigvals(law.K1).real)))
     n_settling = min(int(np.ceil(SETTLING_TIMES / (slowest * law.period))), MAX_SETTLING)
@@ -191,9 +198,45 @@ def _equation_along(
             M = np.array([plant.inertia(posture) for posture in q.T])
             N = np.array([plant.bias(*motion) for motion in zip(q.T, v.T, strict=True)])
             N += np.sign(v.T) * plant.parameters.get("coulomb", 0.0)
-        ratios[part] = np.linalg.solve(M, np.broadcast_to(law.M, M.shape))
+        nominal, known = _known_torque(law, *reference.sample(times[part] - law.period / 2))  # held over the period
+        N = N - known
+        ratios[part] = np.linalg.solve(M, np.broadcast_to(nominal, M.shape))
         loads[part] = -np.linalg.solve(M, N[:, :, None])[:, :, 0]
     return ratios, loads
+
+
+def _known_torque(law: PolePlacement, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
+    """Return M̂ on the reference, (n, n) or (k, n, n), and the torque ĥ + f of the law's models (k, n)."""
+    inertia, forward, total = law.inertia, law.feedforward if isinstance(law, TDE) else None, np.zeros(q.T.shape)
+    nominal = law.M if not isinstance(inertia, NominalInertia) else inertia.fraction * inertia.robot.inertia_matrices(q)
+    if isinstance(inertia, NominalInertia):
+        total = total + _forces_along(inertia, q, v)
+    if forward is not None:
+        total = total + _forces_along(forward, q, v)
+        if forward.inertia:
+            rest = forward.robot.inertia_matrices(q) - (0 if forward.same_window else nominal)
+            total = total + (rest @ a.T[:, :, None])[:, :, 0]
+    return nominal, total
+
+
+def _forces_along(terms: ModelTerms, q: Array, v: Array) -> Array:
+    """Return the torque of a model's terms at k columns, shape (k, n)."""
+    if q.shape[1] == 1:
+        return np.asarray(terms.forces(q[:, 0], v[:, 0]))[None]
+    return np.asarray(terms.forces(q, v)).T
+
+
+def _fed_back(law: PolePlacement, reference: Reference, times: Array, v: Array, a: Array) -> tuple[Array, Array]:
+    """Return q̇ᵈ and q̈ᵈ of the feedback: those of the law's estimator where the law takes them."""
+    if not isinstance(law, TDE) or law.feedforward is None or not law.feedforward.same_window:
+        return v, a
+    past = reference.sample(np.array([times[0]]))[0][:, 0]
+    state, estimates = law.estimator.init(past), []
+    for q in reference.sample(times)[0].T:
+        state, estimate = law.estimator.step(state, q)
+        estimates.append((estimate.velocity, estimate.acceleration))
+    velocity, acceleration = np.array(estimates, dtype=float).transpose(1, 2, 0)
+    return velocity, acceleration
 
 
 def _noise_gain(channel: Channel, ratio: float) -> float:

@@ -69,9 +69,8 @@ class DesignRequirements:
         Largest rate of the torque that the robot's interface accepts [N m/s or N/s], one number or one per joint. A
         trial run must keep to it. Default: any.
     model
-        Model of the robot in the law: ``none``; ``inertia``, M̂(q) = ρ M(q) of the file, which the spread of the inertia
-        then hardly limits; ``known``, with gravity, Coriolis torque and friction of the file as well. Both need a
-        speed.
+        Model of the robot in the law. ``none``: M̂ is constant. ``inertia``: M̂(q) = ρ M(q) of the file. ``known``:
+        gravity, Coriolis torque and friction of the file as well. The last two need a speed.
     armature_error
         For a model: share by which the true rotor inertia may differ from the file's, such as 0.2 for 20 %.
     mass_error

@@ -7,8 +7,10 @@ import numpy as np
 
 from tarc.analysis.workspace import Workspace
 from tarc.certificates.base import Certificate
+from tarc.certificates.known_inertia import certify_known_inertia
 from tarc.certificates.robot import certify_robot
 from tarc.core.errors import DesignWarning
+from tarc.design.known_model import uncertain_robots
 from tarc.design.prediction import predict_error
 from tarc.design.result import Design
 from tarc.design.trial_motion import slow_sines
@@ -48,6 +50,8 @@ class StressRun:
         RMS of the torque without its slow part, a parabola over 51 periods, shape (n,) [N m or N]; NaN as above.
     saturation_share
         Share of the samples, over all joints, in which the torque was beyond its limit.
+    torque_variation
+        Σ|Δτ| over all joints per time [N m/s]; NaN as above.
     torque_rate
         Largest change of the torque in a period, over the period, shape (n,) [N m/s]; NaN as above.
     """
@@ -59,6 +63,7 @@ class StressRun:
     torque_noise: np.ndarray
     saturation_share: float
     torque_rate: np.ndarray
+    torque_variation: float = np.nan
 
     def __str__(self) -> str:
         if np.isnan(self.rms_error):
@@ -138,6 +143,11 @@ class StressCase:
         if self.payload is not None:
             plants.append(plants[0].with_parameters({"payload": self.payload}))
         samples = self.design.certificates["robot"].evidence.samples
+        if self.law.has_model:
+            robots = uncertain_robots(plants, self.design.requirements)
+            return certify_known_inertia(
+                self.law, robots, self.workspace, computation_delay=self.delay, samples=samples
+            )
         return certify_robot(self.law, plants, self.workspace, computation_delay=self.delay, samples=samples)
 
     def simulate(self, value: float, duration: float, max_error: float = np.inf) -> StressRun:
@@ -161,15 +171,16 @@ class StressCase:
                 progress=False,
             )
         torque = run.data["torque"].values
-        error = np.nan
+        error = variation = np.nan
         noise = rate = np.full(torque.shape[1], np.nan)
         if run.status.completed:
             measures = run.metrics(min(1.0, duration / 4))
             error = max(value for name, value in measures.items() if name.startswith("rms_error"))
+            variation = measures["torque_variation"]
             noise = _fast_part(torque)
             rate = np.max(np.abs(np.diff(torque, axis=0)), axis=0) / self.law.period
         saturation = float(np.mean(np.abs(torque) > self.law.torque_limits))
-        return StressRun(value, bool(error <= max_error), str(run.status), error, noise, saturation, rate)
+        return StressRun(value, bool(error <= max_error), str(run.status), error, noise, saturation, rate, variation)
 
     def predict(self, duration: float) -> float:
         """Return the RMS error that the linear loop predicts for `simulate`, as `StressRun.rms_error` counts."""

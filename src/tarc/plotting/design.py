@@ -331,9 +331,9 @@ MAX_MAP_WINDOW = 20
 
 
 def design_figures(design: Design) -> dict[str, Figure]:
-    """Return all figures of a design by name; that of the law only for a short window."""
+    """Return all figures of a design by name; that of the law only for a short window and a constant M̂."""
     figures = {kind: draw(design) for kind, draw in FIGURES.items()}
-    if window_periods(design) <= MAX_MAP_WINDOW:
+    if window_periods(design) <= MAX_MAP_WINDOW and not design.law.has_model:
         figures["law"] = design_figure(
             LawCertification(
                 law=design.law,

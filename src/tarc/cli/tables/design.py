@@ -160,6 +160,49 @@ def _print_trial(console: Console, design: Design, trial: StressRun, predicted: 
         )
 
 
+def print_comparison(designs: dict[str, tuple[Design, StressRun, float] | str]) -> None:
+    """Print what a model buys: designs by what the law knows, each with its trial and predicted error, or the reason.
+
+    Each design is on the motion of its own file.
+    """
+    console = Console()
+    table = Table(title="What the model buys", title_justify="left")
+    heads = "certified natural frequency [rad/s]", "predicted RMS error [mrad]", "simulated", "torque variation [N m/s]"
+    for head in ("model", *heads):
+        table.add_column(head, justify="left" if head == "model" else "right")
+    for name, found in designs.items():
+        if isinstance(found, str):
+            table.add_row(name, "none", "–", "–", "–")
+            continue
+        design, trial, predicted = found
+        frequency = f"{design.candidate.natural_frequency:.3g}"
+        table.add_row(name, frequency, *(f"{value:.3g}" for value in _comparable(trial, predicted)))
+    console.print(table)
+    for name, found in designs.items():
+        if isinstance(found, str):
+            console.print(f"{name}: {escape(found)}", highlight=False)
+
+
+def _comparable(trial: StressRun, predicted: float) -> tuple[float, float, float]:
+    """Return predicted and simulated RMS error [mrad] and the torque variation [N m/s]."""
+    return 1e3 * predicted, 1e3 * trial.rms_error, trial.torque_variation
+
+
+def comparison_summary(designs: dict[str, tuple[Design, StressRun, float] | str]) -> dict[str, Any]:
+    """Return what a model buys as plain data, ready for JSON."""
+    return {
+        name: {"reason": found}
+        if isinstance(found, str)
+        else {
+            "natural_frequency": found[0].candidate.natural_frequency,
+            "predicted_rms_error": _finite_or_none(found[2]),
+            "rms_error": _finite_or_none(found[1].rms_error),
+            "torque_variation": _finite_or_none(found[1].torque_variation),
+        }
+        for name, found in designs.items()
+    }
+
+
 def print_limits(limits: dict[str, StressLimit]) -> None:
     """Print the limits of a design, one line per quantity."""
     console = Console()
