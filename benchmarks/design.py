@@ -9,7 +9,8 @@ Some sweeps also vary the natural frequency. A sweep keeps within the torque var
 design. It has the design's switching gain, and may do without.
 
 The design is certified on the whole workspace, and the sweep sees one motion. So each hand pick is certified over the
-workspace as well, and run where its loop is worst. A second design is certified for a tube about the motion, within the
+workspace as well, and run where its loop is worst. Designs with M̂(q) of the file, without and with the rest of the
+model, run on the same motion. A second design is certified for a tube about the motion, within the
 torque variation of the first.
 
 The sweeps are limited by time, so their numbers vary a little from run to run.
@@ -432,6 +433,35 @@ def hand_picks(
     return picks
 
 
+def with_model(
+    model: str, trial: Trial, payload: float, options: dict[str, Any], done: Callable[[str], object]
+) -> Pick:
+    """Design with M̂(q) of the robot's file, run on the motion of the design without a model."""
+    sweep, begin = f"M̂(q), {model}", time.process_time()
+    try:
+        made = design_controller(trial.plant, payload=(0.0, payload), progress=False, model=model, **options)
+    except InfeasibleDesign as error:
+        done(f"no design, {sweep}: {error}")
+        return Pick(sweep, 0, verdict="no design")
+    done(f"designed, {sweep}, in {time.process_time() - begin:.0f} s of processor time")
+    law, run = made.law, trial.run(made.law)
+    found, inertia = trial.measures(run), law.inertia
+    assert isinstance(inertia, tarc.NominalInertia)
+    verdict = made.certificates["robot"]
+    return Pick(
+        sweep,
+        len(made.candidates),
+        f"{inertia.fraction:.2g} M(q)",
+        made.estimator.window,
+        made.candidate.natural_frequency,
+        type(law).__name__ + ("" if law.synchronised else ", literal"),
+        found["rms_error"] if run.status.completed else np.nan,
+        found["torque_variation"] if run.status.completed else np.nan,
+        verdict.verdict,
+        verdict.margin,
+    )
+
+
 def measure(
     name: str,
     plant: Plant,
@@ -440,6 +470,7 @@ def measure(
     sweeps: Sequence[Sweep] = SWEEPS,
     budget: float | None = None,
     motion: bool = True,
+    models: Sequence[str] = (),
     duration: float = DURATION,
     done: Callable[[str], object] = lambda text: None,
     **options: Any,
@@ -454,6 +485,8 @@ def measure(
         What hand picks, and the processor time for each of them [s]; None for that of the design.
     motion
         Whether to design for the motion as well.
+    models
+        What laws with M̂(q) know of the robot, ``inertia`` or ``known``; each is designed and run as well.
     duration
         Of the runs [s].
     done
@@ -475,6 +508,7 @@ def measure(
         if motion:
             picks.append(judged(*for_motion(trial, own["torque_variation"], **options), trial))
             done("designed for the motion")
+        picks += [with_model(model, trial, payload, options, done) for model in models]
         chosen, limit = made.candidate, np.asarray(made.law.torque_limits, dtype=float)
         return Result(
             name=name,
@@ -502,7 +536,7 @@ def measure(
         )
 
 
-def measure_robot(which: Robot, picks: bool = True) -> Result | str:
+def measure_robot(which: Robot, picks: bool = True, models: Sequence[str] = ("inertia", "known")) -> Result | str:
     """One of `ROBOTS`, or why it has no design; progress on standard error."""
     console = Console(stderr=True)
 
@@ -512,7 +546,14 @@ def measure_robot(which: Robot, picks: bool = True) -> Result | str:
     try:
         sweeps = SWEEPS if picks else ()
         return measure(
-            which.name, which.plant(), which.payload, sweeps=sweeps, motion=picks, done=done, speed=which.speed()
+            which.name,
+            which.plant(),
+            which.payload,
+            sweeps=sweeps,
+            motion=picks,
+            models=models,
+            done=done,
+            speed=which.speed(),
         )
     except InfeasibleDesign as error:
         done(f"no design: {error}")
@@ -631,7 +672,7 @@ def _picks(found: Sequence[Result]) -> Sheet:
         "Error and torque variation over the design's, on the motion that the picks were swept on: above 1 the design "
         "has less. m I: one number for all joints; m diag: m times the mean inertia along the motion; any ωn: either, "
         "with the natural frequency swept too; checked: of those the stable at rest in all sampled postures. "
-        "Tube design: "
+        "M̂(q): designs with a model, with their own torque variation. Tube design: "
         f"certified within {TUBE:g} rad of the motion alone. Verdict: over the workspace and both payloads. Elsewhere: "
         "torque variation over the design's on small sines where the loop is worst in the workspace."
     )
@@ -743,6 +784,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.design", description=__doc__)
     parser.add_argument("--robots", default="all", help=f"some of {names}, with commas between")
     parser.add_argument("--no-picks", action="store_true", help="the designs alone, in two minutes")
+    parser.add_argument("--models", default="inertia,known", help="what laws with M̂(q) know; empty for none")
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     parser.add_argument("--out", type=Path, default=Path("runs/design"))
     options = parser.parse_args()
@@ -752,7 +794,8 @@ def main() -> None:
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # each process that measures has a core to itself
     begin, answers = time.perf_counter(), {}
     with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
-        futures = {pool.submit(measure_robot, one, not options.no_picks): one.name for one in wanted}
+        models = tuple(name for name in options.models.split(",") if name)
+        futures = {pool.submit(measure_robot, one, not options.no_picks, models): one.name for one in wanted}
         for future in as_completed(futures):
             answers[futures[future]] = future.result()
     found = [one for name in wanted if isinstance(one := answers[name.name], Result)]

@@ -122,7 +122,9 @@ def test_the_section_of_the_law_gives_the_law():
     law, robot = make_law(), ARM.with_parameters({"payload": 0.0})
     section = law_section(law, robot)
     for kind, name in ((NominalInertia, "inertia"), (Feedforward, "feedforward")):
-        read = model_terms(kind, section[name], f"law.{name}", robot)
+        given = section[name]
+        assert isinstance(given, dict)
+        read = model_terms(kind, given, f"law.{name}", robot)
         own = getattr(law, name)
         assert read.terms == own.terms
         assert getattr(read, "fraction", None) == getattr(own, "fraction", None)
@@ -135,6 +137,7 @@ def test_the_section_of_the_law_gives_the_law():
 @pytest.mark.parametrize("same_window", [True, False])
 def test_the_linear_loop_predicts_the_error_of_a_law_with_a_model(same_window):
     law = make_law()
+    assert law.feedforward is not None
     law = replace(law, feedforward=replace(law.feedforward, same_window=same_window))
     robot, sines = (
         ARM.with_parameters({"payload": 1.0}),
@@ -156,5 +159,10 @@ def test_a_design_with_a_model_is_certified_and_runs_as_predicted(model):
     assert trial.rms_error == pytest.approx(predicted, rel=0.5)
     scenario = design.scenario()
     (law,) = scenario.build().laws.values()
+    assert isinstance(law, tarc.laws.TARC)
+    assert isinstance(law.inertia, NominalInertia)
+    assert isinstance(design.law.inertia, NominalInertia)
     assert law.inertia.fraction == design.law.inertia.fraction
-    assert "model:" in design.to_yaml()
+    text = design.to_yaml()
+    assert "model:" in text
+    assert "rotor inertias within 0 %" in text

@@ -120,8 +120,8 @@ def _natural_frequency(selection: LoopSelection, best: Candidate) -> DesignChoic
         reason = "as given"
     elif selection.free_noise_ratio > target:
         reason = (
-            f"no loop that tolerates the spread, gravity and motion keeps torque noise within {100 * target:.3g} % of "
-            "the limit"
+            f"no loop that was found to tolerate the spread, gravity and motion keeps torque noise within "
+            f"{100 * target:.3g} % of the limit"
         )
     elif selection.noise_ratio(best) > target:
         reason = (

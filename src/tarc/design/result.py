@@ -152,7 +152,17 @@ class Design:
                 content["law"]["kind"] = relative_kind(content["law"]["kind"], file.parent)
         options = writer.certify_options(self.plants[0], self.workspace)
         header = writer.header_lines(self.certificates["robot"], options, command, file)
+        if self.law.has_model:
+            header.append(self._intervals())
         return writer.to_commented_yaml(content, self.choices, header)
+
+    def _intervals(self) -> str:
+        """Return for which robots a law with a model is certified."""
+        given = self.requirements
+        return (
+            f"The certificate of the design is for rotor inertias within {100 * given.armature_error:.3g} % of the file "
+            f"and masses within {100 * given.mass_error:.3g} %; tarc certify has those of the file"
+        )
 
     def save(
         self, path: str | Path = "design.yaml", *, figures: "Mapping[str, Figure] | None" = None, command: str = ""
