@@ -160,7 +160,7 @@ class Design:
         """Return for which robots a law with a model is certified."""
         given = self.requirements
         return (
-            f"The certificate of the design is for rotor inertias within {100 * given.armature_error:.3g} % of the file "
+            f"This certificate is for rotor inertias within {100 * given.armature_error:.3g} % of the file "
             f"and masses within {100 * given.mass_error:.3g} %; tarc certify has those of the file"
         )
 
