@@ -121,7 +121,7 @@ def ur5e_rows() -> list[tuple[str, ...]]:
     """Return the rows of the UR5e: with dry friction, and with a load between 0 and 5 kg."""
     home, change = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.3]), np.array([0.4, 0.3, -0.4, 0.3, 0.3, 0.5])
     motion = Quintic(points=np.array([home, home + change, home]), times=[0.0, 3.0, 6.0])
-    place, rate = Workspace.box(home - 0.7, home + 0.9), np.array([5.0, 5.0, 5.0, 1.0, 1.0, 1.0])
+    rate = np.array([5.0, 5.0, 5.0, 1.0, 1.0, 1.0])
     cases: list[tuple[str, tuple[float, ...], float, float, float, bool, float]] = [
         ("UR5e", (0.0,), 0.0, 0.05, 20.0, False, 0.05),
         ("UR5e, 2 N m of dry friction", (0.0,), 2.0, 0.05, 40.0, False, 0.1),
@@ -130,7 +130,7 @@ def ur5e_rows() -> list[tuple[str, ...]]:
     found = []
     for label, loads, friction, fraction, frequency, synchronised, size in cases:
         robots = [load_robot("ur5e", armature=0.1, viscous=1.0, coulomb=friction, payload=load) for load in loads]
-        shape, _ = best_inertia_shape(robots, place, samples=SAMPLES)
+        shape, _ = best_inertia_shape(robots, Workspace.from_reference(motion, 6.0, tube=size))
         law = TDC(
             inertia=fraction * shape,
             natural_frequency=frequency,
