@@ -62,7 +62,8 @@ class RobustnessSpec:
 
     @classmethod
     def from_samples(cls, spread: float, samples: UncertaintySamples, rate: float = np.inf) -> "RobustnessSpec":
-        """Return the robustness for sampled uncertainty and a largest rate [1/s]."""
+        """Return the robustness for sampled uncertainty, without and with friction, and a largest rate [1/s]."""
+        samples = samples.with_friction()
         lead = DAMPING_WEIGHT * samples.lead_time()
         stiffness, centre = float(samples.stiffness_norms(lead).max()), (1 + spread) / 2
         if not stiffness > NEGLIGIBLE_STIFFNESS:
