@@ -98,7 +98,8 @@ def run_certify(*arguments, cwd, status=0):
 
 
 def test_command_prints_verdicts_and_writes_certificates(scenario):
-    done = run_certify("swing.yaml", cwd=scenario)
+    done = run_certify("swing.yaml", "--prove", cwd=scenario)
+    assert "TDC: certified for every posture inertia ratios from" in " ".join(done.stdout.split())
     for part in ("certified", "this robot", "Lemma 1", "Theorem 2", "least ratio", "ball arithmetic", "spread"):
         assert part in done.stdout
     stored = json.loads((scenario / "runs/swing/TDC-certificates.json").read_text())
