@@ -44,8 +44,8 @@ MIN_PIVOT = 1e-12
 """Pivot of a matrix near the identity that does not count as positive."""
 SLOPE_WEIGHT = 0.1
 """Weight of first derivatives, against higher ones, in the choice of the angle to cut across."""
-MAX_BATCH = 1024
-"""Largest number of boxes that are looked at together."""
+MAX_BATCH = 256
+"""Largest number of boxes that are looked at together; more leave the cache."""
 BATCH_NUMBERS = 4_000_000
 """Largest number of phases and derivatives of these boxes together."""
 
