@@ -412,6 +412,7 @@ class LawCertification:
                 rate=robot.rate,
                 computation_delay=self.computation_delay,
                 channels=channels,
+                affine=False,
             )
         except NoStableRatio:
             return np.nan, np.nan

@@ -607,3 +607,23 @@ def test_numbers_that_are_none_certify_nothing():
                 if certificate.evidence.ball.scale is None and name == "ball.scale" and value not in (0.0, np.inf):
                     continue
                 assert not changed.verify() or (name == "needed_radius" and value == 0.0)
+
+
+def test_where_no_ball_contains_the_range_the_affine_certificate_is_tried():
+    law = laws.TDC(
+        inertia=1.0,
+        natural_frequency=10.0,
+        period=1e-3,
+        synchronised=True,
+        estimator=estimators.Algebraic(window=0.005, degree=2),
+    )
+    low, high = stable_interval(law)
+    ratio_range = 1.3 * low, high / 1.3
+    ball = certify_varying_ratio(law, ratio_range=ratio_range, rate=10.0, intersample=False, affine=False)
+    best = certify_varying_ratio(law, ratio_range=ratio_range, rate=10.0, intersample=False)
+    assert (ball.kind, ball.verdict) == ("varying_ratio", "inconclusive")
+    assert best.kind == "affine"
+    assert best.certified
+    assert best.verify()
+    narrow = certify_varying_ratio(law, ratio_range=(0.5, 1.0), rate=10.0, intersample=False)
+    assert (narrow.kind, narrow.verdict) == ("varying_ratio", "certified")

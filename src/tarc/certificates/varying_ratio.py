@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, overload
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from tarc.analysis.linearise import (
     require_inertia,
 )
 from tarc.analysis.uncertain_loop import FrequencyResponses, UncertainLoop, scaled_system
+from tarc.certificates.affine import certify_affine
 from tarc.certificates.base import Certificate, Evidence, Judgement, Verdict, fastest_decay, require_held_torque
 from tarc.certificates.iqc import MIN_CHANGE, Multiplier, best_multiplier, iqc_matrices, satisfies_iqc
 from tarc.core import validation as check
@@ -240,6 +241,36 @@ class VaryingRatioEvidence(Evidence):
         return judgement if has_slope else judgement._replace(verdict=Verdict.INCONCLUSIVE)
 
 
+@overload
+def certify_varying_ratio(
+    law: Law,
+    centre: float | None = None,
+    *,
+    ratio_range: None = None,
+    slope: float = 0.0,
+    rate: float | None = None,
+    intersample: bool = True,
+    computation_delay: int = 0,
+    channels: Sequence[Channel] | None = None,
+    affine: bool = True,
+) -> Certificate[VaryingRatioEvidence]: ...
+
+
+@overload
+def certify_varying_ratio(
+    law: Law,
+    centre: float | None = None,
+    *,
+    ratio_range: tuple[float, float] | None,
+    slope: float = 0.0,
+    rate: float | None = None,
+    intersample: bool = True,
+    computation_delay: int = 0,
+    channels: Sequence[Channel] | None = None,
+    affine: bool = True,
+) -> Certificate[Any]: ...
+
+
 def certify_varying_ratio(
     law: Law,
     centre: float | None = None,
@@ -250,7 +281,8 @@ def certify_varying_ratio(
     intersample: bool = True,
     computation_delay: int = 0,
     channels: Sequence[Channel] | None = None,
-) -> Certificate[VaryingRatioEvidence]:
+    affine: bool = True,
+) -> Certificate[Any]:
     """Certify the loop for every time-varying inertia ratio in a ball, in any number of joints at the cost of one.
 
     In coordinates M̂^½ q the joints' loops are identical and the mismatch is the symmetric E(q) = M̂^½ M(q)⁻¹ M̂^½. By
@@ -288,13 +320,15 @@ def certify_varying_ratio(
         Periods between a measurement and its torque.
     channels
         The loops of `tarc.analysis.linearise.decoupled_channels` for law and delay, where they exist already.
+    affine
+        Where no ball contains a range at a rate, try `tarc.certificates.certify_affine`, which takes seconds.
 
     Returns
     -------
     Certificate
-        Certified for every ball of a radius above zero. With ``ratio_range`` it is certified only if the ball contains
-        the range, and inconclusive otherwise. The margin is the radius over the needed one, less 1; without
-        ``ratio_range`` it is the radius over the centre.
+        That of `certify_affine`, kind ``affine``, where it alone holds. Otherwise certified for every ball of a radius
+        above zero. With ``ratio_range`` it is certified only if the ball contains the range, else inconclusive. The
+        margin is the radius over the needed one, less 1; without ``ratio_range`` it is the radius over the centre.
 
     Raises
     ------
@@ -343,6 +377,11 @@ def certify_varying_ratio(
         period=law.period,
     )
     verdict, margin, _ = evidence.judge()
+    if affine and ratio_range is not None and rate is not None and verdict != Verdict.CERTIFIED:
+        options = {"slope": slope, "intersample": intersample, "computation_delay": computation_delay}
+        by_lyapunov = certify_affine(law, ratio_range, rate, channels=channels, **options)
+        if by_lyapunov.certified:
+            return by_lyapunov
     low, high = ratio_range or (centre - radius, centre + radius)
     limit = "" if rate is None else f", E⁻¹ changing by at most {rate:.5g} 1/s"
     return Certificate(

@@ -130,7 +130,7 @@ def _with_model(plant: Plant, requirements: DesignRequirements, progress: bool |
         if not selection.has_feasible:
             raise infeasible_design(
                 f"design: no loop with M̂(q) was found for eigenvalues of M(q)⁻¹M̂(q) that spread by {known.spread:.3g}; "
-                "use a lower speed, smaller intervals, or a higher control rate",
+                "use a lower speed, smaller intervals, a higher control rate, or more noise_budget",
                 [],
             )
         design = _complete_with_model(selection, known, load)
