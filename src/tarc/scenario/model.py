@@ -163,6 +163,8 @@ class CertifiedLaws(dict[str, LawCertification]):
     def prove(self, time_limit: float = 600.0, progress: bool | None = None) -> None:
         """Prove the certificate of each law that is certified for every posture, by `LawCertification.proven`.
 
+        Those of laws with M̂(q) rest on samples and search.
+
         Parameters
         ----------
         time_limit

@@ -162,6 +162,8 @@ def print_proofs(certifications: CertifiedLaws) -> None:
         )
         for part in certification.proof.parts:
             console.print(f"  {escape(str(part))}", highlight=False)
+    for name in certifications.known_inertia:
+        console.print(f"{escape(name)}: with M̂(q) the verdict rests on samples and search", highlight=False)
 
 
 def print_suggestions(
