@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from tarc.core.lazy import lazy_attributes
 
 if TYPE_CHECKING:
-    from tarc import analysis, certificates, design, estimators, laws, paper, plants, signals, study
+    from tarc import analysis, certificates, design, estimators, export, laws, paper, plants, signals, study
     from tarc.certification import certify_law
     from tarc.control.controller import Controller
     from tarc.core.errors import DesignWarning, JointLimitWarning, MissingTool, RobotFileWarning, TarcError
@@ -43,6 +43,7 @@ __all__ = [
     "certify_law",
     "design",
     "estimators",
+    "export",
     "identify_model",
     "inertia_from_log",
     "laws",
@@ -78,5 +79,5 @@ __getattr__, __dir__, _ = lazy_attributes(
         "replay": "tarc.logs.replayed",
         "simulate": "tarc.simulation.simulator",
     },
-    ("analysis", "certificates", "design", "estimators", "laws", "paper", "plants", "signals", "study"),
+    ("analysis", "certificates", "design", "estimators", "export", "laws", "paper", "plants", "signals", "study"),
 )

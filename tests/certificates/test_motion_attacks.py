@@ -1,12 +1,9 @@
 """No motion breaks what the robot certificate certifies, and the attacks break what is unstable."""
 
-import json
-
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from benchmarks import attacks
 from reference.motion_attacks import PERIODS, Motion, MotionAttacker
 from tarc.analysis import Workspace
 from tarc.analysis.linearise import decoupled_channels
@@ -77,15 +74,3 @@ def test_motions_break_an_unstable_arm(two_link):
     plant, inertia, workspace = two_link
     found = attacker(law(2 * inertia, 10.0), [plant], workspace).attack(64, until_broken=True)
     assert found.broken > 0
-
-
-@pytest.mark.slow
-def test_no_motion_breaks_a_certified_arm_with_a_load():
-    shape = json.loads(attacks.FIRST_DESIGNS.read_text(encoding="utf-8"))["UR5e"]
-    case = attacks.Case(attacks.ARMS["UR5e"], attacks.Shape(**shape))
-    certificate = case.certificate(24.0)
-    assert certificate.certified
-    assert certificate.evidence.affine is not None
-    assert case.attack(24.0, 320).broken == 0
-    assert case.run(24.0, 10) == 0
-    assert case.attack(1.3 * case.frozen_limit(), 64, until_broken=True).broken

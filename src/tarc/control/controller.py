@@ -64,6 +64,8 @@ class Controller:
     ----------
     missing
         Samples missing in a row.
+    function
+        The traced step, ``[state, input] -> [next state, output]``, as `tarc.core.tracing.trace` returns it.
     fault
         Whether more than ``law.max_missing`` were missing in a row; then the safe torque is applied until the next
         `reset`.
@@ -113,6 +115,7 @@ class Controller:
             function, example = trace(self._checked_step, self._checked_state(state), value)
         else:
             function, example = trace(self._limited_step, state, value)
+        self.function = function
         self._call = CompiledStep(compiled(function) if native else function)
         n = law.n_joints
         self._past_torque = self._place_of_past_torque(state)
@@ -141,7 +144,7 @@ class Controller:
     def _place_of_past_torque(self, state: LawState) -> slice:
         """Return where the packed state has the newest past torque."""
         marked = state._replace(torque=np.where(np.arange(state.torque.shape[1]) == 0, np.nan, state.torque))
-        indices = np.flatnonzero(np.isnan(pack(self._checked_state(marked) if self._check.is_needed else marked)))
+        indices = np.flatnonzero(np.isnan(self._packed(marked)))
         return slice(int(indices[0]), int(indices[-1]) + 1)
 
     def _limited_step(self, state: LawState, value: LawInput) -> tuple[LawState, LawOutput]:
@@ -155,6 +158,18 @@ class Controller:
         last_reference = ops.where(ops.finite(reference), reference, state.reference)
         law, output = self._limited_step(state.law, value._replace(position=position, reference=reference))
         return _CheckedState(last_position, last_reference, law), output
+
+    def state_at_start(self, position: Numbers, torque: Numbers = 0.0) -> np.ndarray:
+        """Return the packed state of `function` at rest at a position with a torque applied, each (n,)."""
+        return self._packed(limited_start(self.law, self._limits, position, torque))
+
+    @property
+    def past_torque_place(self) -> int:
+        """Place in the packed state of the n torques that the step before returned."""
+        return self._past_torque.start
+
+    def _packed(self, state: LawState) -> np.ndarray:
+        return pack(self._checked_state(state) if self._check.is_needed else state)
 
     @property
     def _status(self) -> str:
@@ -182,7 +197,7 @@ class Controller:
             For a position that is not finite: wait for a valid sample first.
         """
         state = limited_start(self.law, self._limits, initial_position, initial_torque)
-        self._call.reset(pack(self._checked_state(state) if self._check.is_needed else state))
+        self._call.reset(self._packed(state))
         self._call.output[:] = 0
         self._warned, self._ready = False, True
         if self._stamped is not None:
@@ -281,11 +296,11 @@ class Controller:
         marks = 1.0 + np.arange(n * (samples + 1))
         marked = estimator._replace(window=marks[: n * samples].reshape(n, samples), prediction=marks[n * samples :])
         blank = self._law_state._replace(estimator=marked)
-        packed = pack(self._checked_state(blank) if self._check.is_needed else blank)
+        packed = self._packed(blank)
         empty = self._law_state._replace(
             estimator=estimator._replace(window=0 * estimator.window, prediction=0 * estimator.prediction)
         )
-        differs = packed - pack(self._checked_state(empty) if self._check.is_needed else empty)
+        differs = packed - self._packed(empty)
         order = np.array([int(np.flatnonzero(differs == mark)[0]) for mark in marks])
         return order[: n * samples].reshape(n, samples), order[n * samples :]
 

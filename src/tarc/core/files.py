@@ -1,4 +1,4 @@
-"""Files to write, with one message where one cannot be written."""
+"""Files to read and write, with one message where that fails."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -57,3 +57,18 @@ def file_in_folder(name: str, path: str | Path) -> Path:
     if not file.parent.is_dir():
         raise InvalidParameter(f"{name}: got {str(path)!r}; the folder {file.parent} does not exist, create it first")
     return file
+
+
+def read_text(name: str, path: str | Path) -> str:
+    """Return the text of a file.
+
+    Raises
+    ------
+    InvalidParameter
+        For a file that is not there, cannot be read, or is no text in UTF-8.
+    """
+    try:
+        return Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is no text in UTF-8"
+        raise InvalidParameter(f"{name}: cannot read {path}: {reason}; give a file that can be read") from None

@@ -118,7 +118,7 @@ class TDE(PolePlacement):
         return isinstance(self.inertia, NominalInertia)
 
     @property
-    def _maps_torque(self) -> bool:
+    def maps_torque(self) -> bool:
         """Whether the torque differs from what `control` returns."""
         return self.has_model or self.feedforward is not None
 
@@ -130,7 +130,7 @@ class TDE(PolePlacement):
 
     def without_model(self) -> Self:
         """Return the law of the loop without a model: no feed-forward, and for M̂(q) its acceleration as the torque."""
-        if not self._maps_torque:
+        if not self.maps_torque:
             return self
         inertia = self.command_inertia if self.has_model else self.inertia
         return replace(self, inertia=inertia, feedforward=None)
@@ -183,11 +183,17 @@ class TDE(PolePlacement):
     def init(self, position: Numbers, torque: Numbers = 0.0) -> LawState:
         """Return the state at rest at a position [rad or m] with a torque applied [N m or N], each (n,)."""
         state = super().init(position, torque)
-        if not self._maps_torque:
+        if not self.maps_torque:
             return state
-        zero = np.zeros(self.n_joints)
-        inertia, model_torque = self._model(state.position, state.position, zero, zero)
-        command = self._command(inertia, state.torque[:, 0] - model_torque)
+        return self.with_model_state(state, *self.model_at_rest(state.position, state.torque[:, 0]))
+
+    def model_at_rest(self, position: Vector, torque: Vector) -> tuple[Tree, Vector, Vector]:
+        """Return M̂(q), empty where it is constant, ĥ + f at rest, and the command that gives a torque there."""
+        inertia, model_torque = self._model(position, position, 0 * position, 0 * position)
+        return inertia, model_torque, self._command(inertia, torque - model_torque)
+
+    def with_model_state(self, state: LawState, inertia: Tree, model_torque: Vector, command: np.ndarray) -> LawState:
+        """Return a state at rest with what `model_at_rest` gave as the model's part of it."""
         reference = self.estimator.init(state.position) if self._estimates_reference else ()
         return state._replace(control=ModelState(inertia, model_torque, self.initial_state(command), reference))
 
@@ -197,7 +203,7 @@ class TDE(PolePlacement):
         With a model, `control` sees the command c = M̂(q)⁻¹ (τ − ĥ − f) of the period before in place of the torque τ
         that acted then. Its result is mapped back, τ = M̂(q) c + ĥ + f. For a constant M̂ the command is τ − f.
         """
-        if not self._maps_torque:
+        if not self.maps_torque:
             return self.control(state, tracking)
         command = self._command(state.inertia, tracking.past_torque - state.model_torque)
         references = tracking.reference, tracking.velocity_reference, tracking.acceleration_reference

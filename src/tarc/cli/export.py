@@ -1,0 +1,172 @@
+"""`tarc export` and `tarc verify-export`: laws as C, and the proof that it is the same law."""
+
+import json
+import shlex
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from tarc.cli.options import Json, ScenarioName, Set
+from tarc.core import validation as check
+from tarc.core.errors import InvalidParameter
+
+if TYPE_CHECKING:
+    from tarc.export import Export, ExportReport
+    from tarc.scenario.model import Scenario
+
+FORMATS = ("c",)
+
+Format = Annotated[str, typer.Argument(metavar="FORMAT", help="c: C99 with recorded steps and build files.")]
+Folder = Annotated[Path | None, typer.Option("--out", "-o", help="Folder to write. Default: build/ and the scenario.")]
+LawName = Annotated[str, typer.Option("--law", metavar="NAME", help="Law of the scenario. Default: the first.")]
+CName = Annotated[str, typer.Option("--name", help="Prefix of the names in C. Default: the folder's name.")]
+Real = Annotated[str, typer.Option(help="double or float.")]
+ExportFolder = Annotated[Path, typer.Argument(metavar="FOLDER", help="What tarc export c wrote.")]
+Compiler = Annotated[str, typer.Option("--cc", help="C compiler with options. Default: the one that is found.")]
+Steps = Annotated[int, typer.Option(help="Random steps to compare with the law.")]
+
+
+def export(
+    kind: Format,
+    scenario: ScenarioName,
+    out: Folder = None,
+    law: LawName = "",
+    name: CName = "",
+    real: Real = "double",
+    set_: Set = None,
+    as_json: Json = False,
+) -> None:
+    """Write a scenario's law for its machine: exactly the step that was simulated and certified.
+
+    The folder has the C, recorded steps with their expected bits, and build
+    files for CMake, PlatformIO, Arduino and Zephyr. Its law.yaml has all
+    parameters, the scenario, and the verdict of a design's certificates. Files
+    that this command did not write are never touched.
+
+    Example: tarc export c ur5e --law TARC -o build/arm
+    """
+    from tarc.export import export_c
+    from tarc.scenario.model import Scenario
+
+    check.one_of("FORMAT", kind, FORMATS)
+    loaded = Scenario.load(scenario, set_ or [])
+    chosen, built, limits, joints = law_of(loaded, law)
+    folder = out or Path("build") / Path(scenario).stem
+    certificate = _certificate(Path(scenario), chosen)
+    content = loaded.model_dump(mode="json", exclude_defaults=True)
+    written = export_c(
+        built,
+        folder,
+        name=name or None,
+        real=real,
+        torque_limits=limits,
+        joint_names=joints,
+        certificate=certificate,
+        scenario={"law": chosen, "content": content},
+    )
+    if as_json:
+        print(json.dumps({"folder": str(written.folder), "files": [str(file) for file in written.files]}, indent=2))
+        return
+    _print_written(written, chosen, certificate is not None)
+
+
+def verify_export(folder: ExportFolder, cc: Compiler = "", steps: Steps = 100_000, as_json: Json = False) -> None:
+    """Compile exported C, replay its recorded steps, and compare random steps with the law, bit by bit.
+
+    The law is built again from the scenario in law.yaml. Exit status 1 where
+    the C is not the law, or a compiler warns.
+
+    Example: tarc verify-export build/arm --cc "gcc -O1"
+    """
+    from tarc.export import verify_export as verify
+    from tarc.export.verification import read_law_yaml
+    from tarc.scenario.model import Scenario
+
+    scenario = read_law_yaml(folder).get("scenario")
+    law = limits = None
+    if scenario is not None:
+        _, law, limits, _ = law_of(Scenario.parse(scenario["content"]), scenario["law"])
+    report = verify(folder, law=law, torque_limits=limits, command=shlex.split(cc) or None, steps=steps)
+    if as_json:
+        print(json.dumps(asdict(report) | {"passed": report.passed}, indent=2))
+    else:
+        _print_report(report)
+    if not report.passed:
+        raise typer.Exit(1)
+
+
+def law_of(scenario: "Scenario", name: str) -> tuple[str, Any, Any, tuple[str, ...]]:
+    """Return name, law, torque limits and joint names of a law in a scenario; the first without a name.
+
+    Raises
+    ------
+    InvalidParameter
+        For a name that is not there.
+    """
+    setup = scenario.build()
+    chosen = name or next(iter(setup.laws))
+    if chosen not in setup.laws:
+        raise InvalidParameter(f"--law: got {name!r}; the scenario has {', '.join(setup.laws)}")
+    law = setup.laws[chosen]
+    if law.torque_limit is None and setup.plant.torque_limits is not None:
+        from dataclasses import replace
+
+        law = replace(law, torque_limit=setup.plant.torque_limits)
+    return chosen, law, setup.torque_limits, tuple(setup.plant.joint_names)
+
+
+def _certificate(scenario: Path, law: str) -> dict[str, Any] | None:
+    """Return verdict and assumptions from the certificates that a design or `tarc certify` left, if any."""
+    stem = scenario.stem
+    for file in (scenario.with_name(f"{stem}-certificates.json"), Path("runs") / stem / f"{law}-certificates.json"):
+        try:
+            found = json.loads(file.read_text(encoding="utf-8"))["robot"]
+            return {key: found[key] for key in ("verdict", "margin", "claim", "assumptions")} | {"file": file.name}
+        except (OSError, ValueError, KeyError, TypeError):
+            continue
+    return None
+
+
+def _print_written(written: "Export", law: str, is_judged: bool) -> None:
+    from rich.console import Console
+
+    console = Console(width=None if Console().is_terminal else 100)
+    console.print(f"{law} as C99 in {written.folder}, numbers are {written.real}:", highlight=False)
+    for file in written.files:
+        console.print(f"  {file.relative_to(written.folder)}", highlight=False)
+    if not is_judged:
+        console.print("no certificate was found beside the scenario; law.yaml says so", highlight=False)
+    console.print(f"now: tarc verify-export {written.folder}", highlight=False)
+
+
+def _print_report(report: "ExportReport") -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(width=None if Console().is_terminal else 100)
+    table = Table("test", "result", title=f"{report.name}, {report.real}", title_justify="left")
+    table.add_row("header and source have their hash", "yes" if report.is_unchanged else "[red]no[/red]")
+    if report.is_same_law is not None:
+        table.add_row("the law gives the same C", "yes" if report.is_same_law else "[red]no[/red]")
+    for replay in report.replays:
+        text = f"{replay.different} of {replay.total} numbers differ, {1e9 * replay.step_time:.0f} ns a step"
+        if not replay.passed:
+            text = f"[red]{text}[/red]"
+        table.add_row(f"recorded steps, {replay.command}", text + (", with warnings" if replay.warnings else ""))
+    if report.comparison is not None:
+        found = report.comparison
+        text = f"{found.different} numbers differ, by {found.largest:.1e} at most; {found.decisions} decisions differ"
+        table.add_row(f"{found.steps} random steps against the law", text)
+        if report.real == "float":
+            table.add_row("torque against double precision", f"{found.torque_difference:.2g} N m or N at most")
+    if report.code_size is not None:
+        table.add_row("machine code", f"{report.code_size} bytes")
+    if report.stack is not None:
+        table.add_row("stack of a step", f"{report.stack} bytes")
+    console.print(table)
+    for replay in report.replays:
+        if replay.warnings:
+            console.print(replay.warnings, style="yellow", markup=False, highlight=False)
+    console.print("the C is the law" if report.passed else "the C is NOT shown to be the law", highlight=False)

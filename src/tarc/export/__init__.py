@@ -1,0 +1,21 @@
+"""Laws as C99 that runs anywhere, and the proof that it is the same law."""
+
+from typing import TYPE_CHECKING
+
+from tarc.core.lazy import lazy_attributes
+
+if TYPE_CHECKING:
+    from tarc.export.c_project import Export, export_c
+    from tarc.export.verification import ExportReport, verify_export
+
+__all__ = ["Export", "ExportReport", "export_c", "verify_export"]
+
+__getattr__, __dir__, _ = lazy_attributes(
+    __name__,
+    {
+        "Export": "tarc.export.c_project",
+        "ExportReport": "tarc.export.verification",
+        "export_c": "tarc.export.c_project",
+        "verify_export": "tarc.export.verification",
+    },
+)

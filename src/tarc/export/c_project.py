@@ -1,0 +1,202 @@
+"""A law as a C99 project."""
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tarc.core import validation as check
+from tarc.core.errors import InvalidParameter
+from tarc.core.version import __version__
+from tarc.export import vectors
+from tarc.export.c_source import CSource
+from tarc.export.folder import write_folder
+from tarc.export.project_files import texts
+from tarc.export.traced_law import traced_law
+from tarc.laws.base import Law
+from tarc.signals.torque_limits import TorqueLimits
+
+REALS = ("double", "float")
+VECTORS = 200
+"""Recorded steps."""
+SEED = 0
+LICENCE = "SEE LICENSE"
+NAME = re.compile(r"[a-z][a-z0-9_]*\Z")
+RESERVED = frozenset({"auto", "break", "case", "char", "const", "continue", "default", "do", "double", "else", "enum"})
+RESERVED |= {"extern", "float", "for", "goto", "if", "inline", "int", "long", "register", "restrict", "return", "short"}
+RESERVED |= {
+    "signed",
+    "sizeof",
+    "static",
+    "struct",
+    "switch",
+    "typedef",
+    "union",
+    "unsigned",
+    "void",
+    "volatile",
+    "while",
+}
+"""Words of C that are no name, as far as they match `NAME`."""
+
+
+@dataclass(frozen=True)
+class Export:
+    """What was exported.
+
+    Attributes
+    ----------
+    folder, files
+        Where it is.
+    name
+        Prefix of the names in C.
+    real
+        ``double`` or ``float``.
+    digest
+        SHA-256 of header and source together.
+    """
+
+    folder: Path
+    files: tuple[Path, ...]
+    name: str
+    real: str
+    digest: str
+
+
+def export_c(
+    law: Law,
+    folder: str | Path,
+    *,
+    name: str | None = None,
+    real: str = "double",
+    torque_limits: TorqueLimits | None = None,
+    joint_names: Sequence[str] = (),
+    certificate: Mapping[str, Any] | None = None,
+    scenario: Mapping[str, Any] | None = None,
+) -> Export:
+    """Write a law as a C99 project: exactly the step that is simulated and certified.
+
+    The same law gives the same bytes. Files in the folder that it did not write stay as they are.
+
+    Parameters
+    ----------
+    law
+        Any law of `tarc.laws`, or your own.
+    folder
+        Where to write.
+    name
+        Prefix of the names in C and of its files; None for the name of the folder.
+    real
+        ``double`` or ``float``.
+    torque_limits
+        Limits of the robot's interface, as for `Controller`.
+    joint_names
+        Names of the joints, in order.
+    certificate
+        Verdict and assumptions, for ``law.yaml``.
+    scenario
+        The scenario that the law is of, for ``law.yaml``; `verify_export` builds the law from it.
+
+    Raises
+    ------
+    InvalidParameter
+        For a name that is none in C, and for files in the way.
+    UnsupportedLaw
+        For a law that has no C: one that calls a library, or whose start is not affine in position and torque.
+
+    Examples
+    --------
+    >>> import tempfile, tarc
+    >>> law = tarc.laws.TDC(inertia=[0.1], natural_frequency=10.0, period=1e-3,
+    ...                     estimator=tarc.estimators.Algebraic(window=0.010))
+    >>> written = tarc.export.export_c(law, tempfile.mkdtemp(), name="joint")
+    >>> sorted(file.name for file in written.files)[:3]
+    ['CMakeLists.txt', 'CMakeLists.txt', 'LICENSE']
+    """
+    check.one_of("real", real, REALS)
+    name = c_name(Path(folder).name if name is None else name, given=name is not None)
+    source = CSource(traced_law(law, torque_limits), name, real == "float", f"{name}: {type(law).__name__}")
+    recorded = vectors.record(source, *vectors.random_inputs(law.n_joints, VECTORS, SEED))
+    digest = hashlib.sha256((source.header + source.source).encode()).hexdigest()
+    content = {
+        f"src/{name}.h": source.header,
+        f"src/{name}.c": source.source,
+        "test/vectors.h": vectors.header(source, recorded),
+        "law.yaml": _law_yaml(law, name, real, digest, joint_names, certificate, scenario),
+        "LICENSE": _licence(),
+        **texts(source, tuple(joint_names), VECTORS, LICENCE),
+    }
+    return Export(Path(folder), tuple(write_folder("folder", folder, content)), name, real, digest)
+
+
+def c_name(text: str, given: bool = True) -> str:
+    """Return a name as C takes it; of a folder the nearest one.
+
+    Raises
+    ------
+    InvalidParameter
+        For a given name that is none.
+    """
+    name = text if given else re.sub(r"[^a-z0-9_]+", "_", text.lower()).strip("_")
+    if not given and (not name or not name[0].isalpha()):
+        name = f"law_{name}".rstrip("_")
+    if not NAME.match(name) or name in RESERVED:
+        raise InvalidParameter(f"name: got {text!r}; needs small letters, digits and _, a letter first: it names C")
+    return name
+
+
+def _law_yaml(
+    law: Law,
+    name: str,
+    real: str,
+    digest: str,
+    joint_names: Sequence[str],
+    certificate: Mapping[str, Any] | None,
+    scenario: Mapping[str, Any] | None,
+) -> str:
+    """Return parameters, version, hash and verdict; values as JSON, which YAML reads."""
+    parameters = {field.name: _plain(getattr(law, field.name)) for field in fields(law)}
+    sections: dict[str, Any] = {
+        "name": name,
+        "law": type(law).__name__,
+        "tarc": __version__,
+        "real": real,
+        "sha256": digest,
+        "joints": list(joint_names),
+        "parameters": parameters,
+        "certificate": dict(certificate) if certificate else "none was given to the export; see tarc certify",
+    }
+    if scenario is not None:
+        sections["scenario"] = dict(scenario)
+    lines = []
+    for key, value in sections.items():
+        if isinstance(value, dict) and key != "scenario":
+            lines.append(f"{key}:")
+            lines += [f"  {inner}: {json.dumps(one, ensure_ascii=False)}" for inner, one in value.items()]
+        else:
+            lines.append(f"{key}: {json.dumps(value, ensure_ascii=False)}")
+    return "\n".join(lines) + "\n"
+
+
+def _plain(value: Any) -> Any:
+    """Return a parameter as numbers and text."""
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if isinstance(value, float):
+        return value if np.isfinite(value) else str(value)
+    if isinstance(value, np.ndarray | list | tuple):
+        return [_plain(one) for one in np.asarray(value).tolist()]
+    return str(value)
+
+
+def _licence() -> str:
+    """Return what may be done with the files."""
+    return (
+        "The C in this folder was generated from your own design. Copy, change, compile and ship it as you like, in\n"
+        "products as well. It comes without any warranty: whoever runs a robot with it is responsible for its safety.\n"
+    )

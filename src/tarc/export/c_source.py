@@ -1,0 +1,247 @@
+"""Header and source of a law in C99."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from string import Template
+
+from tarc.core.c_emitter import Constants, definitions
+from tarc.export.traced_law import Signal, TracedLaw
+
+HEADER = Template("""/* $title
+ *
+ * Call ${name}_reset once with the first measured position, then ${name}_step once per period of $period s.
+ * Positions are in rad or m, torques in N m or N. Nothing is allocated; there are no global variables.
+ */
+#ifndef ${NAME}_H
+#define ${NAME}_H
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define ${NAME}_JOINTS $n
+#define ${NAME}_STATES $n_states
+#define ${NAME}_PERIOD $period_literal
+
+typedef $real ${name}_real;
+
+/* Input of a step. A position or reference that is not finite counts as missing. applied_torque is what really acted in
+ * answer to the step before; NAN where that is unknown. */
+typedef struct {
+  ${name}_real position[${NAME}_JOINTS], reference[${NAME}_JOINTS];
+  ${name}_real velocity_reference[${NAME}_JOINTS], acceleration_reference[${NAME}_JOINTS];
+  ${name}_real applied_torque[${NAME}_JOINTS];
+} ${name}_input;
+
+/* Output of a step: the torque, whether samples are missing, and the signals of the law. */
+typedef struct {
+  ${name}_real torque[${NAME}_JOINTS];
+  int missing; /* samples missing in a row */
+  int fault;   /* 1 after too many: the safe torque is applied until the next reset */
+$fields} ${name}_output;
+
+/* The law's memory: plain data, which may be copied, and of which there may be several. */
+typedef struct {
+  ${name}_real x[2][${NAME}_STATES];
+  int now, ready;
+} ${name}_t;
+
+typedef enum { ${NAME}_OK, ${NAME}_NOT_READY, ${NAME}_BAD_INPUT, ${NAME}_FAULT } ${name}_status;
+
+/* Start at rest at a measured position with a torque already applied, NULL for none. ${NAME}_BAD_INPUT, and no change,
+ * for numbers that are not finite. */
+${name}_status ${name}_reset(${name}_t *self, const ${name}_real position[], const ${name}_real torque[]);
+
+/* One control period. ${NAME}_NOT_READY before the first reset, with zero torque. ${NAME}_BAD_INPUT where this sample
+ * was missing: the law bridges it, and the torque is to be applied. ${NAME}_FAULT where it has given up. */
+${name}_status ${name}_step(${name}_t *self, const ${name}_input *in, ${name}_output *out);
+
+/* Target torque of CiA 402, object 0x6071: thousandths of the rated torque, rounded and limited to 16 bits. */
+short ${name}_cia402_torque(${name}_real torque, ${name}_real rated_torque);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
+""")
+
+SOURCE = Template("""/* $title
+ *
+ * Compile with -ffp-contract=off, so that products and sums are rounded one by one, and without -ffast-math.
+ */
+#include "${name}.h"
+
+#include <math.h>
+#include <stdbool.h>
+#include <string.h>
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0) || defined(_M_FP_FAST)
+#error "compile without -ffast-math and -ffinite-math-only: the law relies on comparisons with NAN"
+#endif
+#if defined(__clang__)
+#pragma STDC FP_CONTRACT OFF
+#endif
+
+$start
+$step
+/* Whether all of some numbers are finite. */
+static bool are_finite(const ${name}_real *values, int count)
+{
+  for (int i = 0; i < count; ++i)
+    if (!($fabs(values[i]) <= $huge))
+      return false;
+  return true;
+}
+
+${name}_status ${name}_reset(${name}_t *self, const ${name}_real position[], const ${name}_real torque[])
+{
+  static const ${name}_real limits[${NAME}_JOINTS] = {$limits};
+  ${name}_real applied[${NAME}_JOINTS];
+  if (!are_finite(position, ${NAME}_JOINTS) || (torque && !are_finite(torque, ${NAME}_JOINTS)))
+    return ${NAME}_BAD_INPUT;
+  for (int i = 0; i < ${NAME}_JOINTS; ++i) {
+    const ${name}_real wanted = torque ? torque[i] : $zero;
+    applied[i] = wanted < -limits[i] ? -limits[i] : wanted > limits[i] ? limits[i] : wanted;
+  }
+  const ${name}_real *const arg[] = {position, applied};
+  ${name}_real *const res[] = {self->x[0]};
+  start_function(arg, res);
+  self->now = 0;
+  self->ready = 1;
+  return ${NAME}_OK;
+}
+
+${name}_status ${name}_step(${name}_t *self, const ${name}_input *in, ${name}_output *out)
+{
+  ${name}_real value[4 * ${NAME}_JOINTS], result[$n_outputs];
+  memset(out, 0, sizeof *out);
+  if (!self->ready)
+    return ${NAME}_NOT_READY;
+  ${name}_real *const state = self->x[self->now];
+  for (int i = 0; i < ${NAME}_JOINTS; ++i)
+    if ($fabs(in->applied_torque[i]) <= $huge)
+      state[$past_torque + i] = in->applied_torque[i];
+  memcpy(value, in->position, sizeof in->position);
+  memcpy(value + ${NAME}_JOINTS, in->reference, sizeof in->reference);
+  memcpy(value + 2 * ${NAME}_JOINTS, in->velocity_reference, sizeof in->velocity_reference);
+  memcpy(value + 3 * ${NAME}_JOINTS, in->acceleration_reference, sizeof in->acceleration_reference);
+  const ${name}_real *const arg[] = {state, value};
+  ${name}_real *const res[] = {self->x[1 - self->now], result};
+  step_function(arg, res);
+  self->now = 1 - self->now;
+  memcpy(out->torque, result, sizeof out->torque);
+$copies  return out->fault ? ${NAME}_FAULT : out->missing ? ${NAME}_BAD_INPUT : ${NAME}_OK;
+}
+
+short ${name}_cia402_torque(${name}_real torque, ${name}_real rated_torque)
+{
+  const ${name}_real share = $floor($thousand * torque / rated_torque + $half);
+  if (!(share > $lowest))
+    return -32768;
+  return share < $highest ? (short)share : 32767;
+}
+""")
+
+
+@dataclass(frozen=True)
+class CSource:
+    """The C of a traced law.
+
+    Attributes
+    ----------
+    traced
+        The law.
+    name
+        Prefix of all names, and of the files.
+    single
+        Whether numbers are of single precision.
+    title
+        First line of the comment in both files.
+    """
+
+    traced: TracedLaw
+    name: str
+    single: bool
+    title: str
+
+    @property
+    def real(self) -> str:
+        """Return the C type of the numbers."""
+        return "float" if self.single else "double"
+
+    @cached_property
+    def header(self) -> str:
+        """Return the header."""
+        law = self.traced.law
+        fields = "".join(f"  {self.name}_real {_field(signal)};\n" for signal in self._reals)
+        return HEADER.substitute(
+            self._names,
+            period=f"{law.period:g}",
+            period_literal=self._constants.number(law.period),
+            n=law.n_joints,
+            n_states=self.traced.n_states,
+            real=self.real,
+            fields=fields,
+        )
+
+    @cached_property
+    def source(self) -> str:
+        """Return the source."""
+        constants = self._constants
+        traced, number = self.traced, self._constants.number
+        copies = [f"  out->{signal.name} = (int)result[{signal.start}];" for signal in self._counts]
+        for signal in self._reals:
+            if signal.size == 1:
+                copies.append(f"  out->{signal.name} = result[{signal.start}];")
+            else:
+                place = f"out->{signal.name}"
+                copies.append(f"  memcpy({place}, result + {signal.start}, sizeof {place});")
+        return SOURCE.substitute(
+            self._names,
+            start=definitions(traced.start, "start_function", constants),
+            step=definitions(traced.step, "step_function", constants),
+            fabs=constants.text("fabs(")[:-1],
+            floor=constants.text("floor(")[:-1],
+            huge=number(1e100),
+            zero=number(0.0),
+            half=number(0.5),
+            thousand=number(1000.0),
+            lowest=number(-32768.0),
+            highest=number(32767.0),
+            limits=", ".join(number(float(limit)) for limit in traced.start_limits),
+            n_outputs=traced.step.nnz_out(1),
+            past_torque=traced.past_torque,
+            copies="".join(line + "\n" for line in copies),
+        )
+
+    @property
+    def uses_library(self) -> bool:
+        """Whether the law calls functions that C libraries round differently, such as sin."""
+        words = ("sin", "cos", "tan", "exp", "log", "pow", "hypot")
+        return any(f"{word}{'f' if self.single else ''}(" in self.source for word in words)
+
+    @property
+    def signals(self) -> tuple[Signal, ...]:
+        """Return the fields of the output after the torque."""
+        return (*self._counts, *self._reals)
+
+    @property
+    def _counts(self) -> list[Signal]:
+        return [signal for signal in self.traced.signals if signal.name in ("missing", "fault")]
+
+    @property
+    def _reals(self) -> list[Signal]:
+        return [signal for signal in self.traced.signals if signal.name not in ("missing", "fault")]
+
+    @property
+    def _constants(self) -> Constants:
+        return Constants(in_array=False, single=self.single, type_name=f"{self.name}_real")
+
+    @property
+    def _names(self) -> dict[str, str]:
+        return {"name": self.name, "NAME": self.name.upper(), "title": self.title}
+
+
+def _field(signal: Signal) -> str:
+    return signal.name if signal.size == 1 else f"{signal.name}[{signal.size}]"

@@ -1,0 +1,249 @@
+"""Files beside the C of a law: the replay of its vectors, build files and a README."""
+
+from string import Template
+
+from tarc.core.version import __version__
+from tarc.export.c_source import CSource
+
+REPLAY = Template("""/* Runs the recorded steps and compares every bit. Exit status 0 where all agree.
+ *
+ * With a number as argument it then times that many steps and prints the nanoseconds of one.
+ */
+#include "${name}.h"
+#include "vectors.h"
+
+#include <math.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+typedef ${name}_real real;
+
+static real number(bits pattern)
+{
+  real value;
+  memcpy(&value, &pattern, sizeof value);
+  return value;
+}
+
+static bits pattern(real value)
+{
+  bits result;
+  memcpy(&result, &value, sizeof result);
+  return result;
+}
+
+/* Distance of two numbers in units of the last place. */
+static bits distance(bits one, bits other)
+{
+  const bits sign = (bits)1 << (8 * sizeof(bits) - 1);
+  const bits a = one & sign ? sign - (one & ~sign) : sign + one;
+  const bits b = other & sign ? sign - (other & ~sign) : sign + other;
+  return a > b ? a - b : b - a;
+}
+
+static void collect(const ${name}_output *out, real values[VECTOR_OUTPUTS])
+{
+$collect}
+
+static void fill(${name}_input *in, const bits row[VECTOR_INPUTS])
+{
+  for (int i = 0; i < ${NAME}_JOINTS; ++i) {
+    in->position[i] = number(row[i]);
+    in->reference[i] = number(row[${NAME}_JOINTS + i]);
+    in->velocity_reference[i] = number(row[2 * ${NAME}_JOINTS + i]);
+    in->acceleration_reference[i] = number(row[3 * ${NAME}_JOINTS + i]);
+    in->applied_torque[i] = number(row[4 * ${NAME}_JOINTS + i]);
+  }
+}
+
+static ${name}_t law;
+
+int main(int argc, char **argv)
+{
+  real position[${NAME}_JOINTS], torque[${NAME}_JOINTS];
+  ${name}_input in;
+  ${name}_output out;
+  for (int i = 0; i < ${NAME}_JOINTS; ++i) {
+    position[i] = number(vector_start[0][i]);
+    torque[i] = number(vector_start[0][${NAME}_JOINTS + i]);
+  }
+  memset(&in, 0, sizeof in);
+  if (${name}_step(&law, &in, &out) != ${NAME}_NOT_READY) {
+    printf("a step before the first reset was not refused\\n");
+    return 1;
+  }
+  if (${name}_reset(&law, position, torque) != ${NAME}_OK) {
+    printf("the start was refused\\n");
+    return 1;
+  }
+  long different = 0, decisions = 0;
+  bits largest = 0;
+  for (int k = 0; k < VECTORS; ++k) {
+    real values[VECTOR_OUTPUTS];
+    fill(&in, vector_inputs[k]);
+    (void)${name}_step(&law, &in, &out);
+    collect(&out, values);
+    for (int i = 0; i < VECTOR_OUTPUTS; ++i) {
+      const bits found = pattern(values[i]), expected = vector_outputs[k][i];
+      if (found == expected)
+        continue;
+      ++different;
+      if (distance(found, expected) > largest)
+        largest = distance(found, expected);
+      if (!(fabs((double)values[i] - (double)number(expected)) <= $tolerance * (1.0 + fabs((double)number(expected)))))
+        ++decisions;
+    }
+  }
+  printf("%d steps, %ld of %ld numbers differ, by %.0f units of the last place at most; %ld by more than $tolerance\\n",
+         VECTORS, different, (long)VECTORS * VECTOR_OUTPUTS, (double)largest, decisions);
+  const long repeats = argc > 1 ? strtol(argv[1], NULL, 10) : 0;
+  if (repeats > 0) {
+    const clock_t start = clock();
+    for (long k = 0; k < repeats; ++k) {
+      fill(&in, vector_inputs[k % VECTORS]);
+      (void)${name}_step(&law, &in, &out);
+    }
+    const double seconds = (double)(clock() - start) / CLOCKS_PER_SEC;
+    printf("%.1f ns a step\\n", 1e9 * seconds / (double)repeats);
+  }
+  return VECTORS_EXACT ? different != 0 : decisions != 0;
+}
+""")
+
+CMAKE = Template("""cmake_minimum_required(VERSION 3.10)
+project($name C)
+
+add_library($name src/$name.c)
+target_include_directories($name PUBLIC src)
+set_target_properties($name PROPERTIES C_STANDARD 99 C_STANDARD_REQUIRED ON C_EXTENSIONS OFF)
+if(NOT MSVC)
+  # products and sums are rounded one by one, as where the law was simulated
+  target_compile_options($name PRIVATE -O2 -ffp-contract=off)
+  target_link_libraries($name PUBLIC m)
+endif()
+
+enable_testing()
+add_executable(${name}_replay test/replay.c)
+target_link_libraries(${name}_replay $name)
+add_test(NAME replay COMMAND ${name}_replay)
+""")
+
+PLATFORMIO = Template("""{
+  "name": "$name",
+  "version": "$version",
+  "description": "$title",
+  "license": "$license",
+  "frameworks": "*",
+  "platforms": "*",
+  "build": {"srcDir": "src", "includeDir": "src", "flags": ["-ffp-contract=off"]}
+}
+""")
+
+ARDUINO = Template("""name=$name
+version=$version
+author=tarc-control
+maintainer=tarc-control
+sentence=$title
+paragraph=Compile with -ffp-contract=off and without -ffast-math.
+category=Device Control
+url=https://github.com/tarc-control/tarc-control
+architectures=*
+includes=$name.h
+""")
+
+ZEPHYR_MODULE = """name: $name
+build:
+  cmake: zephyr
+"""
+
+ZEPHYR_CMAKE = """zephyr_include_directories(../src)
+zephyr_library_named($name)
+zephyr_library_sources(../src/$name.c)
+zephyr_library_compile_options(-ffp-contract=off)
+"""
+
+README = Template("""# $title
+
+C99 of a control law, written by tarc-control $version. Its parameters, and what is certified of it, are in `law.yaml`.
+
+## Use it
+
+Compile `src/$name.c` with `-ffp-contract=off`, link `-lm`, and call it once per period of $period s:
+
+```c
+#include "$name.h"
+#include <math.h>
+
+static ${name}_t law;
+
+void start(const ${name}_real position[${NAME}_JOINTS])
+{
+  ${name}_reset(&law, position, NULL);
+}
+
+void period(const ${name}_real position[${NAME}_JOINTS], ${name}_real torque[${NAME}_JOINTS])
+{
+  ${name}_input in;
+  ${name}_output out;
+  for (int i = 0; i < ${NAME}_JOINTS; ++i) {
+    in.position[i] = position[i];
+    in.reference[i] = 0; /* where it is to be, with its two derivatives */
+    in.velocity_reference[i] = in.acceleration_reference[i] = 0;
+    in.applied_torque[i] = NAN; /* what your drive reports, if it does */
+  }
+  ${name}_step(&law, &in, &out);
+  for (int i = 0; i < ${NAME}_JOINTS; ++i)
+    torque[i] = out.torque[i];
+}
+```
+
+The joints, in order: $joints.
+A sample that is not finite counts as missing, and is bridged for up to $max_missing periods in a row.
+The C sets no deadline and checks no clock: call it at its period, with a sample of that period.
+
+## Check it
+
+```console
+$$ cc -std=c99 -O2 -ffp-contract=off -Isrc -Itest src/$name.c test/replay.c -lm -o replay && ./replay
+$$ tarc verify-export .
+```
+
+The first runs $count recorded steps and compares every bit.
+The second also tries compilers and options, and compares many more steps with the law itself.
+""")
+
+
+def texts(source: CSource, joints: tuple[str, ...], count: int, licence: str) -> dict[str, str]:
+    """Return the text of each file by its path, those of the C, its vectors and the law's parameters aside."""
+    law = source.traced.law
+    n, lines = law.n_joints, [f"  for (int i = 0; i < {law.n_joints}; ++i)", "    values[i] = out->torque[i];"]
+    for signal in source.traced.signals:
+        if signal.size == 1:
+            lines.append(f"  values[{signal.start}] = (real)out->{signal.name};")
+        else:
+            lines.append(f"  memcpy(values + {signal.start}, out->{signal.name}, sizeof out->{signal.name});")
+    values = {
+        "name": source.name,
+        "NAME": source.name.upper(),
+        "title": source.title,
+        "version": __version__,
+        "license": licence,
+        "period": f"{law.period:g}",
+        "joints": ", ".join(joints) or f"joint1 to joint{n}",
+        "max_missing": str(law.max_missing),
+        "count": str(count),
+        "collect": "\n".join(lines) + "\n",
+        "tolerance": "1e-4" if source.single else "1e-9",
+    }
+    return {
+        "README.md": README.substitute(values),
+        "test/replay.c": REPLAY.substitute(values),
+        "CMakeLists.txt": CMAKE.substitute(values),
+        "library.json": PLATFORMIO.substitute(values),
+        "library.properties": ARDUINO.substitute(values),
+        "zephyr/module.yml": Template(ZEPHYR_MODULE).substitute(values),
+        "zephyr/CMakeLists.txt": Template(ZEPHYR_CMAKE).substitute(values),
+    }

@@ -1,0 +1,164 @@
+"""Exported C is the law: the same bits, no warnings, and nothing of anybody else's is touched."""
+
+import shutil
+import subprocess
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import tarc
+from law_catalogue import concrete_laws, make_law
+from tarc.core.codegen import compiler
+from tarc.core.errors import InvalidParameter, UnsupportedLaw
+from tarc.export import export_c, vectors, verify_export
+from tarc.export.c_project import c_name
+from tarc.export.c_source import CSource
+from tarc.export.traced_law import traced_law
+from tarc.signals import TorqueLimits
+
+QUICK = ("TARC",)
+
+
+def tdc(**options):
+    return tarc.laws.TDC(
+        inertia=[0.1, 0.2],
+        natural_frequency=10.0,
+        period=1e-3,
+        estimator=tarc.estimators.Algebraic(window=0.010),
+        **options,
+    )
+
+
+def with_model(**options):
+    arm = tarc.plants.TwoLinkArm()
+    gravity = "feedforward" not in options
+    return replace(tdc(), inertia=tarc.NominalInertia(arm, 0.2, gravity=gravity), **options)
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        pytest.param(kind, marks=() if kind.__name__ in QUICK else pytest.mark.slow, id=kind.__name__)
+        for kind in concrete_laws()
+    ],
+)
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_every_law_gives_the_same_bits_without_warnings(kind, real, tmp_path):
+    law = make_law(kind)
+    export_c(law, tmp_path / "out", name="law", real=real)
+    report = verify_export(tmp_path / "out", law=law, steps=1000)
+    assert report.is_unchanged
+    assert report.is_same_law
+    assert [replay.warnings for replay in report.replays] == ["", ""]
+    exact = not CSource(traced_law(law), "law", real == "float", "").uses_library
+    if exact or real == "double":  # the same C library
+        assert [replay.different for replay in report.replays] == [0, 0]
+        assert report.comparison.different == 0
+    assert report.passed
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"synchronised": True}, {"feedforward": tarc.Feedforward(tarc.plants.TwoLinkArm())}]
+)
+def test_a_law_with_a_model_starts_and_runs_as_in_python(options, tmp_path):
+    law = with_model(**options)
+    export_c(law, tmp_path, name="law")
+    report = verify_export(tmp_path, law=law, steps=1000)
+    assert report.passed
+    assert report.comparison.different == 0
+
+
+def test_recorded_steps_are_those_of_the_controller():
+    law = replace(tdc(), torque_limit=[3.0, 5.0])
+    limits = TorqueLimits(rate=2000.0)
+    source = CSource(traced_law(law, limits), "law", False, "")
+    position, torque, inputs = vectors.random_inputs(2, 60, 3)
+    recorded = vectors.record(source, position, torque, inputs)
+    controller = tarc.Controller(law, torque_limits=limits)
+    controller.reset(position, torque)
+    for row, expected in zip(inputs, recorded.outputs, strict=True):
+        found = controller.step(row[:2], row[2:4], row[4:6], row[6:8], applied_torque=row[8:])
+        np.testing.assert_array_equal(found, expected[:2])
+        assert controller.missing == expected[source.signals[0].start]
+
+
+def test_single_precision_decides_alike_and_stays_near(tmp_path):
+    law = tdc()
+    export_c(law, tmp_path, name="law", real="float")
+    report = verify_export(tmp_path, law=law, steps=500)
+    assert report.comparison.different == 0
+    assert report.comparison.decisions == 0
+    assert 0 < report.comparison.torque_difference < 0.1
+
+
+def test_the_same_law_gives_the_same_bytes(tmp_path):
+    first, second = (export_c(tdc(), tmp_path / name, name="law") for name in ("one", "two"))
+    assert first.digest == second.digest
+    for one, two in zip(first.files, second.files, strict=True):
+        assert one.read_bytes() == two.read_bytes()
+
+
+def test_changed_c_is_found(tmp_path):
+    law = tdc()
+    export_c(law, tmp_path, name="law")
+    file = tmp_path / "src" / "law.c"
+    text = file.read_text()
+    assert "0.1;" in text
+    file.write_text(text.replace("0.1;", "0.11;", 1))
+    report = verify_export(tmp_path, law=law, steps=200)
+    assert not report.is_unchanged
+    assert report.is_same_law is False
+    assert not report.passed
+
+
+def test_files_of_others_stay(tmp_path):
+    (tmp_path / "src").mkdir()
+    (tmp_path / "src" / "law.c").write_text("mine")
+    (tmp_path / "notes.txt").write_text("mine too")
+    with pytest.raises(InvalidParameter, match=r"law\.c, which this command did not write"):
+        export_c(tdc(), tmp_path, name="law")
+    assert not (tmp_path / "README.md").exists()
+    (tmp_path / "src" / "law.c").unlink()
+    export_c(tdc(), tmp_path, name="law")
+    export_c(replace(tdc(), natural_frequency=12.0), tmp_path, name="law")  # its own files it may replace
+    assert (tmp_path / "notes.txt").read_text() == "mine too"
+    (tmp_path / "src" / "law.h").write_text("changed by hand")
+    with pytest.raises(InvalidParameter, match=r"law\.h"):
+        export_c(tdc(), tmp_path, name="law")
+
+
+def test_names_are_those_of_c():
+    assert c_name("Left Arm-2", given=False) == "left_arm_2"
+    assert c_name("7axis", given=False) == "law_7axis"
+    for bad in ("Arm", "1arm", "double", "a b", ""):
+        with pytest.raises(InvalidParameter, match="names C"):
+            c_name(bad)
+
+
+def test_a_law_that_calls_a_library_is_refused(tmp_path):
+    arm = tarc.plants.load_robot("ur5e", armature=0.1, backend="mujoco")
+    law = tarc.laws.ComputedTorque(
+        model=arm,
+        natural_frequency=10.0,
+        period=1e-3,
+        estimator=tarc.estimators.Algebraic(window=0.010),
+    )
+    with pytest.raises(UnsupportedLaw):
+        export_c(law, tmp_path, name="law")
+
+
+def test_fast_mathematics_is_refused(tmp_path):
+    export_c(tdc(), tmp_path, name="law")
+    command = [*compiler(), "-std=c99", "-ffast-math", "-c", str(tmp_path / "src" / "law.c"), "-o", "/dev/null"]
+    process = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert process.returncode != 0
+    assert "NAN" in process.stderr
+
+
+@pytest.mark.skipif(shutil.which("g++") is None, reason="there is no g++")
+def test_a_cpp_compiler_takes_header_and_source(tmp_path):
+    export_c(tdc(), tmp_path, name="law")
+    flags = ["-std=c++17", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror", "-x", "c++"]
+    command = ["g++", *flags, "-c", str(tmp_path / "src" / "law.c"), "-o", str(tmp_path / "law.o")]
+    subprocess.run(command, check=True)
