@@ -25,6 +25,7 @@ PACKAGES = [
             "certificates",
             "paper",
             "design",
+            "export",
             "study",
         )
     ),
