@@ -58,6 +58,8 @@ ELSEWHERE, SMALL = 3.0, 0.1
 """Length [s] and amplitude [rad] of the motion where a loop is worst."""
 TUBE = 0.05
 """About the motion, for the design that knows it [rad]."""
+FRICTION_WIDTH = 0.05
+"""Of the smooth sign of dry friction in a law that knows the robot [rad/s]."""
 SAMPLES = 500
 """Postures, for the design and for the winners of the sweeps."""
 WINDOWS = (3, 30)
@@ -439,7 +441,14 @@ def with_model(
     """Design with M̂(q) of the robot's file, run on the motion of the design without a model."""
     sweep, begin = f"M̂(q), {model}", time.process_time()
     try:
-        made = design_controller(trial.plant, payload=(0.0, payload), progress=False, model=model, **options)
+        made = design_controller(
+            trial.plant,
+            payload=(0.0, payload),
+            progress=False,
+            model=model,
+            friction_width=FRICTION_WIDTH,
+            **options,
+        )
     except InfeasibleDesign as error:
         done(f"no design, {sweep}: {error}")
         return Pick(sweep, 0, verdict="no design")
