@@ -24,7 +24,10 @@ def test_a_design_for_position_loops_is_certified_and_runs_as_predicted(kp):
     assert np.all(design.law.torque_limits == 3.0)
     is_diagonal = np.count_nonzero(design.law.M - np.diag(np.diag(design.law.M))) == 0
     assert is_diagonal == (kp[0] != kp[1])
-    again = tarc.certify_law(design.law, servo, WORKSPACE, samples=200).certificates["robot"]
+    # the derivative gain of the servo is friction, which may be there or not
+    again = (
+        tarc.certify_law(design.law, servo, WORKSPACE, samples=200).strengthened(servo, WORKSPACE, samples=200).verdict
+    )
     assert again.verdict == "certified"
     assert again.margin == pytest.approx(design.certificates["robot"].margin, rel=0.1)
     trial = try_design(design, 2.0)
