@@ -20,7 +20,7 @@ SEARCH_MARGIN = 0.05
 
 Samples and search may miss the worst posture, so a verdict that rests on them must hold for that much more.
 """
-NORM_BATCH = 16
+NORM_BATCH = 64
 """Number of points whose norms are computed at once."""
 NEGLIGIBLE_STIFFNESS = 1e-9
 """Stiffness [1/s²] and damping [1/s] below which a robot counts as having none."""
@@ -153,11 +153,20 @@ class UncertaintySamples:
         inertia_radius = self.needed_radius(centre, np.inf)
         spare = centre - inertia_radius if inertia_radius < centre else centre
         factors = np.geomspace(100.0, 0.01, 40)
-        radii = np.array(
-            [self.needed_radius(centre, stiffest / centre * float(factor), lead_time) for factor in factors]
-        )
+        weights = stiffest / centre * factors
+        largest = self._largest_points(centre, weights[:: len(weights) // 4], lead_time)
+        radii = np.array([largest.joint_norms(centre, float(weight), lead_time).max() for weight in weights])
         logs = np.interp([inertia_radius + share * spare for share in RADIUS_SHARES], radii, np.log(factors))
         return [stiffest / centre * float(np.exp(log)) for log in dict.fromkeys(logs)]
+
+    def _largest_points(self, centre: float, weights: Array, lead_time: float) -> "UncertaintySamples":
+        """Return the points whose norms may be the largest at some weights."""
+        low, high = self._eigenvalues
+        squared = np.maximum(high - centre, centre - low) ** 2
+        stiffness = self.stiffness_norms(lead_time)
+        chosen = [np.argsort(squared + (stiffness / weight) ** 2)[-NORM_BATCH:] for weight in weights]
+        places = np.unique(np.concatenate(chosen))
+        return UncertaintySamples(self.inertia[places], self.stiffness[places], self.damping[places])
 
     @cached_property
     def _eigenvalues(self) -> tuple[Array, Array]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from tarc.analysis.linearise import joints_share_loop
+from tarc.analysis.operating_points import SEARCH_MARGIN
 from tarc.certificates.robot import certify_robot
 from tarc.certificates.varying_ratio import VaryingRatioEvidence, certify_varying_ratio
 from tarc.certification import LawCertification
@@ -25,8 +26,8 @@ FREQUENCY_FACTORS = (1.0, 0.7, 0.5, 0.35, 0.25)
 MAX_TRIALS = 6
 """Most changes that are certified."""
 
-MIN_SPREAD_SHARE = 0.95
-"""Least spread that a loop must tolerate to be tried, over that of the robot."""
+MIN_SPREAD_SHARE = (1 + SEARCH_MARGIN) ** 2
+"""Least spread that a loop must tolerate to be tried, over that of the robot: what the robot's certificate covers."""
 
 
 def certifying_settings(scenario: Scenario, certified: CertifiedLaws, name: str) -> list[str]:
