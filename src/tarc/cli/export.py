@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from tarc.cli.options import Json, ScenarioName, Set
-from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter
 
 if TYPE_CHECKING:
@@ -23,6 +22,7 @@ Folder = Annotated[Path | None, typer.Option("--out", "-o", help="Folder to writ
 LawName = Annotated[str, typer.Option("--law", metavar="NAME", help="Law of the scenario. Default: the first.")]
 CName = Annotated[str, typer.Option("--name", help="Prefix of the names in C. Default: the folder's name.")]
 Real = Annotated[str, typer.Option(help="double or float.")]
+Firmware = Annotated[bool, typer.Option("--firmware", help="Also a program for Cortex-M3, M4F and M7 in QEMU.")]
 ExportFolder = Annotated[Path, typer.Argument(metavar="FOLDER", help="What tarc export c wrote.")]
 Compiler = Annotated[str, typer.Option("--cc", help="C compiler with options. Default: the one that is found.")]
 Steps = Annotated[int, typer.Option(help="Random steps to compare with the law.")]
@@ -35,6 +35,7 @@ def export(
     law: LawName = "",
     name: CName = "",
     real: Real = "double",
+    firmware: Firmware = False,
     set_: Set = None,
     as_json: Json = False,
 ) -> None:
@@ -47,6 +48,7 @@ def export(
 
     Example: tarc export c ur5e --law TARC -o build/arm
     """
+    from tarc.core import validation as check
     from tarc.export import export_c
     from tarc.scenario.model import Scenario
 
@@ -65,6 +67,7 @@ def export(
         joint_names=joints,
         certificate=certificate,
         scenario={"law": chosen, "content": content},
+        firmware=firmware,
     )
     if as_json:
         print(json.dumps({"folder": str(written.folder), "files": [str(file) for file in written.files]}, indent=2))
@@ -139,6 +142,8 @@ def _print_written(written: "Export", law: str, is_judged: bool) -> None:
     if not is_judged:
         console.print("no certificate was found beside the scenario; law.yaml says so", highlight=False)
     console.print(f"now: tarc verify-export {written.folder}", highlight=False)
+    if (makefile := written.folder / "firmware" / "Makefile") in written.files:
+        console.print(f"and: make -C {makefile.parent} run", highlight=False)
 
 
 def _print_report(report: "ExportReport") -> None:

@@ -15,6 +15,7 @@ from tarc.core.errors import InvalidParameter
 from tarc.core.version import __version__
 from tarc.export import vectors
 from tarc.export.c_source import CSource
+from tarc.export.firmware import firmware_texts
 from tarc.export.folder import write_folder
 from tarc.export.project_files import texts
 from tarc.export.traced_law import traced_law
@@ -78,6 +79,7 @@ def export_c(
     joint_names: Sequence[str] = (),
     certificate: Mapping[str, Any] | None = None,
     scenario: Mapping[str, Any] | None = None,
+    firmware: bool = False,
 ) -> Export:
     """Write a law as a C99 project: exactly the step that is simulated and certified.
 
@@ -101,6 +103,8 @@ def export_c(
         Verdict and assumptions, for ``law.yaml``.
     scenario
         The scenario that the law is of, for ``law.yaml``; `verify_export` builds the law from it.
+    firmware
+        Also write ``firmware/``: a program for Cortex-M3, M4F and M7 that replays the recorded steps in QEMU.
 
     Raises
     ------
@@ -130,6 +134,7 @@ def export_c(
         "law.yaml": _law_yaml(law, name, real, digest, joint_names, certificate, scenario),
         "LICENSE": _licence(),
         **texts(source, tuple(joint_names), VECTORS, LICENCE),
+        **(firmware_texts(source) if firmware else {}),
     }
     return Export(Path(folder), tuple(write_folder("folder", folder, content)), name, real, digest)
 

@@ -81,6 +81,8 @@ SOURCE = Template("""/* $title
 #endif
 #if defined(__clang__)
 #pragma STDC FP_CONTRACT OFF
+#elif defined(__GNUC__) /* also where a build system leaves the option out */
+#pragma GCC optimize("fp-contract=off")
 #endif
 
 $start

@@ -5,21 +5,26 @@ from string import Template
 from tarc.core.version import __version__
 from tarc.export.c_source import CSource
 
-REPLAY = Template("""/* Runs the recorded steps and compares every bit. Exit status 0 where all agree.
- *
- * With a number as argument it then times that many steps and prints the nanoseconds of one.
- */
+TOLERANCES = {"double": "1e-9", "float": "1e-4"}
+"""Largest difference, relative to one more than the number, that is rounding: in C."""
+
+REPLAY_HEADER = Template("""/* The recorded steps as the C takes them, and the comparison with what it gives. */
+#ifndef REPLAY_H
+#define REPLAY_H
+
 #include "${name}.h"
 #include "vectors.h"
 
 #include <math.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 typedef ${name}_real real;
+
+/* Numbers that differ; those of them that differ by more than rounding; largest distance in units of the last place. */
+typedef struct {
+  long different, wrong;
+  bits largest;
+} replay_result;
 
 static real number(bits pattern)
 {
@@ -48,6 +53,7 @@ static void collect(const ${name}_output *out, real values[VECTOR_OUTPUTS])
 {
 $collect}
 
+/* Input of a recorded step. */
 static void fill(${name}_input *in, const bits row[VECTOR_INPUTS])
 {
   for (int i = 0; i < ${NAME}_JOINTS; ++i) {
@@ -59,9 +65,8 @@ static void fill(${name}_input *in, const bits row[VECTOR_INPUTS])
   }
 }
 
-static ${name}_t law;
-
-int main(int argc, char **argv)
+/* Start the law as recorded; NULL, or what went wrong. */
+static const char *start(${name}_t *law)
 {
   real position[${NAME}_JOINTS], torque[${NAME}_JOINTS];
   ${name}_input in;
@@ -71,45 +76,79 @@ int main(int argc, char **argv)
     torque[i] = number(vector_start[0][${NAME}_JOINTS + i]);
   }
   memset(&in, 0, sizeof in);
-  if (${name}_step(&law, &in, &out) != ${NAME}_NOT_READY) {
-    printf("a step before the first reset was not refused\\n");
+  if (${name}_step(law, &in, &out) != ${NAME}_NOT_READY)
+    return "a step before the first reset was not refused\\n";
+  if (${name}_reset(law, position, torque) != ${NAME}_OK)
+    return "the start was refused\\n";
+  return NULL;
+}
+
+/* Compare an output with that of recorded step k. */
+static void compare(const ${name}_output *out, int k, replay_result *result)
+{
+  real values[VECTOR_OUTPUTS];
+  collect(out, values);
+  for (int i = 0; i < VECTOR_OUTPUTS; ++i) {
+    const bits found = pattern(values[i]), expected = vector_outputs[k][i];
+    if (found == expected)
+      continue;
+    ++result->different;
+    if (distance(found, expected) > result->largest)
+      result->largest = distance(found, expected);
+    if (!(fabs((double)values[i] - (double)number(expected)) <= $tolerance * (1.0 + fabs((double)number(expected)))))
+      ++result->wrong;
+  }
+}
+
+/* Whether the results are those of the law. */
+static int is_right(const replay_result *result)
+{
+  return VECTORS_EXACT ? result->different == 0 : result->wrong == 0;
+}
+
+#endif
+""")
+
+REPLAY = Template("""/* Runs the recorded steps and compares every bit. Exit status 0 where all agree.
+ *
+ * With a number as argument it then times that many steps and prints the nanoseconds of one.
+ */
+#include "replay.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <time.h>
+
+static ${name}_t law;
+
+int main(int argc, char **argv)
+{
+  ${name}_input in;
+  ${name}_output out;
+  replay_result result = {0, 0, 0};
+  const char *const fault = start(&law);
+  if (fault) {
+    printf("%s", fault);
     return 1;
   }
-  if (${name}_reset(&law, position, torque) != ${NAME}_OK) {
-    printf("the start was refused\\n");
-    return 1;
-  }
-  long different = 0, decisions = 0;
-  bits largest = 0;
   for (int k = 0; k < VECTORS; ++k) {
-    real values[VECTOR_OUTPUTS];
     fill(&in, vector_inputs[k]);
     (void)${name}_step(&law, &in, &out);
-    collect(&out, values);
-    for (int i = 0; i < VECTOR_OUTPUTS; ++i) {
-      const bits found = pattern(values[i]), expected = vector_outputs[k][i];
-      if (found == expected)
-        continue;
-      ++different;
-      if (distance(found, expected) > largest)
-        largest = distance(found, expected);
-      if (!(fabs((double)values[i] - (double)number(expected)) <= $tolerance * (1.0 + fabs((double)number(expected)))))
-        ++decisions;
-    }
+    compare(&out, k, &result);
   }
   printf("%d steps, %ld of %ld numbers differ, by %.0f units of the last place at most; %ld by more than $tolerance\\n",
-         VECTORS, different, (long)VECTORS * VECTOR_OUTPUTS, (double)largest, decisions);
+         VECTORS, result.different, (long)VECTORS * VECTOR_OUTPUTS, (double)result.largest, result.wrong);
   const long repeats = argc > 1 ? strtol(argv[1], NULL, 10) : 0;
   if (repeats > 0) {
-    const clock_t start = clock();
+    const clock_t begin = clock();
     for (long k = 0; k < repeats; ++k) {
       fill(&in, vector_inputs[k % VECTORS]);
       (void)${name}_step(&law, &in, &out);
     }
-    const double seconds = (double)(clock() - start) / CLOCKS_PER_SEC;
+    const double seconds = (double)(clock() - begin) / CLOCKS_PER_SEC;
     printf("%.1f ns a step\\n", 1e9 * seconds / (double)repeats);
   }
-  return VECTORS_EXACT ? different != 0 : decisions != 0;
+  return !is_right(&result);
 }
 """)
 
@@ -236,10 +275,11 @@ def texts(source: CSource, joints: tuple[str, ...], count: int, licence: str) ->
         "max_missing": str(law.max_missing),
         "count": str(count),
         "collect": "\n".join(lines) + "\n",
-        "tolerance": "1e-4" if source.single else "1e-9",
+        "tolerance": TOLERANCES[source.real],
     }
     return {
         "README.md": README.substitute(values),
+        "test/replay.h": REPLAY_HEADER.substitute(values),
         "test/replay.c": REPLAY.substitute(values),
         "CMakeLists.txt": CMAKE.substitute(values),
         "library.json": PLATFORMIO.substitute(values),
