@@ -190,7 +190,7 @@ class Case:
         n, (low, high) = len(speed), (self.workspace.low, self.workspace.high)
         slow = rng.uniform(0.5, 4.0, n)
         fast = slow if rng.random() < 0.5 else np.full(n, rng.uniform(2.0, 40.0))
-        amplitude = np.minimum.reduce([speed / fast, acceleration / fast**2, (high - low) / 2])
+        amplitude = np.minimum.reduce([speed / fast, acceleration / fast**2, 0.49 * (high - low)])
         offset = rng.uniform(low + amplitude, high - amplitude)
         reference: Reference = Sinusoid(amplitude=amplitude, frequency=fast, offset=offset)
         if fast is not slow:
