@@ -8,7 +8,7 @@ LOCAL := -e . --no-deps --no-build-isolation
 
 COMPILE := pip compile pyproject.toml --universal --generate-hashes --no-header --no-annotate
 
-.PHONY: help demo test test-all lint bench bench-design compare figures numbers numbers-all docs docs-check lock clean
+.PHONY: help demo test test-all lint bench bench-design bench-export compare figures numbers numbers-all docs docs-check lock clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1 - \2/p' $(MAKEFILE_LIST) | awk -F ' - ' '{printf "%-22s%s\n", $$1, $$2}'
@@ -33,6 +33,9 @@ bench: .venv/dev ## speed, as ratios
 
 bench-design: .venv/dev ## designs for six arms
 	$(BIN)/python -m benchmarks.design
+
+bench-export: .venv/dev ## exported C: bits, step time, size
+	$(BIN)/python -m benchmarks.export
 
 compare: .venv/dev ## all laws in ten scenarios
 	$(BIN)/python -m benchmarks.comparison

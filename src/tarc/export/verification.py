@@ -168,7 +168,7 @@ def verify_export(
         if law is not None:
             fresh = CSource(traced_law(law, torque_limits), name, real == "float", f"{name}: {type(law).__name__}")
             same = fresh.header == header and fresh.source == source
-            comparison = _compare(root, fresh, command, Path(work), steps, seed)
+            comparison = _compare(fresh, command, Path(work), steps, seed)
     return ExportReport(name, real, unchanged, same, replays, comparison, code_size, stack)
 
 
@@ -196,16 +196,31 @@ def read_law_yaml(folder: str | Path) -> dict[str, Any]:
     return content
 
 
-def _run(command: Sequence[str]) -> subprocess.CompletedProcess[str]:
+def run_command(command: Sequence[str]) -> subprocess.CompletedProcess[str]:
+    """Run a command, whatever its exit status is.
+
+    Raises
+    ------
+    MissingTool
+        Where it does not exist.
+    """
     try:
         return subprocess.run(command, capture_output=True, text=True, check=False)
     except FileNotFoundError:
         raise MissingTool(f"verify-export: there is no {command[0]!r}; install it, or name another compiler") from None
 
 
-def _compile(command: Sequence[str]) -> str:
-    """Run a compiler and return what it printed."""
-    process = _run(command)
+def compile_c(command: Sequence[str]) -> str:
+    """Run a compiler and return what it printed.
+
+    Raises
+    ------
+    MissingTool
+        Where it does not exist.
+    CompilationError
+        Where it fails.
+    """
+    process = run_command(command)
     if process.returncode:
         raise CompilationError(f"verify-export: {command[0]} failed: {process.stderr.strip()[-800:]}")
     return process.stderr.strip()
@@ -215,8 +230,8 @@ def _replay(root: Path, name: str, command: Sequence[str], work: Path) -> Replay
     binary = str(work / "replay")
     sources = [str(root / "src" / f"{name}.c"), str(root / "test" / "replay.c")]
     includes = [f"-I{root / 'src'}", f"-I{root / 'test'}"]
-    printed = _compile([*command, *BASE_FLAGS, *WARNINGS, *includes, *sources, "-o", binary, "-lm"])
-    process = _run([binary, str(TIMED_STEPS)])
+    printed = compile_c([*command, *BASE_FLAGS, *WARNINGS, *includes, *sources, "-o", binary, "-lm"])
+    process = run_command([binary, str(TIMED_STEPS)])
     replayed, timed = REPLAYED.search(process.stdout), TIMED.search(process.stdout)
     if replayed is None or timed is None:
         raise CompilationError(f"verify-export: the replay stopped: {process.stdout.strip() or process.returncode}")
@@ -235,12 +250,12 @@ def _sizes(root: Path, name: str, command: Sequence[str], work: Path) -> tuple[i
     """Return the size of the machine code and the stack of a step, where compiler and binutils tell."""
     output = work / f"{name}.o"
     flags = [*BASE_FLAGS, "-O2", f"-I{root / 'src'}", "-c", str(root / "src" / f"{name}.c"), "-o", str(output)]
-    tells_stack = _run([*command, *flags, "-fstack-usage"]).returncode == 0
+    tells_stack = run_command([*command, *flags, "-fstack-usage"]).returncode == 0
     if not tells_stack:
-        _compile([*command, *flags])
+        compile_c([*command, *flags])
     code = None
     if shutil.which("size"):
-        rows = _run(["size", str(output)]).stdout.splitlines()
+        rows = run_command(["size", str(output)]).stdout.splitlines()
         code = int(rows[1].split()[0]) if len(rows) > 1 else None
     usage = output.with_suffix(".su")
     rows = usage.read_text(encoding="utf-8").splitlines() if usage.is_file() else []
@@ -248,17 +263,12 @@ def _sizes(root: Path, name: str, command: Sequence[str], work: Path) -> tuple[i
     return code, sum(sorted(frames)[-2:]) if frames else None
 
 
-def _compare(
-    root: Path, source: CSource, command: Sequence[str], work: Path, steps: int, seed: int
-) -> Comparison | None:
+def _compare(source: CSource, command: Sequence[str], work: Path, steps: int, seed: int) -> Comparison | None:
     """Run random steps in the C and in the law."""
-    library = work / "law.so"
-    flags = [*BASE_FLAGS, "-O2", "-fPIC", "-shared", f"-I{root / 'src'}"]
-    _compile([*command, *flags, str(root / "src" / f"{source.name}.c"), "-o", str(library), "-lm"])
     steps = min(steps, 2000) if source.single else steps  # the law in single precision is interpreted
     position, torque, inputs = vectors.random_inputs(source.traced.n_joints, steps, seed)
     expected = vectors.record(source, position, torque, inputs)
-    found = _call(source, library, expected)
+    found = run_compiled(source, [*command, "-O2"], expected, work)
     real = np.float32 if source.single else np.float64
     same = (found.view(np.uint32 if source.single else np.uint64)) == expected.outputs.astype(real).view(
         np.uint32 if source.single else np.uint64
@@ -278,8 +288,32 @@ def _compare(
     return Comparison(steps, int(np.sum(~same)), float(np.max(relative)), decisions, torque_difference)
 
 
-def _call(source: CSource, library: Path, recorded: vectors.Vectors) -> Array:
-    """Return the outputs of the compiled law for recorded inputs."""
+def run_compiled(source: CSource, command: Sequence[str], recorded: vectors.Vectors, work: Path) -> Array:
+    """Compile a law and return its outputs for recorded inputs, shape (k, m).
+
+    Parameters
+    ----------
+    source
+        The law in C.
+    command
+        Compiler and options.
+    recorded
+        Start and inputs.
+    work
+        Folder for files of the compiler.
+
+    Raises
+    ------
+    MissingTool
+        Without the compiler.
+    CompilationError
+        Where it fails.
+    """
+    folder = Path(tempfile.mkdtemp(dir=work))  # each library needs a name of its own to be loaded
+    library, file = folder / "law.so", folder / f"{source.name}.c"
+    file.with_suffix(".h").write_text(source.header, encoding="utf-8")
+    file.write_text(source.source, encoding="utf-8")
+    compile_c([*command, *BASE_FLAGS, "-fPIC", "-shared", str(file), "-o", str(library), "-lm"])
     n, c_real = source.traced.n_joints, ctypes.c_float if source.single else ctypes.c_double
     real = np.float32 if source.single else np.float64
     fields: list[tuple[str, Any]] = [("torque", c_real * n), ("missing", ctypes.c_int), ("fault", ctypes.c_int)]
@@ -294,9 +328,10 @@ def _call(source: CSource, library: Path, recorded: vectors.Vectors) -> Array:
     loaded = ctypes.CDLL(str(library))
     reset, step = loaded[f"{source.name}_reset"], loaded[f"{source.name}_step"]
     state, output = state_type(), output_type()
-    start = [np.ascontiguousarray(part, dtype=real) for part in (recorded.position, recorded.torque)]
+    with np.errstate(over="ignore"):  # absurd numbers are infinite in single precision
+        start = [np.ascontiguousarray(part, dtype=real) for part in (recorded.position, recorded.torque)]
+        inputs = np.ascontiguousarray(recorded.inputs, dtype=real)
     reset(ctypes.byref(state), *(ctypes.c_void_p(part.ctypes.data) for part in start))
-    inputs = np.ascontiguousarray(recorded.inputs, dtype=real)
     results = np.empty(recorded.outputs.shape, dtype=real)
     width, size = inputs.strides[0], ctypes.byref(output)
     for k in range(len(inputs)):
