@@ -18,14 +18,15 @@ from tarc.analysis.stored_proof import prove_stored
 from tarc.analysis.workspace import Workspace
 from tarc.analysis.workspace_boxes import Matrices, angles_that_matter, as_polynomials, in_angles, workspace_boxes
 from tarc.certificates.affine import AffineProof
-from tarc.certificates.base import EVERY_POSTURE, Certificate
+from tarc.certificates.base import EVERY_POSTURE, Certificate, Verdict
+from tarc.certificates.grouped_forces import GroupBound, cover_groups, group_bounds
 from tarc.certificates.robot_evidence import AffineCover, MaxRatePoint, RobotEvidence, linearised_point
 from tarc.certificates.varying_ratio import Ball
 from tarc.core import validation as check
 from tarc.core.formatting import format_vector
 from tarc.core.types import Array
 from tarc.laws.base import Law
-from tarc.numerics.trig_polynomial import TrigPolynomial
+from tarc.numerics.trig_polynomial import PolynomialFamily, TrigPolynomial
 from tarc.plants.base import Plant
 
 MAX_CORNERS = 2100
@@ -128,7 +129,9 @@ def prove_robot(
 
     All but p = 0 are affine in M, G and D. So a robot with and one without its payload stand for every payload between.
     J and K are trigonometric polynomials of the posture, and K one of the speeds too: `tarc.analysis.motion_forces` has
-    the corners of the motions. More than four joints that move have too many, so that their forces rest on search.
+    the corners of the motions. More than four joints that move have too many. Then gravity with acceleration, products
+    of speeds, and damping are bounded by themselves, and another Lyapunov function is found that covers their sum. It
+    needs a verdict by a Lyapunov function; with a ball these forces rest on search.
 
     What time or Ctrl-C ends goes on in the next call, from the folder of `tarc.analysis.stored_proof.proofs_folder`.
 
@@ -173,7 +176,10 @@ def prove_robot(
             assumptions=(*certificate.assumptions, line),
         )
         return ProvenRobot(certificate=judged, parts=())
-    result = ProvenRobot(certificate=replace(certificate, evidence=evidence), parts=parts)
+    if prover.evidence is not evidence:
+        verdict, margin, witness = prover.evidence.judge()
+        certificate = replace(certificate, verdict=verdict, margin=margin, witness=witness)
+    result = ProvenRobot(certificate=replace(certificate, evidence=prover.evidence), parts=parts)
     return replace(result, certificate=_with_basis(result))
 
 
@@ -232,6 +238,8 @@ class _Prover:
         n = self.workspace.n_joints
         limits = [self.workspace.speed, self.workspace.acceleration]
         self.speed, self.acceleration = (np.zeros(n) if limit is None else np.asarray(limit) for limit in limits)
+        damping = np.array([plant.damping(self.boxes[0][0]) for plant in self.plants])
+        self.has_friction = bool(np.abs(damping).max() > NEGLIGIBLE_STIFFNESS)
         functions = [self._scaled_inertia(plant) for plant in self.plants]
         self.angles = angles_that_matter(functions, self.boxes)
         self.inertias = [self._polynomial(*pair) for pair in zip(functions, self.plants, strict=True)]
@@ -246,6 +254,9 @@ class _Prover:
             yield self._rate(ratios.relative_rate, relative=True)
             if not len(ratios.stiffness):
                 yield self._forces("no stiffness", NEGLIGIBLE_STIFFNESS, 0.0, 1.0)
+            elif self._corners(TANGENTS[0]).count() > MAX_CORNERS:
+                yield from self._forces_by_groups(cover)
+                return
             for i, stiffness in enumerate(ratios.stiffness):
                 power, lead_time = float(ratios.powers[i]), float(ratios.lead_times[i])
                 yield self._forces("forces", float(stiffness), lead_time, power)
@@ -305,6 +316,61 @@ class _Prover:
 
         return self._prove_forces(name, words, lead_time, fixed, with_forces, degree=2 if power else 4)
 
+    def _forces_by_groups(self, cover: AffineCover) -> Iterator[ProvenPart]:
+        """Prove the forces by groups, with a Lyapunov function that covers their sum."""
+        corners, before = self._corners(TANGENTS[0]), self.evidence
+        bounds: list[GroupBound] | None = group_bounds(self.plants, self.inverse_root, corners, self.boxes)
+        parts: list[ProvenPart] = []
+        while bounds is not None:
+            grown = cover_groups(cover, bounds)
+            if grown is None:
+                break
+            grown = _with_fewest_bounds(grown)
+            self.evidence = replace(before, affine=grown)
+            parts, bounds = self._prove_groups(bounds)
+            if bounds is None and self.evidence.judge().verdict == Verdict.CERTIFIED:
+                share = min(part.share for part in parts)
+                reason = next((part.reason for part in parts if part.reason), "")
+                yield from parts
+                yield ProvenPart("all forces", self._growth(grown), share, 0, reason)
+                return
+        self.evidence = before
+        limits = ", ".join(f"{stiffness:.4g}" for stiffness in cover.proof.ratios.stiffness)
+        reason = f"{corners.count()} corners of the motions are too many, and no Lyapunov function covers their"
+        yield ProvenPart("forces", f"up to {limits} 1/s²", 0.0, 0, f"{reason} bounds by groups; search decides")
+
+    def _prove_groups(self, bounds: Sequence[GroupBound]) -> tuple[list[ProvenPart], list[GroupBound] | None]:
+        """Prove the bounds of groups of forces; return larger ones as well where a posture is above one."""
+        parts: list[ProvenPart] = []
+        for place, bound in enumerate(bounds):
+            functions = bound.scaled()
+            met: list[tuple[int, Array]] = []
+
+            def add(index: int, posture: Array, met: list[tuple[int, Array]] = met) -> None:
+                met.append((index, posture))
+
+            parts.append(
+                self._prove(bound.group.name, str(bound), functions, [1.0] * len(functions), add, bound.angles)
+            )
+            if met:
+                larger = list(bounds)
+                larger[place] = replace(bound, largest=max(bound.limit, bound.norm_at(*met[0])))
+                return parts, larger
+        return parts, None
+
+    def _growth(self, cover: AffineCover) -> str:
+        """Return the bounds on the sum of all groups, and how much larger they are than what was found."""
+        ratios, points = cover.proof.ratios, self.evidence.uncertainty(cover.force_points).with_friction()
+        lines = []
+        for lead_time, stiffness in zip(ratios.lead_times, ratios.stiffness, strict=True):
+            found = float(points.force_norms(float(lead_time)).max())
+            growth = f"{stiffness / found:.3g} times the largest found"
+            lines.append(f"up to {stiffness:.4g} 1/s² (p = 1, θ = {lead_time:.3g} s), {growth}")
+        return " and ".join(lines)
+
+    def _corners(self, n_tangents: int) -> MotionCorners:
+        return MotionCorners(tuple(self.speed), tuple(self.acceleration), n_tangents, self.has_friction)
+
     def _ball(self, centre: float, radius: float, weight: float, lead_time: float) -> ProvenPart:
         """Prove ‖[E − ρ0 I, H/η, C/(η θ)]‖ ≤ δ."""
         words = f"up to {radius:.4g} about {centre:.4g} (η = {weight:.4g} 1/s², θ = {lead_time:.3g} s)"
@@ -333,7 +399,7 @@ class _Prover:
         """Prove that fixed(J) + with_forces(K) ≺ I at all motions."""
         part = ProvenPart(name, words, 0.0, 0)
         for n_tangents in TANGENTS:
-            corners = MotionCorners(tuple(self.speed), tuple(self.acceleration), n_tangents)
+            corners = self._corners(n_tangents)
             if corners.count() > MAX_CORNERS:
                 reason = f"{corners.count()} corners of the motions are too many; search decides"
                 return replace(part, reason=part.reason or reason)
@@ -442,51 +508,3 @@ def _symmetric(block: Array, row: int, column: int, size: int) -> Array:
     matrix[:, row : row + height, column : column + width] = block
     matrix[:, column : column + width, row : row + height] = block.transpose(0, 2, 1)
     return matrix
-
-
-@dataclass(frozen=True, eq=False)
-class PolynomialFamily:
-    """Polynomials that are sums of the same parts with different factors.
-
-    Attributes
-    ----------
-    modes
-        The integer vectors of all parts, shape (K, d).
-    cosines, sines
-        Coefficients of the parts, shape (p, K, n, n).
-    left_out
-        Of the parts, shape (p,).
-    weights
-        Factors, shape (k, p).
-    """
-
-    modes: Array
-    cosines: Array
-    sines: Array
-    left_out: Array
-    weights: Array
-
-    @classmethod
-    def from_parts(cls, parts: Sequence[TrigPolynomial], weights: Sequence[Array]) -> "PolynomialFamily":
-        """Return the family of parts and of the factors of each member."""
-        zero = 0.0 * sum(parts[1:], start=parts[0])
-        padded = [part + zero for part in parts]
-        return cls(
-            padded[0].modes,
-            np.array([part.cosines for part in padded]),
-            np.array([part.sines for part in padded]),
-            np.array([part.left_out for part in parts]),
-            np.array(weights),
-        )
-
-    def members(self) -> list[TrigPolynomial]:
-        """Return all polynomials."""
-        return [
-            TrigPolynomial(
-                self.modes,
-                np.tensordot(weights, self.cosines, axes=1),
-                np.tensordot(weights, self.sines, axes=1),
-                float(np.abs(weights) @ self.left_out),
-            )
-            for weights in self.weights
-        ]

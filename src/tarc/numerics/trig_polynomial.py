@@ -1,6 +1,6 @@
 """Symmetric matrices of trigonometric polynomials."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -110,3 +110,55 @@ class TrigPolynomial:
         """Return a bound on ‖F(q)‖ for all q: the norm of the sum of the coefficients' moduli."""
         moduli = np.hypot(self.cosines, self.sines).sum(axis=0)
         return float(np.linalg.norm(moduli, 2)) + self.left_out
+
+
+@dataclass(frozen=True, eq=False)
+class PolynomialFamily:
+    """Polynomials that are sums of the same parts with different factors.
+
+    Attributes
+    ----------
+    modes
+        The integer vectors of all parts, shape (K, d).
+    cosines, sines
+        Coefficients of the parts, shape (p, K, n, n).
+    left_out
+        Of the parts, shape (p,).
+    weights
+        Factors, shape (k, p).
+    """
+
+    modes: Array
+    cosines: Array
+    sines: Array
+    left_out: Array
+    weights: Array
+
+    @classmethod
+    def from_parts(cls, parts: Sequence[TrigPolynomial], weights: Sequence[Array]) -> "PolynomialFamily":
+        """Return the family of parts and of the factors of each member."""
+        zero = 0.0 * sum(parts[1:], start=parts[0])
+        padded = [part + zero for part in parts]
+        return cls(
+            padded[0].modes,
+            np.array([part.cosines for part in padded]),
+            np.array([part.sines for part in padded]),
+            np.array([part.left_out for part in parts]),
+            np.array(weights),
+        )
+
+    def members(self) -> list[TrigPolynomial]:
+        """Return all polynomials, without coefficients that are negligible beside those of all parts."""
+        sizes = np.abs(self.cosines).sum(axis=(2, 3)) + np.abs(self.sines).sum(axis=(2, 3))
+        total = np.abs(self.weights) @ sizes
+        large = np.any(total > NEGLIGIBLE * max(float(total.max(initial=0)), 1e-300), axis=0)
+        left_out = np.abs(self.weights) @ self.left_out + total[:, ~large].sum(axis=1)
+        return [
+            TrigPolynomial(
+                self.modes[large],
+                np.tensordot(weights, self.cosines[:, large], axes=1),
+                np.tensordot(weights, self.sines[:, large], axes=1),
+                float(rest),
+            )
+            for weights, rest in zip(self.weights, left_out, strict=True)
+        ]

@@ -1,0 +1,157 @@
+"""Bounds on stiffness and damping by groups: closed forms, random motions, and proofs of robots by them."""
+
+import numpy as np
+import pytest
+
+from law_catalogue import make_tdc
+from tampering import reread
+from tarc.analysis import Workspace, stored_proof
+from tarc.analysis.inertia_ratio import inertia_spread
+from tarc.analysis.motion_forces import MotionCorners
+from tarc.analysis.workspace_boxes import workspace_boxes
+from tarc.certificates import certify_robot, grouped_forces, prove_robot, robot_proof, strengthen_robot
+from tarc.certificates.grouped_forces import group_bounds
+from tarc.plants import NLinkArm, TwoLinkArm, load_robot
+
+ARM = TwoLinkArm()
+LOADED = ARM.with_parameters({"payload": 2.0})
+WORKSPACE = Workspace.from_joint_limits(ARM, speed=2.0)
+INERTIA = 0.1 * np.array([[13.448, 5.043], [5.043, 5.043]])
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setattr(stored_proof, "proofs_folder", lambda: tmp_path / "proofs")
+
+
+@pytest.fixture(scope="module")
+def affine():
+    law = make_tdc(window=6, natural_frequency=30.0, synchronised=True, inertia=INERTIA)
+    ball = certify_robot(law, [ARM, LOADED], WORKSPACE, samples=30)
+    return strengthen_robot(ball, law, [ARM, LOADED], WORKSPACE, samples=30), law
+
+
+@pytest.fixture
+def by_groups(monkeypatch):
+    """Leave too few corners for two joints, so that they are proven as six are."""
+    monkeypatch.setattr(robot_proof, "MAX_CORNERS", 8)
+
+
+def bounds_of(plant, speed, acceleration=(8.0, 8.0), *, has_friction=False):
+    n = plant.n_joints
+    corners = MotionCorners((speed,) * n, acceleration, has_friction=has_friction)
+    boxes = workspace_boxes(Workspace.from_joint_limits(plant))
+    return {bound.group.name: bound for bound in group_bounds([plant], np.eye(n), corners, boxes)}
+
+
+def cover_of(proven):
+    cover = proven.certificate.evidence.affine
+    assert cover is not None
+    return cover
+
+
+def test_bounds_of_two_links_are_those_of_their_equations():
+    """N = h sin q2 (−2 v1 v2 − v2², v1²): its slope over q2 is h √10 v² at most."""
+    bounds = bounds_of(ARM, 2.0)
+    h = abs((ARM.inertia([0.0, 0.0]) - ARM.inertia([0.0, np.pi / 2]))[0, 1])
+    assert bounds["stiffness by speeds"].largest == pytest.approx(h * np.sqrt(10) * 4, rel=1e-5)
+    damping = 2 * h * 2.0 * np.linalg.norm([[1, 2], [-1, 0]], 2)
+    assert bounds["damping"].largest == pytest.approx(damping, rel=1e-5)
+
+
+@pytest.mark.parametrize("negligible", [0.01, 2.0])
+@pytest.mark.parametrize("viscous", [0.0, 3.0])
+@pytest.mark.parametrize("links", [2, 3])
+def test_no_motion_is_above_its_groups(links, viscous, negligible, monkeypatch):
+    """With a share of two, all joints are bounded by constants; friction is anything between none and all of it."""
+    monkeypatch.setattr(grouped_forces, "NEGLIGIBLE_JOINT", negligible)
+    arm = TwoLinkArm(viscous=viscous) if links == 2 else NLinkArm(viscous=viscous)
+    bounds = bounds_of(arm, 2.0, (8.0,) * links, has_friction=viscous > 0)
+    largest = {}
+    rng = np.random.default_rng(2)
+    for _ in range(40):
+        q, v, a = rng.uniform(-np.pi, np.pi, links), *(s * rng.uniform(-1, 1, links) for s in (2.0, 8.0))
+        if rng.random() < 0.7:
+            v, a = 2.0 * np.sign(v), 8.0 * np.sign(a)
+        G = arm.linearised(q, 0 * v, a)[2]
+        _, D, total = arm.linearised(q, v, a)
+        friction = arm.damping(q)
+        assert bool(np.abs(friction).max() > 1e-6) == (viscous > 0)
+        D = D - friction * rng.choice([0.0, 0.5, 1.0])
+        parts = {"stiffness by gravity and acceleration": G, "stiffness by speeds": total - G, "damping": D}
+        for name, part in parts.items():
+            bound = bounds[name]
+            at = [f(q[None, bound.angles])[0] for f in bound.functions]
+            limit = max(np.linalg.eigvalsh(F)[-1] + f.left_out for F, f in zip(at, bound.functions, strict=True))
+            assert np.linalg.norm(part, 2) <= limit * (1 + 1e-6) + 1e-9
+            largest[name] = max(largest.get(name, 0.0), limit)
+    assert all(largest[name] <= bound.largest * (1 + 1e-4) for name, bound in bounds.items())
+
+
+def test_a_robot_is_proven_by_groups(affine, by_groups):
+    certificate, law = affine
+    proven = prove_robot(certificate, law, [ARM, LOADED], WORKSPACE, progress=False)
+    assert proven.complete
+    names = ["stiffness by gravity and acceleration", "stiffness by speeds", "damping", "all forces"]
+    assert [part.name for part in proven.parts[3:]] == names
+    assert proven.certificate.verdict_in_words == "certified for every posture"
+    assert reread(proven.certificate).verify()
+    assert any("times the largest found" in line for line in proven.certificate.assumptions)
+    ratios = cover_of(proven).proof.ratios
+    points = proven.certificate.evidence.uncertainty(certificate.evidence.affine.force_points)
+    for lead_time, limit in zip(ratios.lead_times, ratios.stiffness, strict=True):
+        assert 1.05 <= limit / points.force_norms(float(lead_time)).max() < 2.5
+
+
+@pytest.mark.slow
+def test_a_norm_that_search_missed_is_met(affine, by_groups, monkeypatch):
+    """The bound then begins at what was met, and the proof ends with the same result."""
+    certificate, law = affine
+    expected = prove_robot(certificate, law, [ARM, LOADED], WORKSPACE, progress=False)
+    found = grouped_forces.largest_eigenvalue
+    monkeypatch.setattr(grouped_forces, "largest_eigenvalue", lambda *arguments: 0.7 * found(*arguments))
+    proven = prove_robot(certificate, law, [ARM, LOADED], WORKSPACE, progress=False)
+    assert proven.complete
+    limits = [cover_of(robot).proof.ratios.stiffness.min() for robot in (proven, expected)]
+    assert limits[0] == pytest.approx(limits[1], rel=0.12)
+
+
+def test_bounds_that_no_function_covers_rest_on_search(affine, by_groups, monkeypatch):
+    certificate, law = affine
+    monkeypatch.setattr(grouped_forces, "FORCE_ROOM", 100.0)
+    proven = prove_robot(certificate, law, [ARM, LOADED], WORKSPACE, progress=False)
+    assert [part.complete for part in proven.parts] == [True, True, True, False]
+    assert "32 corners of the motions are too many, and no Lyapunov function covers" in str(proven.parts[-1])
+    assert proven.certificate.verdict_in_words == (
+        "certified on 30 sampled postures and local search; proven for every posture: inertia ratios, "
+        "rate of the inertia, relative rate of the inertia"
+    )
+
+
+@pytest.mark.parametrize("in_groups", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_friction_that_was_left_out_is_met(affine, in_groups, monkeypatch):
+    if in_groups:
+        monkeypatch.setattr(robot_proof, "MAX_CORNERS", 8)
+    certificate, law = affine
+    arms = [arm.with_parameters({"viscous": 60.0}) for arm in (ARM, LOADED)]
+    proven = prove_robot(certificate, law, arms, WORKSPACE, progress=False)
+    assert not proven.complete
+
+
+@pytest.mark.slow
+def test_six_joints_in_a_box():
+    plants = [load_robot("ur5e", armature=0.1, payload=payload) for payload in (0.0, 5.0)]
+    centre = np.array([0.0, -1.2, 1.4, -1.0, -1.5, 0.0])
+    space = Workspace.box(centre - 0.5, centre + 0.5, speed=1.0)
+    shape = plants[1].inertia(centre)
+    law = make_tdc(
+        window=6,
+        natural_frequency=30.0,
+        synchronised=True,
+        inertia=1.0 / inertia_spread(plants, shape, space, samples=100).max_ratio * shape,
+    )
+    certificate = certify_robot(law, plants, space, samples=100)
+    certificate = strengthen_robot(certificate, law, plants, space, samples=100)
+    assert certificate.evidence.method == "affine Lyapunov function"
+    proven = prove_robot(certificate, law, plants, space, progress=False)
+    assert proven.certificate.verdict_in_words == "certified for every posture"
