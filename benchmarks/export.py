@@ -134,6 +134,7 @@ def times(law: tarc.laws.TARC, command: Sequence[str], root: Path) -> tuple[floa
 def parameters(law: tarc.laws.TARC) -> str:
     """Return parameters.h of the step by hand."""
     estimator = law.estimator
+    assert isinstance(estimator, tarc.estimators.Algebraic)
     arrays = {
         "PREDICTION": estimator.prediction,
         "VELOCITY": estimator.weights(1),
