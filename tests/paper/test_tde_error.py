@@ -75,9 +75,11 @@ def test_forcing_is_reached_and_exceeds_that_of_random_motions(law):
     assert reached == pytest.approx(found.forcing, rel=1e-5)
     rng = np.random.default_rng(0)
     for _ in range(250):
-        motion = [rng.uniform([-1.0, -np.pi], [1.0, np.pi])]
-        motion += [limit * rng.choice([-1.0, 1.0], 2) for limit in (WORKSPACE.speed, WORKSPACE.acceleration)]
-        assert forcing_by_differences(law, ROBOTS[rng.integers(2)], *motion) <= found.forcing * (1 + 1e-6)
+        posture = rng.uniform([-1.0, -np.pi], [1.0, np.pi])
+        speed, change = (limit * rng.choice([-1.0, 1.0], 2) for limit in (WORKSPACE.speed, WORKSPACE.acceleration))
+        assert forcing_by_differences(law, ROBOTS[rng.integers(2)], posture, speed, change) <= found.forcing * (
+            1 + 1e-6
+        )
     assert np.all(np.abs(v) <= WORKSPACE.speed)
     assert np.all(np.abs(a) <= WORKSPACE.acceleration)
     assert WORKSPACE.low[1] <= q[1] <= WORKSPACE.high[1]
