@@ -24,8 +24,13 @@ CASES = {
     "baxter": ("baxter_description/urdf/baxter.urdf", {"armature": 0.05, "joints": BAXTER_JOINTS}, {}),
     # without the gripper, whose dry friction in the file is its whole torque limit
     "talos": ("talos_data/robots/talos_left_arm.urdf", {"armature": 0.02, "joints": TALOS_JOINTS}, {}),
-    "pendulum": ("double_pendulum_description/urdf/double_pendulum.urdf", {}, {"torque_limits": 20.0}),
-    "simple": ("double_pendulum_description/urdf/double_pendulum_simple.urdf", {}, {"torque_limits": 20.0}),
+    # with the rotor inertia that the refusal names: their links are light beside the viscous friction
+    "pendulum": ("double_pendulum_description/urdf/double_pendulum.urdf", {"armature": 0.012}, {"torque_limits": 20.0}),
+    "simple": (
+        "double_pendulum_description/urdf/double_pendulum_simple.urdf",
+        {"armature": 0.012},
+        {"torque_limits": 20.0},
+    ),
     "two_dofs": ("asr_twodof_description/urdf/TwoDofs.urdf", {}, {"torque_limits": 50.0}),
     "so101": ("so_arm_description/urdf/so101.urdf", {"armature": 0.028}, {"payload": (0.0, 0.3), "speed": 1.0}),
     "ur5": ("ur_description/urdf/ur5_robot.urdf", {"armature": 0.1}, {"payload": (0.0, 5.0), "speed": 1.0}),
