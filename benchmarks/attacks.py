@@ -9,20 +9,20 @@ well. The designs are those of today, or with ``--designs FILE`` those of a file
 import argparse
 import json
 import subprocess
-import sysconfig
 import time
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
 import tarc
+from benchmarks.design import ROBOTS, Robot
 from reference.motion_attacks import Attacks, MotionAttacker
 from tarc.analysis import InertiaSpread, Workspace, inertia_spread
 from tarc.analysis.linearise import decoupled_channels
@@ -34,7 +34,6 @@ from tarc.laws import TDC
 from tarc.plants.base import Plant
 from tarc.signals import Chirp, Encoder, Payload, Reference, SineDisturbance, Sinusoid
 
-DATA = Path(sysconfig.get_path("purelib")) / "cmeel.prefix/share/example-robot-data/robots"
 PERIOD = 1e-3
 SPEED = 1.0
 """Largest of each joint [rad/s], where the robot reaches it."""
@@ -53,25 +52,16 @@ FIRST_DESIGNS = Path(__file__).parent / "7266d86.json"
 RESULTS = Path(__file__).parents[1] / "runs" / "attacks.json"
 
 
-class Arm(NamedTuple):
-    """An arm: its file, rated payload [kg], rotor inertia [kg m²], and joints if not all."""
-
-    file: str
-    payload: float
-    armature: float = 0.1
-    joints: Sequence[str] | None = None
-
-
-ARMS = {
-    "UR5": Arm("ur_description/urdf/ur5_robot.urdf", 5.0),
-    "UR5e": Arm("ur5e", 5.0),
-    "Panda": Arm("panda_description/urdf/panda.urdf", 3.0, joints=[f"panda_joint{i}" for i in range(1, 8)]),
-    "Kinova": Arm("kinova_description/robots/kinova.urdf", 2.0),
-    "xArm7": Arm("xarm_description/urdf/xarm7.urdf", 3.5),
-    "Z1": Arm("z1_description/urdf/z1.urdf", 2.0),
-    "SO-101": Arm("so_arm_description/urdf/so101.urdf", 0.3, 0.028),
-    "TIAGo": Arm("tiago_description/robots/tiago_no_hand.urdf", 3.0, joints=[f"arm_{i}_joint" for i in range(1, 8)]),
+ARMS = {robot.name: robot for robot in ROBOTS} | {
+    "UR5e": Robot("UR5e", "ur5e", 5.0),
+    "TIAGo": Robot(
+        "TIAGo",
+        "tiago_description/robots/tiago_no_hand.urdf",
+        3.0,
+        joints=[f"arm_{i}_joint" for i in range(1, 8)],
+    ),
 }
+"""Those of the benchmark of designs, and two more."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,7 +118,7 @@ class Result:
 class Case:
     """The loops of one arm with the M̂, window and degree of a design, over the natural frequency."""
 
-    def __init__(self, arm: Arm, shape: Shape | None):
+    def __init__(self, arm: Robot, shape: Shape | None):
         self.plants = plants_of(arm)
         plant = self.plants[0]
         self.workspace = Workspace.from_joint_limits(plant).with_speed_limits(np.minimum(plant.velocity_limits, SPEED))
@@ -219,16 +209,15 @@ class Case:
         return bool(run.status.completed and np.abs(errors[-1000:]).max() < MAX_ERROR)
 
 
-def plants_of(arm: Arm) -> list[Plant]:
+def plants_of(arm: Robot) -> list[Plant]:
     """Return the arm without and with its rated load."""
-    file = arm.file if arm.file == "ur5e" else DATA / arm.file
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RobotFileWarning)  # passive fingers and meshes
-        plant = tarc.plants.load_robot(file, joints=arm.joints, armature=arm.armature)
+        plant = arm.plant()
     return [plant, plant.with_parameters({"payload": arm.payload})]
 
 
-def shape_of(arm: Arm, plant: Plant) -> Shape:
+def shape_of(arm: Robot, plant: Plant) -> Shape:
     """Return what a design of today chooses, at the greatest of some speeds at which there is one."""
     for speed in (SPEED, SPEED / 2, SPEED / 4):
         try:

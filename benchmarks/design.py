@@ -87,7 +87,8 @@ class Robot(NamedTuple):
     fastest: float = SPEED
 
     def plant(self) -> tarc.plants.Plant:
-        file = Path(sysconfig.get_path("purelib")) / DATA / self.file
+        is_shipped = "/" not in self.file
+        file = self.file if is_shipped else Path(sysconfig.get_path("purelib")) / DATA / self.file
         return tarc.plants.load_robot(file, joints=self.joints, armature=self.armature)
 
     def speed(self) -> np.ndarray:

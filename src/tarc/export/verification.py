@@ -20,7 +20,7 @@ from tarc.core.files import read_text
 from tarc.core.types import Array
 from tarc.export import vectors
 from tarc.export.c_source import CSource
-from tarc.export.traced_law import traced_law
+from tarc.export.traced_law import Signal, traced_law
 from tarc.laws.base import Law
 from tarc.signals.torque_limits import TorqueLimits
 
@@ -336,7 +336,6 @@ def run_compiled(source: CSource, command: Sequence[str], recorded: vectors.Vect
     width, size = inputs.strides[0], ctypes.byref(output)
     for k in range(len(inputs)):
         step(ctypes.byref(state), ctypes.c_void_p(inputs.ctypes.data + k * width), size)
-        results[k, :n] = output.torque  # type: ignore[attr-defined]
-        for signal in source.signals:
+        for signal in (Signal("torque", 0, n), *source.signals):
             results[k, signal.start : signal.start + signal.size] = getattr(output, signal.name)
     return results
