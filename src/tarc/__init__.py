@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from tarc import analysis, certificates, design, estimators, export, laws, paper, plants, signals, study
     from tarc.certification import certify_law
     from tarc.control.controller import Controller
+    from tarc.control.watch import Watch, Watcher, WatchFlag
     from tarc.core.errors import DesignWarning, JointLimitWarning, MissingTool, RobotFileWarning, TarcError
     from tarc.core.version import __version__
     from tarc.laws.nominal_inertia import Feedforward, NominalInertia
@@ -37,6 +38,9 @@ __all__ = [
     "Scenario",
     "Status",
     "TarcError",
+    "Watch",
+    "WatchFlag",
+    "Watcher",
     "__version__",
     "analysis",
     "certificates",
@@ -74,6 +78,9 @@ __getattr__, __dir__, _ = lazy_attributes(
         "Scenario": "tarc.scenario.model",
         "Status": "tarc.simulation.run",
         "TarcError": "tarc.core.errors",
+        "Watch": "tarc.control.watch",
+        "WatchFlag": "tarc.control.watch",
+        "Watcher": "tarc.control.watch",
         "__version__": "tarc.core.version",
         "certify_law": "tarc.certification",
         "replay": "tarc.logs.replayed",

@@ -14,6 +14,7 @@ from tarc.analysis.optimum import (
 )
 from tarc.analysis.proven_spread import ProvenSpread, prove_inertia_spread
 from tarc.analysis.stability import stable_interval, stable_intervals
+from tarc.analysis.watched import watch_workspace
 from tarc.analysis.workspace import Workspace
 from tarc.numerics.norms import h2_norm, hinf_norm
 
@@ -36,4 +37,5 @@ __all__ = [
     "prove_inertia_spread",
     "stable_interval",
     "stable_intervals",
+    "watch_workspace",
 ]
