@@ -17,6 +17,11 @@ from tarc import Scenario
 ROOT = Path(__file__).resolve().parents[2]
 CODE = re.compile(r"^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 YAML = re.compile(r"^```yaml\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+TYPED = re.compile(
+    r"^Save this as `(?P<name>[\w.-]+)`:\n\n```\w+\n(?P<file>.*?)^```$|^```console\n(?P<commands>.*?)^```$",
+    re.DOTALL | re.MULTILINE,
+)
+"""A file that a page tells to save, or commands that it tells to type."""
 ERRORS = {"rms_error", "peak_error"}
 SHARES = {"high_frequency_share", "overestimation", "underestimation", "saturated"}
 NO_VALUE = "–"
@@ -124,6 +129,41 @@ def command(line: str, folder: Path | None = None, fails: bool = False) -> str:
     if (done.returncode != 0) is not fails:
         raise RuntimeError(f"{line}: exit status {done.returncode}\n{done.stderr}")
     return (done.stderr if fails else done.stdout).rstrip()
+
+
+def type_page(page: str, folder: Path, skip: Sequence[str] = ()) -> dict[str, str]:
+    """Save the files of a page and run its commands in a shell, as a reader does; return what each printed.
+
+    Parameters
+    ----------
+    page
+        Path below ``docs``.
+    folder
+        Where to work.
+    skip
+        Programs whose commands are left out.
+
+    Raises
+    ------
+    RuntimeError
+        Where a command fails.
+    """
+    environment = os.environ | {"COLUMNS": "100", "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    printed = {}
+    for match in TYPED.finditer((ROOT / "docs" / page).read_text(encoding="utf-8")):
+        if match["name"]:
+            (folder / match["name"]).write_text(match["file"], encoding="utf-8")
+            continue
+        for line in re.findall(r"^\$ (.*(?:\\\n.*)*)$", match["commands"], re.MULTILINE):
+            if line.split()[0] in skip:
+                continue
+            done = subprocess.run(
+                ["bash", "-c", line], cwd=folder, env=environment, capture_output=True, text=True, check=False
+            )
+            if done.returncode:
+                raise RuntimeError(f"{line}: exit status {done.returncode}\n{done.stdout}{done.stderr}")
+            printed[line] = done.stdout.rstrip()
+    return printed
 
 
 def text_block(text: str) -> str:

@@ -21,6 +21,7 @@ from benchmarks.page_values.registry import (
     source,
     table,
     text_block,
+    type_page,
     yaml_block,
 )
 
@@ -54,6 +55,44 @@ def first_run() -> dict[str, Value]:
         "tdc_error": 1e3 * plain.metrics(start_time=2.0)["rms_error"],
         "arm": text_block("\n".join(lines)),
     }
+
+
+@source
+def idea_to_firmware() -> dict[str, Value]:
+    """Run the page from a law of one's own to firmware, and draw its figure."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        printed = type_page("start/idea-to-firmware.md", folder)
+        measured = [
+            tarc.Run.load(folder / "runs" / place).metrics(start_time=2.0)
+            for place in ("arm/LeakyIntegral.nc", "plain/TDC.nc")
+        ]
+        shutil.copy(folder / "runs" / "arm-compared" / "side.png", ROOT / "docs" / "images" / "idea-to-firmware.png")
+    _, _, certify, strong, _, compare, _, verify, firmware = printed.values()
+    rows = [
+        (
+            name,
+            *(f"{factor * part[key]:.4g}" for key, factor in (("rms_error", 1e3), ("peak_error", 1e3))),
+            f"{part['torque_variation']:.4g}",
+        )
+        for name, part in zip(("LeakyIntegral", "TDC"), measured, strict=True)
+    ]
+    verified = re.sub(r", \d+ ns a step( *)", lambda match: " " * len(match[0]), verify)
+    return {
+        "ratio": measured[0]["rms_error"] / measured[1]["rms_error"],
+        "runs": table(["law", "RMS error [mrad]", "peak error [mrad]", "torque variation [N m/s]"], rows),
+        "verdict": text_block(_first_rows(certify)),
+        "strong": text_block(_first_rows(strong)),
+        "compared": text_block(compare),
+        "verified": text_block(verified),
+        "firmware": text_block(firmware),
+    }
+
+
+def _first_rows(printed: str) -> str:
+    """Return a table up to its first rule between rows."""
+    table, _, _ = printed.partition("├")
+    return table.rstrip()
 
 
 def z1_file() -> Path:

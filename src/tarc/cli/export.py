@@ -19,7 +19,14 @@ FORMATS = ("c",)
 
 Format = Annotated[str, typer.Argument(metavar="FORMAT", help="c: C99 with recorded steps and build files.")]
 Folder = Annotated[Path | None, typer.Option("--out", "-o", help="Folder to write. Default: build/ and the scenario.")]
-LawName = Annotated[str, typer.Option("--law", metavar="NAME", help="Law of the scenario. Default: the first.")]
+LawName = Annotated[
+    str,
+    typer.Option(
+        "--law",
+        metavar="NAME",
+        help="Law of the scenario, or FILE.py:CLASS as for tarc run. Default: the first.",
+    ),
+]
 CName = Annotated[str, typer.Option("--name", help="Prefix of the names in C. Default: the folder's name.")]
 Real = Annotated[str, typer.Option(help="double or float.")]
 Firmware = Annotated[bool, typer.Option("--firmware", help="Also a program for Cortex-M3, M4F and M7 in QEMU.")]
@@ -50,14 +57,18 @@ def export(
     """
     from tarc.core import validation as check
     from tarc.export import export_c
+    from tarc.scenario.loader import relative_files
     from tarc.scenario.model import Scenario
+    from tarc.scenario.user_law import is_user_law
 
     check.one_of("FORMAT", kind, FORMATS)
-    loaded = Scenario.load(scenario, set_ or [])
-    chosen, built, limits, joints = law_of(loaded, law)
+    is_own = is_user_law(law)
+    loaded = Scenario.load(scenario, set_ or [], law=law if is_own else "")
+    chosen, built, limits, joints = law_of(loaded, "" if is_own else law)
     folder = out or Path("build") / Path(scenario).stem
     certificate = _certificate(Path(scenario), chosen)
     content = loaded.model_dump(mode="json", exclude_defaults=True)
+    relative_files(content, folder)
     written = export_c(
         built,
         folder,
@@ -78,18 +89,21 @@ def export(
 def verify_export(folder: ExportFolder, cc: Compiler = "", steps: Steps = 100_000, as_json: Json = False) -> None:
     """Compile exported C, replay its recorded steps, and compare random steps with the law, bit by bit.
 
-    The law is built again from the scenario in law.yaml. Exit status 1 where
-    the C is not the law, or a compiler warns.
+    The law is built again from the scenario in law.yaml; files of yours that
+    it names are sought from FOLDER. Exit status 1 where the C is not the law,
+    or a compiler warns.
 
     Example: tarc verify-export build/arm --cc "gcc -O1"
     """
     from tarc.export import verify_export as verify
     from tarc.export.verification import read_law_yaml
+    from tarc.scenario.loader import resolve_files
     from tarc.scenario.model import Scenario
 
     scenario = read_law_yaml(folder).get("scenario")
     law = limits = None
     if scenario is not None:
+        resolve_files(scenario["content"], folder)
         _, law, limits, _ = law_of(Scenario.parse(scenario["content"]), scenario["law"])
     report = verify(folder, law=law, torque_limits=limits, command=shlex.split(cc) or None, steps=steps)
     if as_json:
