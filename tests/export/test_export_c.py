@@ -168,3 +168,86 @@ def test_a_cpp_compiler_takes_header_and_source(tmp_path):
     flags = ["-std=c++17", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror", "-x", "c++"]
     command = ["g++", *flags, "-c", str(tmp_path / "src" / "law.c"), "-o", str(tmp_path / "law.o")]
     subprocess.run(command, check=True)
+
+
+def watch_of_everything():
+    return tarc.Watch(
+        n_joints=2,
+        low=[-0.9, -np.inf],
+        high=0.2,
+        tube=0.05,
+        speed=[0.5, 1.0],
+        rest_torque=[1.0, 2.0],
+        rest_speed=5.0,
+        rest_periods=7,
+        period=1e-3,
+        tolerance=0.05,
+    )
+
+
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_watched_assumptions_give_the_same_flags(real, tmp_path):
+    law, watch = tdc(torque_limit=[3.0, 5.0]), watch_of_everything()
+    written = export_c(law, tmp_path, name="law", real=real, watch=watch)
+    report = verify_export(tmp_path, law=law, steps=2000)
+    assert report.passed
+    assert compared(report).different == 0
+    header = (tmp_path / "src" / "law.h").read_text()
+    assert "#define LAW_FLAG_LOAD 8u" in header
+    assert header.index("elapsed; /*") < header.index("} law_input;")
+    assert header.index("velocity_estimate[2];") < header.index("unsigned flags;") < header.index("} law_output;")
+    assert "LAW_FLAG_TIMING" in (written.folder / "README.md").read_text()
+
+
+def test_flags_in_c_are_those_of_the_watcher():
+    law, watch = tdc(torque_limit=[3.0, 5.0]), watch_of_everything()
+    source = CSource(traced_law(law, None, watch), "law", False, "")
+    recorded = vectors.record(source, *vectors.inputs_of(source, 400, 6))
+    watcher = tarc.Watcher(watch)
+    assert source.signals[2].name == "velocity_estimate"
+    velocity = source.signals[2].start
+    for row, outputs in zip(recorded.inputs, recorded.outputs, strict=True):
+        flags = watcher.step(row[:2], row[2:4], outputs[velocity : velocity + 2], outputs[:2], elapsed=row[10])
+        assert (flags, watcher.flags_seen) == (outputs[-2], outputs[-1])
+    assert watcher.flags_seen == watch.watched
+
+
+def test_the_command_watches_what_certify_assumes(tmp_path):
+    from typer.testing import CliRunner
+
+    from tarc.cli.main import app
+    from tarc.export.verification import read_law_yaml
+
+    command = [
+        "export",
+        "c",
+        "train_two_link",
+        "--law",
+        "TDC",
+        "--watch",
+        "--tube",
+        "0.02",
+        "-o",
+        str(tmp_path / "arm"),
+    ]
+    result = CliRunner().invoke(app, command)
+    assert result.exit_code == 0, result.output
+    watch = tarc.Scenario.load("train_two_link").watch("TDC", tube=0.02)
+    written = read_law_yaml(tmp_path / "arm")["watch"]
+    assert written["tube"] == np.asarray(watch.tube).tolist() == [0.02] * watch.n_joints
+    assert written["speed"] == np.asarray(watch.speed).tolist()
+    report = verify_export(tmp_path / "arm", steps=100)
+    assert report.passed
+
+
+def test_without_a_watch_nothing_of_it_is_there(tmp_path):
+    export_c(tdc(), tmp_path, name="law")
+    for file in ("src/law.h", "src/law.c", "README.md", "law.yaml", "test/replay.h"):
+        text = (tmp_path / file).read_text()
+        assert "flags" not in text
+        assert "elapsed" not in text
+
+
+def test_a_watch_of_another_robot_is_refused(tmp_path):
+    with pytest.raises(InvalidParameter, match="got one of 3 joints; needs one of the law's 2"):
+        export_c(tdc(), tmp_path, watch=tarc.Watch(n_joints=3, speed=1.0))

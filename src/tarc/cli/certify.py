@@ -8,25 +8,25 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tarc.cli.options import Figures, Json, LawKind, Out, ScenarioName, Set, drawing_figures, file_stem, numbers_of
+from tarc.cli.options import (
+    Figures,
+    FullRange,
+    Json,
+    LawKind,
+    Out,
+    ScenarioName,
+    Set,
+    Speed,
+    Tube,
+    drawing_figures,
+    file_stem,
+    numbers_of,
+)
 from tarc.core.files import make_folder, writing
 
 if TYPE_CHECKING:
     from tarc.scenario.model import CertifiedLaws, Scenario
 
-Tube = Annotated[float, typer.Option(help="Largest distance of each joint from its reference \\[rad or m].")]
-FullRange = Annotated[
-    bool,
-    typer.Option("--full-range", help="Certify for all that the joints reach, instead of the tube."),
-]
-Speed = Annotated[
-    str,
-    typer.Option(
-        metavar="NUMBERS",
-        help="Largest joint speed \\[rad/s or m/s], one number or one per joint; inf for any. Default: 1.2 times those "
-        "of the reference, with its accelerations; with --full-range any speed.",
-    ),
-]
 Acceleration = Annotated[
     str,
     typer.Option(

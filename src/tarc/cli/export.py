@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from tarc.cli.options import Json, ScenarioName, Set
+from tarc.cli.options import FullRange, Json, ScenarioName, Set, Speed, Tube, numbers_of
 from tarc.core.errors import InvalidParameter
 
 if TYPE_CHECKING:
@@ -30,6 +30,14 @@ LawName = Annotated[
 CName = Annotated[str, typer.Option("--name", help="Prefix of the names in C. Default: the folder's name.")]
 Real = Annotated[str, typer.Option(help="double or float.")]
 Firmware = Annotated[bool, typer.Option("--firmware", help="Also a program for Cortex-M3, M4F and M7 in QEMU.")]
+Watched = Annotated[
+    bool,
+    typer.Option(
+        "--watch",
+        help="Flags in the output where position, speed, load or sample timing leave what tarc certify assumes. "
+        "--tube, --full-range and --speed say what that is.",
+    ),
+]
 ExportFolder = Annotated[Path, typer.Argument(metavar="FOLDER", help="What tarc export c wrote.")]
 Compiler = Annotated[str, typer.Option("--cc", help="C compiler with options. Default: the one that is found.")]
 Steps = Annotated[int, typer.Option(help="Random steps to compare with the law.")]
@@ -43,6 +51,10 @@ def export(
     name: CName = "",
     real: Real = "double",
     firmware: Firmware = False,
+    watch: Watched = False,
+    tube: Tube = 0.01,
+    full_range: FullRange = False,
+    speed: Speed = "",
     set_: Set = None,
     as_json: Json = False,
 ) -> None:
@@ -79,6 +91,9 @@ def export(
         certificate=certificate,
         scenario={"law": chosen, "content": content},
         firmware=firmware,
+        watch=loaded.watch(chosen, tube=tube, full_range=full_range, speed=numbers_of("--speed", speed))
+        if watch
+        else None,
     )
     if as_json:
         print(json.dumps({"folder": str(written.folder), "files": [str(file) for file in written.files]}, indent=2))

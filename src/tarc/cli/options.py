@@ -31,6 +31,19 @@ Out = Annotated[
     Path | None,
     typer.Option("--out", "-o", help="Folder for the results. Default: one in runs/ that is named after the scenario."),
 ]
+Tube = Annotated[float, typer.Option(help="Largest distance of each joint from its reference \\[rad or m].")]
+FullRange = Annotated[
+    bool,
+    typer.Option("--full-range", help="Certify for all that the joints reach, instead of the tube."),
+]
+Speed = Annotated[
+    str,
+    typer.Option(
+        metavar="NUMBERS",
+        help="Largest joint speed \\[rad/s or m/s], one number or one per joint; inf for any. Default: 1.2 times those "
+        "of the reference, with its accelerations; with --full-range any speed.",
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print the results as JSON instead of a table.")]
 Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw figures.")]
 Animate = Annotated[

@@ -15,7 +15,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from tarc.core.c_emitter import Constants, emit
+from tarc.core.c_emitter import Constants, StepInterface, emit
 from tarc.core.errors import CompilationError, InvalidParameter, MissingTool
 from tarc.core.types import Array
 
@@ -107,7 +107,7 @@ class CompiledLoop:
 def _with_loop(function: ca.Function, constants: Constants) -> str:
     """Return C with ``run``, which steps a function period by period with the constants that it is handed."""
     n_state, n_inputs, n_outputs = function.nnz_in(0), function.nnz_in(1), function.nnz_out(1)
-    return f"""{emit(function, "step", constants)}
+    return f"""{emit(function, "step", constants, StepInterface(constants))}
 void run(long periods, double *state, const double *inputs, double *outputs, const double *c);
 void run(long periods, double *state, const double *inputs, double *outputs, const double *c)
 {{

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from tarc.control.watch import Watch
 from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter
 from tarc.core.version import __version__
@@ -80,6 +81,7 @@ def export_c(
     certificate: Mapping[str, Any] | None = None,
     scenario: Mapping[str, Any] | None = None,
     firmware: bool = False,
+    watch: Watch | None = None,
 ) -> Export:
     """Write a law as a C99 project: exactly the step that is simulated and certified.
 
@@ -105,6 +107,9 @@ def export_c(
         The scenario that the law is of, for ``law.yaml``; `verify_export` builds the law from it.
     firmware
         Also write ``firmware/``: a program for Cortex-M3, M4F and M7 that replays the recorded steps in QEMU.
+    watch
+        Ranges that the certificate assumes. The output of a step then has flags of what left them, and the input the
+        time since the last sample. None to watch nothing.
 
     Raises
     ------
@@ -124,14 +129,14 @@ def export_c(
     """
     check.one_of("real", real, REALS)
     name = c_name(Path(folder).name if name is None else name, given=name is not None)
-    source = CSource(traced_law(law, torque_limits), name, real == "float", f"{name}: {type(law).__name__}")
-    recorded = vectors.record(source, *vectors.random_inputs(law.n_joints, VECTORS, SEED))
+    source = CSource(traced_law(law, torque_limits, watch), name, real == "float", f"{name}: {type(law).__name__}")
+    recorded = vectors.record(source, *vectors.inputs_of(source, VECTORS, SEED))
     digest = hashlib.sha256((source.header + source.source).encode()).hexdigest()
     content = {
         f"src/{name}.h": source.header,
         f"src/{name}.c": source.source,
         "test/vectors.h": vectors.header(source, recorded),
-        "law.yaml": _law_yaml(law, name, real, digest, joint_names, certificate, scenario),
+        "law.yaml": _law_yaml(law, name, real, digest, joint_names, certificate, scenario, watch),
         "LICENSE": _licence(),
         **texts(source, tuple(joint_names), VECTORS, LICENCE),
         **(firmware_texts(source) if firmware else {}),
@@ -163,6 +168,7 @@ def _law_yaml(
     joint_names: Sequence[str],
     certificate: Mapping[str, Any] | None,
     scenario: Mapping[str, Any] | None,
+    watch: Watch | None,
 ) -> str:
     """Return parameters, version, hash and verdict; values as JSON, which YAML reads."""
     parameters = {field.name: _plain(getattr(law, field.name)) for field in fields(law)}
@@ -176,11 +182,13 @@ def _law_yaml(
         "parameters": parameters,
         "certificate": dict(certificate) if certificate else "none was given to the export; see tarc certify",
     }
+    if watch is not None:
+        sections["watch"] = {field.name: _plain(getattr(watch, field.name)) for field in fields(watch)}
     if scenario is not None:
         sections["scenario"] = dict(scenario)
     lines = []
     for key, value in sections.items():
-        if isinstance(value, dict) and key != "scenario":
+        if isinstance(value, dict) and key not in ("scenario", "watch"):
             lines.append(f"{key}:")
             lines += [f"  {inner}: {json.dumps(one, ensure_ascii=False)}" for inner, one in value.items()]
         else:

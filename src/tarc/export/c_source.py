@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from string import Template
 
-from tarc.core.c_emitter import Constants, definitions
+from tarc.core.c_emitter import Constants, Interface, definitions
 from tarc.export.traced_law import Signal, TracedLaw
 
 HEADER = Template("""/* $title
@@ -24,14 +24,14 @@ extern "C" {
 #define ${NAME}_PERIOD $period_literal
 
 typedef $real ${name}_real;
-
+$flags
 /* Input of a step. A position or reference that is not finite counts as missing. applied_torque is what really acted in
  * answer to the step before; NAN where that is unknown. */
 typedef struct {
   ${name}_real position[${NAME}_JOINTS], reference[${NAME}_JOINTS];
   ${name}_real velocity_reference[${NAME}_JOINTS], acceleration_reference[${NAME}_JOINTS];
   ${name}_real applied_torque[${NAME}_JOINTS];
-} ${name}_input;
+$elapsed} ${name}_input;
 
 /* Output of a step: the torque, whether samples are missing, and the signals of the law. */
 typedef struct {
@@ -106,9 +106,7 @@ ${name}_status ${name}_reset(${name}_t *self, const ${name}_real position[], con
     const ${name}_real wanted = torque ? torque[i] : $zero;
     applied[i] = wanted < -limits[i] ? -limits[i] : wanted > limits[i] ? limits[i] : wanted;
   }
-  const ${name}_real *const arg[] = {position, applied};
-  ${name}_real *const res[] = {self->x[0]};
-  start_function(arg, res);
+  start_function(position, applied, self->x[0]);
   self->now = 0;
   self->ready = 1;
   return ${NAME}_OK;
@@ -116,7 +114,6 @@ ${name}_status ${name}_reset(${name}_t *self, const ${name}_real position[], con
 
 ${name}_status ${name}_step(${name}_t *self, const ${name}_input *in, ${name}_output *out)
 {
-  ${name}_real value[4 * ${NAME}_JOINTS], result[$n_outputs];
   memset(out, 0, sizeof *out);
   if (!self->ready)
     return ${NAME}_NOT_READY;
@@ -124,16 +121,9 @@ ${name}_status ${name}_step(${name}_t *self, const ${name}_input *in, ${name}_ou
   for (int i = 0; i < ${NAME}_JOINTS; ++i)
     if ($fabs(in->applied_torque[i]) <= $huge)
       state[$past_torque + i] = in->applied_torque[i];
-  memcpy(value, in->position, sizeof in->position);
-  memcpy(value + ${NAME}_JOINTS, in->reference, sizeof in->reference);
-  memcpy(value + 2 * ${NAME}_JOINTS, in->velocity_reference, sizeof in->velocity_reference);
-  memcpy(value + 3 * ${NAME}_JOINTS, in->acceleration_reference, sizeof in->acceleration_reference);
-  const ${name}_real *const arg[] = {state, value};
-  ${name}_real *const res[] = {self->x[1 - self->now], result};
-  step_function(arg, res);
+  step_function(state, in, self->x[1 - self->now], out);
   self->now = 1 - self->now;
-  memcpy(out->torque, result, sizeof out->torque);
-$copies  return out->fault ? ${NAME}_FAULT : out->missing ? ${NAME}_BAD_INPUT : ${NAME}_OK;
+  return out->fault ? ${NAME}_FAULT : out->missing ? ${NAME}_BAD_INPUT : ${NAME}_OK;
 }
 
 short ${name}_cia402_torque(${name}_real torque, ${name}_real rated_torque)
@@ -144,6 +134,75 @@ short ${name}_cia402_torque(${name}_real torque, ${name}_real rated_torque)
   return share < $highest ? (short)share : 32767;
 }
 """)
+
+
+COUNTS = ("missing", "fault")
+"""Signals that are counted: of the C type int."""
+
+FLAG_COMMENTS = {"flags": " /* of this step, a sum of *_FLAG_* */", "flags_seen": " /* of all steps since the reset */"}
+"""Signals that are sums of flags, of the C type unsigned, with what they are."""
+
+INPUTS = ("position", "reference", "velocity_reference", "acceleration_reference")
+"""Fields of the input that a step reads, in order."""
+
+
+class _StartInterface(Interface):
+    """Start: position and torque in, state out."""
+
+    @property
+    def parameters(self) -> str:
+        return f"const {self.real} *position, const {self.real} *torque, {self.real} *state"
+
+    def read(self, place: int, element: int) -> str:
+        return f"{('position', 'torque')[place]}[{element}]"
+
+    def written(self, place: int, element: int) -> str:
+        return f"state[{element}]"
+
+
+class _LawInterface(Interface):
+    """Step: state and the input's fields in, next state and the output's fields out."""
+
+    def __init__(self, constants: Constants, source: "CSource"):
+        super().__init__(constants)
+        self._source = source
+        self._n_joints = source.traced.n_joints
+
+    @property
+    def parameters(self) -> str:
+        name = self._source.name
+        return f"const {self.real} *state, const {name}_input *in, {self.real} *next, {name}_output *out"
+
+    def read(self, place: int, element: int) -> str:
+        if place == 0:
+            return f"state[{element}]"
+        if element == len(INPUTS) * self._n_joints:
+            return "in->elapsed"
+        return f"in->{INPUTS[element // self._n_joints]}[{element % self._n_joints}]"
+
+    def written(self, place: int, element: int) -> str:
+        if place == 0:
+            return f"next[{element}]"
+        if element < self._n_joints:
+            return f"out->torque[{element}]"
+        signal = next(one for one in self._source.signals if one.start <= element < one.start + one.size)
+        index = "" if signal.size == 1 else f"[{element - signal.start}]"
+        return f"out->{signal.name}{index}"
+
+    def write(self, place: int, element: int, value: str) -> str:
+        target = self.written(place, element)
+        field = target.removeprefix("out->")
+        cast = "(int)" if field in COUNTS else "(unsigned)" if field in FLAG_COMMENTS else ""
+        return f"  {target} = {cast}{value};"
+
+    def is_input_array(self, place: int) -> bool:
+        return place == 0
+
+    def has_copies(self, place: int) -> bool:
+        return place == 0
+
+    def is_output_array(self, place: int) -> bool:
+        return place == 0
 
 
 @dataclass(frozen=True)
@@ -177,6 +236,8 @@ class CSource:
         """Return the header."""
         law = self.traced.law
         fields = "".join(f"  {self.name}_real {_field(signal)};\n" for signal in self._reals)
+        fields += "".join(f"  unsigned {signal.name};{FLAG_COMMENTS[signal.name]}\n" for signal in self._flags)
+        elapsed = f"  {self.name}_real elapsed; /* time since the last sample [s]; 0 or NAN where unknown */\n"
         return HEADER.substitute(
             self._names,
             period=f"{law.period:g}",
@@ -185,6 +246,8 @@ class CSource:
             n_states=self.traced.n_states,
             real=self.real,
             fields=fields,
+            elapsed=elapsed if self.traced.watch else "",
+            flags=self._flag_definitions,
         )
 
     @cached_property
@@ -192,17 +255,10 @@ class CSource:
         """Return the source."""
         constants = self._constants
         traced, number = self.traced, self._constants.number
-        copies = [f"  out->{signal.name} = (int)result[{signal.start}];" for signal in self._counts]
-        for signal in self._reals:
-            if signal.size == 1:
-                copies.append(f"  out->{signal.name} = result[{signal.start}];")
-            else:
-                place = f"out->{signal.name}"
-                copies.append(f"  memcpy({place}, result + {signal.start}, sizeof {place});")
         return SOURCE.substitute(
             self._names,
-            start=definitions(traced.start, "start_function", constants),
-            step=definitions(traced.step, "step_function", constants),
+            start=definitions(traced.start, "start_function", constants, _StartInterface(constants)),
+            step=definitions(traced.step, "step_function", constants, _LawInterface(constants, self)),
             fabs=constants.text("fabs(")[:-1],
             floor=constants.text("floor(")[:-1],
             huge=number(1e100),
@@ -212,9 +268,7 @@ class CSource:
             lowest=number(-32768.0),
             highest=number(32767.0),
             limits=", ".join(number(float(limit)) for limit in traced.start_limits),
-            n_outputs=traced.step.nnz_out(1),
             past_torque=traced.past_torque,
-            copies="".join(line + "\n" for line in copies),
         )
 
     @property
@@ -226,15 +280,28 @@ class CSource:
     @property
     def signals(self) -> tuple[Signal, ...]:
         """Return the fields of the output after the torque."""
-        return (*self._counts, *self._reals)
+        return (*self._counts, *self._reals, *self._flags)
 
     @property
     def _counts(self) -> list[Signal]:
-        return [signal for signal in self.traced.signals if signal.name in ("missing", "fault")]
+        return [signal for signal in self.traced.signals if signal.name in COUNTS]
 
     @property
     def _reals(self) -> list[Signal]:
-        return [signal for signal in self.traced.signals if signal.name not in ("missing", "fault")]
+        return [signal for signal in self.traced.signals if signal.name not in (*COUNTS, *FLAG_COMMENTS)]
+
+    @property
+    def _flags(self) -> list[Signal]:
+        return [signal for signal in self.traced.signals if signal.name in FLAG_COMMENTS]
+
+    @property
+    def _flag_definitions(self) -> str:
+        """Return the flags by name with what each means, for the header."""
+        watch = self.traced.watch
+        if watch is None:
+            return ""
+        lines = [f"#define {self.name.upper()}_FLAG_{flag.name} {flag.value}u" for flag in watch.watched]
+        return "\n/* What left the range that was certified; law.yaml has the ranges. */\n" + "\n".join(lines) + "\n"
 
     @property
     def _constants(self) -> Constants:

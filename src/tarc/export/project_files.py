@@ -2,6 +2,7 @@
 
 from string import Template
 
+from tarc.control.watch import WatchFlag
 from tarc.core.version import __version__
 from tarc.export.c_source import CSource
 
@@ -63,7 +64,7 @@ static void fill(${name}_input *in, const bits row[VECTOR_INPUTS])
     in->acceleration_reference[i] = number(row[3 * ${NAME}_JOINTS + i]);
     in->applied_torque[i] = number(row[4 * ${NAME}_JOINTS + i]);
   }
-}
+$fill_elapsed}
 
 /* Start the law as recorded; NULL, or what went wrong. */
 static const char *start(${name}_t *law)
@@ -233,7 +234,7 @@ void period(const ${name}_real position[${NAME}_JOINTS], ${name}_real torque[${N
     in.velocity_reference[i] = in.acceleration_reference[i] = 0;
     in.applied_torque[i] = NAN; /* what your drive reports, if it does */
   }
-  ${name}_step(&law, &in, &out);
+$use_elapsed  ${name}_step(&law, &in, &out);
   for (int i = 0; i < ${NAME}_JOINTS; ++i)
     torque[i] = out.torque[i];
 }
@@ -243,7 +244,7 @@ The joints, in order: $joints.
 A sample that is not finite counts as missing, and is bridged for up to $max_missing periods in a row.
 The C sets no deadline and checks no clock: call it at its period, with a sample of that period.
 
-## Check it
+$watched## Check it
 
 ```console
 $$ cc -std=c99 -O2 -ffp-contract=off -Isrc -Itest src/$name.c test/replay.c -lm -o replay && ./replay
@@ -253,6 +254,35 @@ $$ tarc verify-export .
 The first runs $count recorded steps and compares every bit.
 The second also tries compilers and options, and compares many more steps with the law itself.
 """)
+
+
+WATCHED = Template("""## What is watched
+
+Each output has `flags`, which tell what left the range that was certified, and `flags_seen`, all since the reset.
+The torque does not depend on them: what to do is the caller's.
+
+| flag | set where |
+| --- | --- |
+$rows
+
+""")
+
+FLAG_MEANINGS = {
+    WatchFlag.POSITION: "a joint is outside the range of positions",
+    WatchFlag.ERROR: "a joint is farther from its reference than the tube is wide",
+    WatchFlag.SPEED: "a velocity estimate is above the largest speed",
+    WatchFlag.LOAD: "the mean torque of the last rest was above that of the largest load",
+    WatchFlag.TIMING: "`elapsed` differs from the period",
+}
+
+
+def watched_text(source: CSource) -> str:
+    """Return the README's section on what is watched; empty where nothing is."""
+    watch = source.traced.watch
+    if watch is None:
+        return ""
+    rows = [f"| `{source.name.upper()}_FLAG_{flag.name}` | {FLAG_MEANINGS[flag]} |" for flag in watch.watched]
+    return WATCHED.substitute(rows="\n".join(rows))
 
 
 def texts(source: CSource, joints: tuple[str, ...], count: int, licence: str) -> dict[str, str]:
@@ -276,7 +306,13 @@ def texts(source: CSource, joints: tuple[str, ...], count: int, licence: str) ->
         "count": str(count),
         "collect": "\n".join(lines) + "\n",
         "tolerance": TOLERANCES[source.real],
+        "watched": watched_text(source),
+        "fill_elapsed": "",
+        "use_elapsed": "",
     }
+    if source.traced.watch is not None:
+        values["fill_elapsed"] = f"  in->elapsed = number(row[5 * {source.name.upper()}_JOINTS]);\n"
+        values["use_elapsed"] = "  in.elapsed = 0; /* time since the last sample [s], where you have it */\n"
     return {
         "README.md": README.substitute(values),
         "test/replay.h": REPLAY_HEADER.substitute(values),

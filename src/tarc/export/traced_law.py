@@ -8,7 +8,9 @@ import numpy as np
 
 from tarc.control.controller import Controller
 from tarc.control.digital_controller import limited_start
-from tarc.core.errors import UnsupportedLaw
+from tarc.control.watch import Watch, WatchInput, WatchOutput
+from tarc.core.errors import InvalidParameter, UnsupportedLaw
+from tarc.core.tracing import trace
 from tarc.core.trees import leaves, pack, unpack
 from tarc.core.types import Array, Tree
 from tarc.laws.base import Law
@@ -34,10 +36,11 @@ class TracedLaw:
 
     Attributes
     ----------
-    law, torque_limits
-        The law and its limits.
+    law, torque_limits, watch
+        The law, its limits, and what is watched.
     step
-        ``[state, input] -> [next state, output]``; the input is position, reference and its two derivatives.
+        ``[state, input] -> [next state, output]``; the input is position, reference and its two derivatives, and with a
+        watch the time since the last sample.
     start
         ``[position, torque] -> [state]``, the state at rest with a torque applied.
     past_torque
@@ -48,6 +51,7 @@ class TracedLaw:
 
     law: Law
     torque_limits: TorqueLimits | None
+    watch: Watch | None
     step: ca.Function
     start: ca.Function
     past_torque: int
@@ -72,13 +76,13 @@ class TracedLaw:
         return limits
 
 
-def traced_law(law: Law, torque_limits: TorqueLimits | None = None) -> TracedLaw:
-    """Trace what `Controller` runs, and its state at the start.
+def traced_law(law: Law, torque_limits: TorqueLimits | None = None, watch: Watch | None = None) -> TracedLaw:
+    """Trace what `Controller` runs, its state at the start, and what is watched after it.
 
     Raises
     ------
     InvalidParameter
-        As `Controller`.
+        As `Controller`, and for a watch of another number of joints.
     UnsupportedLaw
         For a law whose start is not affine in position and torque.
     """
@@ -88,8 +92,42 @@ def traced_law(law: Law, torque_limits: TorqueLimits | None = None) -> TracedLaw
     for name, values in controller.signals.items():
         signals.append(Signal(name, place, values.size))
         place += values.size
-    start = _start(law, torque_limits)
-    return TracedLaw(law, torque_limits, controller.function, start, controller.past_torque_place, tuple(signals))
+    start, step = _start(law, torque_limits), controller.function
+    if watch is not None:
+        if watch.n_joints != n:
+            raise InvalidParameter(f"watch: got one of {watch.n_joints} joints; needs one of the law's {n}")
+        velocity = next(signal.start for signal in signals if signal.name == "velocity_estimate")
+        step, start = _watched(step, start, watch, velocity)
+        signals += [Signal(name, place + k, 1) for k, name in enumerate(WatchOutput._fields)]
+    return TracedLaw(law, torque_limits, watch, step, start, controller.past_torque_place, tuple(signals))
+
+
+def _watched(step: ca.Function, start: ca.Function, watch: Watch, velocity: int) -> tuple[ca.Function, ca.Function]:
+    """Return a step and a start with the watch after them: its state, the time and its flags come last.
+
+    Parameters
+    ----------
+    step, start
+        As in `TracedLaw`.
+    watch
+        What is watched.
+    velocity
+        Place of the velocity estimate in the output of the step.
+    """
+    n, test = watch.n_joints, trace(watch.step, *watch.example(), name="watch")[0]
+    state, value = ca.SX.sym("x", step.nnz_in(0)), ca.SX.sym("u", step.nnz_in(1))
+    watch_state, elapsed = ca.SX.sym("w", test.nnz_in(0)), ca.SX.sym("elapsed")
+    next_state, output = step(state, value)
+    watched = WatchInput(value[:n], value[n : 2 * n], output[velocity : velocity + n], output[:n], elapsed)
+    next_watch, flags = test(watch_state, ca.vertcat(*watched))
+    inputs = [ca.vertcat(state, watch_state), ca.vertcat(value, elapsed)]
+    results = [ca.vertcat(next_state, next_watch), ca.vertcat(output, flags)]
+    position, torque = ca.SX.sym("q", n), ca.SX.sym("torque", n)
+    first = ca.vertcat(start(position, torque), ca.SX.zeros(test.nnz_in(0)))
+    return (
+        ca.Function("step", inputs, results, ["x", "u"], ["x_next", "y"], {"cse": True}),
+        ca.Function("start", [position, torque], [first], {"cse": True}),
+    )
 
 
 def _start(law: Law, limits: TorqueLimits | None) -> ca.Function:

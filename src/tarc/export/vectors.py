@@ -26,7 +26,8 @@ class Vectors:
     position, torque
         The start, each (n,).
     inputs
-        Position, reference, its two derivatives and the applied torque in each step, shape (k, 5n).
+        Position, reference, its two derivatives and the applied torque in each step, shape (k, 5n); with a watch the
+        elapsed time too, shape (k, 5n + 1).
     outputs
         Torque and signals after each step, shape (k, m).
     """
@@ -37,13 +38,13 @@ class Vectors:
     outputs: Array
 
 
-def random_inputs(n: int, count: int, seed: int) -> tuple[Array, Array, Array]:
+def random_inputs(n: int, count: int, seed: int, period: float | None = None) -> tuple[Array, Array, Array]:
     """Return a start, and inputs of a joint that wanders about a reference, with missing and absurd numbers.
 
     Returns
     -------
     position, torque, inputs
-        Of shapes (n,), (n,) and (count, 5n).
+        Of shapes (n,), (n,) and (count, 5n); with a period (count, 5n + 1), the last column the elapsed time.
     """
     rng = np.random.default_rng(seed)
     position, torque = rng.uniform(-1, 1, n), rng.uniform(-0.5, 0.5, n)
@@ -58,7 +59,18 @@ def random_inputs(n: int, count: int, seed: int) -> tuple[Array, Array, Array]:
     inputs[bad, rng.integers(0, 4 * n, len(bad))] = rng.choice(BAD_VALUES, len(bad))
     lost = slice(count // 2, count // 2 + min(5, count // 8))
     inputs[lost, :n] = np.nan  # a gap that the law bridges
+    if period is not None:
+        elapsed = period * (1 + 0.03 * rng.standard_normal(count))
+        odd = rng.random(count) < BAD_SHARE
+        elapsed[odd] = rng.choice([0.0, 2 * period, *BAD_VALUES], int(np.sum(odd)))
+        inputs = np.column_stack([inputs, elapsed])
     return position, torque, inputs
+
+
+def inputs_of(source: CSource, count: int, seed: int) -> tuple[Array, Array, Array]:
+    """Return `random_inputs` that fit a law."""
+    traced = source.traced
+    return random_inputs(traced.n_joints, count, seed, None if traced.watch is None else traced.law.period)
 
 
 def record(source: CSource, position: Array, torque: Array, inputs: Array) -> Vectors:
@@ -73,9 +85,11 @@ def record(source: CSource, position: Array, torque: Array, inputs: Array) -> Ve
     n, outputs = traced.n_joints, []
     place = slice(traced.past_torque, traced.past_torque + n)
     for row in inputs:
-        known = np.abs(row[4 * n :]) <= ops.HUGE
-        step.state[place][known] = row[4 * n :][known]
-        step.value[:] = row[: 4 * n]
+        applied = row[4 * n : 5 * n]
+        known = np.abs(applied) <= ops.HUGE
+        step.state[place][known] = applied[known]
+        step.value[: 4 * n] = row[: 4 * n]
+        step.value[4 * n :] = row[5 * n :]
         step.step()
         outputs.append(step.output.copy())
     return Vectors(position, torque, inputs, np.array(outputs))
@@ -88,9 +102,10 @@ def _record_single(traced: TracedLaw, position: Array, torque: Array, inputs: Ar
     step, n, outputs = SinglePrecision(traced.step), traced.n_joints, []
     place = slice(traced.past_torque, traced.past_torque + n)
     for row in inputs:
-        known = np.abs(row[4 * n :]) <= np.float32(SINGLE_HUGE)
-        state[place][known] = row[4 * n :][known]
-        state, output = step(state, row[: 4 * n])
+        applied = row[4 * n : 5 * n]
+        known = np.abs(applied) <= np.float32(SINGLE_HUGE)
+        state[place][known] = applied[known]
+        state, output = step(state, np.concatenate([row[: 4 * n], row[5 * n :]]))
         outputs.append(output)
     return Vectors(position, torque, inputs, np.array(outputs))
 

@@ -14,12 +14,13 @@ from typing import Any
 
 import numpy as np
 
+from tarc.control.watch import Watch
 from tarc.core.codegen import compiler
 from tarc.core.errors import CompilationError, InvalidParameter, MissingTool
 from tarc.core.files import read_text
 from tarc.core.types import Array
 from tarc.export import vectors
-from tarc.export.c_source import CSource
+from tarc.export.c_source import COUNTS, FLAG_COMMENTS, CSource
 from tarc.export.traced_law import Signal, traced_law
 from tarc.laws.base import Law
 from tarc.signals.torque_limits import TorqueLimits
@@ -161,15 +162,29 @@ def verify_export(
     header, source = (read_text("folder", root / "src" / f"{name}{end}") for end in (".h", ".c"))
     unchanged = hashlib.sha256((header + source).encode()).hexdigest() == content["sha256"]
     command = list(command or compiler())
+    watch = Watch(**numbers_of(content["watch"])) if "watch" in content else None
     same, comparison = None, None
     with tempfile.TemporaryDirectory() as work:
         replays = tuple(_replay(root, name, [*command, level], Path(work)) for level in LEVELS)
         code_size, stack = _sizes(root, name, command, Path(work))
         if law is not None:
-            fresh = CSource(traced_law(law, torque_limits), name, real == "float", f"{name}: {type(law).__name__}")
+            fresh = CSource(
+                traced_law(law, torque_limits, watch), name, real == "float", f"{name}: {type(law).__name__}"
+            )
             same = fresh.header == header and fresh.source == source
             comparison = _compare(fresh, command, Path(work), steps, seed)
     return ExportReport(name, real, unchanged, same, replays, comparison, code_size, stack)
+
+
+def numbers_of(parameters: dict[str, Any]) -> dict[str, Any]:
+    """Return parameters of a watch as ``law.yaml`` has them, with infinities as numbers."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, list):
+            return [plain(one) for one in value]
+        return float(value) if isinstance(value, str) else value
+
+    return {name: plain(value) for name, value in parameters.items()}
 
 
 def read_law_yaml(folder: str | Path) -> dict[str, Any]:
@@ -266,7 +281,7 @@ def _sizes(root: Path, name: str, command: Sequence[str], work: Path) -> tuple[i
 def _compare(source: CSource, command: Sequence[str], work: Path, steps: int, seed: int) -> Comparison | None:
     """Run random steps in the C and in the law."""
     steps = min(steps, 2000) if source.single else steps  # the law in single precision is interpreted
-    position, torque, inputs = vectors.random_inputs(source.traced.n_joints, steps, seed)
+    position, torque, inputs = vectors.inputs_of(source, steps, seed)
     expected = vectors.record(source, position, torque, inputs)
     found = run_compiled(source, [*command, "-O2"], expected, work)
     real = np.float32 if source.single else np.float64
@@ -316,9 +331,9 @@ def run_compiled(source: CSource, command: Sequence[str], recorded: vectors.Vect
     compile_c([*command, *BASE_FLAGS, "-fPIC", "-shared", str(file), "-o", str(library), "-lm"])
     n, c_real = source.traced.n_joints, ctypes.c_float if source.single else ctypes.c_double
     real = np.float32 if source.single else np.float64
-    fields: list[tuple[str, Any]] = [("torque", c_real * n), ("missing", ctypes.c_int), ("fault", ctypes.c_int)]
-    reals = [signal for signal in source.signals if signal.name not in ("missing", "fault")]
-    fields += [(signal.name, c_real * signal.size) for signal in reals]
+    kinds = dict.fromkeys(COUNTS, ctypes.c_int) | dict.fromkeys(FLAG_COMMENTS, ctypes.c_uint)
+    fields: list[tuple[str, Any]] = [("torque", c_real * n)]
+    fields += [(signal.name, kinds.get(signal.name, c_real * signal.size)) for signal in source.signals]
     output_type = type("Output", (ctypes.Structure,), {"_fields_": fields})
     state_type = type(
         "State",

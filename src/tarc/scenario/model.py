@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from tarc.analysis.watched import watch_workspace
 from tarc.analysis.workspace import Workspace
 from tarc.certificates.base import Certificate, Verdict
 from tarc.certificates.known_inertia import certify_known_inertia
 from tarc.certificates.known_inertia_evidence import KnownInertiaEvidence
 from tarc.certification import LawCertification, certify_law
+from tarc.control.watch import Watch
 from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter, NotLinearisable, ScenarioError, UnsupportedLaw
 from tarc.core.files import file_in_folder, writing
@@ -483,17 +485,7 @@ class Scenario(BaseModel):
             Where no certificate applies to any of the laws.
         """
         setup = self.build()
-        changes = scheduled_plants(setup.plant, setup.events)
-        plants = [plant for start, plant in changes if start < self.duration]
-        if full_range:
-            workspace = Workspace.from_joint_limits(setup.plant).with_speed_limits(speed, acceleration)
-        else:
-            workspace = Workspace.from_reference(setup.reference, self.duration, tube=tube)
-            own = workspace.with_reference_speeds()
-            workspace = own if speed is None else workspace.with_speed_limits(speed)
-            workspace = (
-                workspace if acceleration is None else workspace.with_speed_limits(workspace.speed, acceleration)
-            )
+        workspace, plants = self._certified(setup, tube, full_range, speed, acceleration)
         certificates = CertifiedLaws(plants, workspace, samples)
         with Progress("certifying", 9 * len(setup.laws), progress) as bar:
             for name, law in setup.laws.items():
@@ -525,6 +517,46 @@ class Scenario(BaseModel):
         if not certificates and not certificates.known_inertia:
             raise UnsupportedLaw(f"law: no certificate applies to any. {' '.join(certificates.skipped.values())}")
         return certificates
+
+    def watch(
+        self,
+        law: str = "",
+        *,
+        tube: float = 0.01,
+        full_range: bool = False,
+        speed: Numbers | None = None,
+        tolerance: float = 0.1,
+    ) -> Watch:
+        """Return a watch of what `certify` with the same arguments assumes.
+
+        Parameters
+        ----------
+        law
+            Name of the law whose period is watched; the first without a name.
+        tube, full_range, speed
+            As in `certify`.
+        tolerance
+            Largest deviation of the time between two samples over the period.
+        """
+        setup = self.build()
+        workspace, plants = self._certified(setup, tube, full_range, speed, None)
+        chosen = law or next(iter(setup.laws))
+        check.one_of("law", chosen, list(setup.laws))
+        return watch_workspace(workspace, setup.laws[chosen].period, plants, tolerance=tolerance)
+
+    def _certified(
+        self, setup: Setup, tube: float, full_range: bool, speed: Numbers | None, acceleration: Numbers | None
+    ) -> tuple[Workspace, list[Plant]]:
+        """Return the workspace of `certify`, and the robot with each payload and schedule that it meets."""
+        changes = scheduled_plants(setup.plant, setup.events)
+        plants = [plant for start, plant in changes if start < self.duration]
+        if full_range:
+            return Workspace.from_joint_limits(setup.plant).with_speed_limits(speed, acceleration), plants
+        workspace = Workspace.from_reference(setup.reference, self.duration, tube=tube)
+        workspace = workspace.with_reference_speeds() if speed is None else workspace.with_speed_limits(speed)
+        if acceleration is not None:
+            workspace = workspace.with_speed_limits(workspace.speed, acceleration)
+        return workspace, plants
 
     def run(self, progress: bool | None = None) -> dict[str, "Run"]:
         """Simulate every law; return the runs by name."""
