@@ -127,8 +127,33 @@ def export_c(
     >>> sorted(file.name for file in written.files)[:3]
     ['CMakeLists.txt', 'CMakeLists.txt', 'LICENSE']
     """
-    check.one_of("real", real, REALS)
     name = c_name(Path(folder).name if name is None else name, given=name is not None)
+    source, content, digest = c_texts(law, name, real, torque_limits, joint_names, certificate, scenario, watch)
+    if firmware:
+        content |= firmware_texts(source)
+    return Export(Path(folder), tuple(write_folder("folder", folder, content)), name, real, digest)
+
+
+def c_texts(
+    law: Law,
+    name: str,
+    real: str,
+    torque_limits: TorqueLimits | None,
+    joint_names: Sequence[str],
+    certificate: Mapping[str, Any] | None,
+    scenario: Mapping[str, Any] | None,
+    watch: Watch | None,
+) -> tuple[CSource, dict[str, str], str]:
+    """Return the C of a law, the text of each file of its project by its path, and the hash of header and source.
+
+    Raises
+    ------
+    InvalidParameter
+        For another ``real``.
+    UnsupportedLaw
+        For a law that has no C.
+    """
+    check.one_of("real", real, REALS)
     source = CSource(traced_law(law, torque_limits, watch), name, real == "float", f"{name}: {type(law).__name__}")
     recorded = vectors.record(source, *vectors.inputs_of(source, VECTORS, SEED))
     digest = hashlib.sha256((source.header + source.source).encode()).hexdigest()
@@ -139,9 +164,8 @@ def export_c(
         "law.yaml": _law_yaml(law, name, real, digest, joint_names, certificate, scenario, watch),
         "LICENSE": _licence(),
         **texts(source, tuple(joint_names), VECTORS, LICENCE),
-        **(firmware_texts(source) if firmware else {}),
     }
-    return Export(Path(folder), tuple(write_folder("folder", folder, content)), name, real, digest)
+    return source, content, digest
 
 
 def c_name(text: str, given: bool = True) -> str:
