@@ -15,9 +15,15 @@ if TYPE_CHECKING:
     from tarc.export import Export, ExportReport
     from tarc.scenario.model import Scenario
 
-FORMATS = ("c",)
+FORMATS = ("c", "ros2")
 
-Format = Annotated[str, typer.Argument(metavar="FORMAT", help="c: C99 with recorded steps and build files.")]
+Format = Annotated[
+    str,
+    typer.Argument(
+        metavar="FORMAT",
+        help="c: C99 with recorded steps and build files. ros2: a colcon package with a controller and a node.",
+    ),
+]
 Folder = Annotated[Path | None, typer.Option("--out", "-o", help="Folder to write. Default: build/ and the scenario.")]
 LawName = Annotated[
     str,
@@ -66,14 +72,18 @@ def export(
     that this command did not write are never touched.
 
     Example: tarc export c ur5e --law TARC -o build/arm
+
+    Example: tarc export ros2 ur5e --law TARC -o build/arm_controller --name arm
     """
     from tarc.core import validation as check
-    from tarc.export import export_c
+    from tarc.export import export_c, export_ros2
     from tarc.scenario.loader import relative_files
     from tarc.scenario.model import Scenario
     from tarc.scenario.user_law import is_user_law
 
     check.one_of("FORMAT", kind, FORMATS)
+    if firmware and kind != "c":
+        raise InvalidParameter("--firmware: only with the format c")
     is_own = is_user_law(law)
     loaded = Scenario.load(scenario, set_ or [], law=law if is_own else "")
     chosen, built, limits, joints = law_of(loaded, "" if is_own else law)
@@ -81,20 +91,21 @@ def export(
     certificate = _certificate(Path(scenario), chosen)
     content = loaded.model_dump(mode="json", exclude_defaults=True)
     relative_files(content, folder)
-    written = export_c(
-        built,
-        folder,
-        name=name or None,
-        real=real,
-        torque_limits=limits,
-        joint_names=joints,
-        certificate=certificate,
-        scenario={"law": chosen, "content": content},
-        firmware=firmware,
-        watch=loaded.watch(chosen, tube=tube, full_range=full_range, speed=numbers_of("--speed", speed))
+    options: dict[str, Any] = {
+        "name": name or None,
+        "real": real,
+        "torque_limits": limits,
+        "joint_names": joints,
+        "certificate": certificate,
+        "scenario": {"law": chosen, "content": content},
+        "watch": loaded.watch(chosen, tube=tube, full_range=full_range, speed=numbers_of("--speed", speed))
         if watch
         else None,
-    )
+    }
+    if kind == "ros2":
+        written = export_ros2(built, folder, **options)
+    else:
+        written = export_c(built, folder, firmware=firmware, **options)
     if as_json:
         print(json.dumps({"folder": str(written.folder), "files": [str(file) for file in written.files]}, indent=2))
         return
