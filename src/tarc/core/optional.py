@@ -20,6 +20,7 @@ EXTRAS = {
     "logs": (*_CLI, "mcap", "mcap_ros2"),
     "plot": _PLOT,
     "robots": _ROBOTS,
+    "ros2": (*_CLI, "mcap", "mcap_ros2", "cyclonedds", "rosbags"),
     "sim": _SIM,
     "study": (*_CLI, "optuna"),
     "view": (*_SIM, "collada", "trimesh", "viser"),

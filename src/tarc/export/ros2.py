@@ -48,8 +48,8 @@ def export_ros2(
     Raises
     ------
     InvalidParameter
-        For a period whose rate is no integer in Hz, joint names that do not fit or repeat, a name that is none in C,
-        and files in the way.
+        For a period whose rate is no integer in Hz, and joint names that do not fit or repeat. Also for a name that is
+        none in C, and for files in the way.
     UnsupportedLaw
         For a law that has no C.
 
