@@ -117,13 +117,14 @@ int main(int, char ** argv)
       }
     }
     const rclcpp::Duration absurd(static_cast<std::int64_t>(k) * 977 - 1000000000);  // the law must not look at it
-    if (law->update(rclcpp::Time(), absurd) != controller_interface::return_type::OK) {
+    if (law->update(rclcpp::Time(1000000 * static_cast<std::int64_t>(k)), absurd) != controller_interface::return_type::OK) {
       std::cout << "the update failed\n";
       return 3;
     }
     torques.insert(torques.end(), effort.begin(), effort.end());
   }
   write(argv[6], torques);
+  std::cout << "last message: " << world.last_error << "\n";
 
   if (argv[7]) {  // without a controller ahead: rows of time, position, velocity and acceleration
     law->stub_is_chained = false;

@@ -125,14 +125,18 @@ def test_the_plugin_compiles_and_gives_the_torques_of_python(name, tmp_path):
     export_ros2(make_law(), tmp_path / "package", name="arm", joint_names=JOINTS)
     printed = replay(tmp_path / "package", tmp_path, VERSIONS[name])
     assert f"{STEPS} steps" in printed
+    assert "left what" not in printed
     assert "got the joints wrist, left_shoulder; the law is for left_shoulder, left_elbow" in printed
 
 
 @needs_gpp
 @pytest.mark.slow
-def test_the_plugin_in_single_precision(tmp_path):
-    export_ros2(make_law(), tmp_path / "package", name="arm", joint_names=JOINTS, real="float")
-    assert f"{STEPS} steps" in replay(tmp_path / "package", tmp_path, VERSIONS["rolling"], "float")
+def test_the_plugin_in_single_precision_with_a_watch(tmp_path):
+    watch = tarc.Watch(n_joints=2, tube=1e-3, period=1e-3)
+    export_ros2(make_law(), tmp_path / "package", name="arm", joint_names=JOINTS, real="float", watch=watch)
+    printed = replay(tmp_path / "package", tmp_path, VERSIONS["rolling"], "float")
+    assert f"{STEPS} steps" in printed
+    assert "left what was certified: flags 2 of arm.h" in printed
 
 
 @needs_gpp

@@ -5,6 +5,7 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
+from tarc.control.watch import Watch
 from tarc.core.errors import InvalidParameter
 from tarc.core.version import __version__
 from tarc.export import ros2_files, ros2_node, ros2_plugin, ros2_shared
@@ -29,6 +30,7 @@ def export_ros2(
     joint_names: Sequence[str] = (),
     certificate: Mapping[str, Any] | None = None,
     scenario: Mapping[str, Any] | None = None,
+    watch: Watch | None = None,
 ) -> Export:
     """Write a law as a colcon package: a chainable controller of ros2_control, and a node, around the same C.
 
@@ -40,7 +42,7 @@ def export_ros2(
         Any law of `tarc.laws`, or your own.
     folder
         Where to write; the package is ``<name>_controller``.
-    name, real, torque_limits, certificate, scenario
+    name, real, torque_limits, certificate, scenario, watch
         As for `export_c`.
     joint_names
         Names of the robot's joints in the law's order, by which ROS finds them.
@@ -65,7 +67,7 @@ def export_ros2(
     name = c_name(Path(folder).name if name is None else name, given=name is not None)
     rate = update_rate(law.period)
     names = _checked_names(joint_names, law.n_joints)
-    source, content, digest = c_texts(law, name, real, torque_limits, names, certificate, scenario)
+    source, content, digest = c_texts(law, name, real, torque_limits, names, certificate, scenario, watch)
     package = f"{name}_controller"
     values = {
         "name": name,
@@ -80,6 +82,8 @@ def export_ros2(
         "joints": ", ".join(f'"{joint}"' for joint in names),
         "command_joints": ", ".join(f'"{package}/{joint}"' for joint in names),
         "joint_text": ", ".join(names),
+        "elapsed": f"in.elapsed = static_cast<{name}_real>(elapsed);" if watch else "(void)elapsed;  // not watched",
+        "flags": "output_.flags_seen" if watch else "0u",
     }
     templates: dict[str, Template] = {
         "package.xml": ros2_files.PACKAGE,

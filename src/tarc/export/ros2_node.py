@@ -94,10 +94,12 @@ private:
       return;
     }
     for (double k = 1.0; k < periods && k < MOST_SKIPPED; ++k) {
-      step(unknown());
+      stamp_ += PERIOD;
+      step(unknown(), MISSING);
     }
+    const double elapsed = stamp - stamp_;
     stamp_ = stamp;
-    step(position);
+    step(position, elapsed);
   }
 
   /// Start once the joint states have had the law's rate for a while.
@@ -129,18 +131,22 @@ private:
     const std::chrono::duration<double> silence = std::chrono::steady_clock::now() - last_;
     if (is_running_ && silence.count() > SILENT * PERIOD) {
       stamp_ += PERIOD;
-      step(unknown());
+      step(unknown(), MISSING);
     }
   }
 
-  void step(const Vector & position)
+  void step(const Vector & position, double elapsed)
   {
     Vector torque;
-    const auto status = law_.step(position, follower_.next(), unknown(), torque);
+    const auto status = law_.step(position, follower_.next(), unknown(), elapsed, torque);
     if (status == ${NAME}_FAULT && !is_in_fault_) {
       RCLCPP_ERROR(get_logger(), "%d samples missing in a row: the safe torque is applied from now on", law_.missing());
     }
     is_in_fault_ = status == ${NAME}_FAULT;
+    if (law_.flags() & ~flags_) {
+      RCLCPP_ERROR(get_logger(), "left what was certified: flags %u of ${name}.h", law_.flags());
+    }
+    flags_ = law_.flags();
     std_msgs::msg::Float64MultiArray message;
     message.data.assign(torque.begin(), torque.end());
     command_->publish(message);
@@ -172,6 +178,7 @@ private:
   bool is_running_ = false, is_in_fault_ = false;
   int observed_ = 0;
   long ignored_ = 0;
+  unsigned flags_ = 0;
   double first_ = 0.0, stamp_ = 0.0;
   std::chrono::steady_clock::time_point last_{};
   rclcpp::Publisher<std_msgs::msg::Float64MultiArray>::SharedPtr command_;

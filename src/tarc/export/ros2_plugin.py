@@ -6,6 +6,7 @@ HEADER = Template("""// The law as a controller of ros2_control: Humble (2.46), 
 #ifndef ${PACKAGE}__CONTROLLER_HPP_
 #define ${PACKAGE}__CONTROLLER_HPP_
 
+#include <cstdint>
 #include <memory>
 #include <string>
 #include <vector>
@@ -42,7 +43,7 @@ public:
   CallbackReturn on_activate(const rclcpp_lifecycle::State & previous_state) override;
   CallbackReturn on_deactivate(const rclcpp_lifecycle::State & previous_state) override;
 
-  /// The period is not used: a step of the law takes the law's own.
+  /// The period is not used: a step of the law takes its own. The time only tells whether sampling is even.
   controller_interface::return_type update_and_write_commands(
     const rclcpp::Time & time, const rclcpp::Duration & period) override;
 
@@ -72,7 +73,9 @@ private:
   Follower follower_;
   std::vector<std::string> joints_;  // the robot's names, in the law's order
   std::array<std::size_t, JOINTS> position_place_{}, effort_place_{};
-  bool is_in_fault_ = false;
+  bool is_in_fault_ = false, is_timed_ = false;
+  std::int64_t last_time_ = 0;
+  unsigned flags_ = 0;
   rclcpp::Subscription<trajectory_msgs::msg::JointTrajectory>::SharedPtr subscription_;
 #if TARC_EXPORTS_LIST
   std::vector<hardware_interface::CommandInterface::SharedPtr> references_;
@@ -216,7 +219,8 @@ Controller::CallbackReturn Controller::on_activate(const rclcpp_lifecycle::State
     RCLCPP_ERROR(get_node()->get_logger(), "position: a joint has none yet; activate once all are measured");
     return CallbackReturn::ERROR;
   }
-  is_in_fault_ = false;
+  is_in_fault_ = is_timed_ = false;
+  flags_ = 0;
   follower_.hold(position);
   return set_reference({position, {}, {}}) ? CallbackReturn::SUCCESS : CallbackReturn::ERROR;
 }
@@ -241,16 +245,23 @@ controller_interface::return_type Controller::update_reference_from_subscribers(
 }
 
 controller_interface::return_type Controller::update_and_write_commands(
-  const rclcpp::Time & /*time*/, const rclcpp::Duration & /*period*/)
+  const rclcpp::Time & time, const rclcpp::Duration & /*period*/)
 {
   Vector torque;
-  const auto status = law_.step(positions(), reference(), commands(), torque);
+  const double elapsed = is_timed_ ? 1e-9 * static_cast<double>(time.nanoseconds() - last_time_) : MISSING;
+  last_time_ = time.nanoseconds();
+  is_timed_ = true;
+  const auto status = law_.step(positions(), reference(), commands(), elapsed, torque);
   if (status == ${NAME}_FAULT && !is_in_fault_) {
     RCLCPP_ERROR(
       get_node()->get_logger(), "%d samples missing in a row: the safe torque is applied until the next activation",
       law_.missing());
   }
   is_in_fault_ = status == ${NAME}_FAULT;
+  if (law_.flags() & ~flags_) {
+    RCLCPP_ERROR(get_node()->get_logger(), "left what was certified: flags %u of ${name}.h", law_.flags());
+  }
+  flags_ = law_.flags();
   write(torque);  // what an interface does not take, the next step reads back
   return controller_interface::return_type::OK;
 }

@@ -97,10 +97,12 @@ public:
     return ${name}_reset(&memory_, q, applied) == ${NAME}_OK;
   }
 
-  /// One control period. A number that is not finite is missing.
-  ${name}_status step(const Vector & position, const Reference & reference, const Vector & applied, Vector & torque)
+  /// One control period, and the time since the last sample. A number that is not finite is missing.
+  ${name}_status step(
+    const Vector & position, const Reference & reference, const Vector & applied, double elapsed, Vector & torque)
   {
     ${name}_input in;
+    $elapsed
     for (std::size_t i = 0; i < JOINTS; ++i) {
       in.position[i] = static_cast<${name}_real>(position[i]);
       in.reference[i] = static_cast<${name}_real>(reference.position[i]);
@@ -116,6 +118,9 @@ public:
   }
 
   int missing() const {return output_.missing;}
+
+  /// What left the certified range since the start, as in ${name}.h; 0 where that is not watched.
+  unsigned flags() const {return $flags;}
 
 private:
   ${name}_t memory_{};

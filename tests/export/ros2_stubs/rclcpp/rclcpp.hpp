@@ -16,6 +16,12 @@ namespace rclcpp
 {
 class Time
 {
+public:
+  explicit Time(std::int64_t nanoseconds = 0) : nanoseconds_(nanoseconds) {}
+  std::int64_t nanoseconds() const { return nanoseconds_; }
+
+private:
+  std::int64_t nanoseconds_;
 };
 
 class Duration
