@@ -44,6 +44,9 @@ Watched = Annotated[
         "--tube, --full-range and --speed say what that is.",
     ),
 ]
+Parts = Annotated[
+    bool, typer.Option("--parts", help="Also the estimator, the reference and, of a model, M̂(q), each as a C function.")
+]
 ExportFolder = Annotated[Path, typer.Argument(metavar="FOLDER", help="What tarc export c wrote.")]
 Compiler = Annotated[str, typer.Option("--cc", help="C compiler with options. Default: the one that is found.")]
 Steps = Annotated[int, typer.Option(help="Random steps to compare with the law.")]
@@ -57,6 +60,7 @@ def export(
     name: CName = "",
     real: Real = "double",
     firmware: Firmware = False,
+    parts: Parts = False,
     watch: Watched = False,
     tube: Tube = 0.01,
     full_range: FullRange = False,
@@ -105,7 +109,8 @@ def export(
     if kind == "ros2":
         written = export_ros2(built, folder, **options)
     else:
-        written = export_c(built, folder, firmware=firmware, **options)
+        reference = loaded.build().reference if parts else None
+        written = export_c(built, folder, firmware=firmware, parts=parts, reference=reference, **options)
     if as_json:
         print(json.dumps({"folder": str(written.folder), "files": [str(file) for file in written.files]}, indent=2))
         return
@@ -206,6 +211,8 @@ def _print_report(report: "ExportReport") -> None:
         table.add_row(f"{found.steps} random steps against the law", text)
         if report.real == "float":
             table.add_row("torque against double precision", f"{found.torque_difference:.2g} N m or N at most")
+    if report.parts is not None:
+        table.add_row("parts", report.parts if report.parts_passed else f"[red]{report.parts}[/red]")
     if report.code_size is not None:
         table.add_row("machine code", f"{report.code_size} bytes")
     if report.stack is not None:

@@ -18,9 +18,11 @@ from tarc.export import vectors
 from tarc.export.c_source import CSource
 from tarc.export.firmware import firmware_texts
 from tarc.export.folder import write_folder
+from tarc.export.parts import Parts
 from tarc.export.project_files import texts
 from tarc.export.traced_law import traced_law
 from tarc.laws.base import Law
+from tarc.signals.references import Reference
 from tarc.signals.torque_limits import TorqueLimits
 
 REALS = ("double", "float")
@@ -82,6 +84,8 @@ def export_c(
     scenario: Mapping[str, Any] | None = None,
     firmware: bool = False,
     watch: Watch | None = None,
+    parts: bool = False,
+    reference: Reference | None = None,
 ) -> Export:
     """Write a law as a C99 project: exactly the step that is simulated and certified.
 
@@ -110,6 +114,10 @@ def export_c(
     watch
         Ranges that the certificate assumes. The output of a step then has flags of what left them, and the input the
         time since the last sample. None to watch nothing.
+    parts
+        Also write ``src/NAME_parts.c``: the estimator alone, M̂(q) where the law has a model, and the reference.
+    reference
+        The reference among the parts; None to leave it out.
 
     Raises
     ------
@@ -128,7 +136,9 @@ def export_c(
     ['CMakeLists.txt', 'CMakeLists.txt', 'LICENSE']
     """
     name = c_name(Path(folder).name if name is None else name, given=name is not None)
-    source, content, digest = c_texts(law, name, real, torque_limits, joint_names, certificate, scenario, watch)
+    source, content, digest = c_texts(
+        law, name, real, torque_limits, joint_names, certificate, scenario, watch, parts, reference
+    )
     if firmware:
         content |= firmware_texts(source)
     return Export(Path(folder), tuple(write_folder("folder", folder, content)), name, real, digest)
@@ -143,6 +153,8 @@ def c_texts(
     certificate: Mapping[str, Any] | None,
     scenario: Mapping[str, Any] | None,
     watch: Watch | None,
+    parts: bool = False,
+    reference: Reference | None = None,
 ) -> tuple[CSource, dict[str, str], str]:
     """Return the C of a law, the text of each file of its project by its path, and the hash of header and source.
 
@@ -156,14 +168,16 @@ def c_texts(
     check.one_of("real", real, REALS)
     source = CSource(traced_law(law, torque_limits, watch), name, real == "float", f"{name}: {type(law).__name__}")
     recorded = vectors.record(source, *vectors.inputs_of(source, VECTORS, SEED))
+    part = Parts(source, reference) if parts else None
     digest = hashlib.sha256((source.header + source.source).encode()).hexdigest()
     content = {
         f"src/{name}.h": source.header,
         f"src/{name}.c": source.source,
         "test/vectors.h": vectors.header(source, recorded),
-        "law.yaml": _law_yaml(law, name, real, digest, joint_names, certificate, scenario, watch),
+        "law.yaml": _law_yaml(law, name, real, digest, joint_names, certificate, scenario, watch, part),
         "LICENSE": _licence(),
-        **texts(source, tuple(joint_names), VECTORS, LICENCE),
+        **texts(source, tuple(joint_names), VECTORS, LICENCE, part),
+        **(part.texts() if part else {}),
     }
     return source, content, digest
 
@@ -193,6 +207,7 @@ def _law_yaml(
     certificate: Mapping[str, Any] | None,
     scenario: Mapping[str, Any] | None,
     watch: Watch | None,
+    parts: Parts | None,
 ) -> str:
     """Return parameters, version, hash and verdict; values as JSON, which YAML reads."""
     parameters = {field.name: _plain(getattr(law, field.name)) for field in fields(law)}
@@ -208,11 +223,13 @@ def _law_yaml(
     }
     if watch is not None:
         sections["watch"] = {field.name: _plain(getattr(watch, field.name)) for field in fields(watch)}
+    if parts is not None:
+        sections["parts"] = {"names": parts.names, "sha256": parts.digest}
     if scenario is not None:
         sections["scenario"] = dict(scenario)
     lines = []
     for key, value in sections.items():
-        if isinstance(value, dict) and key not in ("scenario", "watch"):
+        if isinstance(value, dict) and key not in ("scenario", "watch", "parts"):
             lines.append(f"{key}:")
             lines += [f"  {inner}: {json.dumps(one, ensure_ascii=False)}" for inner, one in value.items()]
         else:

@@ -66,13 +66,7 @@ short ${name}_cia402_torque(${name}_real torque, ${name}_real rated_torque);
 #endif
 """)
 
-SOURCE = Template("""/* $title
- *
- * Compile with -ffp-contract=off, so that products and sums are rounded one by one, and without -ffast-math.
- */
-#include "${name}.h"
-
-#include <math.h>
+DIRECTIVES = """#include <math.h>
 #include <stdbool.h>
 #include <string.h>
 
@@ -84,7 +78,16 @@ SOURCE = Template("""/* $title
 #elif defined(__GNUC__) /* also where a build system leaves the option out */
 #pragma GCC optimize("fp-contract=off")
 #endif
+"""
+"""Includes, and how the compiler must treat floating point."""
 
+SOURCE = Template("""/* $title
+ *
+ * Compile with -ffp-contract=off, so that products and sums are rounded one by one, and without -ffast-math.
+ */
+#include "${name}.h"
+
+$directives
 $start
 $step
 /* Whether all of some numbers are finite. */
@@ -257,6 +260,7 @@ class CSource:
         traced, number = self.traced, self._constants.number
         return SOURCE.substitute(
             self._names,
+            directives=DIRECTIVES,
             start=definitions(traced.start, "start_function", constants, _StartInterface(constants)),
             step=definitions(traced.step, "step_function", constants, _LawInterface(constants, self)),
             fabs=constants.text("fabs(")[:-1],
@@ -274,8 +278,7 @@ class CSource:
     @property
     def uses_library(self) -> bool:
         """Whether the law calls functions that C libraries round differently, such as sin."""
-        words = ("sin", "cos", "tan", "exp", "log", "pow", "hypot")
-        return any(f"{word}{'f' if self.single else ''}(" in self.source for word in words)
+        return calls_library(self.source, self.single)
 
     @property
     def signals(self) -> tuple[Signal, ...]:
@@ -314,3 +317,9 @@ class CSource:
 
 def _field(signal: Signal) -> str:
     return signal.name if signal.size == 1 else f"{signal.name}[{signal.size}]"
+
+
+def calls_library(code: str, single: bool) -> bool:
+    """Whether C calls functions that C libraries round differently, such as sin."""
+    words = ("sin", "cos", "tan", "exp", "log", "pow", "hypot")
+    return any(f"{word}{'f' if single else ''}(" in code for word in words)

@@ -3,7 +3,7 @@
 from string import Template
 
 from tarc.export.c_source import CSource
-from tarc.export.project_files import TOLERANCES
+from tarc.export.tolerances import TOLERANCES
 
 START = """/* Start-up of a Cortex-M: vectors, memory and floating point. */
 #include "semihosting.h"

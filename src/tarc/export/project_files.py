@@ -5,9 +5,8 @@ from string import Template
 from tarc.control.watch import WatchFlag
 from tarc.core.version import __version__
 from tarc.export.c_source import CSource
-
-TOLERANCES = {"double": "1e-9", "float": "1e-4"}
-"""Largest difference, relative to one more than the number, that is rounding: in C."""
+from tarc.export.parts import Parts
+from tarc.export.tolerances import TOLERANCES
 
 REPLAY_HEADER = Template("""/* The recorded steps as the C takes them, and the comparison with what it gives. */
 #ifndef REPLAY_H
@@ -156,7 +155,7 @@ int main(int argc, char **argv)
 CMAKE = Template("""cmake_minimum_required(VERSION 3.10)
 project($name C)
 
-add_library($name src/$name.c)
+add_library($name src/$name.c$more_sources)
 target_include_directories($name PUBLIC src)
 set_target_properties($name PROPERTIES C_STANDARD 99 C_STANDARD_REQUIRED ON C_EXTENSIONS OFF)
 if(NOT MSVC)
@@ -169,6 +168,11 @@ enable_testing()
 add_executable(${name}_replay test/replay.c)
 target_link_libraries(${name}_replay $name)
 add_test(NAME replay COMMAND ${name}_replay)
+$test_parts""")
+
+TEST_PARTS = Template("""add_executable(${name}_parts test/parts.c)
+target_link_libraries(${name}_parts $name)
+add_test(NAME parts COMMAND ${name}_parts)
 """)
 
 PLATFORMIO = Template("""{
@@ -201,7 +205,7 @@ build:
 
 ZEPHYR_CMAKE = """zephyr_include_directories(../src)
 zephyr_library_named($name)
-zephyr_library_sources(../src/$name.c)
+zephyr_library_sources(../src/$name.c$more_zephyr)
 zephyr_library_compile_options(-ffp-contract=off)
 """
 
@@ -244,7 +248,7 @@ The joints, in order: $joints.
 A sample that is not finite counts as missing, and is bridged for up to $max_missing periods in a row.
 The C sets no deadline and checks no clock: call it at its period, with a sample of that period.
 
-$watched## Check it
+$watched$parts## Check it
 
 ```console
 $$ cc -std=c99 -O2 -ffp-contract=off -Isrc -Itest src/$name.c test/replay.c -lm -o replay && ./replay
@@ -285,7 +289,33 @@ def watched_text(source: CSource) -> str:
     return WATCHED.substitute(rows="\n".join(rows))
 
 
-def texts(source: CSource, joints: tuple[str, ...], count: int, licence: str) -> dict[str, str]:
+PARTS = Template("""## Its parts
+
+`src/${name}_parts.c` has parts of the law as functions of their own, which share no memory with `${name}_step`:
+
+$rows
+
+`test/parts.c` compares them with what Python computes, bit by bit.
+
+""")
+
+PART_MEANINGS = {
+    "estimator": "`{name}_estimator_reset` and `{name}_estimator_step`: velocity and acceleration from positions",
+    "inertia": "`{name}_inertia`: the nominal inertia of the law's model at a position",
+    "reference": "`{name}_reference`: the reference and its two derivatives at a time",
+}
+
+
+def parts_text(parts: Parts) -> str:
+    """Return the README's section on the parts."""
+    name = parts.source.name
+    rows = "\n".join(f"- {PART_MEANINGS[part].format(name=name)}" for part in parts.names)
+    return PARTS.substitute(name=name, rows=rows)
+
+
+def texts(
+    source: CSource, joints: tuple[str, ...], count: int, licence: str, parts: Parts | None = None
+) -> dict[str, str]:
     """Return the text of each file by its path, those of the C, its vectors and the law's parameters aside."""
     law = source.traced.law
     n, lines = law.n_joints, [f"  for (int i = 0; i < {law.n_joints}; ++i)", "    values[i] = out->torque[i];"]
@@ -309,7 +339,16 @@ def texts(source: CSource, joints: tuple[str, ...], count: int, licence: str) ->
         "watched": watched_text(source),
         "fill_elapsed": "",
         "use_elapsed": "",
+        "more_sources": "",
+        "more_zephyr": "",
+        "test_parts": "",
+        "parts": "",
     }
+    if parts is not None:
+        values["more_sources"] = f" src/{source.name}_parts.c"
+        values["more_zephyr"] = f" ../src/{source.name}_parts.c"
+        values["test_parts"] = TEST_PARTS.substitute(name=source.name)
+        values["parts"] = parts_text(parts)
     if source.traced.watch is not None:
         values["fill_elapsed"] = f"  in->elapsed = number(row[5 * {source.name.upper()}_JOINTS]);\n"
         values["use_elapsed"] = "  in.elapsed = 0; /* time since the last sample [s], where you have it */\n"

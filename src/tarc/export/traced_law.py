@@ -1,5 +1,6 @@
 """A law as functions of packed vectors: its step, its start, and where their numbers stand."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -151,9 +152,32 @@ def _start(law: Law, limits: TorqueLimits | None) -> ca.Function:
             return pack(law.with_model_state(super(TDE, law).init(q, applied), *model))
         return pack(limited_start(law, limits, q, applied))
 
-    size = symbols.numel()
-    scale = np.ones(size)
+    scale = np.ones(symbols.numel())
     scale[n : 2 * n] = 0.25 * np.minimum(law.torque_limits, 4.0)
+    rows = affine(state, symbols, scale, type(law).__name__)
+    return ca.Function("start", [position, torque], [rows], {"cse": True})
+
+
+def affine(state: Callable[[Array], Array], symbols: ca.SX, scale: Array, label: str) -> ca.SX:
+    """Return a state at the start as an affine expression of symbols, from its own values at zero and at one for each.
+
+    Parameters
+    ----------
+    state
+        Function of the symbols' values.
+    symbols
+        What it depends on, a column.
+    scale
+        Step of each symbol.
+    label
+        What has the state, for messages.
+
+    Raises
+    ------
+    UnsupportedLaw
+        Where the state is not affine.
+    """
+    size = symbols.numel()
     base = state(np.zeros(size))
     columns = np.array([(state(step * unit) - base) / step for unit, step in zip(np.eye(size), scale, strict=True)])
     rng = np.random.default_rng(0)
@@ -161,7 +185,7 @@ def _start(law: Law, limits: TorqueLimits | None) -> ca.Function:
         expected, found = state(z), base + z @ columns
         if not np.all(np.abs(found - expected) <= START_TOLERANCE * (1 + np.abs(expected))):
             raise UnsupportedLaw(
-                f"export: the state of {type(law).__name__} at the start is not affine in position and torque, so that "
+                f"export: the state of {label} at the start is not affine in position and torque, so that "
                 "it has no C; run it by Controller, or export another law"
             )
     rows = []
@@ -171,4 +195,4 @@ def _start(law: Law, limits: TorqueLimits | None) -> ca.Function:
             term = symbols[int(k)] if row[k] == 1 else float(row[k]) * symbols[int(k)]
             value = term if isinstance(value, float) and value == 0 else value + term
         rows.append(ca.SX(value))
-    return ca.Function("start", [position, torque], [ca.vertcat(*rows)], {"cse": True})
+    return ca.vertcat(*rows)

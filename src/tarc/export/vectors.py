@@ -110,18 +110,20 @@ def _record_single(traced: TracedLaw, position: Array, torque: Array, inputs: Ar
     return Vectors(position, torque, inputs, np.array(outputs))
 
 
+def bit_rows(values: Array, single: bool) -> str:
+    """Return rows of numbers in C, as bit patterns."""
+    bits, real = (np.uint32, np.float32) if single else (np.uint64, np.float64)
+    digits, suffix = (8, "u") if single else (16, "ull")
+    patterns = np.atleast_2d(values).astype(real).view(bits)
+    return ",\n".join("  {" + ", ".join(f"0x{int(one):0{digits}x}{suffix}" for one in row) + "}" for row in patterns)
+
+
 def header(source: CSource, vectors: Vectors) -> str:
     """Return the vectors in C, as bit patterns."""
-    bits = np.uint32 if source.single else np.uint64
-    real = np.float32 if source.single else np.float64
-    kind, digits = ("uint32_t", 8) if source.single else ("uint64_t", 16)
-    suffix = "u" if source.single else "ull"
+    kind = "uint32_t" if source.single else "uint64_t"
 
     def rows(values: Array) -> str:
-        patterns = np.atleast_2d(values).astype(real).view(bits)
-        return ",\n".join(
-            "  {" + ", ".join(f"0x{int(one):0{digits}x}{suffix}" for one in row) + "}" for row in patterns
-        )
+        return bit_rows(values, source.single)
 
     count, n_inputs = vectors.inputs.shape
     start = np.concatenate([vectors.position, vectors.torque])

@@ -106,6 +106,10 @@ class ExportReport:
         Of the machine code [bytes]; None where it is unknown.
     stack
         Of a step [bytes]; None where the compiler does not tell.
+    parts
+        What the test of the law's parts printed; None where they are not there.
+    parts_passed
+        Whether it passed, without warnings of the compiler.
     """
 
     name: str
@@ -116,6 +120,8 @@ class ExportReport:
     comparison: Comparison | None
     code_size: int | None
     stack: int | None
+    parts: str | None = None
+    parts_passed: bool = True
 
     @property
     def passed(self) -> bool:
@@ -123,7 +129,8 @@ class ExportReport:
         limits = TOLERANCES[self.real]
         compared = self.comparison is None or (self.comparison.decisions == 0 and self.comparison.largest <= limits)
         replayed = all(replay.passed and not replay.warnings for replay in self.replays)
-        return self.is_unchanged and self.is_same_law is not False and compared and replayed
+        same = self.is_unchanged and self.is_same_law is not False
+        return same and compared and replayed and self.parts_passed
 
 
 def verify_export(
@@ -167,13 +174,17 @@ def verify_export(
     with tempfile.TemporaryDirectory() as work:
         replays = tuple(_replay(root, name, [*command, level], Path(work)) for level in LEVELS)
         code_size, stack = _sizes(root, name, command, Path(work))
+        parts, parts_passed = None, True
+        if "parts" in content:
+            parts, parts_passed = _parts(root, name, [*command, LEVELS[0]], Path(work))
+            unchanged = unchanged and _parts_digest(root, name) == content["parts"]["sha256"]
         if law is not None:
             fresh = CSource(
                 traced_law(law, torque_limits, watch), name, real == "float", f"{name}: {type(law).__name__}"
             )
             same = fresh.header == header and fresh.source == source
             comparison = _compare(fresh, command, Path(work), steps, seed)
-    return ExportReport(name, real, unchanged, same, replays, comparison, code_size, stack)
+    return ExportReport(name, real, unchanged, same, replays, comparison, code_size, stack, parts, parts_passed)
 
 
 def numbers_of(parameters: dict[str, Any]) -> dict[str, Any]:
@@ -259,6 +270,21 @@ def _replay(root: Path, name: str, command: Sequence[str], work: Path) -> Replay
         total,
         1e-9 * float(timed[1]),
     )
+
+
+def _parts(root: Path, name: str, command: Sequence[str], work: Path) -> tuple[str, bool]:
+    """Compile and run the test of the parts; return what it printed, and whether it passed."""
+    binary = str(work / "parts")
+    sources = [str(root / "src" / f"{name}_parts.c"), str(root / "test" / "parts.c")]
+    includes = [f"-I{root / 'src'}", f"-I{root / 'test'}"]
+    printed = compile_c([*command, *BASE_FLAGS, *WARNINGS, *includes, *sources, "-o", binary, "-lm"])
+    process = run_command([binary])
+    return (printed or process.stdout.strip()), process.returncode == 0 and not printed
+
+
+def _parts_digest(root: Path, name: str) -> str:
+    header, source = (read_text("folder", root / "src" / f"{name}_parts{end}") for end in (".h", ".c"))
+    return hashlib.sha256((header + source).encode()).hexdigest()
 
 
 def _sizes(root: Path, name: str, command: Sequence[str], work: Path) -> tuple[int | None, int | None]:

@@ -11,7 +11,7 @@ from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter
 from tarc.core.types import Array
 from tarc.core.validation import Numbers
-from tarc.signals.references import Reference, sample_curve
+from tarc.signals.references import PolynomialPieces, Reference, sample_curve
 from tarc.signals.trajectory_file import check_overlap
 from tarc.signals.trajectory_message import TrajectoryPoints, read_points
 
@@ -104,6 +104,10 @@ class JointTrajectory(Reference):
     def sample(self, times: Numbers) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return position, velocity and acceleration, each of shape (n, k); held before and after the trajectory."""
         return sample_curve(self._curve, np.asarray(times, dtype=float), self._times[0], self._times[-1])
+
+    def pieces(self) -> PolynomialPieces:
+        """Return the polynomials between the points."""
+        return PolynomialPieces.from_curve(self._curve, self._times)
 
 
 def hermite_curve(times: Array, positions: Array, velocities: Array, accelerations: Array) -> Callable[..., np.ndarray]:

@@ -4,16 +4,56 @@ from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import factorial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
+from tarc.core import array_ops as ops
 from tarc.core import validation as check
 from tarc.core.component import Component
-from tarc.core.errors import InvalidParameter
+from tarc.core.errors import InvalidParameter, UnsupportedLaw
+from tarc.core.types import Array, Vector
 from tarc.core.validation import Numbers, Table
 from tarc.signals.smoothing import smoothing_curve
 from tarc.signals.trajectory_file import Record, are_numbered, check_overlap, read_record
+
+POLYNOMIAL_DEGREE = 5
+"""Largest degree of a piece of a reference."""
+
+
+class PolynomialPieces(NamedTuple):
+    """Polynomials of degree five in time, q = Σ c_j (t − t_i)^j from t_i to the next; held before and after.
+
+    Attributes
+    ----------
+    times
+        t_0, …, t_k [s], increasing, shape (k + 1,).
+    coefficients
+        c_j of each piece, shape (k, 6, n).
+    end
+        Position at the last time [rad or m], shape (n,).
+    """
+
+    times: Array
+    coefficients: Array
+    end: Array
+
+    @classmethod
+    def from_curve(cls, curve: Callable[..., np.ndarray], times: Array) -> "PolynomialPieces":
+        """Return the pieces of a curve from a time to its next; each is its Taylor series there.
+
+        Parameters
+        ----------
+        curve
+            Function of times (k,) and the order of a derivative, with values (k, n).
+        times
+            Where pieces begin and end, shape (k + 1,).
+        """
+        starts = times[:-1]
+        coefficients = [curve(starts, order) / factorial(order) for order in range(POLYNOMIAL_DEGREE + 1)]
+        return cls(times, np.stack(coefficients, axis=1), curve(times[-1:])[0])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,6 +68,23 @@ class Reference(Component):
     @abstractmethod
     def sample(self, times: Numbers) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return position, velocity and acceleration [rad or m, /s, /s²] at the times (k,), each of shape (n, k)."""
+
+    def at(self, time: Vector) -> tuple[Vector, Vector, Vector]:
+        """Return `sample` at one time, each (n,); accepts a CasADi symbol.
+
+        Raises
+        ------
+        UnsupportedLaw
+            For a symbol and a curve that is no formula, whose `pieces` are polynomials.
+        """
+        if ops.symbolic(time):
+            raise UnsupportedLaw(f"reference: {type(self).__name__} is no formula in time; use its pieces")
+        position, velocity, acceleration = self.sample(np.array([time]))
+        return position[:, 0], velocity[:, 0], acceleration[:, 0]
+
+    def pieces(self) -> "PolynomialPieces | None":
+        """Return the polynomials that it consists of, or None for a formula in time."""
+        return None
 
     def for_run(self, joint_names: Sequence[str], duration: float) -> "Reference":
         """Return the reference for a robot with these joints and a run of a duration [s]; by default itself.
@@ -75,9 +132,17 @@ class Sinusoid(Reference):
 
     def sample(self, times: Numbers) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return position, velocity and acceleration, each of shape (n, k)."""
-        amplitude, frequency, phase, offset = (row[:, None] for row in self._table)
-        angle = frequency * np.asarray(times, dtype=float) + phase
-        wave, slope = amplitude * np.sin(angle), amplitude * np.cos(angle)
+        return self._formula(np.asarray(times, dtype=float), self._table[..., None])
+
+    def at(self, time: Vector) -> tuple[Vector, Vector, Vector]:
+        """Return position, velocity and acceleration at one time, each (n,); accepts a CasADi symbol."""
+        return self._formula(time, self._table)
+
+    @staticmethod
+    def _formula(times: Vector, table: np.ndarray) -> tuple[Vector, Vector, Vector]:
+        amplitude, frequency, phase, offset = table
+        angle = frequency * times + phase
+        wave, slope = amplitude * ops.sin(angle), amplitude * ops.cos(angle)
         return offset + wave, frequency * slope, -(frequency**2) * wave
 
 
@@ -140,6 +205,18 @@ class Multisine(Reference):
         velocity = np.einsum("nm,nmk->nk", amplitude * frequency, cosine)
         return position, velocity, -np.einsum("nm,nmk->nk", amplitude * frequency**2, sine)
 
+    def at(self, time: Vector) -> tuple[Vector, Vector, Vector]:
+        """Return position, velocity and acceleration at one time, each (n,); accepts a CasADi symbol."""
+        amplitude, frequency, phase, offset = self._tables
+        position, velocity, acceleration = offset, 0.0, 0.0
+        for tone, rate in enumerate(frequency.tolist()):
+            angle = rate * time + phase[:, tone]
+            wave, slope = amplitude[:, tone] * ops.sin(angle), amplitude[:, tone] * ops.cos(angle)
+            position = position + wave
+            velocity = velocity + rate * slope
+            acceleration = acceleration - rate**2 * wave
+        return position, velocity, acceleration
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Chirp(Reference):
@@ -174,17 +251,24 @@ class Chirp(Reference):
 
     def sample(self, times: Numbers) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return position, velocity and acceleration, each of shape (n, k)."""
-        t = np.asarray(times, dtype=float)
-        inside = np.minimum(t, self.sweep_time)
-        rate = (self.stop_frequency - self.start_frequency) / self.sweep_time
-        angle = self.start_frequency * inside + rate * inside**2 / 2 + self.stop_frequency * (t - inside)
-        frequency, slope = self.start_frequency + rate * inside, np.where(t < self.sweep_time, rate, 0.0)
         amplitude = check.vector("amplitude", self.amplitude, self.n_joints)[:, None]
         offset = check.vector("offset", self.offset, self.n_joints)[:, None]
-        acceleration = slope * np.cos(angle) - frequency**2 * np.sin(angle)
+        return self._formula(np.asarray(times, dtype=float), amplitude, offset)
+
+    def at(self, time: Vector) -> tuple[Vector, Vector, Vector]:
+        """Return position, velocity and acceleration at one time, each (n,); accepts a CasADi symbol."""
+        amplitude = check.vector("amplitude", self.amplitude, self.n_joints)
+        return self._formula(time, amplitude, check.vector("offset", self.offset, self.n_joints))
+
+    def _formula(self, t: Vector, amplitude: np.ndarray, offset: np.ndarray) -> tuple[Vector, Vector, Vector]:
+        inside = ops.minimum(t, self.sweep_time)
+        rate = (self.stop_frequency - self.start_frequency) / self.sweep_time
+        angle = self.start_frequency * inside + rate * inside**2 / 2 + self.stop_frequency * (t - inside)
+        frequency, slope = self.start_frequency + rate * inside, ops.where(t < self.sweep_time, rate, 0.0)
+        acceleration = slope * ops.cos(angle) - frequency**2 * ops.sin(angle)
         return (
-            offset + amplitude * np.sin(angle),
-            amplitude * frequency * np.cos(angle),
+            offset + amplitude * ops.sin(angle),
+            amplitude * frequency * ops.cos(angle),
             amplitude * acceleration,
         )
 
@@ -236,6 +320,10 @@ class Quintic(Reference):
     def sample(self, times: Numbers) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return position, velocity and acceleration, each of shape (n, k)."""
         return sample_curve(self._curve, np.asarray(times, dtype=float), self.times[0], self.times[-1])
+
+    def pieces(self) -> PolynomialPieces:
+        """Return the polynomials between the way-points."""
+        return PolynomialPieces.from_curve(self._curve, np.array(self.times, dtype=float))
 
 
 def sample_curve(
@@ -344,3 +432,7 @@ class RecordedReference(Reference):
     def sample(self, times: Numbers) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return position, velocity and acceleration, each of shape (n, k); held before and after the record."""
         return sample_curve(self._curve, np.asarray(times, dtype=float), self._times[0], self._times[-1])
+
+    def pieces(self) -> PolynomialPieces:
+        """Return the polynomials between the rows."""
+        return PolynomialPieces.from_curve(self._curve, self._times)
