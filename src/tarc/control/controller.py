@@ -159,6 +159,19 @@ class Controller:
         law, output = self._limited_step(state.law, value._replace(position=position, reference=reference))
         return _CheckedState(last_position, last_reference, law), output
 
+    def give_up(self) -> None:
+        """Apply the safe torque from the next step on, until the next `reset`, as after too many missing samples.
+
+        Raises
+        ------
+        ControllerNotReset
+            Before the first `reset`.
+        """
+        if not self._ready:
+            raise ControllerNotReset("Controller.give_up: called before reset; call reset(position) first")
+        marked = self._law_state._replace(fault=np.array(np.nan))
+        self._call.state[np.flatnonzero(np.isnan(self._packed(marked)))] = 1.0
+
     def state_at_start(self, position: Numbers, torque: Numbers = 0.0) -> np.ndarray:
         """Return the packed state of `function` at rest at a position with a torque applied, each (n,)."""
         return self._packed(limited_start(self.law, self._limits, position, torque))
@@ -264,8 +277,8 @@ class Controller:
         if self._fault[0] and not self._warned:
             self._warned = True
             log.error(
-                "%d samples missing in a row: the safe torque (%s) is applied until reset",
-                int(self._missing[0]),
+                "%s: the safe torque (%s) is applied until reset",
+                f"{self.missing} samples missing in a row" if self.missing else "the law gave up",
                 getattr(self.law.safe_torque, "__name__", self.law.safe_torque),
             )
         return self._torque

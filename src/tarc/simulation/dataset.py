@@ -67,13 +67,13 @@ def dataset(
     attributes = {
         "title": f"{type(controller.law).__name__} on {plant.label}",
         "source": f"tarc-control {__version__}",
-        "plant": _to_json(_describe(plant)),
-        "law": _to_json(_describe(controller.law)),
-        "reference_signal": _to_json(_describe(reference)),
-        "sensor": _to_json(_describe(controller.sensor)),
-        "drive": "" if drive is None else _to_json(_describe(drive)),
-        "torque_limits": "" if controller.torque_limits is None else _to_json(_describe(controller.torque_limits)),
-        "disturbance": _to_json([_describe(event) for event in inputs.events]),
+        "plant": to_json(describe(plant)),
+        "law": to_json(describe(controller.law)),
+        "reference_signal": to_json(describe(reference)),
+        "sensor": to_json(describe(controller.sensor)),
+        "drive": "" if drive is None else to_json(describe(drive)),
+        "torque_limits": "" if controller.torque_limits is None else to_json(describe(controller.torque_limits)),
+        "disturbance": to_json([describe(event) for event in inputs.events]),
         "period": controller.law.period,
         "substeps": inputs.disturbance.shape[2],
         "computation_delay": controller.computation_delay,
@@ -124,7 +124,7 @@ def _with_derived_signals(
     return arrays
 
 
-def _to_json(content: object) -> str:
+def to_json(content: object) -> str:
     """Return the JSON of a description, with arrays as lists and infinities as text."""
 
     def plain(value: object) -> object:
@@ -141,14 +141,14 @@ def _to_json(content: object) -> str:
     return json.dumps(plain(content))
 
 
-def _describe(part: object) -> dict[str, Any]:
+def describe(part: object) -> dict[str, Any]:
     """Return kind and parameters of a component, ready for JSON."""
     result: dict[str, Any] = {"kind": type(part).__name__}
     if is_dataclass(part):
         for field in fields(part):
             value = getattr(part, field.name)
             if is_dataclass(value):
-                value = _describe(value)
+                value = describe(value)
             if value is not None:
                 result[field.name] = value
     elif isinstance(part, Plant):

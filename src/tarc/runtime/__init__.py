@@ -1,0 +1,48 @@
+"""The loop on the machine: a law at absolute deadlines on a robot, with limits, a safe stop and a log."""
+
+from typing import TYPE_CHECKING
+
+from tarc.core.lazy import lazy_attributes
+
+if TYPE_CHECKING:
+    from tarc.runtime.clock import Clock, SimulatedClock
+    from tarc.runtime.limits import SafetyLimits
+    from tarc.runtime.live_loop import StartUp
+    from tarc.runtime.live_run import LiveRun, run_live
+    from tarc.runtime.mujoco_robot import MujocoRobot
+    from tarc.runtime.packet_robot import PacketRobot, udp_robot
+    from tarc.runtime.push import Push, PushResponse
+    from tarc.runtime.robot import Robot
+
+__all__ = [
+    "Clock",
+    "LiveRun",
+    "MujocoRobot",
+    "PacketRobot",
+    "Push",
+    "PushResponse",
+    "Robot",
+    "SafetyLimits",
+    "SimulatedClock",
+    "StartUp",
+    "run_live",
+    "udp_robot",
+]
+
+__getattr__, __dir__, _ = lazy_attributes(
+    __name__,
+    {
+        "Clock": "tarc.runtime.clock",
+        "LiveRun": "tarc.runtime.live_run",
+        "MujocoRobot": "tarc.runtime.mujoco_robot",
+        "PacketRobot": "tarc.runtime.packet_robot",
+        "Push": "tarc.runtime.push",
+        "PushResponse": "tarc.runtime.push",
+        "Robot": "tarc.runtime.robot",
+        "SafetyLimits": "tarc.runtime.limits",
+        "SimulatedClock": "tarc.runtime.clock",
+        "StartUp": "tarc.runtime.live_loop",
+        "run_live": "tarc.runtime.live_run",
+        "udp_robot": "tarc.runtime.packet_robot",
+    },
+)

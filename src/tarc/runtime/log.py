@@ -1,0 +1,86 @@
+"""The log of a run: the loop writes rows into shared memory, and another process writes them into a file."""
+
+import json
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from tarc.core.errors import InvalidParameter
+from tarc.core.files import file_in_folder, writing
+from tarc.runtime.ring import Ring
+from tarc.runtime.shared_memory import shared_memory_folder
+
+CAPACITY = 8192
+"""Rows of the ring: 8 s at 1 kHz."""
+PATIENCE = 30.0
+"""Time that the writer has to start, and to finish [s]."""
+
+
+class Log:
+    """Rows of a run on their way to a file.
+
+    Parameters
+    ----------
+    head
+        As `tarc.runtime.log_format.header` has it.
+    target
+        The netCDF file; None for a ring alone, which a display may read.
+
+    Attributes
+    ----------
+    folder
+        Where header and ring are.
+    target
+        The file.
+    """
+
+    def __init__(self, head: Mapping[str, Any], target: Path | None):
+        self.target = None if target is None else file_in_folder("log", target)
+        self._period = float(head["period"])
+        self.folder = Path(tempfile.mkdtemp(prefix="tarc-log-", dir=shared_memory_folder()))
+        (self.folder / "header.json").write_text(json.dumps(head), encoding="utf-8")
+        self.ring = Ring.create(self.folder / "ring", CAPACITY, int(head["width"]))
+        self._process: subprocess.Popen[bytes] | None = None
+        if self.target is not None:
+            self._start(self.target)
+
+    def _start(self, target: Path) -> None:
+        with writing("log", target):
+            target.open("wb").close()
+        command = [sys.executable, "-m", "tarc.runtime.log_writer", str(self.folder), str(target.resolve())]
+        with (self.folder / "errors").open("wb") as errors:
+            self._process = subprocess.Popen(
+                command, start_new_session=True, stdin=subprocess.DEVNULL, stderr=errors, stdout=errors
+            )
+        end = time.monotonic() + PATIENCE
+        while not (self.folder / "ready").exists():
+            if self._process.poll() is not None or time.monotonic() > end:
+                lines = (self.folder / "errors").read_text(encoding="utf-8").strip().splitlines()
+                self.close({})
+                raise InvalidParameter(f"log: cannot write {target}: {(lines or ['its process does not answer'])[-1]}")
+            time.sleep(0.01)
+
+    def close(self, attributes: Mapping[str, Any]) -> None:
+        """End the ring, and wait until the file is complete.
+
+        Parameters
+        ----------
+        attributes
+            To set in the file.
+        """
+        partial = self.folder / "end.json.part"
+        partial.write_text(json.dumps(dict(attributes)), encoding="utf-8")
+        partial.rename(self.folder / "end.json")
+        self.ring.end()
+        if self._process is not None:
+            try:
+                self._process.wait(PATIENCE)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
+        shutil.rmtree(self.folder, ignore_errors=True)
