@@ -143,7 +143,7 @@ class LiveLoop:
         self._nothing = np.full(self._n, np.nan)
         self._torque = np.zeros(self._n)
         self._target = (np.zeros(self._n),) * 3
-        self._start = self._begin = self._last_sample = 0.0
+        self._start = self._origin = self._begin = self._last_sample = 0.0
         self._last_stamp = np.nan
         self._stamp_offset: float | None = None
         self._k = 0
@@ -261,7 +261,7 @@ class LiveLoop:
                 arrival = self._clock.now()
                 break
             self._clock.sleep_until(self._clock.now() + self._period / 20)
-        self._start = arrival + self._period / 2
+        self._start = self._origin = arrival + self._period / 2
         self._last_sample = arrival
 
     def _open_brakes(self, holding: Array) -> None:
@@ -338,6 +338,7 @@ class LiveLoop:
             reason = self._fault(position, missed)
             if reason:
                 self._give_up(reason)
+                phase = Phase.SAFE_STOP
                 torque = self._controller.step(position, *self._target)
         self._write(torque)
         self._record(phase, position, missed)
@@ -350,6 +351,7 @@ class LiveLoop:
         reason = self._late_sample(missed)
         if reason and not self.ended:
             self._give_up(reason)
+            phase = Phase.SAFE_STOP
         self._write(torque)
         self._record(phase, position, missed)
         return position
@@ -447,7 +449,7 @@ class LiveLoop:
         stamp = self._robot.sample_time if is_new else np.nan
         lateness, computation = self._lateness, end - self._begin
         views["period"][0], views["phase"][0], views["overrun"][0] = self._k, phase, 0.0
-        views["period_start"][0], views["lateness"][0] = self._begin - self._start, lateness
+        views["period_start"][0], views["lateness"][0] = self._begin - self._origin, lateness
         views["computation_time"][0], views["sample_time"][0] = computation, stamp
         views["measured_position"][:] = position
         views["reference"][:], views["velocity_reference"][:], views["acceleration_reference"][:] = self._target

@@ -111,7 +111,6 @@ class PacketRobot(Robot):
     def release_brakes(self) -> None:
         """Let every later command release the brakes."""
         self._flags |= Flag.RELEASE
-        self._send()
 
     def engage_brakes(self) -> None:
         """Send the safe stop at once, and with every later command."""

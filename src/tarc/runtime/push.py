@@ -218,14 +218,16 @@ def unit_responses(torque: Array, frictions: Array, period: float) -> Array:
     responses = np.zeros((len(torque), len(frictions)))
     for k, push in enumerate(torque):
         responses[k] = position
-        direction = np.where(velocity != 0, np.sign(velocity), np.sign(push))
-        is_stuck = (velocity == 0) & (np.abs(push) <= frictions)
-        acceleration = np.where(is_stuck, 0.0, push - frictions * direction)
-        last = velocity
-        velocity = velocity + period * acceleration
-        # friction stops a motion and does not turn it round
-        velocity = np.where((last * velocity < 0) & (np.abs(push) <= frictions), 0.0, velocity)
-        position = position + period * (last + velocity) / 2
+        from_rest = np.sign(push) * np.maximum(np.abs(push) - frictions, 0.0)
+        acceleration = np.where(velocity == 0, from_rest, push - frictions * np.sign(velocity))
+        turns = velocity * (velocity + period * acceleration) < 0
+        until_rest = np.where(turns, -velocity / np.where(turns, acceleration, 1.0), 0.0)
+        left = np.where(turns, period - until_rest, period)
+        position = position + until_rest * velocity / 2
+        velocity = np.where(turns, 0.0, velocity)
+        acceleration = np.where(turns, from_rest, acceleration)
+        position = position + left * velocity + left**2 / 2 * acceleration
+        velocity = velocity + left * acceleration
     return responses.T
 
 
