@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from tarc.core.lazy import lazy_attributes
 
 if TYPE_CHECKING:
-    from tarc import analysis, certificates, design, estimators, export, laws, paper, plants, signals, study
+    from tarc import analysis, certificates, design, estimators, export, laws, paper, plants, runtime, signals, study
     from tarc.certification import certify_law
     from tarc.control.controller import Controller
     from tarc.control.watch import Watch, Watcher, WatchFlag
@@ -54,6 +54,7 @@ __all__ = [
     "paper",
     "plants",
     "replay",
+    "runtime",
     "signals",
     "simulate",
     "study",
@@ -86,5 +87,17 @@ __getattr__, __dir__, _ = lazy_attributes(
         "replay": "tarc.logs.replayed",
         "simulate": "tarc.simulation.simulator",
     },
-    ("analysis", "certificates", "design", "estimators", "export", "laws", "paper", "plants", "signals", "study"),
+    (
+        "analysis",
+        "certificates",
+        "design",
+        "estimators",
+        "export",
+        "laws",
+        "paper",
+        "plants",
+        "runtime",
+        "signals",
+        "study",
+    ),
 )

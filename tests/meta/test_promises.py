@@ -26,6 +26,7 @@ PACKAGES = [
             "paper",
             "design",
             "export",
+            "runtime",
             "study",
         )
     ),

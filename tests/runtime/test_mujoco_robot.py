@@ -7,6 +7,8 @@ import sys
 import textwrap
 import threading
 import time
+from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -43,8 +45,8 @@ def arm(tmp_path_factory) -> tarc.plants.MujocoPlant:
     return tarc.plants.MujocoPlant.from_file(file)
 
 
-def law(**changes: object) -> tarc.laws.TDC:
-    parameters = {"torque_limit": [40.0, 20.0], "max_missing": 100_000} | changes
+def law(**changes: Any) -> tarc.laws.TDC:
+    parameters: dict[str, Any] = {"torque_limit": [40.0, 20.0], "max_missing": 100_000} | changes
     return tarc.laws.TDC(
         inertia=[0.03, 0.006],
         natural_frequency=15.0,
@@ -182,17 +184,23 @@ def test_a_log_survives_its_loop(arm, tmp_path):
     process.kill()
     process.wait()
     process.stdout.close()
+    run = finished_log(tmp_path / "log.nc")
+    assert run.data.attrs["ended"] == ENDED_BY_FORCE
+    assert run.data.sizes["time"] > 100
+
+
+def finished_log(file: Path) -> tarc.Run:
+    """Return the log, once its process has finished it."""
     end = time.monotonic() + 20
     while time.monotonic() < end:
         time.sleep(0.1)
         try:
-            run = tarc.Run.load(tmp_path / "log.nc")
+            run = tarc.Run.load(file)
         except InvalidParameter:  # still being written
             continue
         if "duration" in run.data.attrs:
-            break
-    assert run.data.attrs["ended"] == ENDED_BY_FORCE
-    assert run.data.sizes["time"] > 100
+            return run
+    pytest.fail("the log was not finished")
 
 
 @pytest.mark.slow

@@ -19,11 +19,8 @@ from tarc.signals.torque_limits import TorqueLimits
 class SafetyLimits(Component):
     """Limits of torque, its rate, error, speed and steps between samples; each one number or one per joint.
 
-    | limit | reaction |
-    | --- | --- |
-    | ``torque``, ``torque_rate`` | the torque is clipped, and the law knows what passed |
-    | ``max_step`` | the sample counts as missing; too many in a row are a fault of the law, and a safe stop |
-    | ``error``, ``speed`` | safe stop |
+    Torque and rate are clipped, and the law knows what passed. A sample beyond ``max_step`` counts as missing; too many
+    in a row are a fault of the law, and a safe stop. Error and speed beyond their limits are a safe stop at once.
 
     Parameters
     ----------

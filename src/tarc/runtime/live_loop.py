@@ -142,7 +142,7 @@ class LiveLoop:
         self._signals = [(self._views[name], values) for name, values in parts.controller.signals.items()]
         self._nothing = np.full(self._n, np.nan)
         self._torque = np.zeros(self._n)
-        self._target = (np.zeros(self._n),) * 3
+        self._target = np.zeros(self._n), np.zeros(self._n), np.zeros(self._n)
         self._start = self._origin = self._begin = self._last_sample = 0.0
         self._last_stamp = np.nan
         self._stamp_offset: float | None = None
@@ -313,7 +313,8 @@ class LiveLoop:
         if not self.ended:
             reason = self.stop_request or COMPLETED
             self.stop_request, self._is_stopping = "", True
-            self._follow(Phase.STOP, stop(*self._target, self._period, start_up.stop_time))
+            position, velocity, acceleration = self._target
+            self._follow(Phase.STOP, stop(position, velocity, acceleration, self._period, start_up.stop_time))
             if not self.ended:
                 self._is_orderly, self.ended = True, reason
                 self._robot.engage_brakes()

@@ -145,8 +145,8 @@ def run_live(
     watchdog
         Longest time without a sample, and longest time that the loop may stand still [s]; then a safe stop.
     overrun
-        What a missed period is: ``bridge``, the law goes through it without a sample; ``skip``, the law does not know
-        of it; ``stop``, a safe stop.
+        What a missed period is. By ``bridge`` the law goes through it without a sample, by ``skip`` it does not know
+        of it, and ``stop`` is a safe stop.
     watch
         The certificate's assumptions, as `tarc.analysis.watch_workspace` returns them. They are recorded.
     priority
@@ -169,8 +169,8 @@ def run_live(
     Raises
     ------
     InvalidParameter
-        For a period that this machine cannot hold, joints in another order than the robot's, a law without a torque
-        limit, and a robot without a valid position. The robot's brakes stay closed.
+        For a period that this machine cannot hold, and joints in another order than the robot's. For a law without a
+        torque limit, and a robot without a valid position. The robot's brakes stay closed.
     """
     limits, start_up, clock = limits or SafetyLimits(), start_up or StartUp(), clock or Clock()
     check.one_of("overrun", overrun, OVERRUN_POLICIES)
@@ -200,6 +200,10 @@ def run_live(
         if on_log is not None:
             on_log(record)
         _run(loop, robot, guard, record)
+    return _result(loop, robot, record, facts)
+
+
+def _result(loop: LiveLoop, robot: Robot, record: Log, facts: Mapping[str, str]) -> LiveRun:
     return LiveRun(
         loop.ended,
         loop.is_safe_stop,

@@ -81,8 +81,8 @@ class PushResponse:
     stable
         Inertia ratios for which the law's loop is stable, as intervals; empty where unknown.
     torque_constant
-        κ, the torque on the joint per torque that was written, at least and at most: where all other joints move
-        freely, μ / (M⁻¹)_ii, and where their friction holds them, μ M_ii. NaN without a model of the inertia.
+        κ, the torque on the joint per torque that was written, at least and at most. It is μ / (M⁻¹)_ii where all
+        other joints move freely, and μ M_ii where friction holds them. NaN without a model of the inertia.
     allowed_factor
         Factor by which κ may be off.
     push
@@ -171,8 +171,8 @@ class PushTest:
 def evaluate(torque: Array, positions: Array, period: float) -> tuple[float, float, float]:
     """Return the acceleration per torque of a pushed joint, its ratio to its standard error, and its dry friction.
 
-    The positions are fitted by least squares, with a motion φ_f of a unit inertia from rest under the push p and a
-    friction f; f is the one of a grid from 0 to the push that leaves least:
+    The positions are fitted by least squares, with the motion φ_f of a unit inertia from rest under the push p and a
+    friction f. Of a grid from 0 to the push, f is the one that leaves least:
 
         q(t) = c₀ + c₁ t + c₂ t² + μ φ_f(t),    φ̈_f = p − f sgn φ̇_f
 

@@ -1,6 +1,7 @@
 """What the loop needs of a robot: positions in, torques out."""
 
 from abc import ABC, abstractmethod
+from typing import Self
 
 import numpy as np
 
@@ -53,7 +54,7 @@ class Robot(ABC):
     def close(self) -> None:  # noqa: B027
         """Give up the connection."""
 
-    def __enter__(self) -> "Robot":
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
