@@ -36,7 +36,7 @@ SILENCE = 1.0
 class MujocoPeer:
     """The robot: takes commands, integrates, sends states.
 
-    The brakes hold it at rest until a command releases them, and after a safe stop. They do so too where no command came
+    The brakes hold it at rest until a command releases them, and after a safe stop. They do so too where none came
     for the time of its watchdog.
 
     Parameters
