@@ -124,7 +124,7 @@ def test_a_bag_of_joint_states(tmp_path):
     assert np.array_equal(log.position, POSITION)
     assert np.array_equal(log.torque, TORQUE)  # pyright: ignore[reportArgumentType]
     assert log.velocity is None
-    with pytest.raises(InvalidParameter, match="/joint_states; needs the topic /other"):
+    with pytest.raises(InvalidParameter, match="/joint_states with joint states; needs the topic /other"):
         read_log(file, {"topic": "/other"})
 
 

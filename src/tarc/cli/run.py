@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tarc.cli.options import Animate, Figures, Json, LawKind, Out, ScenarioName, Set, View, drawing_figures, file_stem
+from tarc.cli.options import Animate, Figures, Json, LawKind, ScenarioName, Set, View, drawing_figures, file_stem
 from tarc.core.files import file_in_folder, make_folder, writing
 from tarc.core.optional import require
 
@@ -16,6 +16,24 @@ if TYPE_CHECKING:
     from tarc.scenario.model import Scenario
     from tarc.simulation.run import Run
 
+ReferenceFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--reference",
+        metavar="FILE",
+        help="Follow a file in place of the scenario's reference, for as long as it lasts: a ROS 2 bag (.mcap), a "
+        "trajectory (.yaml) or a record (.csv).",
+    ),
+]
+RunOut = Annotated[
+    Path | None,
+    typer.Option(
+        "--out",
+        "-o",
+        help="Folder for the results, or a file .mcap for the trajectories alone, as a ROS 2 bag. Default: a folder in "
+        "runs/ that is named after the scenario.",
+    ),
+]
 Native = Annotated[bool, typer.Option("--native", help="Compile the loop to machine code first; needs a C compiler.")]
 
 
@@ -23,7 +41,8 @@ def run(
     scenario: ScenarioName,
     set_: Set = None,
     law: LawKind = "",
-    out: Out = None,
+    reference: ReferenceFile = None,
+    out: RunOut = None,
     native: Native = False,
     as_json: Json = False,
     figures: Figures = True,
@@ -33,11 +52,14 @@ def run(
     """Simulate a scenario; write its trajectories as netCDF, and figures, and print its measures.
 
     Example: tarc run ur5e --set law.natural_frequency=15 --set duration=5
+
+    Example: tarc run ur5e --reference task.mcap -o run.mcap
     """
     from tarc.scenario.model import Scenario
 
     settings = [*(set_ or []), *(["native=true"] if native else [])]
-    run_scenario(Scenario.load(scenario, settings, law=law), out, as_json, figures, animate, view)
+    loaded = Scenario.load(scenario, settings, law=law, reference=reference or "")
+    run_scenario(loaded, out, as_json, figures, animate, view)
 
 
 def run_scenario(
@@ -58,14 +80,18 @@ def run_scenario(
     if view:
         require_display()
 
+    bag = out if out is not None and out.suffix.lower() == ".mcap" else None
+    if bag is not None:
+        require("logs", "--out", "mcap", "mcap_ros2")
+        out = file_in_folder("--out", bag).parent
     folder = make_folder("--out", out or Path("runs") / file_stem(scenario.name))
     try:
         runs = scenario.run()
     except KeyboardInterrupt:
         print("interrupted; nothing was written", file=sys.stderr)
         raise typer.Exit(130) from None
-    files = save_runs(scenario, runs, folder)
-    if figures:
+    files = save_runs(scenario, runs, folder) if bag is None else save_bags(runs, bag)
+    if figures and bag is None:
         files += save_figures(runs, folder)
     if animation is not None:
         files.append(save_animation(runs, animation))
@@ -92,6 +118,12 @@ def save_runs(scenario: "Scenario", runs: dict[str, "Run"], folder: Path) -> lis
         path = folder / f"{stem}.nc"
         files.append(result.save(folder / f"{stem}-{number + 1}.nc" if path in files else path))
     return files
+
+
+def save_bags(runs: dict[str, "Run"], path: Path) -> list[Path]:
+    """Write the trajectories of runs as ROS 2 bags, with several laws one per law; return the files."""
+    paths = [path if len(runs) == 1 else path.with_stem(f"{path.stem}-{file_stem(name)}") for name in runs]
+    return [result.save(file) for result, file in zip(runs.values(), paths, strict=True)]
 
 
 def save_figures(runs: dict[str, "Run"], folder: Path) -> list[Path]:

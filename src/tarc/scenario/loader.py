@@ -2,6 +2,7 @@
 
 import os
 from importlib.resources import files
+from math import floor
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,10 @@ from tarc.core.errors import ScenarioError
 from tarc.scenario.schema import parameters_of_law
 from tarc.scenario.user_law import absolute_kind, is_user_law, relative_kind
 from tarc.scenario.yaml_text import read_yaml
+from tarc.signals.joint_trajectory import JointTrajectory
+from tarc.signals.log_bag import has_trajectory
+from tarc.signals.references import RecordedReference
+from tarc.signals.trajectory_message import BAG, SUFFIXES
 
 SHIPPED = Path(str(files("tarc.scenario"))) / "shipped"
 """Folder of the scenarios that come with the package, and of the files that they name."""
@@ -62,6 +67,9 @@ def read_scenario(file: Path) -> dict[str, Any]:
 FILE_KEYS = (("robot", "file"), ("reference", "path"))
 """Section and key of each file that a scenario names."""
 
+SHORTEST_DURATION = 0.01
+"""Duration of a run on a reference that has hardly any of its own [s]."""
+
 MODEL_KEYS = ("inertia", "feedforward")
 """Sections of a law that may have a model of the robot."""
 
@@ -103,6 +111,23 @@ def _user_laws(content: dict[str, Any]) -> list[dict[str, Any]]:
     laws = content.get("law")
     parts = laws if isinstance(laws, list) else [laws]
     return [part for part in parts if isinstance(part, dict) and is_user_law(part.get("kind"))]
+
+
+def use_reference(content: dict[str, Any], path: str | Path) -> None:
+    """Replace the reference of a scenario's dictionary by that of a file, and the duration by its own.
+
+    Raises
+    ------
+    InvalidParameter
+        For a file that is not there or cannot be read.
+    """
+    file = Path(path).resolve()
+    suffix = file.suffix.lower()
+    is_message = suffix in SUFFIXES or (suffix == BAG and has_trajectory(file))
+    kind = JointTrajectory if is_message else RecordedReference
+    end_time = kind(path=file).end_time
+    content["reference"] = {"kind": kind.__name__, "path": str(file)}
+    content["duration"] = max(floor(1000 * end_time) / 1000, SHORTEST_DURATION)
 
 
 def use_law(content: dict[str, Any], kind: str) -> None:

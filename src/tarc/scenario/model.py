@@ -35,6 +35,7 @@ from tarc.scenario.loader import (
     relative_files,
     resolve_files,
     use_law,
+    use_reference,
 )
 from tarc.scenario.schema import Component, check_component, scenario_error
 from tarc.scenario.user_law import check_user_law, is_from_file, law_name
@@ -271,7 +272,7 @@ class Scenario(BaseModel):
         return scenario
 
     @classmethod
-    def load(cls, path: str | Path, settings: Sequence[str] = (), *, law: str = "") -> Self:
+    def load(cls, path: str | Path, settings: Sequence[str] = (), *, law: str = "", reference: str | Path = "") -> Self:
         """Read a YAML file, or a shipped scenario by name; then apply settings such as ``law.natural_frequency=15``.
 
         Parameters
@@ -283,9 +284,14 @@ class Scenario(BaseModel):
         law
             Kind of a law in place of the scenario's, such as ``my_file.py:MyLaw``, or one of `tarc.laws`. It keeps the
             parameters of the scenario's first law that it has too.
+        reference
+            File to follow in place of the scenario's reference, for as long as it lasts. It is a ROS 2 bag ``.mcap``
+            with one trajectory or with joint states, a trajectory in YAML or JSON, or a record in CSV.
 
         Raises
         ------
+        InvalidParameter
+            For a reference that is not there or cannot be read.
         ScenarioError
             For a file that is not there or cannot be read, and as in `parse`.
         """
@@ -293,6 +299,8 @@ class Scenario(BaseModel):
         content = read_scenario(file)
         if law:
             use_law(content, law)
+        if reference:
+            use_reference(content, reference)
         for setting in settings:
             apply_setting(content, setting)
         resolve_files(content, file.parent)

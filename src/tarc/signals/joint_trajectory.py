@@ -29,7 +29,8 @@ class JointTrajectory(Reference):
         YAML as ``ros2 topic echo --once --full-length`` prints it (``joint_names``, and ``points`` with
         ``positions``, ``velocities``, ``accelerations``, ``time_from_start``), with the suffix ``.yaml`` or ``.json``.
         Also a ``RobotTrajectory`` of MoveIt, or a goal of ``FollowJointTrajectory``, that holds one. Or CSV with the
-        columns ``time``, ``elbow``, ``elbow/velocity``, ``elbow/acceleration``, …, derivatives where known.
+        columns ``time``, ``elbow``, ``elbow/velocity``, ``elbow/acceleration``, …, derivatives where known. Or a ROS 2
+        bag ``.mcap`` with one such message.
         Units: s, rad or m, /s, /s².
     starts_at_zero
         Whether times count from the first point, which is then time 0 of the run. False takes ``time_from_start`` as
@@ -43,7 +44,7 @@ class JointTrajectory(Reference):
     InvalidParameter
         For a file that is not as described, and for names that do not fit, with those missing, unknown and repeated.
     MissingTool
-        For YAML without the library that reads it.
+        For YAML and bags without the libraries that read them.
 
     References
     ----------

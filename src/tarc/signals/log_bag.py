@@ -1,6 +1,6 @@
-"""Reader of ROS 2 bags in MCAP."""
+"""Reader of ROS 2 bags in MCAP: joint states, and trajectories."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +11,18 @@ from tarc.core.optional import require
 from tarc.core.types import Array
 from tarc.signals.log_columns import LogColumns
 from tarc.signals.robot_log import RobotLog
+from tarc.signals.ros2_messages import JOINT_STATE, JOINT_TRAJECTORY
 
-JOINT_STATES = ("sensor_msgs/msg/JointState", "sensor_msgs/JointState")
-"""Type of the message that is read."""
+JOINT_STATES = (JOINT_STATE, "sensor_msgs/JointState")
+"""Names of the type of joint states."""
+
+TRAJECTORIES = (JOINT_TRAJECTORY, "trajectory_msgs/JointTrajectory")
+"""Names of the type of trajectories."""
+
+COMMON_TOPIC = "/joint_states"
+"""Topic that is read where several have joint states."""
+
+NO_BAG = "path: {file} does not read as MCAP ({error})"
 
 
 def read_bag(file: Path, columns: LogColumns) -> RobotLog:
@@ -30,9 +39,9 @@ def read_bag(file: Path, columns: LogColumns) -> RobotLog:
     from mcap.exceptions import McapError
 
     try:
-        messages = list(_messages(file, columns.topic))
+        messages = list(_messages(file, columns.topic, JOINT_STATES, "joint states"))
     except McapError as error:
-        raise InvalidParameter(f"path: {file} does not read as MCAP ({error})", "path") from None
+        raise InvalidParameter(NO_BAG.format(file=file, error=error), "path") from None
     if not messages:
         raise InvalidParameter(f"path: {file} has no message on that topic", "path")
     names = [str(name) for name in columns.joints or messages[0][1].name]
@@ -58,8 +67,62 @@ def read_bag(file: Path, columns: LogColumns) -> RobotLog:
     )
 
 
-def _messages(file: Path, topic: str | None) -> Iterator[tuple[float, Any]]:
-    """Yield time [s] and message of the joint states."""
+def read_trajectory_message(file: Path) -> Any:
+    """Return the one ``trajectory_msgs/JointTrajectory`` of a bag.
+
+    Raises
+    ------
+    InvalidParameter
+        For a file that is no bag, and another number of such messages.
+    MissingTool
+        Without the libraries that read a bag.
+    """
+    require("logs", f"A bag ({file.name})", "mcap", "mcap_ros2")
+    from mcap.exceptions import McapError
+
+    try:
+        messages = [message for _, message in _messages(file, None, TRAJECTORIES, "trajectories")]
+    except McapError as error:
+        raise InvalidParameter(NO_BAG.format(file=file, error=error), "path") from None
+    if len(messages) != 1:
+        raise InvalidParameter(
+            f"path: {file} has {len(messages)} trajectories; needs one. Track its joint states by the reference "
+            "RecordedReference, or cut the bag",
+            "path",
+        )
+    return messages[0]
+
+
+def has_trajectory(file: Path) -> bool:
+    """Whether a bag has a message on a topic of trajectories.
+
+    Raises
+    ------
+    InvalidParameter
+        For a file that is not there or no bag.
+    MissingTool
+        Without the libraries that read a bag.
+    """
+    require("logs", f"A bag ({file.name})", "mcap", "mcap_ros2")
+    from mcap.exceptions import McapError
+    from mcap.reader import make_reader
+
+    if not file.is_file():
+        raise InvalidParameter(f"path: no bag {str(file)!r}; looked for {file.resolve()}", "path")
+    try:
+        with file.open("rb") as stream:
+            summary = make_reader(stream).get_summary()
+    except McapError as error:
+        raise InvalidParameter(NO_BAG.format(file=file, error=error), "path") from None
+    if summary is None or summary.statistics is None:
+        return False
+    counts = summary.statistics.channel_message_counts
+    channels = [channel for channel in summary.channels.values() if counts.get(channel.id)]
+    return any(summary.schemas[channel.schema_id].name in TRAJECTORIES for channel in channels)
+
+
+def _messages(file: Path, topic: str | None, types: Collection[str], label: str) -> Iterator[tuple[float, Any]]:
+    """Yield time [s] and message of the one topic of some types, or of the named one."""
     from mcap.reader import make_reader
     from mcap_ros2.decoder import DecoderFactory
 
@@ -68,11 +131,14 @@ def _messages(file: Path, topic: str | None) -> Iterator[tuple[float, Any]]:
         summary = reader.get_summary()
         schemas = {} if summary is None else summary.schemas
         channels = [] if summary is None else summary.channels.values()
-        topics = sorted({channel.topic for channel in channels if schemas[channel.schema_id].name in JOINT_STATES})
+        topics = sorted({channel.topic for channel in channels if schemas[channel.schema_id].name in types})
+        if topic is None and COMMON_TOPIC in topics:
+            topic = COMMON_TOPIC
         if topic not in topics and (topic is not None or len(topics) != 1):
-            wanted = "one topic of joint states; name it by columns.topic" if topic is None else f"the topic {topic}"
+            wanted = f"one topic of {label}" if topic is None else f"the topic {topic}"
+            hint = "; name it by columns.topic" if topic is None and types is JOINT_STATES else ""
             raise InvalidParameter(
-                f"path: {file} has the topics {', '.join(topics) or 'without joint states'}; needs {wanted}", "path"
+                f"path: {file} has {', '.join(topics) or 'no topic'} with {label}; needs {wanted}{hint}", "path"
             )
         for _, _, message, decoded in reader.iter_decoded_messages(topics=[topic or topics[0]]):
             yield 1e-9 * message.log_time, decoded

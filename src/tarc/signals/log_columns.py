@@ -55,7 +55,7 @@ class LogColumns:
     joints
         Names of the joints. From a bag these are taken, in this order.
     topic
-        Topic of a bag with the type ``sensor_msgs/JointState``; None for the only one.
+        Topic of a bag with the type ``sensor_msgs/JointState``; None for the only one, or ``/joint_states``.
     units
         Unit of ``time`` or of a quantity, such as ``{position: deg}``: rad, deg, m, mm, s, ms, us, ns, Nm, N and those
         of velocity with ``/s``.

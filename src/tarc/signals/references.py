@@ -346,7 +346,7 @@ class RecordedReference(Reference):
     ----------
     path
         CSV with a header or without, or a NumPy ``.npy`` array: the first column time [s], then one per joint
-        [rad or m]. At least 6 rows.
+        [rad or m]. At least 6 rows. Or a ROS 2 bag ``.mcap`` with joint states, of which those of the robot are taken.
     starts_at_zero
         Whether times count from the first stamp, which is then time 0 of the run. False takes the stamps as times of
         the run.
@@ -383,7 +383,7 @@ class RecordedReference(Reference):
         columns = self._record.columns
         if self.joint_names is not None:
             names = list(self.joint_names)
-            if columns is None or sorted(names) != sorted(columns):
+            if columns is None or sorted(names) != sorted(self._needed(columns, names)):
                 raise InvalidParameter(
                     f"joint_names: got {', '.join(map(str, names))}; {self.path} has "
                     f"{'no header' if columns is None else 'the columns ' + ', '.join(columns)}; "
@@ -403,7 +403,12 @@ class RecordedReference(Reference):
     @property
     def n_joints(self) -> int:
         """Return the number of joints n."""
-        return self._record.table.shape[1] - 1
+        return self._record.table.shape[1] - 1 if self.joint_names is None else len(self.joint_names)
+
+    def _needed(self, columns: list[str], names: Sequence[str]) -> list[str]:
+        """Return the columns, of a bag those of the named joints alone."""
+        is_bag = Path(self.path).suffix.lower() == ".mcap"
+        return [name for name in columns if name in names] if is_bag else columns
 
     def for_run(self, joint_names: Sequence[str], duration: float) -> Reference:
         """Return the reference with its columns in the order of the robot's joints.
@@ -417,7 +422,7 @@ class RecordedReference(Reference):
         columns = self._record.columns
         if columns is None or self.joint_names is not None or columns == list(joint_names):
             return self
-        if sorted(columns) == sorted(joint_names):
+        if sorted(self._needed(columns, joint_names)) == sorted(joint_names):
             return replace(self, joint_names=tuple(joint_names))
         if len(columns) == 1 or are_numbered(columns):
             return self

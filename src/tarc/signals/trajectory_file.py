@@ -9,6 +9,8 @@ import numpy as np
 
 from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter
+from tarc.signals.log_bag import read_bag
+from tarc.signals.log_columns import LogColumns
 
 
 class Record(NamedTuple):
@@ -29,6 +31,8 @@ def read_record(given: str | Path, min_rows: int = 6) -> Record:
     path = Path(given)
     if not path.is_file():
         raise InvalidParameter(f"path: no trajectory file {str(given)!r}; looked in {path.resolve().parent}")
+    if path.suffix.lower() == ".mcap":
+        return _read_states(path, min_rows)
     try:
         table, header = (np.load(path), "") if path.suffix == ".npy" else _read_text(path)
     except (ValueError, EOFError, OSError) as error:
@@ -61,6 +65,18 @@ def check_overlap(path: str | Path, first: float, last: float, duration: float) 
             "they do not overlap. Use starts_at_zero: true, which counts from the first stamp",
             "reference",
         )
+
+
+def _read_states(path: Path, min_rows: int) -> Record:
+    """Return the positions of the joint states in a bag, without messages of a repeated stamp."""
+    log = read_bag(path, LogColumns())
+    is_new = np.concatenate([[True], np.diff(log.times) > 0])
+    table = np.column_stack([log.times, log.position])[is_new]
+    if len(table) < min_rows or not np.all(np.isfinite(table)):
+        raise InvalidParameter(
+            f"path: {path} has {len(table)} joint states with different stamps; needs {min_rows} or more, all finite"
+        )
+    return Record(table, list(log.joint_names))
 
 
 def _read_text(path: Path) -> tuple[np.ndarray, str]:

@@ -1,4 +1,4 @@
-"""Readers of the ROS message ``trajectory_msgs/JointTrajectory``, as YAML or as CSV."""
+"""Readers of the ROS message ``trajectory_msgs/JointTrajectory``, as YAML, as CSV or in a bag."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -11,6 +11,7 @@ from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter
 from tarc.core.optional import require
 from tarc.core.types import Array
+from tarc.signals.log_bag import read_trajectory_message
 from tarc.signals.trajectory_file import read_record
 
 QUANTITIES = ("position", "velocity", "acceleration")
@@ -22,6 +23,10 @@ WRAPPERS = ("joint_trajectory", "trajectory")
 
 SUFFIXES = (".yaml", ".yml", ".json")
 """Endings of files in YAML, of which JSON is a part."""
+
+
+BAG = ".mcap"
+"""Ending of a bag."""
 
 
 class TrajectoryPoints(NamedTuple):
@@ -45,19 +50,20 @@ class TrajectoryPoints(NamedTuple):
 
 
 def read_points(given: str | Path) -> TrajectoryPoints:
-    """Read the points of a file: YAML by its suffix ``.yaml``, ``.yml`` or ``.json``, else CSV with a header.
+    """Read the points of a file by its suffix: ``.yaml``, ``.yml``, ``.json``, a bag ``.mcap``, else CSV.
 
     Raises
     ------
     InvalidParameter
         For a file that is not there, and for points that are not as ROS describes them.
     MissingTool
-        For YAML without the library that reads it.
+        For YAML and bags without the libraries that read them.
     """
     path = Path(given)
     if not path.is_file():
         raise InvalidParameter(f"path: no trajectory file {str(given)!r}; looked in {path.resolve().parent}", "path")
-    points = _from_yaml(path) if path.suffix.lower() in SUFFIXES else _from_csv(path)
+    suffix = path.suffix.lower()
+    points = _from_yaml(path) if suffix in SUFFIXES else _from_bag(path) if suffix == BAG else _from_csv(path)
     repeated = sorted({name for name in points.joint_names if points.joint_names.count(name) > 1})
     if repeated:
         raise InvalidParameter(f"path: {path} names {', '.join(repeated)} twice; needs each joint once", "path")
@@ -95,6 +101,26 @@ def _from_yaml(path: Path) -> TrajectoryPoints:
             "path",
         )
     message = next((messages[0][key] for key in WRAPPERS if isinstance(messages[0].get(key), Mapping)), messages[0])
+    return _from_message(message, path)
+
+
+def _from_bag(path: Path) -> TrajectoryPoints:
+    """Return the points of the one message in a bag."""
+    message = read_trajectory_message(path)
+    points = [
+        {
+            "positions": list(point.positions),
+            "velocities": list(point.velocities),
+            "accelerations": list(point.accelerations),
+            "time_from_start": {"sec": point.time_from_start.sec, "nanosec": point.time_from_start.nanosec},
+        }
+        for point in message.points
+    ]
+    return _from_message({"joint_names": list(message.joint_names), "points": points}, path)
+
+
+def _from_message(message: Mapping[str, Any], path: Path) -> TrajectoryPoints:
+    """Return the points of a message."""
     names = _listed(message, "joint_names", path)
     points = _listed(message, "points", path)
     if not names or not all(isinstance(point, Mapping) for point in points):

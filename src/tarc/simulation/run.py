@@ -15,6 +15,7 @@ from tarc.core.files import file_in_folder, writing
 from tarc.core.units import unit_for_joints
 from tarc.plants.base import Plant
 from tarc.simulation.quantities import JOINT_KINDS, MEASURES, measure_unit
+from tarc.simulation.run_bag import write_bag
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -244,18 +245,23 @@ class Run:
         view(self, plant, speed)
 
     def save(self, path: str | Path) -> Path:
-        """Write the dataset as netCDF; the file appears once it is complete.
+        """Write the dataset as netCDF, or as a ROS 2 bag with the suffix ``.mcap``; it appears once it is complete.
 
         Raises
         ------
         InvalidParameter
             For a folder that does not exist, and a file that cannot be written.
+        MissingTool
+            For a bag without the libraries that write it, the extra ``logs``.
         """
         target = file_in_folder("save", path)
         part = target.with_name(f".{target.name}.part")
         try:
             with writing("save", target):
-                self.data.to_netcdf(part, engine="h5netcdf")
+                if target.suffix.lower() == ".mcap":
+                    write_bag(self.data, part)
+                else:
+                    self.data.to_netcdf(part, engine="h5netcdf")
                 part.replace(target)
         finally:
             part.unlink(missing_ok=True)
