@@ -248,6 +248,32 @@ def test_without_a_watch_nothing_of_it_is_there(tmp_path):
         assert "elapsed" not in text
 
 
+def test_set_points_of_inner_loops_say_so_and_never_jump_to_zero(tmp_path):
+    plant = tarc.plants.PositionServo(tarc.plants.TwoLinkArm(), kp=500.0, kd=20.0)
+    law = replace(tdc(), torque_limit=plant.torque_limits)
+    with pytest.raises(InvalidParameter, match="jump to the position zero; use safe_torque='hold'"):
+        export_c(law, tmp_path, name="law", commands=plant.torque_units)
+    law = replace(law, safe_torque="hold")
+    with pytest.raises(InvalidParameter, match="got 3 units"):
+        export_c(law, tmp_path, name="law", commands=["rad"] * 3)
+    export_c(law, tmp_path, name="law", commands=plant.torque_units)
+    assert " * in rad, rad." in (tmp_path / "src" / "law.h").read_text()
+    report = verify_export(tmp_path, law=law, steps=200)
+    assert report.passed
+    assert report.is_same_law
+    program = tmp_path / "test" / "null.c"
+    program.write_text(
+        '#include "law.h"\n#include <stddef.h>\nint main(void)\n{\n  law_t law = {{{0}}, 0, 0};\n'
+        "  const double q[2] = {0.5, 1.0};\n"
+        "  return law_reset(&law, q, NULL) != LAW_BAD_INPUT || law_reset(&law, q, q) != LAW_OK;\n}\n"
+    )
+    files = [f"-I{tmp_path / 'src'}", tmp_path / "src" / "law.c", program, "-lm", "-o", tmp_path / "null"]
+    subprocess.run([str(word) for word in [*compiler(), "-std=c99", "-ffp-contract=off", *files]], check=True)
+    assert subprocess.run([str(tmp_path / "null")], check=False).returncode == 0
+    export_c(replace(law, safe_torque="zero"), tmp_path / "torque", name="law", commands=["N m", "N"])
+    assert "torques in N m or N" in (tmp_path / "torque" / "src" / "law.h").read_text()
+
+
 def test_a_watch_of_another_robot_is_refused(tmp_path):
     with pytest.raises(InvalidParameter, match="got one of 3 joints; needs one of the law's 2"):
         export_c(tdc(), tmp_path, watch=tarc.Watch(n_joints=3, speed=1.0))

@@ -31,7 +31,8 @@ def watch_workspace(
     period
         Control period T [s].
     plants
-        The robots of the certificate, such as one without and one with its payload; none leaves the load out.
+        The robots of the certificate, such as one without and one with its payload. The load is not watched
+        without any, nor with inner loops, whose command is no torque.
     tolerance
         Largest deviation of the time between two samples over T.
 
@@ -47,13 +48,14 @@ def watch_workspace(
         tube = np.maximum(-workspace.low[1:], workspace.high[1:])
         path = workspace.reference.sample(np.linspace(workspace.low[0], workspace.high[0], WATCHED_SAMPLES))[0]
         low, high = path.min(axis=1) + workspace.low[1:], path.max(axis=1) + workspace.high[1:]
+    takes_torques = all(plant.in_torque_units() is plant for plant in plants)
     return Watch(
         n_joints=n,
         low=low,
         high=high,
         tube=tube,
         speed=workspace.speed,
-        rest_torque=_rest_torque(workspace, plants) if plants else None,
+        rest_torque=_rest_torque(workspace, plants) if plants and takes_torques else None,
         period=period,
         tolerance=tolerance,
     )

@@ -106,11 +106,16 @@ def export(
         if watch
         else None,
     }
+    units = loaded.build_plant().torque_units
     if kind == "ros2":
+        if any(unit not in ("N m", "N") for unit in units):
+            raise InvalidParameter(
+                f"ros2: the law commands {', '.join(units)}, and the controller speaks efforts alone"
+            )
         written = export_ros2(built, folder, **options)
     else:
-        reference = loaded.build().reference if parts else None
-        written = export_c(built, folder, firmware=firmware, parts=parts, reference=reference, **options)
+        options |= {"firmware": firmware, "parts": parts, "reference": loaded.build().reference if parts else None}
+        written = export_c(built, folder, commands=units, **options)
     if as_json:
         print(json.dumps({"folder": str(written.folder), "files": [str(file) for file in written.files]}, indent=2))
         return

@@ -26,6 +26,8 @@ from tarc.signals.references import Reference
 from tarc.signals.torque_limits import TorqueLimits
 
 REALS = ("double", "float")
+TORQUE_UNITS = ("N m", "N")
+POSITION_UNITS = ("rad", "m")
 VECTORS = 200
 """Recorded steps."""
 SEED = 0
@@ -86,6 +88,7 @@ def export_c(
     watch: Watch | None = None,
     parts: bool = False,
     reference: Reference | None = None,
+    commands: Sequence[str] = (),
 ) -> Export:
     """Write a law as a C99 project: exactly the step that is simulated and certified.
 
@@ -118,11 +121,15 @@ def export_c(
         Also write ``src/NAME_parts.c``: the estimator alone, M̂(q) where the law has a model, and the reference.
     reference
         The reference among the parts; None to leave it out.
+    commands
+        Unit of what the law returns per joint, as ``plant.torque_units`` has it: ``rad`` for a `PositionServo`. Empty
+        for torques.
 
     Raises
     ------
     InvalidParameter
-        For a name that is none in C, and for files in the way.
+        For a name that is none in C, and for files in the way. For a law that commands positions and whose safe torque
+        is zero.
     UnsupportedLaw
         For a law that has no C: one that calls a library, or whose start is not affine in position and torque.
 
@@ -137,7 +144,7 @@ def export_c(
     """
     name = c_name(Path(folder).name if name is None else name, given=name is not None)
     source, content, digest = c_texts(
-        law, name, real, torque_limits, joint_names, certificate, scenario, watch, parts, reference
+        law, name, real, torque_limits, joint_names, certificate, scenario, watch, parts, reference, commands
     )
     if firmware:
         content |= firmware_texts(source)
@@ -155,6 +162,7 @@ def c_texts(
     watch: Watch | None,
     parts: bool = False,
     reference: Reference | None = None,
+    commands: Sequence[str] = (),
 ) -> tuple[CSource, dict[str, str], str]:
     """Return the C of a law, the text of each file of its project by its path, and the hash of header and source.
 
@@ -166,7 +174,9 @@ def c_texts(
         For a law that has no C.
     """
     check.one_of("real", real, REALS)
-    source = CSource(traced_law(law, torque_limits, watch), name, real == "float", f"{name}: {type(law).__name__}")
+    inner = inner_loop_units(law, commands)
+    title = f"{name}: {type(law).__name__}"
+    source = CSource(traced_law(law, torque_limits, watch), name, real == "float", title, inner)
     recorded = vectors.record(source, *vectors.inputs_of(source, VECTORS, SEED))
     part = Parts(source, reference) if parts else None
     digest = hashlib.sha256((source.header + source.source).encode()).hexdigest()
@@ -174,12 +184,33 @@ def c_texts(
         f"src/{name}.h": source.header,
         f"src/{name}.c": source.source,
         "test/vectors.h": vectors.header(source, recorded),
-        "law.yaml": _law_yaml(law, name, real, digest, joint_names, certificate, scenario, watch, part),
+        "law.yaml": _law_yaml(law, name, real, digest, joint_names, certificate, scenario, watch, part, inner),
         "LICENSE": _licence(),
         **texts(source, tuple(joint_names), VECTORS, LICENCE, part),
         **(part.texts() if part else {}),
     }
     return source, content, digest
+
+
+def inner_loop_units(law: Law, commands: Sequence[str]) -> tuple[str, ...]:
+    """Return the units of a law's commands where inner loops take them; empty for torques.
+
+    Raises
+    ------
+    InvalidParameter
+        For another number of units than joints, and for positions whose safe value is zero.
+    """
+    if not commands or all(unit in TORQUE_UNITS for unit in commands):
+        return ()
+    if len(commands) != law.n_joints:
+        raise InvalidParameter(f"commands: got {len(commands)} units; needs one per joint, {law.n_joints}")
+    if law.safe_torque == "zero" and any(unit in POSITION_UNITS for unit in commands):
+        raise InvalidParameter(
+            "safe_torque: got 'zero', and this law commands positions: after lost samples the robot would jump to the "
+            "position zero; use safe_torque='hold' (--set law.safe_torque=hold)",
+            "safe_torque",
+        )
+    return tuple(commands)
 
 
 def c_name(text: str, given: bool = True) -> str:
@@ -208,6 +239,7 @@ def _law_yaml(
     scenario: Mapping[str, Any] | None,
     watch: Watch | None,
     parts: Parts | None,
+    commands: tuple[str, ...],
 ) -> str:
     """Return parameters, version, hash and verdict; values as JSON, which YAML reads."""
     parameters = {field.name: _plain(getattr(law, field.name)) for field in fields(law)}
@@ -223,6 +255,8 @@ def _law_yaml(
     }
     if watch is not None:
         sections["watch"] = {field.name: _plain(getattr(watch, field.name)) for field in fields(watch)}
+    if commands:
+        sections["commands"] = list(commands)
     if parts is not None:
         sections["parts"] = {"names": parts.names, "sha256": parts.digest}
     if scenario is not None:

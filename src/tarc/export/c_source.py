@@ -10,7 +10,8 @@ from tarc.export.traced_law import Signal, TracedLaw
 HEADER = Template("""/* $title
  *
  * Call ${name}_reset once with the first measured position, then ${name}_step once per period of $period s.
- * Positions are in rad or m, torques in N m or N. Nothing is allocated; there are no global variables.
+ * $units
+ * Nothing is allocated; there are no global variables.
  */
 #ifndef ${NAME}_H
 #define ${NAME}_H
@@ -48,7 +49,7 @@ typedef struct {
 
 typedef enum { ${NAME}_OK, ${NAME}_NOT_READY, ${NAME}_BAD_INPUT, ${NAME}_FAULT } ${name}_status;
 
-/* Start at rest at a measured position with a torque already applied, NULL for none. ${NAME}_BAD_INPUT, and no change,
+/* Start at rest at a measured position with a torque already applied, $null. ${NAME}_BAD_INPUT, and no change,
  * for numbers that are not finite. */
 ${name}_status ${name}_reset(${name}_t *self, const ${name}_real position[], const ${name}_real torque[]);
 
@@ -103,7 +104,7 @@ ${name}_status ${name}_reset(${name}_t *self, const ${name}_real position[], con
 {
   static const ${name}_real limits[${NAME}_JOINTS] = {$limits};
   ${name}_real applied[${NAME}_JOINTS];
-  if (!are_finite(position, ${NAME}_JOINTS) || (torque && !are_finite(torque, ${NAME}_JOINTS)))
+  if (!are_finite(position, ${NAME}_JOINTS) || $torque_refused)
     return ${NAME}_BAD_INPUT;
   for (int i = 0; i < ${NAME}_JOINTS; ++i) {
     const ${name}_real wanted = torque ? torque[i] : $zero;
@@ -138,6 +139,12 @@ short ${name}_cia402_torque(${name}_real torque, ${name}_real rated_torque)
 }
 """)
 
+
+TORQUES = "Positions are in rad or m, torques in N m or N."
+
+COMMANDS = """Positions are in rad or m. This law commands inner loops: what is called torque here is their set-point,
+ * in {}. Zero is a set-point as well: apply none before the first reset,
+ * and give the reset those that hold now."""
 
 COUNTS = ("missing", "fault")
 """Signals that are counted: of the C type int."""
@@ -222,12 +229,15 @@ class CSource:
         Whether numbers are of single precision.
     title
         First line of the comment in both files.
+    commands
+        Unit of what the law returns per joint, where it commands positions or velocities of inner loops.
     """
 
     traced: TracedLaw
     name: str
     single: bool
     title: str
+    commands: tuple[str, ...] = ()
 
     @property
     def real(self) -> str:
@@ -251,6 +261,8 @@ class CSource:
             fields=fields,
             elapsed=elapsed if self.traced.watch else "",
             flags=self._flag_definitions,
+            null="never NULL" if self.commands else "NULL for none",
+            units=COMMANDS.format(", ".join(self.commands)) if self.commands else TORQUES,
         )
 
     @cached_property
@@ -258,11 +270,13 @@ class CSource:
         """Return the source."""
         constants = self._constants
         traced, number = self.traced, self._constants.number
+        refused = f"!torque || !are_finite(torque, {self.name.upper()}_JOINTS)"
         return SOURCE.substitute(
             self._names,
             directives=DIRECTIVES,
             start=definitions(traced.start, "start_function", constants, _StartInterface(constants)),
             step=definitions(traced.step, "step_function", constants, _LawInterface(constants, self)),
+            torque_refused=refused if self.commands else f"(torque && {refused.partition(' || ')[2]})",
             fabs=constants.text("fabs(")[:-1],
             floor=constants.text("floor(")[:-1],
             huge=number(1e100),

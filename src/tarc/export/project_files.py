@@ -225,7 +225,7 @@ static ${name}_t law;
 
 void start(const ${name}_real position[${NAME}_JOINTS])
 {
-  ${name}_reset(&law, position, NULL);
+  ${name}_reset(&law, position, $present);
 }
 
 void period(const ${name}_real position[${NAME}_JOINTS], ${name}_real torque[${NAME}_JOINTS])
@@ -337,6 +337,7 @@ def texts(
         "collect": "\n".join(lines) + "\n",
         "tolerance": TOLERANCES[source.real],
         "watched": watched_text(source),
+        "present": "position" if source.commands else "NULL",
         "fill_elapsed": "",
         "use_elapsed": "",
         "more_sources": "",

@@ -179,9 +179,8 @@ def verify_export(
             parts, parts_passed = _parts(root, name, [*command, LEVELS[0]], Path(work))
             unchanged = unchanged and _parts_digest(root, name) == content["parts"]["sha256"]
         if law is not None:
-            fresh = CSource(
-                traced_law(law, torque_limits, watch), name, real == "float", f"{name}: {type(law).__name__}"
-            )
+            title, commands = f"{name}: {type(law).__name__}", tuple(content.get("commands", ()))
+            fresh = CSource(traced_law(law, torque_limits, watch), name, real == "float", title, commands)
             same = fresh.header == header and fresh.source == source
             comparison = _compare(fresh, command, Path(work), steps, seed)
     return ExportReport(name, real, unchanged, same, replays, comparison, code_size, stack, parts, parts_passed)
