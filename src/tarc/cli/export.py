@@ -92,7 +92,7 @@ def export(
     loaded = Scenario.load(scenario, set_ or [], law=law if is_own else "")
     chosen, built, limits, joints = law_of(loaded, "" if is_own else law)
     folder = out or Path("build") / Path(scenario).stem
-    certificate = _certificate(Path(scenario), chosen)
+    certificate = stored_certificate(Path(scenario), chosen)
     content = loaded.model_dump(mode="json", exclude_defaults=True)
     relative_files(content, folder)
     options: dict[str, Any] = {
@@ -170,7 +170,7 @@ def law_of(scenario: "Scenario", name: str) -> tuple[str, Any, Any, tuple[str, .
     return chosen, law, setup.torque_limits, tuple(setup.plant.joint_names)
 
 
-def _certificate(scenario: Path, law: str) -> dict[str, Any] | None:
+def stored_certificate(scenario: Path, law: str) -> dict[str, Any] | None:
     """Return verdict and assumptions from the certificates that a design or `tarc certify` left, if any."""
     stem = scenario.stem
     for file in (scenario.with_name(f"{stem}-certificates.json"), Path("runs") / stem / f"{law}-certificates.json"):

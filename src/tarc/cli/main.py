@@ -15,6 +15,7 @@ from tarc.cli.export import export, verify_export
 from tarc.cli.identify import identify
 from tarc.cli.replay import replay
 from tarc.cli.run import run
+from tarc.cli.run_live import run_live
 from tarc.cli.show import show
 from tarc.cli.tune import tune
 from tarc.cli.verify import verify
@@ -35,6 +36,7 @@ app = typer.Typer(
 for command in (run, demo, certify, verify, design, compare, tune, replay, identify, show, export):
     app.command()(command)
 app.command(name="verify-export")(verify_export)
+app.command(name="run-live")(run_live)
 
 
 @app.callback(invoke_without_command=True)

@@ -228,7 +228,6 @@ class LiveLoop:
                     f"{position.tolist()}; check its encoders and its connection",
                     "robot",
                 )
-            self._parts.watchdog.beat()
             self._clock.sleep_until(self._clock.now() + self._period / 4)
 
     def _holding_torque(self) -> Array:

@@ -17,7 +17,7 @@ MIN_CERTAINTY = 4.0
 """Least ratio of a measured response to its standard error."""
 MIN_SAMPLES = 8
 """Least number of positions that show anything."""
-MAX_FRICTION = 0.7
+MAX_FRICTION = 0.4
 """Largest share of the push that dry friction may be."""
 FRICTIONS = 40
 """Frictions that are tried."""
@@ -44,7 +44,7 @@ class Push(Component):
         Factor by which a torque constant may be off, downward and upward.
     """
 
-    share: float = 0.1
+    share: float = 0.2
     time: float = 0.02
     max_travel: float = 0.05
     inertia: Matrix | None = None

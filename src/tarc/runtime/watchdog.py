@@ -2,12 +2,14 @@
 
 import threading
 
+import numpy as np
+
 from tarc.runtime.clock import Clock
 from tarc.runtime.robot import Robot
 
 
 class Watchdog:
-    """Engages the brakes of a robot when no beat came for a time, once.
+    """Engages the brakes of a robot when no beat came for a time after the last one, once.
 
     Parameters
     ----------
@@ -26,13 +28,12 @@ class Watchdog:
 
     def __init__(self, robot: Robot, timeout: float, clock: Clock):
         self._robot, self._timeout, self._clock = robot, timeout, clock
-        self._beat = clock.now()
+        self._beat = np.inf
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="tarc-watchdog", daemon=True)
         self.has_fired = False
 
     def __enter__(self) -> "Watchdog":
-        self.beat()
         if self._clock.is_real:
             self._thread.start()
         return self
