@@ -15,7 +15,7 @@ from tarc.core.errors import InvalidParameter
 from tarc.core.files import make_folder
 
 if TYPE_CHECKING:
-    from tarc.runtime import Robot, SafetyLimits, StartUp
+    from tarc.runtime import LiveRun, Robot, SafetyLimits, StartUp
     from tarc.runtime.log import Log
     from tarc.scenario.model import Scenario, Setup
 
@@ -118,12 +118,17 @@ def run_live(
             certificate=stored_certificate(Path(scenario), chosen),
             on_log=display.start,
         )
+    _finish(result, list(names), as_json)
+
+
+def _finish(result: "LiveRun", names: list[str], as_json: bool) -> None:
+    """Print the result; exit status 1 after a safe stop."""
     from tarc.cli.tables import run_live as tables
 
     if as_json:
         print(json.dumps(tables.summary(result), indent=2))
     else:
-        tables.print_result(result, list(names))
+        tables.print_result(result, names)
     if result.is_safe_stop:
         raise typer.Exit(1)
 
