@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from tarc.cli.export_fmu import export_fmu_file
 from tarc.cli.options import FullRange, Json, ScenarioName, Set, Speed, Tube, numbers_of
 from tarc.core.errors import InvalidParameter
 
@@ -15,16 +16,20 @@ if TYPE_CHECKING:
     from tarc.export import Export, ExportReport
     from tarc.scenario.model import Scenario
 
-FORMATS = ("c", "ros2")
+FORMATS = ("c", "fmu", "ros2")
 
 Format = Annotated[
     str,
     typer.Argument(
         metavar="FORMAT",
-        help="c: C99 with recorded steps and build files. ros2: a colcon package with a controller and a node.",
+        help="c: C99 with recorded steps and build files. fmu: a Functional Mock-up Unit. ros2: a colcon package with "
+        "a controller and a node.",
     ),
 ]
-Folder = Annotated[Path | None, typer.Option("--out", "-o", help="Folder to write. Default: build/ and the scenario.")]
+Folder = Annotated[
+    Path | None,
+    typer.Option("--out", "-o", help="Folder to write, or the file of an FMU. Default: build/ and the scenario."),
+]
 LawName = Annotated[
     str,
     typer.Option(
@@ -47,6 +52,19 @@ Watched = Annotated[
 Parts = Annotated[
     bool, typer.Option("--parts", help="Also the estimator, the reference and, of a model, M̂(q), each as a C function.")
 ]
+Fmi = Annotated[str, typer.Option("--fmi", help="Version of an FMU: 2.0, or 3.0 with arrays.")]
+Platforms = Annotated[
+    str,
+    typer.Option(
+        "--platforms",
+        help="Platforms of an FMU with commas: x86_64-linux, aarch64-linux, x86_64-windows, x86_64-darwin, "
+        "aarch64-darwin; all; or none for the sources alone. Default: this machine's.",
+    ),
+]
+Tunable = Annotated[
+    str,
+    typer.Option("--tunable", help="Parameters of an FMU that may change as it runs, or none. Default: all that can."),
+]
 ExportFolder = Annotated[Path, typer.Argument(metavar="FOLDER", help="What tarc export c wrote.")]
 Compiler = Annotated[str, typer.Option("--cc", help="C compiler with options. Default: the one that is found.")]
 Steps = Annotated[int, typer.Option(help="Random steps to compare with the law.")]
@@ -65,6 +83,9 @@ def export(
     tube: Tube = 0.01,
     full_range: FullRange = False,
     speed: Speed = "",
+    fmi: Fmi = "2.0",
+    platforms: Platforms = "",
+    tunable: Tunable = "",
     set_: Set = None,
     as_json: Json = False,
 ) -> None:
@@ -77,6 +98,8 @@ def export(
 
     Example: tarc export c ur5e --law TARC -o build/arm
 
+    Example: tarc export fmu ur5e --law TARC -o build/arm.fmu
+
     Example: tarc export ros2 ur5e --law TARC -o build/arm_controller --name arm
     """
     from tarc.core import validation as check
@@ -88,24 +111,29 @@ def export(
     check.one_of("FORMAT", kind, FORMATS)
     if firmware and kind != "c":
         raise InvalidParameter("--firmware: only with the format c")
+    if kind == "fmu" and (real != "double" or watch or parts):
+        raise InvalidParameter("--real, --watch, --parts: not with the format fmu, which has doubles, without flags")
     is_own = is_user_law(law)
     loaded = Scenario.load(scenario, set_ or [], law=law if is_own else "")
     chosen, built, limits, joints = law_of(loaded, "" if is_own else law)
-    folder = out or Path("build") / Path(scenario).stem
+    folder = out or Path("build") / f"{Path(scenario).stem}{'.fmu' if kind == 'fmu' else ''}"
     certificate = stored_certificate(Path(scenario), chosen)
     content = loaded.model_dump(mode="json", exclude_defaults=True)
-    relative_files(content, folder)
+    relative_files(content, folder.parent if kind == "fmu" else folder)
     options: dict[str, Any] = {
         "name": name or None,
-        "real": real,
         "torque_limits": limits,
         "joint_names": joints,
         "certificate": certificate,
         "scenario": {"law": chosen, "content": content},
-        "watch": loaded.watch(chosen, tube=tube, full_range=full_range, speed=numbers_of("--speed", speed))
-        if watch
-        else None,
     }
+    if kind == "fmu":
+        export_fmu_file(built, folder, as_json, fmi=fmi, platforms=platforms, tunable=tunable, **options)
+        return
+    options["real"] = real
+    if watch:
+        numbers = numbers_of("--speed", speed)
+        options["watch"] = loaded.watch(chosen, tube=tube, full_range=full_range, speed=numbers)
     units = loaded.build_plant().torque_units
     if kind == "ros2":
         if any(unit not in ("N m", "N") for unit in units):

@@ -162,10 +162,10 @@ def dot(x: Vector, y: Vector) -> Vector:
     return ca.dot(x, y) if symbolic(x, y) else x @ y
 
 
-def norm(x: Vector, least: float = 0.0) -> Vector:
+def norm(x: Vector, least: Vector | float = 0.0) -> Vector:
     """Return the Euclidean norm, not below ``least``; differentiable at x = 0 when ``least`` > 0."""
     squares = ca.sumsqr(x) if symbolic(x) else np.sum(np.square(x))
-    if least > 0:
+    if symbolic(least) or least > 0:
         squares = maximum(squares, least**2)
     return sqrt(squares)
 

@@ -21,6 +21,7 @@ EXTRAS = {
     "plot": _PLOT,
     "robots": _ROBOTS,
     "ros2": (*_CLI, "mcap", "mcap_ros2", "cyclonedds", "rosbags"),
+    "ship": ("fmpy", "ziglang"),
     "sim": _SIM,
     "study": (*_CLI, "optuna"),
     "view": (*_SIM, "collada", "trimesh", "viser"),

@@ -184,8 +184,8 @@ def c_texts(
         f"src/{name}.h": source.header,
         f"src/{name}.c": source.source,
         "test/vectors.h": vectors.header(source, recorded),
-        "law.yaml": _law_yaml(law, name, real, digest, joint_names, certificate, scenario, watch, part, inner),
-        "LICENSE": _licence(),
+        "law.yaml": law_yaml(law, name, real, digest, joint_names, certificate, scenario, watch, part, inner),
+        "LICENSE": licence(),
         **texts(source, tuple(joint_names), VECTORS, LICENCE, part),
         **(part.texts() if part else {}),
     }
@@ -229,7 +229,7 @@ def c_name(text: str, given: bool = True) -> str:
     return name
 
 
-def _law_yaml(
+def law_yaml(
     law: Law,
     name: str,
     real: str,
@@ -282,7 +282,7 @@ def _plain(value: Any) -> Any:
     return str(value)
 
 
-def _licence() -> str:
+def licence() -> str:
     """Return what may be done with the files."""
     return (
         "The C in this folder was generated from your own design. Copy, change, compile and ship it as you like, in\n"
