@@ -365,6 +365,16 @@ def test_limits_of_the_interface_and_one_joint_are_exported(tmp_path, quickly_co
     assert fmpy.read_model_description(str(written.file)).defaultExperiment.stepSize == "0.001"
 
 
+def test_a_law_of_positions_waits_at_its_initial_command(tmp_path, quickly_compiled):
+    law = replace(tdc(safe_torque="hold"), torque_limit=None)
+    written = export_fmu(law, tmp_path / "servo.fmu", commands=("rad", "rad"), tunable=[])
+    instance = Instance(written.file, tmp_path / "out")
+    instance.initialize(initial_torque=[0.4, -0.7], position=[np.nan, 0.0])
+    instance.fmu.doStep(0.0, PERIOD)
+    np.testing.assert_array_equal(instance.get("torque"), [0.4, -0.7])
+    assert instance.variables["torque"][0].description == "command of the inner loops [rad]"
+
+
 def test_the_same_law_gives_the_same_bytes_and_files_of_others_stay(tmp_path):
     options = {"name": "law", "tunable": [], "platforms": []}
     one, two = (export_fmu(tdc(), tmp_path / name, **options).file for name in ("1.fmu", "2.fmu"))

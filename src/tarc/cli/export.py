@@ -127,14 +127,14 @@ def export(
         "certificate": certificate,
         "scenario": {"law": chosen, "content": content},
     }
+    units = loaded.build_plant().torque_units
     if kind == "fmu":
-        export_fmu_file(built, folder, as_json, fmi=fmi, platforms=platforms, tunable=tunable, **options)
+        export_fmu_file(built, folder, as_json, fmi, platforms, tunable, commands=units, **options)
         return
     options["real"] = real
     if watch:
         numbers = numbers_of("--speed", speed)
         options["watch"] = loaded.watch(chosen, tube=tube, full_range=full_range, speed=numbers)
-    units = loaded.build_plant().torque_units
     if kind == "ros2":
         if any(unit not in ("N m", "N") for unit in units):
             raise InvalidParameter(

@@ -15,7 +15,9 @@ def names_of(text: str) -> list[str] | None:
     return [] if text == "none" else [name.strip() for name in text.split(",")]
 
 
-def export_fmu_file(law: "Law", file: Path, as_json: bool, platforms: str, tunable: str, **options: Any) -> None:
+def export_fmu_file(
+    law: "Law", file: Path, as_json: bool, fmi: str, platforms: str, tunable: str, **options: Any
+) -> None:
     """Write an FMU and print what is in it."""
     from rich.console import Console
 
@@ -23,7 +25,7 @@ def export_fmu_file(law: "Law", file: Path, as_json: bool, platforms: str, tunab
     from tarc.export.fmu_platforms import PLATFORMS
 
     chosen = list(PLATFORMS) if platforms == "all" else names_of(platforms)
-    written = export_fmu(law, file, platforms=chosen, tunable=names_of(tunable), **options)
+    written = export_fmu(law, file, fmi=fmi, platforms=chosen, tunable=names_of(tunable), **options)
     if as_json:
         content = {"file": str(written.file), "fmi": written.fmi, "libraries": list(written.libraries)}
         print(json.dumps(content | {"tunable": list(written.tunable), "fixed": written.fixed}, indent=2))

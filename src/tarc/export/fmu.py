@@ -14,7 +14,7 @@ from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter
 from tarc.core.files import make_folder, read_text, writing
 from tarc.core.optional import require
-from tarc.export.c_project import c_name, law_yaml, licence
+from tarc.export.c_project import POSITION_UNITS, c_name, inner_loop_units, law_yaml, licence
 from tarc.export.c_source import CSource
 from tarc.export.fmu_description import FmuFacts, build_description, description_2, description_3
 from tarc.export.fmu_platforms import check_platforms, libraries
@@ -77,6 +77,7 @@ def export_fmu(
     joint_names: Sequence[str] = (),
     certificate: Mapping[str, Any] | None = None,
     scenario: Mapping[str, Any] | None = None,
+    commands: Sequence[str] = (),
 ) -> Fmu:
     """Write a law as an FMU for co-simulation and model exchange: the step that is simulated and certified, in C.
 
@@ -104,6 +105,8 @@ def export_fmu(
         Names of the joints, in order, for the descriptions of the variables.
     certificate, scenario
         For ``resources/law.yaml``, as for `export_c`.
+    commands
+        Units of what the law commands where that is no torque, as for `export_c`.
 
     Raises
     ------
@@ -132,12 +135,15 @@ def export_fmu(
     chosen = None if platforms is None else check_platforms(platforms)
     _check_replaceable(file)
     changeable = tunable_law(law, traced_law(law, torque_limits), tunable)
-    source = CSource(changeable.traced, name, False, f"{name}: {type(law).__name__}")
+    inner = inner_loop_units(law, commands)
+    source = CSource(changeable.traced, name, False, f"{name}: {type(law).__name__}", inner)
     variables = fmu_variables(source, changeable.tunables, joint_names)
     digest = hashlib.sha256((source.header + source.source).encode()).hexdigest()
     content = {
         **_texts(source, fmi, variables, changeable.tunables),
-        "resources/law.yaml": law_yaml(law, name, "double", digest, joint_names, certificate, scenario, None, None, None),
+        "resources/law.yaml": law_yaml(
+            law, name, "double", digest, joint_names, certificate, scenario, None, None, inner
+        ),
         "documentation/index.html": _page(source, variables, changeable.refused),
         "documentation/licenses/license.txt": licence(),
         "documentation/licenses/fmi.txt": _notice(fmi),
@@ -187,6 +193,7 @@ def _config(source: CSource, variables: list[Variable], tunables: Sequence[Tunab
         f"#define PERIOD {upper}_PERIOD",
         f"#define PARAMETERS {count}",
         f"#define FIRST_PARAMETER {source.traced.n_states - count}",
+        f"#define COMMANDS_POSITIONS {int(any(unit in POSITION_UNITS for unit in source.commands))}",
         "static const double start_limits[] = {"
         + ", ".join(repr(float(limit)) for limit in source.traced.start_limits)
         + "};",

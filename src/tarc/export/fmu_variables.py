@@ -88,7 +88,9 @@ def fmu_variables(source: CSource, tunables: Sequence[Tunable], joint_names: Seq
     add("time", "time [s]", 0, "time", "REAL", "INDEPENDENT")
     for name, description in INPUTS.items():
         add(name, description, n, f"in.{name}", "REAL", "INPUT", start=(0.0,) * n)
-    add("torque", DESCRIPTIONS["torque"], n, "out.torque", "REAL", "OUTPUT")
+    unit = "/".join(dict.fromkeys(source.commands))
+    command = f"command of the inner loops [{unit}]" if unit else DESCRIPTIONS["torque"]
+    add("torque", command, n, "out.torque", "REAL", "OUTPUT")
     for signal in source.signals:
         kind = {"missing": "INTEGER", "fault": "BOOLEAN"}.get(signal.name, "REAL")
         description = DESCRIPTIONS.get(signal.name, f"signal {signal.name} of the law")
@@ -97,6 +99,8 @@ def fmu_variables(source: CSource, tunables: Sequence[Tunable], joint_names: Seq
         add(signal.name, description, size, f"out.{signal.name}", kind, "OUTPUT")
     add("status", STATUS, 0, "status", "INTEGER", "OUTPUT")
     text = "torque that acts before the first sample [N m or N]"
+    if unit:
+        text = f"command before the first sample [{unit}]; of positions the first one"
     add("initial_torque", text, n, "initial_torque", "REAL", "FIXED", start=(0.0,) * n)
     text = "whether applied_torque is read; else the torque counts as applied"
     add("uses_applied_torque", text, 0, "uses_applied_torque", "BOOLEAN", "FIXED", start=(0.0,))

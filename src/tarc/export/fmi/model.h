@@ -110,8 +110,13 @@ static void step_law(model *self)
   if (!state->uses_applied_torque)
     for (int i = 0; i < JOINTS; ++i)
       in.applied_torque[i] = NAN;
-  if (!state->law.ready && LAW(reset)(&state->law, in.position, state->initial_torque) != LAW_OK)
-    report(self, STATUS_WARNING, "t = %.17g: no position yet that is finite; the torque is zero", state->time);
+  if (!state->law.ready && LAW(reset)(&state->law, in.position, state->initial_torque) != LAW_OK) {
+    report(self, STATUS_WARNING, "t = %.17g: no position yet that is finite; the law waits for one", state->time);
+    if (COMMANDS_POSITIONS) { /* zero would be a place to go to */
+      start_outputs(state);
+      return;
+    }
+  }
 #if PARAMETERS > 0
   memcpy(state->law.x[state->law.now] + FIRST_PARAMETER, state->parameter, PARAMETERS * sizeof(double));
 #endif
