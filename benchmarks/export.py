@@ -9,10 +9,12 @@ law by hand, with a ring buffer, which gives the same torque.
 """
 
 import argparse
+import re
 import shutil
 import sys
 import tempfile
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -82,6 +84,31 @@ def single_against_double(found: Array, expected: Array, source: CSource) -> lis
     others = np.any(found[:, choices] != expected[:, choices], axis=1) if choices else None
     torque = f"{np.max(np.abs(found[:, :n] - expected[:, :n])):.1e} of {np.max(np.abs(expected[:, :n])):.1f}"
     return [str(int(np.sum(decisions))), "-" if others is None else str(int(np.sum(others))), torque]
+
+
+def fuzz(console: Console, steps: int) -> None:
+    """Print what absurd inputs do to the C of every law, in both precisions and under the sanitizers of gcc."""
+    table = Table("law", "double", "float", "steps with missing samples", "in a fault", "starts refused")
+    sanitizers = ("-O1", "-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all")
+    for name, law in laws().items():
+        limited = replace(law, torque_limit=np.full(law.n_joints, 5.0))
+        cells, counts = [], [0, 0, 0]
+        for real in ("double", "float"):
+            with tempfile.TemporaryDirectory() as folder:
+                export_c(limited, folder, name="arm", real=real)
+                binary = str(Path(folder) / "fuzz")
+                files = [f"-I{folder}/src", f"{folder}/src/arm.c", f"{folder}/test/fuzz.c", "-lm", "-o", binary]
+                compile_c(["gcc", *BASE_FLAGS, *sanitizers, *files])
+                process = run_command([binary, str(steps)])
+            found = re.findall(r"\d+", process.stdout)
+            cells.append("crashed" if len(found) != 8 else f"{found[1]} not finite, {found[2]} beyond")
+            if len(found) == 8:
+                counts = [count + int(found[place]) for count, place in zip(counts, (4, 5, 7), strict=True)]
+        table.add_row(name, *cells, *map(str, counts))
+    console.print(
+        f"\n{steps} absurd steps of each law: torques that are not finite, or beyond the limit", highlight=False
+    )
+    console.print(table)
 
 
 def six_joints() -> tarc.laws.TARC:
@@ -165,7 +192,9 @@ def main() -> None:
     """Print everything; it reports, so that it exits with 0 whatever the numbers are."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.export", description=__doc__)
     parser.add_argument("--steps", type=int, default=100_000, help="random steps of each law")
-    steps = parser.parse_args().steps
+    parser.add_argument("--fuzz", type=int, default=1_000_000, help="absurd steps of each law")
+    arguments = parser.parse_args()
+    steps = arguments.steps
     console = Console(width=None if Console().is_terminal else 160)
     console.print(machine(), highlight=False)
     table = Table("law", "numbers", *COMPILERS, "float: missing, fault", "choices", "torque [N m]")
@@ -173,6 +202,8 @@ def main() -> None:
         table.add_row(name, *same_bits(law, steps))
     console.print(f"Numbers of {steps} random steps that differ from the virtual machine, 2 joints", highlight=False)
     console.print(table)
+    if shutil.which("gcc"):
+        fuzz(console, arguments.fuzz)
     step_time(console)
 
 

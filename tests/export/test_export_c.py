@@ -1,5 +1,6 @@
 """Exported C is the law: the same bits, no warnings, and nothing of anybody else's is touched."""
 
+import re
 import shutil
 import subprocess
 from dataclasses import replace
@@ -160,6 +161,57 @@ def test_fast_mathematics_is_refused(tmp_path):
     process = subprocess.run(command, capture_output=True, text=True, check=False)
     assert process.returncode != 0
     assert "NAN" in process.stderr
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        pytest.param(kind, marks=() if kind.__name__ in QUICK else pytest.mark.slow, id=kind.__name__)
+        for kind in concrete_laws()
+    ],
+)
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_absurd_inputs_give_no_absurd_torque(kind, real, tmp_path):
+    law = replace(make_law(kind), torque_limit=[3.0, 5.0])
+    export_c(law, tmp_path, name="law", real=real, watch=watch_of_everything())
+    files = [f"-I{tmp_path / 'src'}", tmp_path / "src" / "law.c", tmp_path / "test" / "fuzz.c", "-lm"]
+    flags = ["-std=c99", "-O1", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]
+    command = [*compiler(), *flags, *files, "-o", tmp_path / "fuzz"]
+    subprocess.run([str(word) for word in command], check=True)
+    process = subprocess.run([str(tmp_path / "fuzz"), "60000", "3"], capture_output=True, text=True, check=False)
+    assert process.returncode == 0, process.stdout
+    assert process.stdout.startswith("60000 absurd steps: 0 torques not finite, 0 beyond their limit")
+    good, missing, fault = (
+        int(word) for word in re.findall(r"(\d+) (?:steps good|with missing|in a fault)", process.stdout)
+    )
+    assert min(good, missing, fault) > 6000
+
+
+def test_a_torque_for_a_drive_is_rounded_limited_and_never_made_up(tmp_path):
+    export_c(tdc(), tmp_path, name="law")
+    cases = {
+        "1.0, 2.0": 500,
+        "-1.0, 2.0": -500,
+        "0.0005, 1.0": 1,
+        "0.00049, 1.0": 0,
+        "1e6, 1.0": 32767,
+        "-1e6, 1.0": -32768,
+        "32.7674, 1.0": 32767,
+        "NAN, 1.0": 0,
+        "INFINITY, 1.0": 0,
+        "1.0, 0.0": 0,
+        "1.0, -1.0": 0,
+        "1.0, NAN": 0,
+        "1e300, 1e-300": 0,
+    }
+    checks = "\n".join(f"  wrong += law_cia402_torque({given}) != {value};" for given, value in cases.items())
+    program = tmp_path / "test" / "drive.c"
+    program.write_text(
+        f'#include "law.h"\n#include <math.h>\nint main(void)\n{{\n  int wrong = 0;\n{checks}\n  return wrong;\n}}\n'
+    )
+    files = [f"-I{tmp_path / 'src'}", tmp_path / "src" / "law.c", program, "-lm", "-o", tmp_path / "drive"]
+    subprocess.run([str(word) for word in [*compiler(), "-std=c99", "-ffp-contract=off", *files]], check=True)
+    assert subprocess.run([str(tmp_path / "drive")], check=False).returncode == 0
 
 
 @pytest.mark.skipif(shutil.which("g++") is None, reason="there is no g++")

@@ -57,7 +57,8 @@ ${name}_status ${name}_reset(${name}_t *self, const ${name}_real position[], con
  * was missing: the law bridges it, and the torque is to be applied. ${NAME}_FAULT where it has given up. */
 ${name}_status ${name}_step(${name}_t *self, const ${name}_input *in, ${name}_output *out);
 
-/* Target torque of CiA 402, object 0x6071: thousandths of the rated torque, rounded and limited to 16 bits. */
+/* Target torque of CiA 402, object 0x6071: thousandths of the rated torque, rounded and limited to 16 bits.
+ * Zero for a torque that is not finite, and for a rated torque that is not above zero. */
 short ${name}_cia402_torque(${name}_real torque, ${name}_real rated_torque);
 
 #ifdef __cplusplus
@@ -133,9 +134,9 @@ ${name}_status ${name}_step(${name}_t *self, const ${name}_input *in, ${name}_ou
 short ${name}_cia402_torque(${name}_real torque, ${name}_real rated_torque)
 {
   const ${name}_real share = $floor($thousand * torque / rated_torque + $half);
-  if (!(share > $lowest))
-    return -32768;
-  return share < $highest ? (short)share : 32767;
+  if (!(rated_torque > $zero) || !($fabs(share) <= $huge))
+    return 0;
+  return (short)(share < $lowest ? $lowest : share > $highest ? $highest : share);
 }
 """)
 
@@ -145,6 +146,9 @@ TORQUES = "Positions are in rad or m, torques in N m or N."
 COMMANDS = """Positions are in rad or m. This law commands inner loops: what is called torque here is their set-point,
  * in {}. Zero is a set-point as well: apply none before the first reset,
  * and give the reset those that hold now."""
+
+MAX_COUNT = 1e9
+"""Largest count of missing samples that C reports."""
 
 COUNTS = ("missing", "fault")
 """Signals that are counted: of the C type int."""
@@ -175,7 +179,7 @@ class _LawInterface(Interface):
 
     def __init__(self, constants: Constants, source: "CSource"):
         super().__init__(constants)
-        self._source = source
+        self._source, self._constants = source, constants
         self._n_joints = source.traced.n_joints
 
     @property
@@ -202,6 +206,9 @@ class _LawInterface(Interface):
     def write(self, place: int, element: int, value: str) -> str:
         target = self.written(place, element)
         field = target.removeprefix("out->")
+        if field == "missing":  # no int holds the count of weeks without a sample
+            most = self._constants.number(MAX_COUNT)
+            return f"  {target} = {value} < {most} ? (int){value} : {int(MAX_COUNT)};"
         cast = "(int)" if field in COUNTS else "(unsigned)" if field in FLAG_COMMENTS else ""
         return f"  {target} = {cast}{value};"
 

@@ -5,6 +5,7 @@ from string import Template
 from tarc.control.watch import WatchFlag
 from tarc.core.version import __version__
 from tarc.export.c_source import CSource
+from tarc.export.fuzz_text import fuzz_text
 from tarc.export.parts import Parts
 from tarc.export.tolerances import TOLERANCES
 
@@ -168,6 +169,9 @@ enable_testing()
 add_executable(${name}_replay test/replay.c)
 target_link_libraries(${name}_replay $name)
 add_test(NAME replay COMMAND ${name}_replay)
+add_executable(${name}_fuzz test/fuzz.c)
+target_link_libraries(${name}_fuzz $name)
+add_test(NAME fuzz COMMAND ${name}_fuzz)
 $test_parts""")
 
 TEST_PARTS = Template("""add_executable(${name}_parts test/parts.c)
@@ -256,6 +260,7 @@ $$ tarc verify-export .
 ```
 
 The first runs $count recorded steps and compares every bit.
+`test/fuzz.c` gives the law absurd inputs: no torque may be NaN or beyond its limit.
 The second also tries compilers and options, and compares many more steps with the law itself.
 """)
 
@@ -357,6 +362,7 @@ def texts(
         "README.md": README.substitute(values),
         "test/replay.h": REPLAY_HEADER.substitute(values),
         "test/replay.c": REPLAY.substitute(values),
+        "test/fuzz.c": fuzz_text(source),
         "CMakeLists.txt": CMAKE.substitute(values),
         "library.json": PLATFORMIO.substitute(values),
         "library.properties": ARDUINO.substitute(values),
