@@ -65,6 +65,10 @@ Tunable = Annotated[
     str,
     typer.Option("--tunable", help="Parameters of an FMU that may change as it runs, or none. Default: all that can."),
 ]
+Realtime = Annotated[
+    bool,
+    typer.Option("--realtime", help="Also a program for Linux that runs the law on a robot over UDP; implies --parts."),
+]
 ExportFolder = Annotated[Path, typer.Argument(metavar="FOLDER", help="What tarc export c wrote.")]
 Compiler = Annotated[str, typer.Option("--cc", help="C compiler with options. Default: the one that is found.")]
 Steps = Annotated[int, typer.Option(help="Random steps to compare with the law.")]
@@ -79,6 +83,7 @@ def export(
     real: Real = "double",
     firmware: Firmware = False,
     parts: Parts = False,
+    realtime: Realtime = False,
     watch: Watched = False,
     tube: Tube = 0.01,
     full_range: FullRange = False,
@@ -109,8 +114,8 @@ def export(
     from tarc.scenario.user_law import is_user_law
 
     check.one_of("FORMAT", kind, FORMATS)
-    if firmware and kind != "c":
-        raise InvalidParameter("--firmware: only with the format c")
+    if (firmware or realtime) and kind != "c":
+        raise InvalidParameter(f"--{'firmware' if firmware else 'realtime'}: only with the format c")
     if kind == "fmu" and (real != "double" or watch or parts):
         raise InvalidParameter("--real, --watch, --parts: not with the format fmu, which has doubles, without flags")
     is_own = is_user_law(law)
@@ -142,7 +147,9 @@ def export(
             )
         written = export_ros2(built, folder, **options)
     else:
+        parts = parts or realtime
         options |= {"firmware": firmware, "parts": parts, "reference": loaded.build().reference if parts else None}
+        options["realtime"] = realtime
         written = export_c(built, folder, commands=units, **options)
     if as_json:
         print(json.dumps({"folder": str(written.folder), "files": [str(file) for file in written.files]}, indent=2))

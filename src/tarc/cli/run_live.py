@@ -92,6 +92,8 @@ def run_live(
     loaded = Scenario.load(scenario, set_ or [], law=law if is_own else "")
     chosen, built, interface, names = law_of(loaded, "" if is_own else law)
     setup = loaded.build()
+    if any(unit not in ("N m", "N") for unit in setup.plant.torque_units):
+        raise InvalidParameter("robot: its joints take positions, and run-live writes torques; give actuators: torque")
     folder = None if log else make_folder("--log", Path("runs") / file_stem(loaded.name))
     target = log or Path(folder or ".") / f"{file_stem(chosen)}-live.nc"
     limits = _limits(setup, interface, error_limit, speed_limit, max_step, torque_rate)

@@ -20,6 +20,7 @@ from tarc.export.firmware import firmware_texts
 from tarc.export.folder import write_folder
 from tarc.export.parts import Parts
 from tarc.export.project_files import texts
+from tarc.export.realtime import realtime_texts
 from tarc.export.traced_law import traced_law
 from tarc.laws.base import Law
 from tarc.signals.references import Reference
@@ -89,6 +90,7 @@ def export_c(
     parts: bool = False,
     reference: Reference | None = None,
     commands: Sequence[str] = (),
+    realtime: bool = False,
 ) -> Export:
     """Write a law as a C99 project: exactly the step that is simulated and certified.
 
@@ -124,6 +126,9 @@ def export_c(
     commands
         Unit of what the law returns per joint, as ``plant.torque_units`` has it: ``rad`` for a `PositionServo`. Empty
         for torques.
+    realtime
+        Also write ``realtime/loop.c``: a program for Linux that runs the law on a robot over UDP. It follows the
+        reference of the parts, or rests without.
 
     Raises
     ------
@@ -148,6 +153,13 @@ def export_c(
     )
     if firmware:
         content |= firmware_texts(source)
+    if realtime:
+        if source.commands:
+            raise InvalidParameter(
+                f"realtime: the law commands positions in {', '.join(dict.fromkeys(source.commands))}, and the loop "
+                "writes torques; use the step in a loop of your own"
+            )
+        content |= realtime_texts(source, joint_names, follows_reference=parts and reference is not None)
     return Export(Path(folder), tuple(write_folder("folder", folder, content)), name, real, digest)
 
 

@@ -1,0 +1,166 @@
+"""The loop in C, against the robot in MuJoCo over UDP."""
+
+import os
+import shutil
+import signal
+import subprocess
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import tarc
+from tarc.core.errors import InvalidParameter
+from tarc.export import export_c
+from tarc.export.verification import BASE_FLAGS, WARNINGS
+from tarc.runtime import MujocoRobot
+from tarc.runtime.packets import Kind, encode
+from tarc.runtime.transports import UdpTransport
+
+ARM = """
+<mujoco>
+  <worldbody>
+    <body>
+      <joint name="shoulder" axis="0 -1 0" damping="0.5" armature="0.02"/>
+      <geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.03" mass="2"/>
+      <body pos="0.4 0 0">
+        <joint name="elbow" axis="0 -1 0" damping="0.5" armature="0.02"/>
+        <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.03" mass="1"/>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+PERIOD = 1e-3
+QUICK = ["-DRAMP_TIME=0.3", "-DHOLD_TIME=0.05", "-DSTOP_TIME=0.1", "-DMAX_ERROR=0.5"]
+NAMES = ("shoulder", "elbow")
+CC = shutil.which("gcc") or shutil.which("clang") or shutil.which("cc")
+
+pytestmark = pytest.mark.skipif(CC is None, reason="no C compiler")
+
+
+def folder_of(root: Path, **changes: Any) -> Path:
+    law = tarc.laws.TDC(
+        inertia=[0.03, 0.006],
+        natural_frequency=15.0,
+        period=PERIOD,
+        estimator=tarc.estimators.Algebraic(window=0.010),
+        torque_limit=[40.0, 20.0],
+        max_missing=100_000,
+        safe_torque="hold",
+    )
+    reference = tarc.signals.Sinusoid(amplitude=[0.1, 0.2], frequency=[3.0, 4.0])
+    options: dict[str, Any] = {"name": "arm", "joint_names": NAMES, "parts": True, "reference": reference} | changes
+    export_c(law, root, realtime=True, **options)
+    return root
+
+
+def compiled(root: Path, *flags: str, reference: bool = True) -> Path:
+    sources = ["../src/arm.c", *(["../src/arm_parts.c"] if reference else [])]
+    command = [str(CC), *BASE_FLAGS, *WARNINGS, "-Werror", "-O1", *flags, "-I../src", "loop.c", *sources, "-lm"]
+    subprocess.run([*command, "-o", "loop"], cwd=root / "realtime", check=True)
+    return root / "realtime" / "loop"
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory) -> Path:
+    return folder_of(tmp_path_factory.mktemp("loop"))
+
+
+@pytest.fixture
+def arm(tmp_path) -> tarc.plants.MujocoPlant:
+    (tmp_path / "arm.xml").write_text(ARM)
+    return tarc.plants.MujocoPlant.from_file(tmp_path / "arm.xml")
+
+
+def test_commands_of_inner_loops_have_no_loop(tmp_path):
+    with pytest.raises(InvalidParameter, match=r"realtime: .* in rad, and the loop writes torques"):
+        folder_of(tmp_path, commands=["rad", "rad"], parts=False, reference=None)
+
+
+def port_of(robot: MujocoRobot) -> str:
+    """Return the port of the robot, and leave it to the loop in C."""
+    port = str(robot._transport._peer[1])  # type: ignore[attr-defined]
+    robot._transport.close()
+    return port
+
+
+def test_it_compiles_without_warnings_in_both_precisions(exported, tmp_path):
+    compiled(exported)
+    compiled(folder_of(tmp_path, real="float", parts=False, reference=None, joint_names=()), reference=False)
+
+
+@pytest.mark.slow
+def test_its_makefile_builds_it(exported):
+    if shutil.which("make"):
+        subprocess.run(["make", "-C", str(exported / "realtime"), f"CC={CC}"], check=True, capture_output=True)
+
+
+def test_it_runs_for_a_second_on_mujoco(exported, arm):
+    loop = compiled(exported, *QUICK, "-DWATCHDOG=2.0")
+    with MujocoRobot(arm, PERIOD, udp=0, watchdog=5.0) as robot:
+        done = subprocess.run(
+            [str(loop), "127.0.0.1", port_of(robot), "0.5"], capture_output=True, text=True, check=False
+        )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "completed" in done.stdout
+    assert "0 packets malformed" in done.stdout
+    assert "scheduler: " in done.stdout
+
+
+@pytest.mark.slow
+def test_a_robot_that_stalls_is_a_safe_stop(exported, arm):
+    loop = compiled(exported, *QUICK, "-DWATCHDOG=0.3")
+    with MujocoRobot(arm, PERIOD, udp=0, watchdog=5.0) as robot:
+        command = [str(loop), "127.0.0.1", port_of(robot), "30"]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        timer = threading.Timer(3.0, lambda: os.kill(robot.process.pid, signal.SIGSTOP))
+        timer.start()
+        text, _ = process.communicate(timeout=30)
+    assert process.returncode == 3
+    assert "no sample came for the time of the watchdog" in text
+
+
+@pytest.mark.slow
+def test_ctrl_c_lets_it_come_to_rest(exported, arm):
+    loop = compiled(exported, *QUICK, "-DWATCHDOG=2.0")
+    with MujocoRobot(arm, PERIOD, udp=0, watchdog=5.0) as robot:
+        process = subprocess.Popen([str(loop), "127.0.0.1", port_of(robot), "30"], stdout=subprocess.PIPE, text=True)
+        threading.Timer(3.0, lambda: process.send_signal(signal.SIGINT)).start()
+        text, _ = process.communicate(timeout=30)
+    assert process.returncode == 0
+    assert "stopped by Ctrl-C" in text
+
+
+@pytest.mark.slow
+def test_joints_in_another_order_are_refused(tmp_path, arm):
+    loop = compiled(folder_of(tmp_path / "other", joint_names=("elbow", "shoulder")), *QUICK)
+    with MujocoRobot(arm, PERIOD, udp=0) as robot:
+        done = subprocess.run(
+            [str(loop), "127.0.0.1", port_of(robot), "1"], capture_output=True, text=True, check=False
+        )
+    assert done.returncode == 1
+    assert "another order" in done.stderr
+
+
+@pytest.mark.slow
+def test_it_ignores_and_counts_nonsense(exported):
+    """Packets of a robot in this test: valid ones, changed ones, and none of the first kind in the end."""
+    loop = compiled(exported, *QUICK, "-DWATCHDOG=0.2", "-DBRAKE_TIME=0.02")
+    robot = UdpTransport(None, ("127.0.0.1", 0))
+    process = subprocess.Popen([str(loop), "127.0.0.1", str(robot.port), "30"], stdout=subprocess.PIPE, text=True)
+    rng = np.random.default_rng(0)
+    sequence = 0
+    while process.poll() is None:
+        for _ in robot.receive():
+            sequence += 1
+            if sequence == 1:
+                robot.send(encode(Kind.NAMES, 0, 0.0, names=NAMES))
+            data = encode(Kind.STATE, sequence, 0.0, [np.zeros(2), np.zeros(2)])
+            robot.send(data if sequence < 100 else rng.bytes(int(rng.integers(0, 100))))
+    text = process.communicate()[0]
+    robot.close()
+    assert process.returncode == 3
+    assert "0 packets malformed" not in text
