@@ -2,6 +2,7 @@
 
 import json
 import shlex
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -107,17 +108,12 @@ def export(
 
     Example: tarc export ros2 ur5e --law TARC -o build/arm_controller --name arm
     """
-    from tarc.core import validation as check
     from tarc.export import export_c, export_ros2
     from tarc.scenario.loader import relative_files
     from tarc.scenario.model import Scenario
     from tarc.scenario.user_law import is_user_law
 
-    check.one_of("FORMAT", kind, FORMATS)
-    if (firmware or realtime) and kind != "c":
-        raise InvalidParameter(f"--{'firmware' if firmware else 'realtime'}: only with the format c")
-    if kind == "fmu" and (real != "double" or watch or parts):
-        raise InvalidParameter("--real, --watch, --parts: not with the format fmu, which has doubles, without flags")
+    _check_format(kind, firmware, realtime, real, watch, parts)
     is_own = is_user_law(law)
     loaded = Scenario.load(scenario, set_ or [], law=law if is_own else "")
     chosen, built, limits, joints = law_of(loaded, "" if is_own else law)
@@ -141,10 +137,7 @@ def export(
         numbers = numbers_of("--speed", speed)
         options["watch"] = loaded.watch(chosen, tube=tube, full_range=full_range, speed=numbers)
     if kind == "ros2":
-        if any(unit not in ("N m", "N") for unit in units):
-            raise InvalidParameter(
-                f"ros2: the law commands {', '.join(units)}, and the controller speaks efforts alone"
-            )
+        _check_efforts(units)
         written = export_ros2(built, folder, **options)
     else:
         parts = parts or realtime
@@ -155,6 +148,23 @@ def export(
         print(json.dumps({"folder": str(written.folder), "files": [str(file) for file in written.files]}, indent=2))
         return
     _print_written(written, chosen, certificate is not None)
+
+
+def _check_format(kind: str, firmware: bool, realtime: bool, real: str, watch: bool, parts: bool) -> None:
+    """Refuse another format, and options that a format does not have."""
+    from tarc.core import validation as check
+
+    check.one_of("FORMAT", kind, FORMATS)
+    if (firmware or realtime) and kind != "c":
+        raise InvalidParameter(f"--{'firmware' if firmware else 'realtime'}: only with the format c")
+    if kind == "fmu" and (real != "double" or watch or parts):
+        raise InvalidParameter("--real, --watch, --parts: not with the format fmu, which has doubles, without flags")
+
+
+def _check_efforts(units: Sequence[str]) -> None:
+    """Refuse a law whose commands are no efforts."""
+    if any(unit not in ("N m", "N") for unit in units):
+        raise InvalidParameter(f"ros2: the law commands {', '.join(units)}, and the controller speaks efforts alone")
 
 
 def verify_export(folder: ExportFolder, cc: Compiler = "", steps: Steps = 100_000, as_json: Json = False) -> None:
