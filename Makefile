@@ -34,8 +34,9 @@ bench: .venv/dev ## speed, as ratios
 bench-design: .venv/dev ## designs for six arms
 	$(BIN)/python -m benchmarks.design
 
-bench-export: .venv/dev ## exported C: bits, step time, size
+bench-export: .venv/dev ## exported C: bits, step time, size; the loop on the machine
 	$(BIN)/python -m benchmarks.export
+	$(BIN)/python -m benchmarks.runtime
 
 compare: .venv/dev ## all laws in ten scenarios
 	$(BIN)/python -m benchmarks.comparison

@@ -82,9 +82,7 @@ def test_commands_of_inner_loops_have_no_loop(tmp_path):
 
 def port_of(robot: MujocoRobot) -> str:
     """Return the port of the robot, and leave it to the loop in C."""
-    port = str(robot._transport._peer[1])  # type: ignore[attr-defined]
-    robot._transport.close()
-    return port
+    return str(robot.release_port())
 
 
 def test_it_compiles_without_warnings_in_both_precisions(exported, tmp_path):

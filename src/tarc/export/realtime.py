@@ -320,7 +320,7 @@ static long wait_for_period(void)
   begin = now();
   const long missed = (long)((begin - deadline) / PERIOD);
   if (timed < TIMED)
-    lateness[timed++] = (float)(begin - deadline - (double)missed * PERIOD);
+    lateness[timed++] = (float)(begin - deadline);
   overruns += missed;
   period += missed + 1;
   return missed;

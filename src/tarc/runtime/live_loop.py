@@ -363,7 +363,7 @@ class LiveLoop:
         self._begin = self._clock.now()
         self._parts.watchdog.beat()
         missed = int((self._begin - deadline) / self._period)
-        self._lateness = self._begin - deadline - missed * self._period
+        self._lateness = self._begin - deadline
         self.overruns += missed
         self._k += missed
         return missed

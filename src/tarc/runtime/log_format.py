@@ -38,7 +38,7 @@ class Phase(IntEnum):
 TIMING = {
     "phase": ("part of the run: 0 hold, 1 push, 2 ramp, 3 track, 4 stop, 5 safe stop", "1"),
     "period_start": ("start of the period, from the first deadline on", "s"),
-    "lateness": ("start of the period after its deadline", "s"),
+    "lateness": ("start of the period after the deadline that the loop waited for", "s"),
     "computation_time": ("time from the start of the period until the torque was written", "s"),
     "sample_time": ("the robot's own stamp of the sample", "s"),
     "overrun": ("whether the loop missed the period", "1"),

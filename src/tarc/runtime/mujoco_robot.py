@@ -156,6 +156,12 @@ class MujocoRobot(PacketRobot):
         self.process.wait()
         self._errors.close()
 
+    def release_port(self) -> int:
+        """Give up the connection by UDP, so that another program may take the robot a second later; return its port."""
+        assert isinstance(self._transport, UdpTransport)
+        self._transport.close()
+        return self._port()
+
     def close(self) -> None:
         """End the process."""
         super().close()
