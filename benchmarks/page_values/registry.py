@@ -110,10 +110,11 @@ def flat(measured: dict[str, dict[str, float]], prefix: str = "") -> dict[str, V
     }
 
 
-def command(line: str, folder: Path | None = None, fails: bool = False) -> str:
+def command(line: str, folder: Path | None = None, fails: bool = False, status: int = 0) -> str:
     """Return what a command prints on a terminal of 100 columns; one that is to fail prints its error.
 
-    ``python`` and ``tarc`` are those that run this. `RuntimeError` where the exit status is another than expected.
+    ``python`` and ``tarc`` are those that run this. `RuntimeError` where the exit status is another than expected: for
+    one that fails any but zero.
     """
     words = line.split()
     program = {"tarc": [sys.executable, "-m", "tarc"], "python": [sys.executable]}[words[0]]
@@ -126,7 +127,7 @@ def command(line: str, folder: Path | None = None, fails: bool = False) -> str:
             text=True,
             check=False,
         )
-    if (done.returncode != 0) is not fails:
+    if done.returncode == 0 if fails else done.returncode != status:
         raise RuntimeError(f"{line}: exit status {done.returncode}\n{done.stderr}")
     return (done.stderr if fails else done.stdout).rstrip()
 

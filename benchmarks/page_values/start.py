@@ -201,6 +201,19 @@ def signals() -> dict[str, Value]:
 
 
 @source
+def diagnose() -> dict[str, Value]:
+    """Run the page's example of a limit cycle; its figure is written too."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        limits = "law.torque_limit=[100,50]"
+        command(f"tarc run two_link_payload --set law.inertia.fraction=0.3 --set {limits} --no-figures", folder)
+        found = "tarc diagnose runs/two_link_payload/TDC.nc --start-time 1 --figure log.png"
+        printed = command(found, folder, status=1)
+        shutil.copy(folder / "log.png", ROOT / "docs" / "images" / "diagnose.png")
+    return {"bad": text_block(printed)}
+
+
+@source
 def own_reference() -> dict[str, Value]:
     """Deviation of the velocity of a recorded trajectory, in 10⁻⁸ rad/s."""
     deviation = run_page("how-to/own-reference.md").names["deviation"]

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from tarc.core.errors import DesignWarning, JointLimitWarning, MissingTool, RobotFileWarning, TarcError
     from tarc.core.version import __version__
     from tarc.laws.nominal_inertia import Feedforward, NominalInertia
+    from tarc.logs.diagnosis import Diagnosis, diagnose
+    from tarc.logs.findings import Finding
     from tarc.logs.identified_model import IdentifiedModel, identify_model, inertia_from_log
     from tarc.logs.replayed import Replay, replay
     from tarc.scenario.cartesian import CartesianWaypoints
@@ -27,7 +29,9 @@ __all__ = [
     "CartesianWaypoints",
     "Controller",
     "DesignWarning",
+    "Diagnosis",
     "Feedforward",
+    "Finding",
     "IdentifiedModel",
     "JointLimitWarning",
     "MissingTool",
@@ -46,6 +50,7 @@ __all__ = [
     "certificates",
     "certify_law",
     "design",
+    "diagnose",
     "estimators",
     "export",
     "identify_model",
@@ -66,6 +71,9 @@ __getattr__, __dir__, _ = lazy_attributes(
         "CartesianWaypoints": "tarc.scenario.cartesian",
         "Controller": "tarc.control.controller",
         "DesignWarning": "tarc.core.errors",
+        "Diagnosis": "tarc.logs.diagnosis",
+        "Finding": "tarc.logs.findings",
+        "diagnose": "tarc.logs.diagnosis",
         "Feedforward": "tarc.laws.nominal_inertia",
         "NominalInertia": "tarc.laws.nominal_inertia",
         "JointLimitWarning": "tarc.core.errors",

@@ -16,6 +16,7 @@ PLOT_METHODS = {
     ("tarc.certificates.base", "tarc.plotting.certificates"),
     ("tarc.design.result", "tarc.plotting.design"),
     ("tarc.estimators.base", "tarc.plotting.estimators"),
+    ("tarc.logs.diagnosis", "tarc.plotting.diagnosis"),
     ("tarc.logs.replayed", "tarc.plotting.replay"),
     ("tarc.simulation.run", "tarc.plotting.animation"),
     ("tarc.simulation.run", "tarc.plotting.runs"),

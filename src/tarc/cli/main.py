@@ -11,6 +11,7 @@ from tarc.cli.certify import certify
 from tarc.cli.compare import compare
 from tarc.cli.demo import demo
 from tarc.cli.design import design
+from tarc.cli.diagnose import diagnose
 from tarc.cli.export import export, verify_export
 from tarc.cli.identify import identify
 from tarc.cli.replay import replay
@@ -33,7 +34,7 @@ app = typer.Typer(
     add_completion=False,
 )
 
-for command in (run, demo, certify, verify, design, compare, tune, replay, identify, show, export):
+for command in (run, demo, certify, verify, design, compare, tune, replay, identify, diagnose, show, export):
     app.command()(command)
 app.command(name="verify-export")(verify_export)
 app.command(name="run-live")(run_live)
