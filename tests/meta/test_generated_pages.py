@@ -2,7 +2,6 @@
 
 import importlib.util
 from pathlib import Path
-from typing import Any
 
 import pytest
 import typer
@@ -24,9 +23,9 @@ def hook(name):
 
 
 def test_command_line_page_has_every_option():
-    page = hook("command_line").page()
-    group: Any = typer.main.get_command(app)
-    for name, command in group.commands.items():
+    commands = hook("command_line")
+    page = commands.page()
+    for name, command in commands.commands(typer.main.get_command(app)):
         section = page.split(f"\n## tarc {name}\n")[1].split("\n## ")[0]
         for parameter in command.params:
             spellings = parameter.opts if parameter.param_type_name == "option" else [parameter.name.upper()]

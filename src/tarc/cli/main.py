@@ -15,6 +15,7 @@ from tarc.cli.diagnose import diagnose
 from tarc.cli.export import export, verify_export
 from tarc.cli.identify import identify
 from tarc.cli.replay import replay
+from tarc.cli.ros2 import app as ros2
 from tarc.cli.run import run
 from tarc.cli.run_live import run_live
 from tarc.cli.show import show
@@ -38,6 +39,7 @@ for command in (run, demo, certify, verify, design, compare, tune, replay, ident
     app.command()(command)
 app.command(name="verify-export")(verify_export)
 app.command(name="run-live")(run_live)
+app.add_typer(ros2, name="ros2")
 
 
 @app.callback(invoke_without_command=True)

@@ -120,10 +120,10 @@ def run_live(
             certificate=stored_certificate(Path(scenario), chosen),
             on_log=display.start,
         )
-    _finish(result, list(names), as_json)
+    finish(result, list(names), as_json)
 
 
-def _finish(result: "LiveRun", names: list[str], as_json: bool) -> None:
+def finish(result: "LiveRun", names: list[str], as_json: bool) -> None:
     """Print the result; exit status 1 after a safe stop."""
     from tarc.cli.tables import run_live as tables
 

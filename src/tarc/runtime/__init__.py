@@ -6,18 +6,22 @@ from tarc.core.lazy import lazy_attributes
 
 if TYPE_CHECKING:
     from tarc.runtime.clock import Clock, SimulatedClock
+    from tarc.runtime.dds import DdsRobot
     from tarc.runtime.limits import SafetyLimits
     from tarc.runtime.live_loop import StartUp
     from tarc.runtime.live_run import LiveRun, run_live
     from tarc.runtime.mujoco_robot import MujocoRobot
+    from tarc.runtime.online import OnlineReference
     from tarc.runtime.packet_robot import PacketRobot, udp_robot
     from tarc.runtime.push import Push, PushResponse
     from tarc.runtime.robot import Robot
 
 __all__ = [
     "Clock",
+    "DdsRobot",
     "LiveRun",
     "MujocoRobot",
+    "OnlineReference",
     "PacketRobot",
     "Push",
     "PushResponse",
@@ -33,8 +37,10 @@ __getattr__, __dir__, _ = lazy_attributes(
     __name__,
     {
         "Clock": "tarc.runtime.clock",
+        "DdsRobot": "tarc.runtime.dds",
         "LiveRun": "tarc.runtime.live_run",
         "MujocoRobot": "tarc.runtime.mujoco_robot",
+        "OnlineReference": "tarc.runtime.online",
         "PacketRobot": "tarc.runtime.packet_robot",
         "Push": "tarc.runtime.push",
         "PushResponse": "tarc.runtime.push",

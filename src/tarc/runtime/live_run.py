@@ -22,7 +22,8 @@ from tarc.runtime.limits import SafetyLimits, require_torque_limit
 from tarc.runtime.live_loop import OVERRUN_POLICIES, LiveLoop, LoopParts, StartUp
 from tarc.runtime.log import Log
 from tarc.runtime.log_format import LogLayout, LogSubject, header
-from tarc.runtime.motion import sampled
+from tarc.runtime.motion import Motion, sampled
+from tarc.runtime.online import OnlineReference
 from tarc.runtime.push import PushResponse
 from tarc.runtime.real_time import check_period, real_time
 from tarc.runtime.robot import Robot
@@ -183,7 +184,7 @@ def run_live(
     controller, facts = _controller(law, limits, native)
     if clock.is_real:
         check_period(_trial(controller, robot), law.period, clock)
-    motion = sampled(reference, duration, law.period)
+    motion = _motion(reference, duration, law.period)
     layout = LogLayout.of(law)
     watcher = None if watch is None else Watcher(watch)
     subject = LogSubject(
@@ -201,6 +202,13 @@ def run_live(
             on_log(record)
         _run(loop, robot, guard, record)
     return _result(loop, robot, record, facts)
+
+
+def _motion(reference: Reference, duration: float, period: float) -> Motion:
+    """Return a reference in every period of a duration [s]."""
+    if isinstance(reference, OnlineReference):
+        return reference.motion(max(1, round(duration / period)), period)
+    return sampled(reference, duration, period)
 
 
 def _result(loop: LiveLoop, robot: Robot, record: Log, facts: Mapping[str, str]) -> LiveRun:
