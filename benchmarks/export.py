@@ -22,6 +22,7 @@ from rich.console import Console
 from rich.table import Table
 
 import tarc
+from benchmarks import fmu
 from benchmarks.__main__ import machine
 from benchmarks.measure import law as tarc_law
 from tarc.core.types import Array
@@ -205,6 +206,7 @@ def main() -> None:
     if shutil.which("gcc"):
         fuzz(console, arguments.fuzz)
     step_time(console)
+    fmu.report(console)
 
 
 if __name__ == "__main__":

@@ -69,7 +69,7 @@ def test_import_is_light():
         assert not heavy & loaded, module
 
 
-LONG_EXAMPLES = {"affine_certificate", "certify_robot", "design_robot", "largest_error"}
+LONG_EXAMPLES = {"affine_certificate", "certify_robot", "design_robot", "fmu_loop", "largest_error"}
 
 
 @pytest.mark.parametrize(
