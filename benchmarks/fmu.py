@@ -3,8 +3,8 @@
 Each law is exported as an FMU. FMPy runs it against a two-link arm that Python integrates: in co-simulation, in model
 exchange with time events, and in co-simulation of FMI 3.0 with event mode. Beside them stands the simulation of the
 package with the same plant, without and with one period of computation delay. The motions are compared bit by bit.
-For each law and way the largest error after the first second [mrad] and the mean change of the torque from one period
-to the next [N m] are printed, then the largest stable ratio of M̂ to the inertia, at once and one period late.
+For each law and way it prints the largest error after the first second [mrad], and the root mean square of the torque's
+change from one period to the next [N m]. Then it prints the largest stable ratio of M̂ to the inertia, at once and late.
 """
 
 import tempfile
@@ -64,7 +64,12 @@ def plant_step(plant: tarc.plants.TwoLinkArm) -> Callable[..., tuple[Array, Arra
     for _ in range(SUBSTEPS):
         end, end_velocity, _ = runge_kutta(plant, end, end_velocity, torque, PERIOD / SUBSTEPS)
     function = ca.Function("plant", [q, dq, torque], [end, end_velocity], {"cse": True})
-    return lambda *values: tuple(np.array(part).ravel() for part in function(*values))
+
+    def step(*values: Array) -> tuple[Array, Array]:
+        position, velocity = function(*values)
+        return np.array(position).ravel(), np.array(velocity).ravel()
+
+    return step
 
 
 class Instance:
@@ -135,7 +140,7 @@ class Motion(NamedTuple):
     torque: Array
 
     def errors(self, reference: Array) -> str:
-        """Return the largest error after the start [mrad] and the torque's mean change in a period [N m]."""
+        """Return the largest error after the start [mrad] and the torque's change in a period, rms [N m]."""
         if not np.all(np.isfinite(self.position)) or len(self.position) < len(reference):
             return f"diverges at {len(self.position) * PERIOD:.2f} s"
         first = round(SETTLED / PERIOD)
@@ -240,8 +245,8 @@ def report(console: Console) -> None:
     """Print errors and differences, without and with encoders."""
     for bits in (0, BITS):
         sensor = f"encoders of {bits} bits" if bits else "positions as they are"
-        title = "largest error [mrad], mean change of the torque in a period [N m]; largest stable ratio at once, late"
-        console.print(f"\nFMU and two-link arm, {sensor}: {title}", highlight=False)
+        title = "largest error [mrad], change of the torque in a period, rms [N m]; largest stable ratio at once, late"
+        console.print(f"\nFMU and two-link arm, {sensor}: {title}", highlight=False, markup=False)
         console.print(table_of(2 * np.pi / 2**bits if bits else 0.0))
 
 
