@@ -7,6 +7,7 @@ import numpy as np
 from tarc.analysis.operating_points import within_period
 from tarc.analysis.uncertain_loop import FrequencyResponses, UncertainLoop
 from tarc.core.types import Array
+from tarc.numerics.linear_program import CuttingPlanes
 from tarc.numerics.norms import fdi_negative
 
 N_DECAYS = 10
@@ -220,14 +221,10 @@ def best_multiplier(
     multiplier, radius, bound
         The radius is zero where none was found. The bound is that of the last linear program.
     """
-    from scipy.optimize import linprog
-
     max_change = max(max_change, MIN_CHANGE / centre)  # without a penalty nothing bounds the coefficients
     forms = _FormsOverFrequency(
         loop, responses or FrequencyResponses(loop), centre, max_change, position_weight, stiffness
     )
-    objective = np.zeros(forms.n_unknowns)
-    objective[-1] = -1.0
     best = forms.start()
     radius_ratio = forms.feasible_radius(best)
     if not radius_ratio:
@@ -236,26 +233,25 @@ def best_multiplier(
     only_mismatch = np.zeros((len(forms.v), forms.n_inputs), dtype=complex)
     only_mismatch[:, 0] = 1.0
     first = np.arange(0, len(forms.v), max(len(forms.v) // N_FIRST_CUTS, 1))
-    A, b = forms.cuts(first, only_mismatch[first])
-    bounds = [(0, None)] * (forms.n_unknowns - 1) + [(0, 1)]
+    program = CuttingPlanes(forms.n_unknowns)
+    program.add(*forms.cuts(first, only_mismatch[first]))
     enough, least, bound = (enough / centre) ** 2, (least / centre) ** 2, 1.0
     for _ in range(MAX_CUT_ROUNDS):
         if best[-1] >= enough:
             break
-        result = linprog(objective, A_ub=A, b_ub=b, bounds=bounds, method="highs-ds", options={"presolve": False})
-        if result.status != 0:
+        solution = program.solve()
+        if solution is None:
             break
-        bound = result.x[-1]
+        bound = solution[-1]
         if bound < least or bound < enough < 1 or _ratio_range(bound) < close * _ratio_range(best[-1]):
             break
-        trial = (best + result.x) / 2
+        trial = (best + solution) / 2
         at_trial = forms.at(trial)
         largest = np.linalg.eigvalsh(at_trial)[:, -1]
         is_peak = (largest >= np.append(largest[1:], -np.inf)) & (largest >= np.append(-np.inf, largest[:-1]))
         violated = np.flatnonzero(is_peak & (largest > -2 * FORM_MARGIN))
         if len(violated):
-            A_cut, b_cut = forms.cuts(violated, np.linalg.eigh(at_trial[violated])[1][:, :, -1])
-            A, b = np.concatenate([A, A_cut]), np.concatenate([b, b_cut])
+            program.add(*forms.cuts(violated, np.linalg.eigh(at_trial[violated])[1][:, :, -1]))
         radius_ratio = forms.feasible_radius(trial)
         if radius_ratio**2 > best[-1]:
             best, best[-1] = trial, radius_ratio**2
