@@ -10,7 +10,7 @@ from typing import Any, TypedDict
 import numpy as np
 
 from tarc.analysis.command_units import in_torque_units
-from tarc.analysis.inertia_ratio import InertiaSpread, as_plants, inertia_spread
+from tarc.analysis.inertia_ratio import as_plants
 from tarc.analysis.linearise import (
     Channel,
     decoupled_channels,
@@ -28,6 +28,7 @@ from tarc.certificates.known_inertia_evidence import KnownInertiaEvidence
 from tarc.certificates.region import RegionEvidence
 from tarc.certificates.robot import certify_robot, strengthen_robot
 from tarc.certificates.robot_evidence import RobotEvidence
+from tarc.certificates.robot_points import RobotPoints
 from tarc.certificates.robot_proof import ProvenRobot, prove_robot
 from tarc.certificates.sector import SectorEvidence, certify_sector
 from tarc.certificates.varying_ratio import VaryingRatioEvidence, certify_varying_ratio
@@ -117,12 +118,10 @@ def certify_law(
     sampling: dict[str, int] = {"samples": samples, "seed": seed}
     loop: _LoopOptions = {"computation_delay": computation_delay, "channels": channels}
     same_inertia = next((other for other in others if np.array_equal(other.law.M, law.M)), None)
-    spread = None
-    if same_inertia is not None:
-        spread = same_inertia.spread
-    elif robot_certificate is None:
-        spread = inertia_spread(plants, torque_law.M, workspace, **sampling)
-    robot = robot_certificate or certify_robot(torque_law, plants, workspace, **sampling, **loop, spread=spread)
+    points = next((other.points.for_inertia(torque_law.M) for other in others if other.points is not None), None)
+    if points is None and robot_certificate is None:
+        points = RobotPoints.from_robot(plants, torque_law.M, workspace, **sampling)
+    robot = robot_certificate or certify_robot(torque_law, plants, workspace, **sampling, **loop, points=points)
     add(robot)
     low, high = robot.evidence.min_ratio, robot.evidence.max_ratio
     if all(channel.n_coupled == 1 for channel in channels):
@@ -134,6 +133,7 @@ def certify_law(
         with suppress(NoStableRatio):  # the certificate of the robot has refuted the law already
             add(certify_varying_ratio(law, **loop))
     if same_inertia is None:
+        spread = None if points is None else points.spread
         add(check_lemma1(torque_law, plants, workspace, **sampling, spread=spread))
     else:
         add(same_inertia.certificates["lemma1"])
@@ -142,7 +142,7 @@ def certify_law(
     if isinstance(law, TDE):
         for certificate in _time_delay_conditions(law, others):
             add(certificate)
-    result = LawCertification(law=law, certificates=certificates, spread=spread, others=tuple(others), **loop)
+    result = LawCertification(law=law, certificates=certificates, points=points, others=tuple(others), **loop)
     if prove:
         result = result.strengthened(plants, workspace, samples=samples, seed=seed)
         result = result.proven(plants, workspace, time_limit=prove_time)
@@ -218,8 +218,8 @@ class LawCertification:
         Its linearised loops.
     certificates
         By kind, that of the robot first.
-    spread
-        Inertia ratios of the robot; None where the certificate of the robot was given.
+    points
+        What samples and searches have found of the robot; None where its certificate was given.
     computation_delay
         Periods between a measurement and its torque.
     others
@@ -231,7 +231,7 @@ class LawCertification:
     law: PolePlacement
     channels: Sequence[Channel]
     certificates: dict[str, Certificate]
-    spread: InertiaSpread | None = None
+    points: RobotPoints | None = None
     computation_delay: int = 0
     others: Collection["LawCertification"] = ()
     proof: ProvenRobot | None = None
@@ -268,7 +268,7 @@ class LawCertification:
             samples=samples,
             seed=seed,
             channels=self.channels,
-            spread=self.spread,
+            points=self.points,
             on_program=on_program,
         )
         return self if robot is self.verdict else replace(self, certificates=self.certificates | {"robot": robot})

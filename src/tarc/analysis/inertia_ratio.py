@@ -13,7 +13,6 @@ from tarc.core.types import Array
 from tarc.core.validation import Matrix
 from tarc.numerics.local_search import local_maximum
 from tarc.plants.base import Plant
-from tarc.plants.symbolic import SymbolicPlant
 
 MIN_CONDITION = 1e-12
 """Smallest to largest eigenvalue of an inertia matrix below which it counts as singular."""
@@ -292,10 +291,7 @@ def inertia_matrices(plant: Plant, postures: Array) -> Array:
     InvalidParameter
         For an M(q) that is singular or not finite.
     """
-    if isinstance(plant, SymbolicPlant):  # one call of CasADi costs as much as a thousand postures
-        M = plant.inertia_matrices(postures.T)
-    else:
-        M = np.array([plant.inertia(posture) for posture in postures])
+    M = plant.inertia_matrices(postures.T)
     is_finite = np.array([np.isfinite(matrix).all() for matrix in M])
     values = np.linalg.eigvalsh(np.where(is_finite[:, None, None], M, 0.0))
     invalid = np.flatnonzero(~(is_finite & (values[:, 0] > MIN_CONDITION * values[:, -1])))

@@ -1,8 +1,9 @@
 """Linearised uncertainty of a robot over a workspace: inertia mismatch, stiffness, damping and their rates."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +23,8 @@ Samples and search may miss the worst posture, so a verdict that rests on them m
 """
 NORM_BATCH = 64
 """Number of points whose norms are computed at once."""
+N_WEIGHTS = 5
+"""Number of weights at which the points that may decide are looked for."""
 NEGLIGIBLE_STIFFNESS = 1e-9
 """Stiffness [1/s²] and damping [1/s] below which a robot counts as having none."""
 
@@ -72,9 +75,10 @@ class UncertaintySamples:
 
     def stiffness_norms(self, lead_time: float) -> Array:
         """Return ‖[H, C/θ]‖ of each point [1/s²], shape (k,), for the lead time θ [s]."""
-        if lead_time not in self._stiffness_norms:
-            self._stiffness_norms[lead_time] = _spectral_norms(_stack(self.stiffness, self.damping, lead_time))
-        return self._stiffness_norms[lead_time]
+        key = lead_time, None
+        if key not in self._norms:
+            self._norms[key] = _spectral_norms(_stack(self.stiffness, self.damping, lead_time))
+        return self._norms[key]
 
     def force_norms(self, lead_time: float, power: float = 1.0) -> Array:
         """Return ‖E^−p [H, C/θ]‖ of each point [1/s²], shape (k,); with p = 1 those of torques, without M⁻¹."""
@@ -129,17 +133,52 @@ class UncertaintySamples:
         return (largest + within * centre) / (1 - within) if within < 1 else np.inf
 
     def _largest_norm(self, centre: float, position_weight: float, lead_time: float) -> float:
-        """Return the largest of `joint_norms`, computed only where ‖E − ρ0 I‖² + ‖[H, C/θ]‖²/η² does not exclude it."""
-        low, high = self._eigenvalues
-        bounds = np.maximum(high - centre, centre - low) ** 2 + (self.stiffness_norms(lead_time) / position_weight) ** 2
-        largest, order = 0.0, np.argsort(bounds)[::-1]
-        for start in range(0, len(order), NORM_BATCH):
-            batch = order[start : start + NORM_BATCH]
-            if bounds[batch[0]] * (1 + 1e-9) < largest**2:
-                break
-            part = UncertaintySamples(self.inertia[batch], self.stiffness[batch], self.damping[batch])
-            largest = max(largest, float(part.joint_norms(centre, position_weight, lead_time).max()))
-        return largest
+        """Return the largest of `joint_norms`."""
+        bounds = self._squared_bounds(centre, position_weight, self.stiffness_norms(lead_time))
+        return _largest(bounds, lambda places: self.at(places).joint_norms(centre, position_weight, lead_time))[1]
+
+    def place_of_largest_norm(
+        self,
+        included: Array,
+        centre: float,
+        position_weight: float,
+        lead_time: float,
+        share: float,
+        period: float,
+    ) -> int:
+        """Return the number of the included point, of booleans (k,), whose `joint_norms` are largest once `grown`."""
+
+        def norms(places: Array) -> Array:
+            grown = self.at(places).grown(share, period)
+            return grown.joint_norms(centre, position_weight, lead_time).reshape(-1, len(places)).max(axis=0)
+
+        stiffest = (1 + share) * self._stiffest(lead_time, period)
+        bounds = self._squared_bounds(centre, position_weight, stiffest, share)
+        return _largest(np.where(included, bounds, -1.0), norms)[0]
+
+    def _squared_bounds(self, centre: float, position_weight: float, stiffness: Array, share: float = 0.0) -> Array:
+        """Return ‖E − ρ0 I‖² + ‖[H, C/θ]‖²/η² of each point for E grown by a share; no norm is larger."""
+        (low, high), factor = self._eigenvalues, 1 + share
+        mismatch = np.maximum(factor * high - centre, centre - low / factor)
+        return mismatch**2 + (stiffness / position_weight) ** 2
+
+    def _stiffest(self, lead_time: float, period: float) -> Array:
+        """Return the largest ‖[H, C/θ]‖ of each point with and without friction, at both ends of a period, (k,)."""
+        key = lead_time, period
+        if key not in self._norms:
+            stacks = [_stack(self.stiffness, damping, lead_time) for damping in self._dampings(period)]
+            self._norms[key] = np.max([_spectral_norms(stack) for stack in stacks], axis=0)
+        return self._norms[key]
+
+    def at(self, places: Array) -> "UncertaintySamples":
+        """Return some of the points, by their numbers."""
+        return UncertaintySamples(
+            self.inertia[places],
+            self.stiffness[places],
+            self.damping[places],
+            held_stiffness=None if self.held_stiffness is None else self.held_stiffness[places],
+            friction=None if self.friction is None else self.friction[places],
+        )
 
     def candidate_weights(self, centre: float, lead_time: float) -> list[float]:
         """Return weights η [1/s²] to try, in descending order; none without stiffness and damping.
@@ -154,19 +193,24 @@ class UncertaintySamples:
         spare = centre - inertia_radius if inertia_radius < centre else centre
         factors = np.geomspace(100.0, 0.01, 40)
         weights = stiffest / centre * factors
-        largest = self._largest_points(centre, weights[:: len(weights) // 4], lead_time)
+        largest = self.decisive([centre], [lead_time], 0.0, 0.0)
         radii = np.array([largest.joint_norms(centre, float(weight), lead_time).max() for weight in weights])
         logs = np.interp([inertia_radius + share * spare for share in RADIUS_SHARES], radii, np.log(factors))
         return [stiffest / centre * float(np.exp(log)) for log in dict.fromkeys(logs)]
 
-    def _largest_points(self, centre: float, weights: Array, lead_time: float) -> "UncertaintySamples":
-        """Return the points whose norms may be the largest at some weights."""
-        low, high = self._eigenvalues
-        squared = np.maximum(high - centre, centre - low) ** 2
-        stiffness = self.stiffness_norms(lead_time)
-        chosen = [np.argsort(squared + (stiffness / weight) ** 2)[-NORM_BATCH:] for weight in weights]
-        places = np.unique(np.concatenate(chosen))
-        return UncertaintySamples(self.inertia[places], self.stiffness[places], self.damping[places])
+    def decisive(
+        self, centres: Iterable[float], lead_times: Iterable[float], share: float, period: float
+    ) -> "UncertaintySamples":
+        """Return the points that may have the largest norm at some centre, lead time and weight, once `grown`."""
+        if not float(self.stiffness_norms(0.0).max()) > NEGLIGIBLE_STIFFNESS:
+            return self
+        places = []
+        for centre, lead_time in product(centres, lead_times):
+            stiffness = (1 + share) * self._stiffest(lead_time, period)
+            weights = stiffness.max() / centre * np.geomspace(100.0, 0.01, N_WEIGHTS)
+            bounds = [self._squared_bounds(centre, weight, stiffness, share) for weight in weights]
+            places += [np.argsort(bound)[-NORM_BATCH:] for bound in bounds]
+        return self.at(np.unique(np.concatenate(places)))
 
     @cached_property
     def _eigenvalues(self) -> tuple[Array, Array]:
@@ -175,8 +219,8 @@ class UncertaintySamples:
         return values[:, 0], values[:, -1]
 
     @cached_property
-    def _stiffness_norms(self) -> dict[float, Array]:
-        """Norms that were computed, by lead time."""
+    def _norms(self) -> dict[tuple[float, float | None], Array]:
+        """Norms of stiffness and damping that were computed, by lead time and by period."""
         return {}
 
     def grown(self, share: float, period: float = 0.0) -> "UncertaintySamples":
@@ -186,14 +230,21 @@ class UncertaintySamples:
         with C and with C + H T, since x(t) = x + t ẋ at the mean velocity. What lies between all of them has no larger
         norm, which is convex in E, H and C. So any viscous friction between none and that of the robot counts as well.
         """
-        factor = 1 + share
-        moving = self.stiffness if self.held_stiffness is None else self.stiffness + self.held_stiffness
-        dampings = [self.damping, *([] if self._frictionless else [self.damping + self.friction])]
-        dampings += [damping + period * moving for damping in dampings] if period else []
+        factor, dampings = 1 + share, self._dampings(period)
         count = len(dampings)
         inertia = np.concatenate([factor * self.inertia] * count + [self.inertia / factor] * count)
         stiffness = factor * np.concatenate(2 * count * [self.stiffness])
         return UncertaintySamples(inertia, stiffness, factor * np.concatenate(2 * dampings))
+
+    def _dampings(self, period: float) -> list[Array]:
+        """Return C without and with viscous friction, at the start and the end of a period, each (k, n, n)."""
+        moving = self.stiffness if self.held_stiffness is None else self.stiffness + self.held_stiffness
+        dampings = [self.damping, *([] if self._frictionless else [self.damping + self.friction])]
+        return dampings + ([damping + period * moving for damping in dampings] if period else [])
+
+    def max_grown_stiffness(self, lead_time: float, share: float, period: float) -> float:
+        """Return the largest ‖[H, C/θ]‖ of the `grown` points [1/s²]."""
+        return float((1 + share) * self._stiffest(lead_time, period).max())
 
     def lead_time(self) -> float:
         """Return the θ [s] at which the largest damping counts as the largest stiffness, at most `MAX_LEAD_TIME`.
@@ -216,6 +267,19 @@ class UncertaintySamples:
             held_stiffness=both(self.held_stiffness, added.held_stiffness),
             friction=both(self.friction, added.friction),
         )
+
+
+def _largest(bounds: Array, values: Callable[[Array], Array]) -> tuple[int, float]:
+    """Return the number and the value of the largest value, whose square no bound is below; in batches."""
+    best, largest, order = 0, -1.0, np.argsort(bounds)[::-1]
+    for start in range(0, len(order), NORM_BATCH):
+        places = order[start : start + NORM_BATCH]
+        if largest >= 0 and bounds[places[0]] * (1 + 1e-9) < largest**2:
+            break
+        found = values(places)
+        if found.max() > largest:
+            best, largest = int(places[np.argmax(found)]), float(found.max())
+    return best, largest
 
 
 def within_period(lead_time: float, period: float) -> float:

@@ -105,6 +105,12 @@ class SampledPoints:
         uncertainty = uncertainty_samples(nominal, points)
         return cls(nominal, workspace, tuple(plants), unit_samples, seed, points, uncertainty)
 
+    def scaled(self, nominal: Array, scale: float) -> "SampledPoints":
+        """Return the points for an M̂ that is a multiple of this one, which scales E and leaves H and C."""
+        return replace(
+            self, nominal=nominal, uncertainty=replace(self.uncertainty, inertia=scale * self.uncertainty.inertia)
+        )
+
     def refine_worst(self, centre: float, position_weight: float, lead_time: float) -> "SampledPoints":
         """Return the points with those that a local search for the largest joint norm adds.
 

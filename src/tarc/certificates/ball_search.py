@@ -6,13 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tarc.analysis.inertia_ratio import InertiaSpread
 from tarc.analysis.linearise import Channel
 from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS, SEARCH_MARGIN, UncertaintySamples
 from tarc.analysis.uncertain_loop import FrequencyResponses, UncertainLoop
 from tarc.analysis.worst_points import GrownNorm, SampledPoints
 from tarc.certificates.iqc import best_multiplier
-from tarc.certificates.robot_evidence import MaxRatePoint
+from tarc.certificates.robot_points import RobotPoints
 from tarc.certificates.varying_ratio import Ball, RadiusProof, best_centre, make_ball, max_radius
 
 LEAD_FACTORS = 0.5, 1.0
@@ -27,6 +26,8 @@ CLOSE_RANGE = 1.03
 """Factor by which the range of ratios may still grow when the search of a ball ends."""
 CLOSE_TO_BEST = 0.97
 """Share of the best radius over the needed one that a ball must be able to reach to be searched further."""
+FAR_FROM_BEST = 0.8
+"""Share below which no other weight is tried."""
 
 
 class BallCandidate(NamedTuple):
@@ -56,25 +57,29 @@ NO_CANDIDATE = BallCandidate(0.0, 0.0, 0.0, 0.0, 1.0, None)
 """Stands for the ball of a law whose joints do not share a loop."""
 
 
-def fit_ball(
-    channel: Channel, slope: float, spread: InertiaSpread, sampled: SampledPoints, rate_point: MaxRatePoint | None
-) -> tuple[SampledPoints, BallCandidate, Ball]:
-    """Return the points with the worst ones added, the best candidate, and its ball for more rate and stiffness."""
+def fit_ball(channel: Channel, slope: float, robot: RobotPoints, least: float = 0.0) -> tuple[BallCandidate, Ball]:
+    """Return the best candidate, and its ball for more rate and stiffness; the robot's points gain the worst ones.
+
+    The whole workspace is searched for the norm that decides, unless the points that there are exclude the ball. The
+    search for one may end where its radius over the needed one cannot become the ``least``.
+    """
+    spread, rate_point = robot.spread, robot.max_rate_point()
     ratios = spread.min_ratio / ROOM, spread.max_ratio * ROOM
-    max_change = None if rate_point is None else ROOM * channel.period * rate_point.rate(sampled.nominal)
+    max_change = None if rate_point is None else ROOM * channel.period * rate_point.rate(robot.nominal)
     centres = {
         best_centre(UncertainLoop.from_channel(channel, slope, intersample=True), ratios, max_change),
         sum(ratios) / 2,
     }
-    sampled = worst_case_points(min(centres), sampled)
-    best, proof, radius = best_ball(channel, slope, centres, sampled.uncertainty, max_change)
-    tested = float(sampled.uncertainty.grown(SEARCH_MARGIN, channel.period).stiffness_norms(best.lead_time).max())
-    if best.position_weight:  # the norm that decides, over the whole workspace
-        norm = GrownNorm(sampled.nominal, best.centre, best.position_weight, best.lead_time, SEARCH_MARGIN)
-        sampled = sampled.search_globally(norm)
+    if not robot.is_searched:
+        robot.sampled = worst_case_points(min(centres), robot.sampled)
+        robot.is_searched = True
+    best, proof, radius, tested = best_ball(channel, slope, centres, robot.sampled.uncertainty, max_change, least)
+    if best.position_weight and radius >= best.needed_radius:
+        robot.search_globally(
+            GrownNorm(robot.nominal, best.centre, best.position_weight, best.lead_time, SEARCH_MARGIN)
+        )
     loop = UncertainLoop.from_channel(channel, slope, intersample=True, lead_periods=best.lead_time / channel.period)
-    grown = sampled.uncertainty.grown(SEARCH_MARGIN, channel.period)
-    stiffness = float(grown.stiffness_norms(best.lead_time).max())
+    stiffness = robot.sampled.uncertainty.max_grown_stiffness(best.lead_time, SEARCH_MARGIN, channel.period)
     if best.max_change is not None and stiffness > tested:  # the proof of the radius counts it
         proof, radius = max_radius(
             loop, best.centre, best.position_weight, max_change=best.max_change, stiffness=stiffness
@@ -88,7 +93,7 @@ def fit_ball(
         stiffness=stiffness,
         max_change=best.max_change,
     )
-    return sampled, best, ball
+    return best, ball
 
 
 def worst_case_points(centre: float, sampled: SampledPoints) -> SampledPoints:
@@ -118,34 +123,43 @@ def best_ball(
     centres: Collection[float],
     uncertainty: UncertaintySamples,
     max_change: float | None,
-) -> tuple[BallCandidate, RadiusProof, float]:
-    """Return the best ball, what proves its radius, and its radius.
+    least: float = 0.0,
+) -> tuple[BallCandidate, RadiusProof, float, float]:
+    """Return the best ball, what proves its radius, its radius, and the stiffness that it counts.
 
     Several are tested, because what holds on a grid of frequencies may fail between them. A ball for any rate may be
     better than that for a bounded rate.
     """
-    lead_times = tried_lead_times(uncertainty, channel.period)
+    period = channel.period
+    lead_times = tried_lead_times(uncertainty, period)
     loops = {
-        lead_time: UncertainLoop.from_channel(channel, slope, intersample=True, lead_periods=lead_time / channel.period)
+        lead_time: UncertainLoop.from_channel(channel, slope, intersample=True, lead_periods=lead_time / period)
         for lead_time in lead_times
     }
-    grown = uncertainty.grown(SEARCH_MARGIN, channel.period)
+    stiffness = {
+        lead_time: uncertainty.max_grown_stiffness(lead_time, SEARCH_MARGIN, period) for lead_time in lead_times
+    }
+    grown = uncertainty.decisive(centres, lead_times, SEARCH_MARGIN, period).grown(SEARCH_MARGIN, period)
     candidates: list[BallCandidate] = []
     for centre, (lead_time, loop), limit in product(centres, loops.items(), dict.fromkeys([max_change, None])):
-        reached = max((candidate.radius_over_needed for candidate in candidates), default=0.0)
-        candidates += best_weights(loop, centre, grown, lead_time, limit, reached)
+        reached = max((candidate.radius_over_needed for candidate in candidates), default=least)
+        candidates += best_weights(loop, centre, grown, lead_time, stiffness[lead_time], limit, reached)
     candidates.sort(reverse=True, key=lambda candidate: candidate.radius_over_needed)
     best, proof, radius = candidates[0], None, -1.0
     for candidate in candidates[:MAX_CANDIDATES]:
-        if candidate.radius_over_needed > radius / best.needed_radius:
-            loop = loops[candidate.lead_time]
-            stiffness = float(grown.stiffness_norms(candidate.lead_time).max())
+        if candidate is best or candidate.radius_over_needed > max(radius / best.needed_radius, least):
             candidate_proof, candidate_radius = max_radius(
-                loop, candidate.centre, candidate.position_weight, max_change=candidate.max_change, stiffness=stiffness
+                loops[candidate.lead_time],
+                candidate.centre,
+                candidate.position_weight,
+                max_change=candidate.max_change,
+                stiffness=stiffness[candidate.lead_time],
             )
             if candidate_radius / candidate.needed_radius > radius / best.needed_radius:
                 best, proof, radius = candidate, candidate_proof, candidate_radius
-    return best, proof, radius
+            if least and radius >= max(least, 1.0) * best.needed_radius:
+                break
+    return best, proof, radius, stiffness[best.lead_time]
 
 
 def best_weights(
@@ -153,6 +167,7 @@ def best_weights(
     centre: float,
     grown: UncertaintySamples,
     lead_time: float,
+    stiffness: float,
     max_change: float | None = None,
     reached: float = 0.0,
 ) -> list[BallCandidate]:
@@ -162,7 +177,7 @@ def best_weights(
     over the weight, so the search goes uphill from the middle. The search at a weight ends where it cannot come close
     to the best, or to what other balls `reached`.
     """
-    responses, stiffness = FrequencyResponses(loop), float(grown.stiffness_norms(lead_time).max())
+    responses = FrequencyResponses(loop)
     period = loop.B[1, 0] ** 0.5
     weights = grown.candidate_weights(centre, lead_time) or [0.0]
 
@@ -186,6 +201,8 @@ def best_weights(
 
     top = len(weights) // 2
     tested = {top: candidate(weights[top], reached)}
+    if tested[top].radius_over_needed < FAR_FROM_BEST * reached:
+        return [tested[top]]
     for step in (1, -1):
         while 0 <= top + step < len(weights):
             if top + step not in tested:

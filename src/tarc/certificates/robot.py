@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from tarc.analysis.command_units import in_torque_units
-from tarc.analysis.inertia_ratio import InertiaSpread, as_plants, inertia_spread
+from tarc.analysis.inertia_ratio import InertiaSpread, as_plants
 from tarc.analysis.linearise import (
     Channel,
     coupled_channel,
@@ -18,18 +18,17 @@ from tarc.analysis.linearise import (
 from tarc.analysis.operating_points import SEARCH_MARGIN
 from tarc.analysis.uncertain_loop import UncertainLoop
 from tarc.analysis.workspace import Workspace
-from tarc.analysis.worst_points import SampledPoints, max_rate_point
+from tarc.analysis.worst_points import SampledPoints
 from tarc.certificates.affine import spectral_radii
 from tarc.certificates.affine_cover import cover_robot
 from tarc.certificates.ball_search import NO_CANDIDATE, BallCandidate, fit_ball
 from tarc.certificates.base import Certificate, LoopMatrices, Verdict
 from tarc.certificates.robot_evidence import (
-    LinearisedPoint,
-    MaxRatePoint,
     RobotEvidence,
     WorstPoints,
     linearised_point,
 )
+from tarc.certificates.robot_points import MAX_STIFFNESS_SAMPLES, RobotPoints
 from tarc.core.errors import UnsupportedLaw
 from tarc.core.formatting import format_vector
 from tarc.core.types import Array
@@ -37,9 +36,6 @@ from tarc.laws.base import Law
 from tarc.laws.pole_placement import PolePlacement
 from tarc.laws.tarc import TARC
 from tarc.plants.base import Plant
-
-MAX_STIFFNESS_SAMPLES = 500
-"""Largest number of postures whose stiffness is computed; it varies less than the eigenvalues of the inertia."""
 
 
 def certify_robot(
@@ -51,7 +47,8 @@ def certify_robot(
     samples: int = 2000,
     seed: int = 0,
     channels: Sequence[Channel] | None = None,
-    spread: InertiaSpread | None = None,
+    points: RobotPoints | None = None,
+    least_margin: float = -1.0,
 ) -> Certificate[RobotEvidence]:
     """Certify a law on a robot whose posture changes inside a workspace.
 
@@ -93,9 +90,11 @@ def certify_robot(
         Number of sampled postures, and the seed. Local searches start from the best samples.
     channels
         The loops of `tarc.analysis.linearise.decoupled_channels` for law and delay, where they exist already.
-    spread
-        Result of `tarc.analysis.inertia_spread` for the same robot, M̂, workspace, samples and seed, where it exists
-        already.
+    points
+        Result of `RobotPoints.from_robot` for the same robot, workspace, samples and seed, and M̂ or a multiple of it,
+        where it exists already. What searches find is added to it.
+    least_margin
+        Margin below which an inconclusive verdict need not find the best ball, which takes longer.
 
     Returns
     -------
@@ -115,19 +114,15 @@ def certify_robot(
     law = require_inertia(law, "the robot certificate")
     _refuse_model(law)
     law, plants = in_torque_units(law, as_plants(plant))
-    if spread is None:
-        spread = inertia_spread(plants, law.M, workspace, samples=samples, seed=seed)
-    workspace = workspace.for_joints(plants[0].joint_names)
-    n_points = min(samples, MAX_STIFFNESS_SAMPLES)
-    sampled = SampledPoints.from_robot(plants, spread, law.M, workspace, n_points, seed)
+    robot = _points(points, plants, law.M, workspace, samples, seed)
+    spread, workspace = robot.spread, workspace.for_joints(plants[0].joint_names)
     is_bounded = bool(np.isfinite(law.robust_slope_bound))
     slope = law.robust_slope_bound if is_bounded else 0.0
     ball, coupled_loop, rate_point, candidate = None, None, None, NO_CANDIDATE
     if joints_share_loop(law):
         channel = (decoupled_channels(law, computation_delay) if channels is None else channels)[0]
-        rate_point = _max_rate_point(plants, law.M, workspace, n_points, seed)
-        sampled, candidate, ball = fit_ball(channel, slope, spread, sampled, rate_point)
-        rate_point = None if candidate.max_change is None else rate_point
+        candidate, ball = fit_ball(channel, slope, robot, 1 + least_margin)
+        rate_point = None if candidate.max_change is None else robot.max_rate_point()
     else:
         channel = coupled_channel(law, computation_delay)
         coupled_loop = LoopMatrices(*channel.closed_loop(0.0)[:3])
@@ -137,11 +132,11 @@ def certify_robot(
         robust_term_is_bounded=is_bounded,
         ball=ball,
         coupled_loop=coupled_loop,
-        points=_worst_points(sampled, candidate, law.period),
+        points=_worst_points(robot.sampled, candidate, law.period),
         max_rate_point=rate_point,
         min_ratio=spread.min_ratio,
         max_ratio=spread.max_ratio,
-        stiffness=float(sampled.uncertainty.stiffness_norms(candidate.lead_time).max()),
+        stiffness=float(robot.sampled.uncertainty.stiffness_norms(candidate.lead_time).max()),
         slope=slope,
         samples=spread.samples,
     )
@@ -173,7 +168,7 @@ def strengthen_robot(
     samples: int = 2000,
     seed: int = 0,
     channels: Sequence[Channel] | None = None,
-    spread: InertiaSpread | None = None,
+    points: RobotPoints | None = None,
     on_program: Callable[[], object] = lambda: None,
 ) -> Certificate[RobotEvidence]:
     """Return the better of a robot certificate and one by a Lyapunov function affine in the inertia.
@@ -191,7 +186,7 @@ def strengthen_robot(
     ----------
     certificate
         Result of `certify_robot` for the same arguments.
-    law, plant, workspace, computation_delay, samples, seed, channels, spread
+    law, plant, workspace, computation_delay, samples, seed, channels, points
         As in `certify_robot`.
     on_program
         Called after each semidefinite program, to show progress.
@@ -204,18 +199,16 @@ def strengthen_robot(
     law = require_inertia(law, "the robot certificate")
     channel = (decoupled_channels(law, computation_delay) if channels is None else channels)[0]
     law, plants = in_torque_units(law, as_plants(plant))
-    if spread is None:
-        spread = inertia_spread(plants, law.M, workspace, samples=samples, seed=seed)
+    robot = _points(points, plants, law.M, workspace, samples, seed)
+    spread, workspace = robot.spread, workspace.for_joints(plants[0].joint_names)
     loop = UncertainLoop.from_channel(channel, evidence.slope, intersample=True)
     room = 1 + SEARCH_MARGIN
     if spectral_radii(loop, spread.min_ratio / room, spread.max_ratio * room)[1].max() >= 1:
         return certificate
-    workspace = workspace.for_joints(plants[0].joint_names)
-    n_points = min(samples, MAX_STIFFNESS_SAMPLES)
-    sampled = SampledPoints.from_robot(plants, spread, law.M, workspace, n_points, seed)
-    found = [_max_rate_point(plants, unit, workspace, n_points, seed) for unit in (law.M, None)]
+    found = [robot.max_rate_point(), robot.max_relative_rate_point()]
     rate_points = tuple(point for point in found if point is not None)
-    cover = cover_robot(channel, evidence.slope, spread, sampled, rate_points, evidence.uncertainty(), on_program)
+    known = evidence.uncertainty()
+    cover = cover_robot(channel, evidence.slope, spread, robot.sampled, rate_points, known, on_program)
     if cover is None:
         return certificate
     evidence = replace(evidence, affine=cover)
@@ -256,35 +249,38 @@ def _problem(evidence: RobotEvidence) -> str:
     return condition
 
 
-def _max_rate_point(
-    plants: Sequence[Plant], nominal: Array | None, workspace: Workspace, samples: int, seed: int
-) -> MaxRatePoint | None:
-    """Return where the inertia changes fastest, without M̂ relative to itself; None without a speed."""
-    if workspace.speed is None:
-        return None
-    return MaxRatePoint.from_point(max_rate_point(plants, nominal, workspace, samples, seed), workspace)
+def _points(
+    points: RobotPoints | None, plants: Sequence[Plant], nominal: Array, workspace: Workspace, samples: int, seed: int
+) -> RobotPoints:
+    """Return the points for this M̂, from those for a multiple of it where they are there."""
+    if points is None:
+        return RobotPoints.from_robot(plants, nominal, workspace, samples=samples, seed=seed)
+    return points.for_inertia(nominal)
 
 
 def _worst_points(sampled: SampledPoints, candidate: "BallCandidate", period: float) -> WorstPoints:
     """Return the first two points, and those of the largest stiffness and joint norm, at rest and moving."""
     points, uncertainty = sampled.points, sampled.uncertainty
     stiffness_norms = uncertainty.stiffness_norms(candidate.lead_time)
-    joint_norms = stiffness_norms
-    if candidate.position_weight:
-        ball = candidate.centre, candidate.position_weight, candidate.lead_time
-        joint_norms = uncertainty.grown(SEARCH_MARGIN, period).joint_norms(*ball).reshape(-1, len(points)).max(axis=0)
     is_moving = np.array([point.is_moving for point in points])
 
-    def worst(is_included: Array, values: Array) -> LinearisedPoint:
-        return linearised_point(points[int(np.argmax(np.where(is_included, values, -1.0)))])
+    def stiffest(included: Array) -> int:
+        return int(np.argmax(np.where(included, stiffness_norms, -1.0)))
 
+    def largest(included: Array) -> int:
+        if not candidate.position_weight:
+            return stiffest(included)
+        ball = candidate.centre, candidate.position_weight, candidate.lead_time
+        return uncertainty.place_of_largest_norm(included, *ball, SEARCH_MARGIN, period)
+
+    has_moving = bool(is_moving.any())
     return WorstPoints(
         min_ratio=linearised_point(points[0]),
         max_ratio=linearised_point(points[1]),
-        stiffest=worst(~is_moving, stiffness_norms),
-        largest_norm=worst(~is_moving, joint_norms),
-        stiffest_moving=worst(is_moving, stiffness_norms) if is_moving.any() else None,
-        largest_norm_moving=worst(is_moving, joint_norms) if is_moving.any() else None,
+        stiffest=linearised_point(points[stiffest(~is_moving)]),
+        largest_norm=linearised_point(points[largest(~is_moving)]),
+        stiffest_moving=linearised_point(points[stiffest(is_moving)]) if has_moving else None,
+        largest_norm_moving=linearised_point(points[largest(is_moving)]) if has_moving else None,
     )
 
 

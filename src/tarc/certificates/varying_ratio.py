@@ -539,26 +539,32 @@ class _CentreSearch(NamedTuple):
     responses: FrequencyResponses
     ratio_range: tuple[float, float] | None
 
-    def value(self, log_centre: float, max_change: float | None) -> float:
-        """Return the radius over the centre, or over the radius that contains the range; negative if unstable."""
+    def value(self, log_centre: float, max_change: float | None, least: float = 0.0) -> float:
+        """Return the radius over the centre, or over the radius that contains the range; negative if unstable.
+
+        The search for it ends where it cannot become the ``least``.
+        """
         centre = float(np.exp(log_centre))
         spectral_radius = float(np.max(np.abs(np.linalg.eigvals(self.loop.closed_loop(centre)[0]))))
         if spectral_radius >= 1:
             return -spectral_radius
+        needed = centre if self.ratio_range is None else self._needed_radius(centre, *self.ratio_range)
         if max_change is None:
-            radius = self.responses.best_scale(centre)[1]
-        else:
-            radius = best_multiplier(self.loop, centre, max_change, responses=self.responses)[1]
-        if self.ratio_range is None:
-            return radius / centre
-        low, high = self.ratio_range
-        return radius / max(high - centre, centre - low, 1e-12)
+            return self.responses.best_scale(centre)[1] / needed
+        options = {"responses": self.responses, "least": least * needed}
+        return best_multiplier(self.loop, centre, max_change, **options)[1] / needed
+
+    @staticmethod
+    def _needed_radius(centre: float, low: float, high: float) -> float:
+        return max(high - centre, centre - low, 1e-12)
 
     def refine(self, log_centres: Array, max_change: float | None, tolerance: float) -> float:
         """Return the best of some log centres, refined between its neighbours."""
         from scipy.optimize import OptimizeResult, minimize_scalar
 
-        values = [self.value(log_centre, max_change) for log_centre in log_centres]
+        values: list[float] = []
+        for log_centre in log_centres:
+            values.append(self.value(log_centre, max_change, least=max(values, default=0.0)))
         top = int(np.argmax(values))
         ends = log_centres[max(top - 1, 0)], log_centres[min(top + 1, len(log_centres) - 1)]
         if ends[0] == ends[1] or values[top] <= NO_BALL:

@@ -331,7 +331,13 @@ class Plant(ABC):
             raise InvalidParameter(
                 f"positions: got shape {columns.shape}; needs ({self.n_joints}, k), one position per column"
             )
+        if self.is_fully_driven:
+            return self.inertia_matrices(columns).mean(axis=0)
         return np.mean([self.joint_inertia(column) for column in columns.T], axis=0)
+
+    def inertia_matrices(self, positions: Array) -> Array:
+        """Return M(q) at the columns of coordinates (m, k), shape (k, m, m)."""
+        return np.array([self.inertia(position) for position in positions.T])
 
 
 def _differences(function: Callable[[Array], Array | float], position: Array) -> Array:

@@ -107,6 +107,8 @@ class CertifiedLaws(dict[str, LawCertification]):
 
     Attributes
     ----------
+    setup
+        What the scenario built.
     plants, workspace, samples
         What they were certified for: the robot with each payload and schedule, postures and speeds, sampled postures.
     skipped
@@ -117,8 +119,9 @@ class CertifiedLaws(dict[str, LawCertification]):
         These laws.
     """
 
-    def __init__(self, plants: Sequence[Plant], workspace: Workspace, samples: int) -> None:
+    def __init__(self, setup: "Setup", plants: Sequence[Plant], workspace: Workspace, samples: int) -> None:
         super().__init__()
+        self.setup = setup
         self.plants = tuple(plants)
         self.workspace = workspace
         self.samples = samples
@@ -494,7 +497,7 @@ class Scenario(BaseModel):
         """
         setup = self.build()
         workspace, plants = self._certified(setup, tube, full_range, speed, acceleration)
-        certificates = CertifiedLaws(plants, workspace, samples)
+        certificates = CertifiedLaws(setup, plants, workspace, samples)
         with Progress("certifying", 9 * len(setup.laws), progress) as bar:
             for name, law in setup.laws.items():
                 try:

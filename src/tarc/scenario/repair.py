@@ -137,13 +137,14 @@ def _is_certified(scenario: Scenario, certified: CertifiedLaws, name: str, setti
     content = copy.deepcopy(scenario.model_dump())
     for setting in settings:
         apply_setting(content, setting)
-    changed = Scenario.parse(content)
-    plant = changed.build_plant()
-    law = changed.build_laws(plant, changed.build_reference(plant).for_run(plant.joint_names, changed.duration))[name]
+    setup = certified.setup
+    law = Scenario.parse(content).build_laws(setup.plant, setup.reference)[name]
     return certify_robot(
         law,
         certified.plants,
         certified.workspace,
         computation_delay=scenario.computation_delay,
         samples=certified.samples,
+        points=certified[name].points,
+        least_margin=0.0,
     ).certified
