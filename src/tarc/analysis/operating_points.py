@@ -4,13 +4,15 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from tarc.core.errors import InvalidParameter
 from tarc.core.types import Array
 from tarc.plants.base import Plant
+
+T = TypeVar("T")
 
 MAX_LEAD_TIME = 1.0
 """Largest lead time θ [s]."""
@@ -23,6 +25,8 @@ Samples and search may miss the worst posture, so a verdict that rests on them m
 """
 NORM_BATCH = 64
 """Number of points whose norms are computed at once."""
+N_TRIED_WEIGHTS = 25
+"""Number of weights between which those with the wanted shares are interpolated."""
 N_WEIGHTS = 5
 """Number of weights at which the points that may decide are looked for."""
 NEGLIGIBLE_STIFFNESS = 1e-9
@@ -75,10 +79,10 @@ class UncertaintySamples:
 
     def stiffness_norms(self, lead_time: float) -> Array:
         """Return ‖[H, C/θ]‖ of each point [1/s²], shape (k,), for the lead time θ [s]."""
-        key = lead_time, None
-        if key not in self._norms:
-            self._norms[key] = _spectral_norms(_stack(self.stiffness, self.damping, lead_time))
-        return self._norms[key]
+        return self._once(self._stiffness_norms, lead_time)
+
+    def _stiffness_norms(self, lead_time: float) -> Array:
+        return _spectral_norms(_stack(self.stiffness, self.damping, lead_time))
 
     def force_norms(self, lead_time: float, power: float = 1.0) -> Array:
         """Return ‖E^−p [H, C/θ]‖ of each point [1/s²], shape (k,); with p = 1 those of torques, without M⁻¹."""
@@ -126,7 +130,7 @@ class UncertaintySamples:
 
         Without a period it is the norm alone.
         """
-        largest = self._largest_norm(centre, position_weight, lead_time)
+        largest = self._once(self._largest_norm, centre, position_weight, lead_time)
         if not period or not np.isfinite(position_weight):
             return largest
         within = float(self.stiffness_norms(lead_time).max()) * within_period(lead_time, period)
@@ -164,11 +168,11 @@ class UncertaintySamples:
 
     def _stiffest(self, lead_time: float, period: float) -> Array:
         """Return the largest ‖[H, C/θ]‖ of each point with and without friction, at both ends of a period, (k,)."""
-        key = lead_time, period
-        if key not in self._norms:
-            stacks = [_stack(self.stiffness, damping, lead_time) for damping in self._dampings(period)]
-            self._norms[key] = np.max([_spectral_norms(stack) for stack in stacks], axis=0)
-        return self._norms[key]
+        return self._once(self._largest_stiffness_norms, lead_time, period)
+
+    def _largest_stiffness_norms(self, lead_time: float, period: float) -> Array:
+        stacks = [_stack(self.stiffness, damping, lead_time) for damping in self._dampings(period)]
+        return np.max([_spectral_norms(stack) for stack in stacks], axis=0)
 
     def at(self, places: Array) -> "UncertaintySamples":
         """Return some of the points, by their numbers."""
@@ -186,12 +190,15 @@ class UncertaintySamples:
         A larger η adds less to what E alone needs, and reduces the radius that the loop tolerates. With these weights
         ρ0 − δ shrinks by the shares of `RADIUS_SHARES`.
         """
+        return self._once(self._candidate_weights, centre, lead_time)
+
+    def _candidate_weights(self, centre: float, lead_time: float) -> list[float]:
         stiffest = float(self.stiffness_norms(lead_time).max())
         if not stiffest > NEGLIGIBLE_STIFFNESS:
             return []
         inertia_radius = self.needed_radius(centre, np.inf)
         spare = centre - inertia_radius if inertia_radius < centre else centre
-        factors = np.geomspace(100.0, 0.01, 40)
+        factors = np.geomspace(100.0, 0.01, N_TRIED_WEIGHTS)
         weights = stiffest / centre * factors
         largest = self.decisive([centre], [lead_time], 0.0, 0.0)
         radii = np.array([largest.joint_norms(centre, float(weight), lead_time).max() for weight in weights])
@@ -218,9 +225,15 @@ class UncertaintySamples:
         values = np.linalg.eigvalsh(self.inertia)
         return values[:, 0], values[:, -1]
 
+    def _once(self, function: Callable[..., T], *arguments: float) -> T:
+        """Return a method's value, computed once for these arguments."""
+        key = function.__name__, *arguments
+        if key not in self._values:
+            self._values[key] = function(*arguments)
+        return self._values[key]
+
     @cached_property
-    def _norms(self) -> dict[tuple[float, float | None], Array]:
-        """Norms of stiffness and damping that were computed, by lead time and by period."""
+    def _values(self) -> dict[tuple[Any, ...], Any]:
         return {}
 
     def grown(self, share: float, period: float = 0.0) -> "UncertaintySamples":

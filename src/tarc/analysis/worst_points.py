@@ -1,7 +1,7 @@
 """The worst operating points of a robot over a workspace, by samples and local search with exact derivatives."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations, product
 from typing import Protocol
@@ -72,6 +72,7 @@ class SampledPoints:
     seed: int
     points: list[OperatingPoint]
     uncertainty: UncertaintySamples
+    _fresh: dict[str, tuple[list[OperatingPoint], UncertaintySamples]] = field(default_factory=dict)
 
     @classmethod
     def from_robot(
@@ -107,9 +108,12 @@ class SampledPoints:
 
     def scaled(self, nominal: Array, scale: float) -> "SampledPoints":
         """Return the points for an M̂ that is a multiple of this one, which scales E and leaves H and C."""
-        return replace(
-            self, nominal=nominal, uncertainty=replace(self.uncertainty, inertia=scale * self.uncertainty.inertia)
-        )
+
+        def rescaled(samples: UncertaintySamples) -> UncertaintySamples:
+            return replace(samples, inertia=scale * samples.inertia)
+
+        fresh = {name: (points, rescaled(samples)) for name, (points, samples) in self._fresh.items()}
+        return replace(self, nominal=nominal, uncertainty=rescaled(self.uncertainty), _fresh=fresh)
 
     def refine_worst(self, centre: float, position_weight: float, lead_time: float) -> "SampledPoints":
         """Return the points with those that a local search for the largest joint norm adds.
@@ -124,7 +128,7 @@ class SampledPoints:
             [_maximise_motion(self._maximise_posture(start, norm, centre), self.workspace, norm) for start in starts]
         )
 
-    def search_globally(self, function: "PointFunction") -> "SampledPoints":
+    def search_globally(self, function: "UncertaintyFunction") -> "SampledPoints":
         """Return the points with those that a search over the whole workspace for the largest value adds.
 
         Local searches start from the best of fresh samples, at rest and moving, and from the first two points. From the
@@ -136,10 +140,9 @@ class SampledPoints:
         function
             What is to be large, such as the norm that decides a certificate.
         """
-        n_postures = FRESH_SAMPLES * len(self.unit_samples)
-        fresh = sample_points(self.plants, self.workspace, n_postures, self.seed + 1)
+        fresh, fresh_uncertainty = self._fresh_points()
         candidates = [*self.points, *fresh]
-        values = function.values(candidates)
+        values = function.norms(self.uncertainty | fresh_uncertainty)
         scale = max(float(values.max()), NEGLIGIBLE_STIFFNESS)
         is_moving = np.array([point.is_moving for point in candidates])
         starts = self._with_every_plant(self.points[:2])
@@ -163,6 +166,14 @@ class SampledPoints:
             found = [*best, *(self._climb(turned[i], function, scale) for i in order)]
         order = np.argsort(function.values(found))[::-1][:N_SEARCHES]
         return self._with_points([found[i] for i in order])
+
+    def _fresh_points(self) -> tuple[list[OperatingPoint], UncertaintySamples]:
+        """Return samples that no search has seen, the same for all searches, and their uncertainty."""
+        if "points" not in self._fresh:
+            n_postures = FRESH_SAMPLES * len(self.unit_samples)
+            points = sample_points(self.plants, self.workspace, n_postures, self.seed + 1)
+            self._fresh["points"] = points, uncertainty_samples(self.nominal, points)
+        return self._fresh["points"]
 
     def _climb(self, start: OperatingPoint, function: "PointFunction", scale: float) -> OperatingPoint:
         """Return a point of larger value, by posture and motion in turn."""
@@ -230,6 +241,14 @@ class PointFunction(Protocol):
         ...
 
 
+class UncertaintyFunction(PointFunction, Protocol):
+    """One that the linearised uncertainty of a point determines."""
+
+    def norms(self, samples: UncertaintySamples) -> Array:
+        """Return the number of each of k points, shape (k,)."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class UncertaintyNorm:
     """The norm ‖[E − ρ0 I, H/η, C/(η θ)]‖, or ‖[H, C/θ]‖/η without a centre.
@@ -255,7 +274,10 @@ class UncertaintyNorm:
 
     def values(self, points: Sequence[OperatingPoint]) -> Array:
         """Return the norms of k points, shape (k,)."""
-        samples = uncertainty_samples(self.nominal, points)
+        return self.norms(uncertainty_samples(self.nominal, points))
+
+    def norms(self, samples: UncertaintySamples) -> Array:
+        """Return the norms of k points, shape (k,)."""
         if self.centre is None:
             return samples.stiffness_norms(self.lead_time) / self.position_weight
         return samples.joint_norms(self.centre, self.position_weight, self.lead_time)
@@ -313,9 +335,12 @@ class GrownNorm:
 
     def values(self, points: Sequence[OperatingPoint]) -> Array:
         """Return the norms of k points, shape (k,)."""
-        samples = uncertainty_samples(self.nominal, points).grown(self.share)
-        norms = samples.joint_norms(self.centre, self.position_weight, self.lead_time)
-        return norms.reshape(-1, len(points)).max(axis=0)
+        return self.norms(uncertainty_samples(self.nominal, points))
+
+    def norms(self, samples: UncertaintySamples) -> Array:
+        """Return the norms of k points, shape (k,)."""
+        norms = samples.grown(self.share).joint_norms(self.centre, self.position_weight, self.lead_time)
+        return norms.reshape(-1, len(samples.inertia)).max(axis=0)
 
     def value_and_gradient(self, point: OperatingPoint) -> tuple[float, Array]:
         """Return the norm of a point and its derivatives over the posture, shape (n,)."""
@@ -345,7 +370,11 @@ class ForceNorm:
 
     def values(self, points: Sequence[OperatingPoint]) -> Array:
         """Return the norms of k points, shape (k,)."""
-        return uncertainty_samples(self.nominal, points).force_norms(self.lead_time)
+        return self.norms(uncertainty_samples(self.nominal, points))
+
+    def norms(self, samples: UncertaintySamples) -> Array:
+        """Return the norms of k points, shape (k,)."""
+        return samples.force_norms(self.lead_time)
 
     def value_and_gradient(self, point: OperatingPoint) -> tuple[float, Array]:
         """Return the norm of a point and its derivatives over the posture, shape (n,)."""

@@ -10,7 +10,7 @@ from tarc.analysis.linearise import Channel
 from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS, SEARCH_MARGIN, UncertaintySamples
 from tarc.analysis.uncertain_loop import FrequencyResponses, UncertainLoop
 from tarc.analysis.worst_points import GrownNorm, SampledPoints
-from tarc.certificates.iqc import best_multiplier
+from tarc.certificates.iqc import CLOSE_RANGE, best_multiplier
 from tarc.certificates.robot_points import RobotPoints
 from tarc.certificates.varying_ratio import Ball, RadiusProof, best_centre, make_ball, max_radius
 
@@ -22,10 +22,12 @@ MIN_LEAD_PERIODS = 4.0
 """Least lead time of a robot with stiffness [periods], since its position moves within a period."""
 MAX_CANDIDATES = 4
 """Largest number of balls that are tested at all frequencies."""
-CLOSE_RANGE = 1.03
-"""Factor by which the range of ratios may still grow when the search of a ball ends."""
+SAME_CENTRE = 1e-3
+"""Relative difference up to which two centres count as one."""
 CLOSE_TO_BEST = 0.97
 """Share of the best radius over the needed one that a ball must be able to reach to be searched further."""
+CLEARLY = 1.01
+"""Factor on the least radius over the needed one at which the search for a ball may end."""
 FAR_FROM_BEST = 0.8
 """Share below which no other weight is tried."""
 
@@ -66,10 +68,9 @@ def fit_ball(channel: Channel, slope: float, robot: RobotPoints, least: float = 
     spread, rate_point = robot.spread, robot.max_rate_point()
     ratios = spread.min_ratio / ROOM, spread.max_ratio * ROOM
     max_change = None if rate_point is None else ROOM * channel.period * rate_point.rate(robot.nominal)
-    centres = {
-        best_centre(UncertainLoop.from_channel(channel, slope, intersample=True), ratios, max_change),
-        sum(ratios) / 2,
-    }
+    middle = sum(ratios) / 2
+    centre = best_centre(UncertainLoop.from_channel(channel, slope, intersample=True), ratios, max_change)
+    centres = [middle] if abs(centre / middle - 1) < SAME_CENTRE else [centre, middle]
     if not robot.is_searched:
         robot.sampled = worst_case_points(min(centres), robot.sampled)
         robot.is_searched = True
@@ -142,9 +143,11 @@ def best_ball(
     grown = uncertainty.decisive(centres, lead_times, SEARCH_MARGIN, period).grown(SEARCH_MARGIN, period)
     candidates: list[BallCandidate] = []
     for centre, (lead_time, loop), limit in product(centres, loops.items(), dict.fromkeys([max_change, None])):
+        if least and candidates and candidates[0].radius_over_needed > CLEARLY * least:
+            break
         reached = max((candidate.radius_over_needed for candidate in candidates), default=least)
         candidates += best_weights(loop, centre, grown, lead_time, stiffness[lead_time], limit, reached)
-    candidates.sort(reverse=True, key=lambda candidate: candidate.radius_over_needed)
+        candidates.sort(reverse=True, key=lambda candidate: candidate.radius_over_needed)
     best, proof, radius = candidates[0], None, -1.0
     for candidate in candidates[:MAX_CANDIDATES]:
         if candidate is best or candidate.radius_over_needed > max(radius / best.needed_radius, least):

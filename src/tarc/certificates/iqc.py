@@ -18,6 +18,8 @@ MAX_CUT_ROUNDS = 40
 """Largest number of rounds in which `best_multiplier` adds cuts."""
 RANGE_TOLERANCE = 1.005
 """Factor by which the range of ratios may still grow when a search ends."""
+CLOSE_RANGE = 1.03
+"""The same for a search that compares balls."""
 MIN_CHANGE = 1e-4
 """Least change in a period, as a share of the centre, for which a multiplier is searched for."""
 MIN_COEFFICIENT = 1e-4

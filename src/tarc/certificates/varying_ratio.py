@@ -16,7 +16,7 @@ from tarc.analysis.linearise import (
 from tarc.analysis.uncertain_loop import FrequencyResponses, UncertainLoop, scaled_system
 from tarc.certificates.affine import certify_affine
 from tarc.certificates.base import Certificate, Evidence, Judgement, Verdict, fastest_decay, require_held_torque
-from tarc.certificates.iqc import MIN_CHANGE, Multiplier, best_multiplier, iqc_matrices, satisfies_iqc
+from tarc.certificates.iqc import CLOSE_RANGE, MIN_CHANGE, Multiplier, best_multiplier, iqc_matrices, satisfies_iqc
 from tarc.core import validation as check
 from tarc.core.errors import NoStableRatio, UnsupportedLaw
 from tarc.core.types import Array
@@ -551,7 +551,7 @@ class _CentreSearch(NamedTuple):
         needed = centre if self.ratio_range is None else self._needed_radius(centre, *self.ratio_range)
         if max_change is None:
             return self.responses.best_scale(centre)[1] / needed
-        options = {"responses": self.responses, "least": least * needed}
+        options = {"responses": self.responses, "least": least * needed, "close": CLOSE_RANGE}
         return best_multiplier(self.loop, centre, max_change, **options)[1] / needed
 
     @staticmethod
