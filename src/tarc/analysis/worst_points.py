@@ -112,7 +112,8 @@ class SampledPoints:
         def rescaled(samples: UncertaintySamples) -> UncertaintySamples:
             return replace(samples, inertia=scale * samples.inertia)
 
-        fresh = {name: (points, rescaled(samples)) for name, (points, samples) in self._fresh.items()}
+        points, samples = self._fresh_points()
+        fresh = {"points": (points, rescaled(samples))}
         return replace(self, nominal=nominal, uncertainty=rescaled(self.uncertainty), _fresh=fresh)
 
     def refine_worst(self, centre: float, position_weight: float, lead_time: float) -> "SampledPoints":

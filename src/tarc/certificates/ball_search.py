@@ -105,9 +105,8 @@ def worst_case_points(centre: float, sampled: SampledPoints) -> SampledPoints:
         for factor in LEAD_FACTORS:
             sampled = sampled.add_stiffest(factor * sampled.uncertainty.lead_time())
     lead_time = sampled.uncertainty.lead_time()
-    for weight in sampled.uncertainty.candidate_weights(centre, lead_time)[::2]:
-        sampled = sampled.refine_worst(centre, weight, lead_time)
-    return sampled
+    weights = sampled.uncertainty.candidate_weights(centre, lead_time)
+    return sampled.refine_worst(centre, weights[len(weights) // 2], lead_time) if weights else sampled
 
 
 def tried_lead_times(uncertainty: UncertaintySamples, period: float) -> list[float]:

@@ -512,7 +512,7 @@ def best_centre(loop: UncertainLoop, ratio_range: tuple[float, float] | None, ma
     """
     search = _CentreSearch(loop, FrequencyResponses(loop), ratio_range)
     if ratio_range is None:
-        best = search.refine(np.log(np.geomspace(1e-4, 10.0, 33)), None, 1e-4)
+        best = search.refine(np.log(np.geomspace(1e-4, 10.0, 33)), None, 1e-4 if max_change is None else 2e-2)
         if search.value(best, None) <= NO_BALL:
             raise NoStableRatio(
                 "varying ratio: no inertia ratio makes this loop stable; use a shorter window, a lower natural "
@@ -522,7 +522,8 @@ def best_centre(loop: UncertainLoop, ratio_range: tuple[float, float] | None, ma
             best = search.refine(best + np.log([0.8, 1.0, 1.25, 1.5, 1.8]), max_change, 1e-2)
         return float(np.exp(best))
     low, high = ratio_range
-    best = search.refine(np.log(np.linspace(low, high, 9) if high > low else np.array([low])), None, 1e-4)
+    tolerance = 1e-4 if max_change is None else 2e-2
+    best = search.refine(np.log(np.linspace(low, high, 9) if high > low else np.array([low])), None, tolerance)
     if max_change is not None:
         best = search.refine(np.sort([best, np.log((low + high) / 2)]), max_change, 1e-2)
     return float(np.exp(best))

@@ -59,6 +59,7 @@ def main() -> None:
     """Run the command line; an error of the input is printed on one line, with exit status 2."""
     # matrices here are small, and threads on small matrices wait for each other
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    os.environ.setdefault("MUJOCO_GL", "disable")  # no command draws with it, and its library takes a while to find
     warnings.showwarning = _warn
     try:
         app()

@@ -23,7 +23,7 @@ F grows with G, so any upper bound of G suffices, and F < 0 at one window implie
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -32,7 +32,8 @@ from tarc.core import validation as check
 from tarc.core.types import Array
 from tarc.laws.base import Law
 from tarc.numerics.ball_arithmetic import BALLS, FLOATS, Arithmetic, decide, is_positive_definite
-from tarc.numerics.sdp import bisect, max_feasible, min_scaled_eigenvalue, solve, symmetric
+from tarc.numerics.lmi import Inequalities, solve_lmi
+from tarc.numerics.sdp import bisect, max_feasible, min_scaled_eigenvalue, symmetric
 from tarc.paper.kernel import lag_area
 from tarc.paper.law_parts import (
     GainPart,
@@ -46,9 +47,6 @@ from tarc.paper.law_parts import (
     time_transformation,
     window_or_default,
 )
-
-if TYPE_CHECKING:
-    import cvxpy as cp
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -187,7 +185,7 @@ def check_nominal_loop(
         degree=estimator.degree,
         decay_rate=check.number("decay_rate", decay_rate, 0),
     )
-    solutions = [_Program(K1, K2, loop.degree, loop.decay_rate).least_gain(loop) for K1, K2 in independent_parts(law)]
+    solutions = [_Program(K1, K2, loop.degree).least_gain(loop) for K1, K2 in independent_parts(law)]
     valid = [solution for solution in solutions if solution is not None]
     evidence = NominalEvidence(loop=loop, parts=(), gamma=None)
     if len(valid) == len(solutions):
@@ -271,10 +269,7 @@ def nominal_max_delay(law: Law, *, window: float | None = None, decay_rate: floa
 def _max_over_parts(law: Law, loop_at: Callable[[float], NominalLoop]) -> float:
     """Return the largest window or delay [s] that is feasible for all independent parts."""
     loop = loop_at(1.0)
-    return min(
-        _Program(K1, K2, loop.degree, loop.decay_rate).max_value(loop_at)
-        for K1, K2 in independent_parts(require_tde(law))
-    )
+    return min(_Program(K1, K2, loop.degree).max_value(loop_at) for K1, K2 in independent_parts(require_tde(law)))
 
 
 def negated_form(part: NominalPart, loop: NominalLoop, gamma: float, arithmetic: Arithmetic) -> Array:
@@ -317,56 +312,54 @@ def _squared_position(n: int, size: int, arithmetic: Arithmetic) -> Array:
 class _Program:
     """The semidefinite programs of one part, in time scaled by ω, with R1/h and R2/G as unknowns.
 
-    ``centre`` maximises the distance from F = 0 (without σ′) at tr P = 2n; ``gain`` minimises γ².
+    The central solution maximises the distance from F = 0 (without σ′) at tr P = 2n; that on the boundary minimises γ².
     """
 
-    def __init__(self, K1: Array, K2: Array, degree: int, decay_rate: float) -> None:
-        import cvxpy as cp
-
-        n = len(K1)
+    def __init__(self, K1: Array, K2: Array, degree: int) -> None:
         self.K1, self.K2, self.omega = K1, K2, time_scale(K1)
         self.area = float(lag_area(degree))
-        self.P = cp.Variable((2 * n, 2 * n), symmetric=True)
-        self.S1, self.S2 = (cp.Variable((n, n), symmetric=True) for _ in range(2))
-        self.h_squared, self.G_squared, self.h_decay, self.G_decay = (cp.Parameter(nonneg=True) for _ in range(4))
-        self.gamma_squared, t = cp.Variable(nonneg=True), cp.Variable()
-        a = decay_rate / self.omega
-        F = self._scaled_form(a)
-        free, slack = -F[: 4 * n, : 4 * n], t * np.eye(4 * n)
-        constraints = [cp.trace(self.P) == 2 * n, self.P >> slack[: 2 * n, : 2 * n]]
-        self.centre = cp.Problem(cp.Maximize(t), [(free + free.T) / 2 >> slack, *constraints])
-        disturbance = np.eye(5 * n)[4 * n :]
-        negated, position = self.gamma_squared * (disturbance.T @ disturbance) - F, np.eye(5 * n)[:n]
-        squared_position = position.T @ position
-        left, right = (
-            (negated, self.P - squared_position[: 2 * n, : 2 * n]) if a else (negated - squared_position, self.P)
-        )
-        self.gain = cp.Problem(cp.Minimize(self.gamma_squared), [(left + left.T) / 2 >> 0, right >> 0])
 
-    def _scaled_form(self, a: float) -> "cp.Expression":
-        """Return F without γ in scaled time, an expression in P, R1/h and R2/G."""
+    def _scaled_form(self, loop: NominalLoop, P: Array, S1: Array, S2: Array) -> Array:
+        """Return F without γ in scaled time, from P, R1/h and R2/G."""
         n, k1, k2 = len(self.K1), self.K1 / self.omega**2, self.K2 / self.omega
+        h, window, a = loop.delay, loop.window, loop.decay_rate
         e1, e2, z1, z2, disturbance = np.eye(5 * n).reshape(5, n, 5 * n)
         e2_rate = -k1 @ e1 - k2 @ e2 + k1 @ z1 + k2 @ z2 + disturbance
         e, e_rate = np.concatenate([e1, e2]), np.concatenate([e2, e2_rate])
-        power = e.T @ self.P @ e_rate
+        power = e.T @ P @ e_rate
         return (
             power
             + power.T
-            + 2 * a * (e.T @ self.P @ e)
-            + self.h_squared * (e2.T @ self.S1 @ e2)
-            + self.G_squared * (e2_rate.T @ self.S2 @ e2_rate)
-            - self.h_decay * (z1.T @ self.S1 @ z1)
-            - self.G_decay * (z2.T @ self.S2 @ z2)
+            + 2 * a / self.omega * (e.T @ P @ e)
+            + (self.omega * h) ** 2 * (e2.T @ S1 @ e2)
+            + (self.omega * (h + window * self.area)) ** 2 * (e2_rate.T @ S2 @ e2_rate)
+            - np.exp(-2 * a * h) * (z1.T @ S1 @ z1)
+            - np.exp(-2 * a * (h + window)) * (z2.T @ S2 @ z2)
         )
 
     def central_solution(self, loop: NominalLoop) -> list[Array] | None:
         """Return P, R1/h, R2/G in scaled time, as far from F = 0 as possible."""
-        h, window, a = loop.delay, loop.window, loop.decay_rate
-        self.h_squared.value = (self.omega * h) ** 2
-        self.G_squared.value = (self.omega * (h + window * self.area)) ** 2
-        self.h_decay.value, self.G_decay.value = np.exp(-2 * a * h), np.exp(-2 * a * (h + window))
-        return solve(self.centre, self.P, self.S1, self.S2)
+        n = len(self.K1)
+
+        def inequalities(t: Array, P: Array, S1: Array, S2: Array) -> Inequalities:
+            free = -self._scaled_form(loop, P, S1, S2)[: 4 * n, : 4 * n]
+            return Inequalities(t, [free - t * np.eye(4 * n), P - t * np.eye(2 * n)], [np.trace(P) - 2 * n])
+
+        values = solve_lmi([0, 2 * n, n, n], inequalities)
+        return None if values is None else values[1:]
+
+    def _boundary_solution(self, loop: NominalLoop) -> list[Array] | None:
+        """Return γ² and P, R1/h, R2/G in scaled time, with the least γ²."""
+        n = len(self.K1)
+        disturbance, position = np.diag(np.arange(5 * n) >= 4 * n), np.diag((np.arange(5 * n) < n).astype(float))
+
+        def inequalities(gamma_squared: Array, P: Array, S1: Array, S2: Array) -> Inequalities:
+            negated = gamma_squared * disturbance - self._scaled_form(loop, P, S1, S2)
+            inner = position[: 2 * n, : 2 * n]
+            positive = [negated, P - inner] if loop.decay_rate else [negated - position, P]
+            return Inequalities(-gamma_squared, [*positive, np.reshape(gamma_squared, (1, 1))])
+
+        return solve_lmi([0, 2 * n, n, n], inequalities)
 
     def least_gain(self, loop: NominalLoop) -> tuple[NominalPart, float] | None:
         """Return the part and its γ, or None.
@@ -380,12 +373,12 @@ class _Program:
         inner = self._normalised(self._part(central, loop), loop)
         if inner is None:
             return None
-        boundary = solve(self.gain, self.P, self.S1, self.S2, self.gamma_squared)
+        boundary = self._boundary_solution(loop)
         if boundary is None:
             return inner
         scale = 1.0 if loop.decay_rate else 1 / self.omega
-        outer = self._part(boundary[:3], loop, scale)
-        outer_square = float(boundary[3]) * scale / self.omega**3
+        outer = self._part(boundary[1:], loop, scale)
+        outer_square = float(boundary[0]) * scale / self.omega**3
         for share in (1e-4, 1e-3, 1e-2, 1e-1):
             part = _mix(outer, inner[0], share)
             gamma = float(np.sqrt((1 - share) * outer_square + share * inner[1] ** 2))

@@ -13,7 +13,7 @@ the slower the loop is.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -23,7 +23,8 @@ from tarc.core.errors import InvalidParameter
 from tarc.core.types import Array
 from tarc.laws.base import Law
 from tarc.numerics.ball_arithmetic import BALLS, FLOATS, Arithmetic, decide, is_negative_at, is_positive_definite
-from tarc.numerics.sdp import bisect, max_feasible, min_scaled_eigenvalue, solve, symmetric
+from tarc.numerics.lmi import Inequalities, solve_lmi
+from tarc.numerics.sdp import bisect, max_feasible, min_scaled_eigenvalue, symmetric
 from tarc.paper.law_parts import (
     GainPart,
     are_symmetric,
@@ -343,42 +344,39 @@ class _Program:
     """
 
     def __init__(self, K1: Array, K2: Array, P: Array | None, disturbance_term: bool) -> None:
-        import cvxpy as cp
-
         n = len(K1)
         self.K1, self.K2, self.disturbance_term = K1, K2, disturbance_term
         self.omega = time_scale(K1)
         self.to_seconds = time_transformation(n, 1 / self.omega)
         A1, B1 = companion(K1 / self.omega**2, K2 / self.omega)
-        A = A1 + B1
+        self.A = A1 + B1
         # the last factor has a unit of time that the others do not have
-        factors = np.hstack([B1 @ A1, B1 @ B1, *([B1 / self.omega] if disturbance_term else [])])
-        copies = factors.shape[1] // (2 * n)
-        self.Y = cp.Variable((2 * n, 2 * n), symmetric=True)
-        self.r = cp.Parameter(nonneg=True)
-        t = cp.Variable()
-        if P is None:
-            self.P, self.P_norm = cp.Variable((2 * n, 2 * n), symmetric=True), 1.0
-            constraints: list[Any] = [cp.trace(self.P) == 2 * n]
-        else:
+        self.factors = np.hstack([B1 @ A1, B1 @ B1, *([B1 / self.omega] if disturbance_term else [])])
+        self.P, self.P_norm = None, 1.0
+        if P is not None:
             from_seconds = time_transformation(n, self.omega)
-            scaled, constraints = from_seconds @ P @ from_seconds, []
+            scaled = from_seconds @ P @ from_seconds
             self.P_norm = float(np.linalg.norm(scaled, 2))
-            self.P = cp.Constant(scaled / self.P_norm)
-        corner = self.r * (self.P @ factors)
-        form = cp.bmat([[-(A.T @ self.P + self.P @ A) - self.Y, corner], [corner.T, cp.kron(np.eye(copies), self.Y)]])
+            self.P = scaled / self.P_norm
+
+    def _inequalities(self, r: float, t: Array, Y: Array, P: Array) -> Inequalities:
+        """Return what t, Y and P must satisfy for r = √2 h."""
+        corner, copies = r * (P @ self.factors), self.factors.shape[1] // len(P)
+        head = -(self.A.T @ P + P @ self.A) - Y
+        form = np.block([[head, corner], [corner.T, np.kron(np.eye(copies), Y)]])
         # Y reduces Ψ1, so it needs no more slack than the delay requires
-        is_head = np.arange((copies + 1) * 2 * n) < 2 * n
-        slack = t * np.diag(is_head.astype(float)) + (self.r * t) * np.diag((~is_head).astype(float))
-        self.problem = cp.Problem(cp.Maximize(t), [(form + form.T) / 2 >> slack, *constraints])
+        slack = np.where(np.arange(len(form)) < len(P), t, r * t)
+        trace = [np.trace(P) - len(P)] if self.P is None else []
+        return Inequalities(t, [form - np.diag(slack)], trace)
 
     def solution(self, h: float) -> tuple[Array, Array] | None:
         """Return P and Y for a delay [s], in seconds."""
-        self.r.value = np.sqrt(2) * h * self.omega
-        values = solve(self.problem, self.P, self.Y)
+        r, size = np.sqrt(2) * h * self.omega, len(self.A)
+        given = () if self.P is None else (self.P,)
+        values = solve_lmi([0, size, *([] if given else [size])], lambda *x: self._inequalities(r, *x, *given))
         if values is None:
             return None
-        P, Y = (symmetric(self.to_seconds @ value @ self.to_seconds) for value in values)
+        P, Y = (symmetric(self.to_seconds @ value @ self.to_seconds) for value in ((*values, *given)[2], values[1]))
         return self.P_norm * P, self.P_norm * self.omega * Y
 
     def part(self, h: float) -> Theorem1Part | None:

@@ -28,7 +28,8 @@ from tarc.core import validation as check
 from tarc.core.types import Array
 from tarc.laws.base import Law
 from tarc.numerics.ball_arithmetic import BALLS, FLOATS, Arithmetic, decide, is_negative_at, is_positive_definite
-from tarc.numerics.sdp import min_scaled_eigenvalue, solve, symmetric
+from tarc.numerics.lmi import Inequalities, solve_lmi
+from tarc.numerics.sdp import min_scaled_eigenvalue, symmetric
 from tarc.paper.kernel import kernel_energy
 from tarc.paper.law_parts import (
     GainPart,
@@ -305,8 +306,6 @@ def couplings(K2: Array) -> tuple[Array, Array]:
 
 def _best_part(K1: Array, K2: Array, condition: Theorem2Condition) -> Theorem2Part | None:
     """Return the matrices with the largest least eigenvalue of Θ, in time scaled by ω and with tr P = 2n."""
-    import cvxpy as cp
-
     omega, size = time_scale(K1), 2 * len(K1)
     h, xi = condition.delay * omega, condition.xi
     energy = float(kernel_energy(condition.degree)) / (condition.window * omega) ** 2
@@ -315,25 +314,28 @@ def _best_part(K1: Array, K2: Array, condition: Theorem2Condition) -> Theorem2Pa
     A = A1 + B1
     # printed with D where units need another weight: the last two factors, and D in F̄, have an additional unit of time
     factors = h * np.hstack([B1 @ A1, B1 @ B1, B1 / omega, B1 @ B_bar / omega])
-    P, Y, L = (cp.Variable((size, size), symmetric=True) for _ in range(3))  # Y = h²D/β
-    t, zero, wide = cp.Variable(), np.zeros((size, size)), np.zeros((size, 4 * size))
-    form = cp.bmat(
-        [
-            [-(A.T @ P + P @ A) - (1 + xi) * Y, P @ B_breve, P @ B_bar, P @ factors],
-            [(P @ B_breve).T, (xi - 1) * Y - (omega**2 * Y + L) * energy, zero, wide],
-            [(P @ B_bar).T, zero, L, wide],
-            [(P @ factors).T, wide.T, wide.T, cp.kron(np.eye(4), Y)],
-        ]
-    )
+    zero, wide = np.zeros((size, size)), np.zeros((size, 4 * size))
     slack = np.diag(np.concatenate([np.ones(3 * size), np.zeros(4 * size)]))
-    constraints = [cp.trace(P) == size, *(weight >> 1e-6 * np.eye(size) for weight in (P, Y, L))]
-    values = solve(cp.Problem(cp.Maximize(t), [(form + form.T) / 2 >> t * slack, *constraints]), P, Y, L)
+
+    def inequalities(t: Array, P: Array, Y: Array, L: Array) -> Inequalities:
+        form = np.block(
+            [
+                [-(A.T @ P + P @ A) - (1 + xi) * Y, P @ B_breve, P @ B_bar, P @ factors],
+                [(P @ B_breve).T, (xi - 1) * Y - (omega**2 * Y + L) * energy, zero, wide],
+                [(P @ B_bar).T, zero, L, wide],
+                [(P @ factors).T, wide.T, wide.T, np.kron(np.eye(4), Y)],
+            ]
+        )
+        weights = (weight - 1e-6 * np.eye(size) for weight in (P, Y, L))
+        return Inequalities(t, [form - t * slack, *weights], [np.trace(P) - size])
+
+    values = solve_lmi([0, size, size, size], inequalities)  # Y = h²D/β
     if values is None:
         return None
     to_seconds = time_transformation(len(K1), 1 / omega)
     scales = (1.0, omega * condition.beta / condition.delay**2, 1 / omega)
     in_seconds = (
-        symmetric(scale * to_seconds @ value @ to_seconds) for scale, value in zip(scales, values, strict=True)
+        symmetric(scale * to_seconds @ value @ to_seconds) for scale, value in zip(scales, values[1:], strict=True)
     )
     best_P, best_D, best_L = in_seconds
     return Theorem2Part(K1=K1, K2=K2, P=best_P, D=best_D, L=best_L)
