@@ -24,10 +24,11 @@ from rich.table import Table
 import tarc
 from benchmarks.design import ROBOTS, Robot
 from reference.motion_attacks import Attacks, MotionAttacker
-from tarc.analysis import InertiaSpread, Workspace, inertia_spread
+from tarc.analysis import InertiaSpread, Workspace
 from tarc.analysis.linearise import decoupled_channels
 from tarc.certificates import Certificate
 from tarc.certificates.robot import certify_robot, strengthen_robot
+from tarc.certificates.robot_points import RobotPoints
 from tarc.core.errors import DesignWarning, InfeasibleDesign, RobotFileWarning
 from tarc.estimators import Algebraic
 from tarc.laws import TDC
@@ -135,9 +136,14 @@ class Case:
         )
 
     @cached_property
+    def points(self) -> RobotPoints:
+        """Return what is known of the robot; each certificate adds the worst points that it finds."""
+        return RobotPoints.from_robot(self.plants, np.array(self.shape.inertia), self.workspace, samples=SAMPLES)
+
+    @property
     def spread(self) -> InertiaSpread:
         """Return the inertia ratios of the robot."""
-        return inertia_spread(self.plants, np.array(self.shape.inertia), self.workspace, samples=SAMPLES)
+        return self.points.spread
 
     def frozen_limit(self) -> float:
         """Return the greatest natural frequency up to which every constant ratio is stable."""
@@ -155,8 +161,8 @@ class Case:
     def certificate(self, natural_frequency: float) -> Certificate[Any]:
         """Return the best certificate of the robot."""
         law = self.law(natural_frequency)
-        certificate = certify_robot(law, self.plants, self.workspace, samples=SAMPLES, spread=self.spread)
-        return strengthen_robot(certificate, law, self.plants, self.workspace, samples=SAMPLES, spread=self.spread)
+        certificate = certify_robot(law, self.plants, self.workspace, samples=SAMPLES, points=self.points)
+        return strengthen_robot(certificate, law, self.plants, self.workspace, samples=SAMPLES, points=self.points)
 
     def attack(self, natural_frequency: float, count: int, *, until_broken: bool = False) -> Attacks:
         """Attack the loop; the postures of the extreme ratios come first."""

@@ -1,10 +1,18 @@
 """Linear matrix inequalities against closed forms and a second formulation."""
 
+from typing import Any
+
 import cvxpy as cp
 import numpy as np
 import pytest
 
 from tarc.numerics.lmi import Inequalities, solve_lmi
+
+
+def solution(sizes, at):
+    values = solve_lmi(sizes, at)
+    assert values is not None
+    return values
 
 
 def random_matrix(seed, n):
@@ -15,7 +23,7 @@ def random_matrix(seed, n):
 def test_the_least_eigenvalue(n):
     A = random_matrix(n, n)
     A = A + A.T
-    (t,) = solve_lmi([0], lambda t: Inequalities(t, [A - t * np.eye(n)]))
+    (t,) = solution([0], lambda t: Inequalities(t, [A - t * np.eye(n)]))
     assert t == pytest.approx(np.linalg.eigvalsh(A)[0], abs=1e-6)
 
 
@@ -26,7 +34,7 @@ def test_the_order_of_entries_by_a_matrix_that_is_bounded_on_both_sides():
     def at(X, t):
         return Inequalities(-t, [X - A + t * np.eye(3), A - X + t * np.eye(3)])
 
-    X, t = solve_lmi([3, 0], at)
+    X, t = solution([3, 0], at)
     assert pytest.approx(A, abs=1e-5) == X
     assert t == pytest.approx(0.0, abs=1e-6)
 
@@ -37,10 +45,11 @@ def test_a_lyapunov_matrix_as_cvxpy_finds_it():
     def at(t, P):
         return Inequalities(t, [-(A.T @ P + P @ A) - t * np.eye(3), P], [np.trace(P) - 3])
 
-    t, P = solve_lmi([0, 3], at)
+    t, P = solution([0, 3], at)
     Q, s = cp.Variable((3, 3), symmetric=True), cp.Variable()
     form = -(A.T @ Q + Q @ A)
-    problem = cp.Problem(cp.Maximize(s), [(form + form.T) / 2 >> s * np.eye(3), Q >> 0, cp.trace(Q) == 3])
+    constraints: list[Any] = [(form + form.T) / 2 >> s * np.eye(3), Q >> 0, cp.trace(Q) == 3]
+    problem = cp.Problem(cp.Maximize(s), constraints)
     problem.solve(solver=cp.CLARABEL)
     assert t == pytest.approx(s.value, rel=1e-5)
     assert pytest.approx(P, abs=1e-4) == Q.value

@@ -5,11 +5,11 @@ from importlib.util import find_spec
 
 from tarc.core.errors import MissingTool
 
-_CERTIFY = ("clarabel", "cvxpy", "flint")
+_CERTIFY = ("clarabel", "cvxpy", "flint", "highspy")
 _PLOT = ("matplotlib",)
 _ROBOTS = ("mujoco",)
 _SIM = (*_ROBOTS, "flint", "h5netcdf", "h5py", "xarray")
-_CLI = (*_SIM, "clarabel", "cvxpy", *_PLOT, "pydantic", "rich", "ruamel.yaml", "typer")
+_CLI = (*_SIM, *_CERTIFY, *_PLOT, "pydantic", "rich", "ruamel.yaml", "typer")
 
 _IK = (*_CLI, "daqp", "mink")
 

@@ -21,9 +21,9 @@ class Inequalities(NamedTuple):
         Numbers that must be zero.
     """
 
-    objective: float
+    objective: float | Array
     positive: Sequence[Array]
-    zero: Sequence[float] = ()
+    zero: Sequence[float | Array] = ()
 
 
 def solve_lmi(sizes: Sequence[int], at: Callable[..., Inequalities]) -> list[Array] | None:
@@ -57,7 +57,9 @@ def solve_lmi(sizes: Sequence[int], at: Callable[..., Inequalities]) -> list[Arr
 
     def row(unknowns: Array) -> Array:
         objective, positive, zero = at(*values(unknowns))
-        return np.concatenate([[objective], zero, *(_to_triangle((matrix + matrix.T) / 2) for matrix in positive)])
+        return np.concatenate(
+            [np.array([objective, *zero]), *(_to_triangle((matrix + matrix.T) / 2) for matrix in positive)]
+        )
 
     constant = row(np.zeros(ends[-1]))
     slopes = np.array([row(unit) - constant for unit in np.eye(ends[-1])])
