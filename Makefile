@@ -37,6 +37,7 @@ bench-design: .venv/dev ## designs for six arms
 bench-export: .venv/dev ## exported C: bits, step time, size; the loop on the machine
 	$(BIN)/python -m benchmarks.export
 	$(BIN)/python -m benchmarks.runtime
+	$(BIN)/python -m benchmarks.ros2
 
 compare: .venv/dev ## all laws in ten scenarios
 	$(BIN)/python -m benchmarks.comparison

@@ -126,6 +126,7 @@ def state(time, positions, names=("gripper", "elbow", "shoulder")):
 
 def test_what_is_taken_and_what_is_counted():
     inbox = Inbox(JOINTS)
+    inbox.take_state(encoded(JointState()), 1)  # of no joint
     assert inbox.position() is None
     inbox.take_state(encoded(state(1.0, [7.0, 0.2, 0.1])), 1)
     np.testing.assert_array_equal(inbox.position(), [0.1, 0.2])
@@ -137,7 +138,7 @@ def test_what_is_taken_and_what_is_counted():
     inbox.take_state(encoded(state(2.0, [7.0, 0.3])), 1)
     inbox.take_state(encoded(state(2.0, [7.0, 0.3, 0.1]))[:-9], 1)
     assert inbox.position() is None
-    assert inbox.counts == {"malformed": 2, "strangers": 3, "stale": 1, "unsent": 0, "refused": 0}
+    assert inbox.counts == {"malformed": 2, "strangers": 4, "stale": 1, "unsent": 0, "refused": 0}
     inbox.take_state(encoded(state(2.0, [7.0, np.nan, 0.4])), 1)
     np.testing.assert_array_equal(inbox.position(), [0.4, np.nan])
 

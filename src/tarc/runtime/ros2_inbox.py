@@ -50,7 +50,7 @@ class Inbox:
         self.stamp = np.nan
         self.other_names: tuple[str, ...] = ()
         self.refusal = ""
-        self._names: list[str] = []
+        self._names: list[str] | None = None
         self._order: list[int] = []
         self._sender: int | None = None
         self._last_state = -np.inf
