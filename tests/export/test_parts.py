@@ -56,7 +56,7 @@ def test_parts_give_the_bits_of_python(real, tmp_path):
     assert report.parts is not None
     assert report.parts.startswith("estimator and reference: 0 of 1320 numbers differ")
     text = (tmp_path / "src" / "law_parts.c").read_text()
-    (tmp_path / "src" / "law_parts.c").write_text(text.replace("* u +", "* u -", 1))
+    (tmp_path / "src" / "law_parts.c").write_text(text.replace("* u) +", "* u) -", 1))
     changed = verify_export(tmp_path, steps=100)
     assert not changed.parts_passed
     assert not changed.is_unchanged

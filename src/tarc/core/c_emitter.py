@@ -31,7 +31,7 @@ ARITHMETIC = {
     ca.OP_FABS: "fabs({0})",
     ca.OP_FLOOR: "floor({0})",
     ca.OP_CEIL: "ceil({0})",
-    ca.OP_SIGN: "{0} < 0.0 ? -1.0 : {0} > 0.0 ? 1.0 : {0}",
+    ca.OP_SIGN: "({0} < 0.0) ? -1.0 : (({0} > 0.0) ? 1.0 : {0})",
     ca.OP_ADD: "{0} + {1}",
     ca.OP_SUB: "{0} - {1}",
     ca.OP_MUL: "{0} * {1}",
@@ -42,8 +42,8 @@ ARITHMETIC = {
     ca.OP_FMOD: "fmod({0}, {1})",
     ca.OP_COPYSIGN: "copysign({0}, {1})",
     # of two zeros of opposite sign the first, which fmin and fmax of C leave open
-    ca.OP_FMIN: "{0} <= {1} || {1} != {1} ? {0} : {1}",
-    ca.OP_FMAX: "{0} >= {1} || {1} != {1} ? {0} : {1}",
+    ca.OP_FMIN: "(({0} <= {1}) || ({1} != {1})) ? {0} : {1}",
+    ca.OP_FMAX: "(({0} >= {1}) || ({1} != {1})) ? {0} : {1}",
     ca.OP_HYPOT: "hypot({0}, {1})",
 }
 COMPARISONS = {
@@ -422,7 +422,7 @@ def _copies(copies: dict[tuple[int, int], tuple[int, int]], interface: Interface
             lines += [interface.write(place, element + i, interface.read(source, first + i)) for i in range(length)]
         else:
             addresses = f"&{interface.written(place, element)}, &{interface.read(source, first)}"
-            lines.append(f"  memcpy({addresses}, {length} * sizeof({interface.real}));")
+            lines.append(f"  memcpy({addresses}, {length}u * sizeof({interface.real}));")
     return lines
 
 

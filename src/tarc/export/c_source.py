@@ -95,21 +95,23 @@ $step
 /* Whether all of some numbers are finite. */
 static bool are_finite(const ${name}_real *values, int count)
 {
-  for (int i = 0; i < count; ++i)
-    if (!($fabs(values[i]) <= $huge))
-      return false;
-  return true;
+  bool result = true;
+  for (int i = 0; i < count; ++i) {
+    result = result && ($fabs(values[i]) <= $huge);
+  }
+  return result;
 }
 
 ${name}_status ${name}_reset(${name}_t *self, const ${name}_real position[], const ${name}_real torque[])
 {
   static const ${name}_real limits[${NAME}_JOINTS] = {$limits};
   ${name}_real applied[${NAME}_JOINTS];
-  if (!are_finite(position, ${NAME}_JOINTS) || $torque_refused)
+  if (!are_finite(position, ${NAME}_JOINTS) || $torque_refused) {
     return ${NAME}_BAD_INPUT;
+  }
   for (int i = 0; i < ${NAME}_JOINTS; ++i) {
-    const ${name}_real wanted = torque ? torque[i] : $zero;
-    applied[i] = wanted < -limits[i] ? -limits[i] : wanted > limits[i] ? limits[i] : wanted;
+    const ${name}_real wanted = (torque != NULL) ? torque[i] : $zero;
+    applied[i] = (wanted < -limits[i]) ? -limits[i] : ((wanted > limits[i]) ? limits[i] : wanted);
   }
   start_function(position, applied, self->x[0]);
   self->now = 0;
@@ -119,24 +121,37 @@ ${name}_status ${name}_reset(${name}_t *self, const ${name}_real position[], con
 
 ${name}_status ${name}_step(${name}_t *self, const ${name}_input *in, ${name}_output *out)
 {
-  memset(out, 0, sizeof *out);
-  if (!self->ready)
+  ${name}_status status;
+  (void)memset(out, 0, sizeof *out);
+  if (self->ready == 0) {
     return ${NAME}_NOT_READY;
+  }
   ${name}_real *const state = self->x[self->now];
-  for (int i = 0; i < ${NAME}_JOINTS; ++i)
-    if ($fabs(in->applied_torque[i]) <= $huge)
+  for (int i = 0; i < ${NAME}_JOINTS; ++i) {
+    if ($fabs(in->applied_torque[i]) <= $huge) {
       state[$past_torque + i] = in->applied_torque[i];
+    }
+  }
   step_function(state, in, self->x[1 - self->now], out);
   self->now = 1 - self->now;
-  return out->fault ? ${NAME}_FAULT : out->missing ? ${NAME}_BAD_INPUT : ${NAME}_OK;
+  if (out->fault != 0) {
+    status = ${NAME}_FAULT;
+  } else if (out->missing != 0) {
+    status = ${NAME}_BAD_INPUT;
+  } else {
+    status = ${NAME}_OK;
+  }
+  return status;
 }
 
 short ${name}_cia402_torque(${name}_real torque, ${name}_real rated_torque)
 {
-  const ${name}_real share = $floor($thousand * torque / rated_torque + $half);
-  if (!(rated_torque > $zero) || !($fabs(share) <= $huge))
-    return 0;
-  return (short)(share < $lowest ? $lowest : share > $highest ? $highest : share);
+  const ${name}_real share = $floor((($thousand * torque) / rated_torque) + $half);
+  ${name}_real result = $zero;
+  if ((rated_torque > $zero) && ($fabs(share) <= $huge)) {
+    result = (share < $lowest) ? $lowest : ((share > $highest) ? $highest : share);
+  }
+  return (short)result;
 }
 """)
 
@@ -208,7 +223,7 @@ class _LawInterface(Interface):
         field = target.removeprefix("out->")
         if field == "missing":  # no int holds the count of weeks without a sample
             most = self._constants.number(MAX_COUNT)
-            return f"  {target} = {value} < {most} ? (int){value} : {int(MAX_COUNT)};"
+            return f"  {target} = ({value} < {most}) ? (int){value} : {int(MAX_COUNT)};"
         cast = "(int)" if field in COUNTS else "(unsigned)" if field in FLAG_COMMENTS else ""
         return f"  {target} = {cast}{value};"
 
@@ -277,13 +292,13 @@ class CSource:
         """Return the source."""
         constants = self._constants
         traced, number = self.traced, self._constants.number
-        refused = f"!torque || !are_finite(torque, {self.name.upper()}_JOINTS)"
+        refused = f"(torque == NULL) || !are_finite(torque, {self.name.upper()}_JOINTS)"
         return SOURCE.substitute(
             self._names,
             directives=DIRECTIVES,
             start=definitions(traced.start, "start_function", constants, _StartInterface(constants)),
             step=definitions(traced.step, "step_function", constants, _LawInterface(constants, self)),
-            torque_refused=refused if self.commands else f"(torque && {refused.partition(' || ')[2]})",
+            torque_refused=refused if self.commands else f"((torque != NULL) && {refused.partition(' || ')[2]})",
             fabs=constants.text("fabs(")[:-1],
             floor=constants.text("floor(")[:-1],
             huge=number(1e100),

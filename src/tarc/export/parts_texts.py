@@ -64,9 +64,11 @@ $definitions""")
 ESTIMATOR = Template("""$functions
 ${name}_status ${name}_estimator_reset(${name}_estimator_t *self, const ${name}_real position[])
 {
-  for (int i = 0; i < ${NAME}_JOINTS; ++i)
-    if (!($fabs(position[i]) <= $huge))
+  for (int i = 0; i < ${NAME}_JOINTS; ++i) {
+    if (!($fabs(position[i]) <= $huge)) {
       return ${NAME}_BAD_INPUT;
+    }
+  }
   estimator_start(position, self->x[0]);
   self->now = 0;
   self->ready = 1;
@@ -75,15 +77,19 @@ ${name}_status ${name}_estimator_reset(${name}_estimator_t *self, const ${name}_
 
 ${name}_status ${name}_estimator_step(${name}_estimator_t *self, const ${name}_real position[], ${name}_estimate *out)
 {
-  memset(out, 0, sizeof *out);
-  if (!self->ready)
+  ${name}_status status = ${NAME}_OK;
+  (void)memset(out, 0, sizeof *out);
+  if (self->ready == 0) {
     return ${NAME}_NOT_READY;
+  }
   estimator_step(self->x[self->now], position, self->x[1 - self->now], out);
   self->now = 1 - self->now;
-  for (int i = 0; i < ${NAME}_JOINTS; ++i)
-    if (!out->valid[i])
-      return ${NAME}_BAD_INPUT;
-  return ${NAME}_OK;
+  for (int i = 0; i < ${NAME}_JOINTS; ++i) {
+    if (out->valid[i] == 0) {
+      status = ${NAME}_BAD_INPUT;
+    }
+  }
+  return status;
 }
 
 """)
@@ -101,8 +107,11 @@ ${name}_status ${name}_reference(${name}_real time, ${name}_real position[], ${n
                        ${name}_real acceleration[])
 {
   if (!($fabs(time) <= $huge)) {
-    for (int i = 0; i < ${NAME}_JOINTS; ++i)
-      position[i] = velocity[i] = acceleration[i] = NAN;
+    for (int i = 0; i < ${NAME}_JOINTS; ++i) {
+      position[i] = NAN;
+      velocity[i] = NAN;
+      acceleration[i] = NAN;
+    }
     return ${NAME}_BAD_INPUT;
   }
   reference_function(time, position, velocity, acceleration);
@@ -120,28 +129,33 @@ static void reference_function(${name}_real time, ${name}_real *position, ${name
   static const ${name}_real coefficients[PIECES][6][${NAME}_JOINTS] = {
 $coefficients};
   static const ${name}_real end[${NAME}_JOINTS] = {$end};
-  int first = 0, last = PIECES;
-  if (time < starts[0] || time > starts[PIECES]) {
+  int first = 0;
+  int last = PIECES;
+  if ((time < starts[0]) || (time > starts[PIECES])) {
     for (int i = 0; i < ${NAME}_JOINTS; ++i) {
-      position[i] = time < starts[0] ? coefficients[0][0][i] : end[i];
-      velocity[i] = acceleration[i] = $zero;
+      position[i] = (time < starts[0]) ? coefficients[0][0][i] : end[i];
+      velocity[i] = $zero;
+      acceleration[i] = $zero;
     }
     return;
   }
-  while (last - first > 1) {
+  while ((last - first) > 1) {
     const int middle = (first + last) / 2;
-    if (time < starts[middle])
+    if (time < starts[middle]) {
       last = middle;
-    else
+    } else {
       first = middle;
+    }
   }
   const ${name}_real u = time - starts[first];
   for (int i = 0; i < ${NAME}_JOINTS; ++i) {
-    ${name}_real q = coefficients[first][5][i], v = $zero, a = $zero;
+    ${name}_real q = coefficients[first][5][i];
+    ${name}_real v = $zero;
+    ${name}_real a = $zero;
     for (int j = 4; j >= 0; --j) {
-      a = a * u + v;
-      v = v * u + q;
-      q = q * u + coefficients[first][j][i];
+      a = (a * u) + v;
+      v = (v * u) + q;
+      q = (q * u) + coefficients[first][j][i];
     }
     position[i] = q;
     velocity[i] = v;
