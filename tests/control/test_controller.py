@@ -9,6 +9,7 @@ import pytest
 from law_catalogue import make_law
 from tarc import Controller, laws
 from tarc.core.errors import ControllerNotReset, InvalidParameter
+from tarc.estimators import Algebraic
 
 
 @pytest.fixture
@@ -174,3 +175,28 @@ def test_a_controller_says_what_it_is():
     html = controller._repr_html_()
     assert html.startswith("<p><b>Controller of TDC</b>, 2 joints, ready</p>")
     assert "<td>period</td><td>0.001</td>" in html
+
+
+@pytest.mark.parametrize("max_step", [None, 1.0])
+def test_gives_up_on_request_until_reset(max_step):
+    law = laws.TDC(
+        inertia=[0.1, 0.2],
+        natural_frequency=10.0,
+        period=1e-3,
+        estimator=Algebraic(window=0.010),
+        safe_torque="hold",
+    )
+    controller = Controller(law, max_step=max_step)
+    with pytest.raises(ControllerNotReset, match="give_up"):
+        controller.give_up()
+    zero = np.zeros(2)
+    controller.reset(zero, [1.0, 2.0])
+    last = controller.step(zero, zero + 0.1, zero, zero).copy()
+    controller.give_up()
+    for _ in range(3):
+        np.testing.assert_array_equal(controller.step(zero, zero + 0.1, zero, zero), last)
+    assert controller.fault
+    assert controller.missing == 0
+    controller.reset(zero)
+    controller.step(zero, zero, zero, zero)
+    assert not controller.fault

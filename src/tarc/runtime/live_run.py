@@ -182,8 +182,6 @@ def run_live(
         require_torque_limit(limits, law)
     names = _checked_names(law, robot, reference, joint_names)
     controller, facts = _controller(law, limits, native)
-    if clock.is_real:
-        check_period(_trial(controller, robot), law.period, clock)
     motion = _motion(reference, duration, law.period)
     layout = LogLayout.of(law)
     watcher = None if watch is None else Watcher(watch)
@@ -192,6 +190,8 @@ def run_live(
     )
     with real_time(priority if clock.is_real else 0) as got:
         facts |= got
+        if clock.is_real:
+            check_period(_trial(controller, robot), law.period, clock)
         record = Log(header(layout, subject, facts), None if log is None else Path(log))
         guard = Watchdog(robot, watchdog, clock)
         parts = LoopParts(

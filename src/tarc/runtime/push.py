@@ -45,7 +45,7 @@ class Push(Component):
     """
 
     share: float = 0.2
-    time: float = 0.02
+    time: float = 0.01
     max_travel: float = 0.05
     inertia: Matrix | None = None
     tolerance: float = 2.0
