@@ -105,7 +105,6 @@ def test_results_as_json(folder: Path):
     [
         (["--robot", "gazebo"], "needs mujoco, mujoco:udp or udp://host:port"),
         (["--robot", "udp://nowhere"], r"needs udp://host:port"),
-        (["--overrun", "ignore"], "overrun"),
         (["--error-limit", "-1"], "needs one number above 0"),
     ],
 )

@@ -236,6 +236,17 @@ def test_nothing_starts_without_a_torque_limit():
     assert result.ended == "completed"
 
 
+def test_policies_and_limits_are_checked():
+    with pytest.raises(InvalidParameter, match="overrun"):
+        rows_of(SlidingMasses(), overrun="ignore")
+    with pytest.raises(InvalidParameter, match="error: got 3 numbers"):
+        rows_of(SlidingMasses(), limits=SafetyLimits(error=[1.0, 2.0, 3.0]))
+    with pytest.raises(InvalidParameter, match="reference: it has 1 joints, the law 2"):
+        run_live(example_law(), SlidingMasses(), tarc.signals.Sinusoid(amplitude=[0.1], frequency=1.0), 1.0)
+    with pytest.raises(InvalidParameter, match="speed: got -1"):
+        SafetyLimits(speed=-1.0)
+
+
 def test_joints_in_another_order_are_refused():
     with pytest.raises(InvalidParameter, match=r"its joints are first, second, those of the law second, first; the or"):
         rows_of(SlidingMasses(), joint_names=["second", "first"])
