@@ -16,6 +16,8 @@ _IK = (*_CLI, "daqp", "mink")
 EXTRAS = {
     "certify": _CERTIFY,
     "cli": _CLI,
+    "control": (*_SIM, "control"),
+    "gym": (*_SIM, "gymnasium"),
     "ik": _IK,
     "logs": (*_CLI, "mcap", "mcap_ros2"),
     "plot": _PLOT,

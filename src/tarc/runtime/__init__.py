@@ -7,6 +7,8 @@ from tarc.core.lazy import lazy_attributes
 if TYPE_CHECKING:
     from tarc.runtime.clock import Clock, SimulatedClock
     from tarc.runtime.dds import DdsRobot
+    from tarc.runtime.iosys import to_iosys
+    from tarc.runtime.law_environment import LawEnvironment
     from tarc.runtime.limits import SafetyLimits
     from tarc.runtime.live_loop import StartUp
     from tarc.runtime.live_run import LiveRun, run_live
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Clock",
     "DdsRobot",
+    "LawEnvironment",
     "LiveRun",
     "MujocoRobot",
     "OnlineReference",
@@ -30,6 +33,7 @@ __all__ = [
     "SimulatedClock",
     "StartUp",
     "run_live",
+    "to_iosys",
     "udp_robot",
 ]
 
@@ -38,6 +42,7 @@ __getattr__, __dir__, _ = lazy_attributes(
     {
         "Clock": "tarc.runtime.clock",
         "DdsRobot": "tarc.runtime.dds",
+        "LawEnvironment": "tarc.runtime.law_environment",
         "LiveRun": "tarc.runtime.live_run",
         "MujocoRobot": "tarc.runtime.mujoco_robot",
         "OnlineReference": "tarc.runtime.online",
@@ -49,6 +54,7 @@ __getattr__, __dir__, _ = lazy_attributes(
         "SimulatedClock": "tarc.runtime.clock",
         "StartUp": "tarc.runtime.live_loop",
         "run_live": "tarc.runtime.live_run",
+        "to_iosys": "tarc.runtime.iosys",
         "udp_robot": "tarc.runtime.packet_robot",
     },
 )
