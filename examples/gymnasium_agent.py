@@ -1,34 +1,49 @@
-"""Search a small agent on top of a law, in Gymnasium: a linear feedback of error and error rate."""
+"""Let an agent add its torque to a law.
+
+The loop is an environment of Gymnasium; a random search finds the two gains of the agent.
+"""
 
 import numpy as np
+from matplotlib.figure import Figure
 
 import tarc
 
 N_CANDIDATES = 6
 
 
-def episode(env: tarc.runtime.LawEnvironment, gains: np.ndarray) -> float:
-    """Return the sum of rewards of an agent with two gains."""
+def episode(env: tarc.runtime.LawEnvironment, gains: np.ndarray) -> tuple[float, np.ndarray]:
+    """Return the sum of rewards of an agent with two gains, and the errors [rad], shape (k, 2)."""
     observation, _ = env.reset(seed=0)
-    total, done = 0.0, False
+    total, done, errors = 0.0, False, []
     while not done:
         error, rate = observation[:2], observation[2:4]
         action = np.clip(-gains[0] * error - gains[1] * rate, -1, 1)
-        observation, reward, terminated, truncated, _ = env.step(action)
+        observation, reward, terminated, truncated, info = env.step(action)
         total += reward
+        errors.append(info["error"])
         done = terminated or truncated
-    return total
+    return total, np.array(errors)
 
 
 if __name__ == "__main__":
     scenario = tarc.Scenario.load("two_link_payload", ["duration=0.4"])
     env = tarc.runtime.LawEnvironment.from_scenario(scenario, torque_limit=[150.0, 60.0], initial_error=0.05)
     rng = np.random.default_rng(0)
-    best, best_reward = np.zeros(2), episode(env, np.zeros(2))
-    print("the law alone", best_reward)
+    alone = best = episode(env, np.zeros(2))
+    best_gains = np.zeros(2)
     for _ in range(N_CANDIDATES):
-        gains = best + rng.normal(0, [0.02, 0.05])
-        reward = episode(env, gains)
-        if reward > best_reward:
-            best, best_reward = gains, reward
-    print("with the agent", best_reward, "gains", best)
+        gains = best_gains + rng.normal(0, [0.02, 0.05])
+        tried = episode(env, gains)
+        if tried[0] > best[0]:
+            best, best_gains = tried, gains
+    print("the law alone", alone[0], "with the agent", best[0], "gains", best_gains)
+
+    figure = Figure(figsize=(7, 3.2), layout="constrained")
+    axes = figure.add_subplot()
+    for (_, errors), name, style in ((alone, "law alone", "-"), (best, "with the agent", "--")):
+        for joint, colour in enumerate(("tab:blue", "tab:orange")):
+            axes.plot(1e3 * errors[:, joint], style, color=colour, label=f"joint {joint + 1}, {name}", lw=1.3)
+    axes.set_xlabel("time [ms]")
+    axes.set_ylabel("error [mrad]")
+    axes.legend(frameon=False)
+    figure.savefig("gymnasium_agent.png", dpi=110)

@@ -1,6 +1,7 @@
 """Laws and robots in other libraries: python-control and Gymnasium give the numbers of `tarc.simulate`."""
 
 import warnings
+from typing import Any
 
 import control
 import gymnasium
@@ -54,7 +55,7 @@ def test_a_loop_in_python_control_is_our_simulation():
     times = expected["time"].values
     start = REFERENCE.sample(0.0)[0].ravel()
     state = tarc.Controller(tarc_law()).state_at_start(start, arm().holding_torque(start))
-    inputs = np.vstack(REFERENCE.sample(times))
+    inputs: Any = np.vstack(REFERENCE.sample(times))
     response = control.input_output_response(loop, times, inputs, np.r_[state, start, 0.0, 0.0])
     np.testing.assert_allclose(response.outputs[:2].T, expected["position"].values, rtol=0, atol=1e-13)
     np.testing.assert_allclose(response.outputs[2:].T, expected["torque"].values, rtol=0, atol=1e-9)
@@ -80,6 +81,7 @@ def test_an_agent_that_does_nothing_leaves_our_simulation():
     expected = simulated(tarc_law(), 0.1, sensor=sensor)
     made = environment(0.1, sensor=sensor)
     _, info = made.reset(seed=0)
+    truncated = False
     for k in range(100):
         assert np.array_equal(info["law_torque"], expected["torque"].values[k])
         np.testing.assert_allclose(

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -52,9 +52,12 @@ class LawEnvironment(gymnasium.Env[Array, Array]):
     The law knows the torque that was applied, as on a robot that reports it. An agent that does nothing leaves a loop
     with the numbers of `tarc.simulate`.
 
-    The observation has, joint by joint, the measured error over the error scale, the estimated error rate, reference,
-    its velocity and acceleration, and τ_law over its limit. The reward is −mean(e²)/scale² − weight · mean(a²). An
-    episode is terminated where an error exceeds the divergence threshold, and truncated after the duration.
+    The observation has, joint by joint, the measured error over the error scale and the estimated error rate. Then
+    come the reference, its velocity and acceleration, and τ_law over its limit. The reward is
+
+        −mean(e²)/scale² − weight · mean(a²)
+
+    An episode is terminated where an error exceeds the divergence threshold, and truncated after the duration.
 
     Parameters
     ----------
@@ -99,8 +102,6 @@ class LawEnvironment(gymnasium.Env[Array, Array]):
     ((12,), False, False)
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": []}
-
     def __init__(
         self,
         plant: Plant,
@@ -117,6 +118,7 @@ class LawEnvironment(gymnasium.Env[Array, Array]):
         divergence_threshold: float = 1.0,
         substeps: int = 2,
     ):
+        self.metadata = {"render_modes": []}
         self.sensor = Encoder() if sensor is None else sensor
         check_compatible(plant, law, reference, self.sensor)
         check.one_of("action", action, ACTIONS)
