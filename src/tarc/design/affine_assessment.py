@@ -35,6 +35,9 @@ MAX_PROOFS = 5
 """Most loops of a list for which a Lyapunov function is searched."""
 
 
+LOWER_SLOPE = 0.25
+"""Slope of the robust term over the largest one, that is tried where there is no proof for the largest. The slope counts
+as anything between none and this, so that the largest costs natural frequency where there is viscous friction."""
 MAX_PROGRAMS = 3
 """Most semidefinite programs per loop; most proofs need one or two."""
 ORDERS = (14,)
@@ -176,14 +179,17 @@ class AffineAssessment:
         """
         limit = selection.cost(selection.pick()) if selection.has_feasible else np.inf
         pending = sorted((loop for loop in self.candidates(loops) if selection.cost(loop) < limit), key=selection.cost)
+        slopes = [1.0, LOWER_SLOPE] if self.slope_ratio else [1.0]
         for _ in range(MAX_PROOFS if selection.has_feasible else 2 * MAX_PROOFS):
             if not pending:
                 break
-            trial = pending[0]
-            is_proven = self.proves(trial)
-            done()
-            if is_proven:
-                return [trial]
+            for share in slopes:
+                trial = replace(pending[0], robust_slope=share * pending[0].robust_slope)
+                is_proven = self.proves(trial)
+                done()
+                if is_proven:
+                    return [trial]
+            slopes = slopes[-1:]  # loops that cost more fail at the largest slope as well, with few exceptions
             pending = [loop for loop in pending[1:] if not _is_harder(loop, trial)]
         return []
 

@@ -8,12 +8,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from tarc.analysis.stability import noise_to_torque
 from tarc.analysis.uncertain_loop import FrequencyResponses, UncertainLoop
 from tarc.certificates.iqc import best_multiplier
-from tarc.design.candidates import Candidate, step_error
+from tarc.design.candidates import Candidate, noise_and_change, step_error
 from tarc.design.robustness import RobustnessSpec, radius_ratio_of, spread_of
-from tarc.numerics.norms import h2_norm
 
 CENTRES = np.geomspace(0.006, 1.5, 48)
 """Inertia ratios that are tried as the centre of the ball."""
@@ -151,12 +149,19 @@ def _assess(
 
 
 def at_scale(candidate: Candidate, scale: float, margin: float) -> Candidate:
-    """Return a loop at a scale of M̂, with its margin, noise and error."""
+    """Return a loop at a scale of M̂, with its margin, noise, torque change and error."""
     channel, spread = candidate.channel(), candidate.required_spread
     ratios = scale, scale * spread**0.5, scale * spread
-    noise = scale * max(h2_norm(*noise_to_torque(channel, ratio)) for ratio in ratios)
+    noises, changes = zip(*(noise_and_change(channel, ratio) for ratio in ratios), strict=True)
     error = max(ratio / scale * step_error(channel, ratio) for ratio in ratios)
-    return replace(candidate, inertia_scale=scale, spread_margin=margin, noise=noise, error=error)
+    return replace(
+        candidate,
+        inertia_scale=scale,
+        spread_margin=margin,
+        noise=scale * max(noises),
+        change=scale * max(changes),
+        error=error,
+    )
 
 
 @dataclass(frozen=True)

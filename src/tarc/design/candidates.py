@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from tarc.analysis.stability import disturbance_to_error, noise_to_torque
 from tarc.core import validation as check
 from tarc.estimators.algebraic import Algebraic
 from tarc.laws.tdc import TDC
-from tarc.numerics.norms import h2_norm
+from tarc.numerics.norms import h2_norm, output_covariance
 
 WINDOWS = (3, 4, 5, 6, 8, 10, 12, 15, 20, 25, 30)
 """Windows that are tried [periods]."""
@@ -50,6 +50,8 @@ class Candidate:
         Whether a Lyapunov function affine in the inertia shows that the loop tolerates the robot, instead of a ball.
     noise
         RMS torque over X for white measurement noise [1/s²]: torque noise = noise · ‖X_i‖ · σ.
+    change
+        RMS change of the torque per period over X for that noise [1/s²]. Torque variation by noise is √(2/π)/T of it.
     error
         Root of the integral of the squared error after a step of torque, over X⁻¹ [s^2.5]; the largest over the
         spread. It is the RMS error [rad] for one step of 1 N m per second, for an X of 1 kg m².
@@ -70,6 +72,7 @@ class Candidate:
     spread_margin: float = 0.0
     is_affine: bool = False
     noise: float = np.inf
+    change: float = np.inf
     error: float = np.inf
 
     @property
@@ -99,7 +102,16 @@ class Candidate:
         return _channel(replace(self, is_affine=False, **UNASSESSED))
 
 
-RESULTS = "robust_slope", "required_spread", "max_spread", "inertia_scale", "spread_margin", "noise", "error"
+RESULTS = (
+    "robust_slope",
+    "required_spread",
+    "max_spread",
+    "inertia_scale",
+    "spread_margin",
+    "noise",
+    "change",
+    "error",
+)
 """What an assessment adds to a loop; the linearised loop does not depend on it."""
 UNASSESSED = dict.fromkeys(RESULTS, 0.0)
 """Values of a loop that is not assessed."""
@@ -183,25 +195,24 @@ def peak_error(channel: Channel, ratio: float, horizon: int = 4000) -> float:
     return peak
 
 
-@cache
-def torque_change(candidate: Candidate) -> float:
-    """Return the RMS change of torque per period over X for white measurement noise [1/s²], as ``noise`` is the torque.
+def noise_and_change(channel: Channel, ratio: float) -> tuple[float, float]:
+    """Return the RMS torque, and its RMS change per period, over M̂ for white measurement noise [1/s²].
 
-    It is the H2 norm of (1 − z⁻¹) times the loop from noise to torque, the largest over the required spread.
+    They are the H2 norms of the loop from noise to torque, and of (1 − z⁻¹) times it. With the last torque as a further
+    state one Lyapunov equation has both. They are infinite for a loop that is not stable.
     """
-    channel, scale = candidate.channel(), candidate.inertia_scale
-    changes = []
-    for ratio in scale * candidate.required_spread ** np.array([0.0, 0.5, 1.0]):
-        A, B, C, D = noise_to_torque(channel, float(ratio))
-        past = np.zeros((len(A), 1))
-        A = np.block([[A, past], [C, np.zeros((1, 1))]])
-        changes.append(h2_norm(A, np.vstack([B, D]), np.hstack([C, -np.ones((1, 1))]), D))
-    return scale * max(changes)
+    A, B, C, D = noise_to_torque(channel, ratio)
+    past = np.zeros((len(A), 1))
+    A = np.block([[A, past], [C, np.zeros((1, 1))]])
+    outputs = np.block([[C, np.zeros((1, 1))], [C, -np.ones((1, 1))]])
+    covariance = output_covariance(A, np.vstack([B, D]), outputs, np.vstack([D, D]))
+    noise, change = np.sqrt(np.diag(covariance))
+    return float(noise), float(change)
 
 
 def pareto_front(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """Return the feasible loops that no other beats in both noise and error, sorted by noise."""
-    feasible = sorted((loop for loop in candidates if loop.feasible), key=lambda loop: (loop.noise, loop.error))
+    """Return the feasible loops that no other beats in both torque change and error, sorted by torque change."""
+    feasible = sorted((loop for loop in candidates if loop.feasible), key=lambda loop: (loop.change, loop.error))
     least, front = np.inf, []
     for loop in feasible:
         if loop.error < least:

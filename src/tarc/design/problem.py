@@ -70,8 +70,16 @@ class DesignProblem:
         return self.requirements.speed is None and self.requirements.workspace is None
 
     def noise_ratio(self, candidate: Candidate, shape: np.ndarray) -> float:
-        """Return the largest torque noise over the torque limit, of all joints, for M̂ of a shape X [kg m² or kg]."""
-        return float(np.max(torque_noise(candidate.noise, shape, self.requirements.sensor) / self.torque_limits))
+        """Return the largest RMS torque change per period by noise over the torque limit, of all joints.
+
+        Parameters
+        ----------
+        candidate
+            The loop.
+        shape
+            X [kg m² or kg], shape (n, n).
+        """
+        return float(np.max(torque_noise(candidate.change, shape, self.requirements.sensor) / self.torque_limits))
 
     def _check_budget(self) -> None:
         limited = np.isfinite(self.torque_limits)

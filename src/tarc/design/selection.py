@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tarc.core.errors import InfeasibleDesign, Relaxation
-from tarc.design.candidates import Candidate, pareto_front, torque_change
+from tarc.design.candidates import Candidate, pareto_front
 from tarc.design.infeasible import infeasible_design
 from tarc.design.problem import DesignProblem
 from tarc.design.relaxations import suggest_changes
@@ -34,7 +34,7 @@ class LoopSelection:
     candidates
         The loops.
     max_change
-        Largest `torque_change` of a loop [1/s²], where a trial run with more was too fast for a limit of the torque's
+        Largest torque change of a loop [1/s²], where a trial run with more was too fast for a limit of the torque's
         rate. Without such a loop, the one of least change is taken.
     """
 
@@ -75,7 +75,7 @@ class LoopSelection:
         return max(noise, requirements.noise_target) ** 2 * candidate.error
 
     def noise_ratio(self, candidate: Candidate) -> float:
-        """Return the largest torque noise over the torque limit, of all joints."""
+        """Return the largest RMS torque change per period by noise over the torque limit, of all joints."""
         return self.problem.noise_ratio(candidate, self.shape)
 
     def pick(self) -> Candidate:
@@ -90,11 +90,7 @@ class LoopSelection:
         if not front:
             raise self._no_feasible_loop()
         if np.isfinite(self.max_change):
-            slow = [
-                loop
-                for loop in self.candidates
-                if loop.feasible and torque_change(loop) <= (1 + 1e-9) * self.max_change
-            ]
+            slow = [loop for loop in self.candidates if loop.feasible and loop.change <= (1 + 1e-9) * self.max_change]
             front = pareto_front(slow or [self.slowest()])
         if self.problem.requirements.natural_frequency is not None:
             return self._quietest(front)
@@ -131,7 +127,7 @@ class LoopSelection:
 
     def slowest(self) -> Candidate:
         """Return the feasible loop whose torque changes least from period to period by noise."""
-        return min((loop for loop in self.candidates if loop.feasible), key=torque_change)
+        return min((loop for loop in self.candidates if loop.feasible), key=lambda loop: loop.change)
 
     def too_fast(self, torque_rate: np.ndarray, limits: np.ndarray) -> InfeasibleDesign:
         """Return the error where every loop tried changes its torque faster (n,) than the limits (n,) allow."""

@@ -17,7 +17,7 @@ from tarc.core.progress import Progress
 from tarc.design.adaptation import Adaptation, choose_adaptation, expected_step
 from tarc.design.affine_assessment import MAX_PROOFS, AffineAssessment
 from tarc.design.assessment import assess_candidates
-from tarc.design.candidates import Candidate, enumerate_candidates, torque_change
+from tarc.design.candidates import Candidate, enumerate_candidates
 from tarc.design.choice import DesignChoice
 from tarc.design.infeasible import infeasible_design
 from tarc.design.known_model import KnownModel
@@ -225,7 +225,7 @@ def _slow_enough(selection: LoopSelection, spread: InertiaSpread, load: GravityL
         if not np.any(rate > limits):
             return _with_rate(design, rate)
         reached.append(rate)
-        change, least = torque_change(design.candidate), torque_change(selection.slowest())
+        change, least = design.candidate.change, selection.slowest().change
         if trials_left:
             selection = replace(selection, max_change=change * (least / change) ** (1 / trials_left))
     raise selection.too_fast(min(reached, key=lambda rate: np.max(rate / limits)), limits)

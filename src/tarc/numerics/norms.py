@@ -17,14 +17,27 @@ def h2_norm(A: Array, B: Array, C: Array, D: Array) -> float:
     InvalidParameter
         For matrices that are not finite or do not fit together.
     """
+    return float(np.sqrt(np.trace(output_covariance(A, B, C, D))))
+
+
+def output_covariance(A: Array, B: Array, C: Array, D: Array) -> Array:
+    """Return the covariance of y for white u of unit variance: C X Cᵀ + D Dᵀ with X = A X Aᵀ + B Bᵀ.
+
+    Its diagonal is infinite for a system that is not stable.
+
+    Raises
+    ------
+    InvalidParameter
+        For matrices that are not finite or do not fit together.
+    """
     from scipy.linalg import solve_discrete_lyapunov
 
     A, B, C, D = _checked(A, B, C, D)
     if np.max(np.abs(np.linalg.eigvals(A)), initial=0.0) >= 1:
-        return np.inf
+        return np.diag(np.full(len(C), np.inf))
     A, B, C = balance(A, B, C)
     X = solve_discrete_lyapunov(A, B @ B.T)
-    return float(np.sqrt(np.trace(C @ X @ C.T + D @ D.T)))
+    return C @ X @ C.T + D @ D.T
 
 
 def hinf_norm(A: Array, B: Array, C: Array, D: Array, tolerance: float = 1e-6) -> float:
