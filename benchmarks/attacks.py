@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.table import Table
 
 import tarc
-from benchmarks.design import ROBOTS, Robot
+from benchmarks.design import OTHERS, ROBOTS, Robot
 from reference.motion_attacks import Attacks, MotionAttacker
 from tarc.analysis import InertiaSpread, Workspace
 from tarc.analysis.linearise import decoupled_channels
@@ -53,16 +53,8 @@ FIRST_DESIGNS = Path(__file__).parent / "7266d86.json"
 RESULTS = Path(__file__).parents[1] / "runs" / "attacks.json"
 
 
-ARMS = {robot.name: robot for robot in ROBOTS} | {
-    "UR5e": Robot("UR5e", "ur5e", 5.0),
-    "TIAGo": Robot(
-        "TIAGo",
-        "tiago_description/robots/tiago_no_hand.urdf",
-        3.0,
-        joints=[f"arm_{i}_joint" for i in range(1, 8)],
-    ),
-}
-"""Those of the benchmark of designs, and two more."""
+ARMS = {robot.name: robot for robot in (*ROBOTS, *OTHERS)}
+"""Those of the benchmark of designs."""
 
 
 @dataclass(frozen=True, kw_only=True)

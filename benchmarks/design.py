@@ -58,7 +58,7 @@ ELSEWHERE, SMALL = 3.0, 0.1
 """Length [s] and amplitude [rad] of the motion where a loop is worst."""
 TUBE = 0.05
 """About the motion, for the design that knows it [rad]."""
-FRICTION_WIDTH = 0.05
+FRICTION_WIDTH = 0.02
 """Of the smooth sign of dry friction in a law that knows the robot [rad/s]."""
 SAMPLES = 500
 """Postures, for the design and for the winners of the sweeps."""
@@ -107,6 +107,18 @@ ROBOTS = (
     Robot("xArm7", "xarm_description/urdf/xarm7.urdf", 3.5),
     Robot("Z1", "z1_description/urdf/z1.urdf", 2.0),
 )
+
+
+OTHERS = (
+    Robot("UR5e", "ur5e", 5.0),
+    Robot(
+        "TIAGo",
+        "tiago_description/robots/tiago_no_hand.urdf",
+        3.0,
+        joints=[f"arm_{i}_joint" for i in range(1, 8)],
+    ),
+)
+"""Arms that are measured by name only."""
 
 
 class Sweep(NamedTuple):
@@ -790,15 +802,16 @@ def show(found: Sequence[Result], failures: dict[str, str], console: Console) ->
 
 def main() -> None:
     """Run, print and write."""
-    names = ", ".join(one.name for one in ROBOTS)
+    names = ", ".join(one.name for one in (*ROBOTS, *OTHERS))
     parser = argparse.ArgumentParser(prog="python -m benchmarks.design", description=__doc__)
-    parser.add_argument("--robots", default="all", help=f"some of {names}, with commas between")
+    parser.add_argument("--robots", default="all", help=f"some of {names}, with commas between; all is the first six")
     parser.add_argument("--no-picks", action="store_true", help="the designs alone, in two minutes")
     parser.add_argument("--models", default="inertia,known", help="what laws with M̂(q) know; empty for none")
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     parser.add_argument("--out", type=Path, default=Path("runs/design"))
     options = parser.parse_args()
-    wanted = [one for one in ROBOTS if options.robots == "all" or one.name in options.robots.split(",")]
+    named = [one for one in (*ROBOTS, *OTHERS) if one.name in options.robots.split(",")]
+    wanted = list(ROBOTS) if options.robots == "all" else named
     if not wanted:
         parser.error(f"--robots: got {options.robots!r}; needs some of {names}")
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # each process that measures has a core to itself

@@ -196,7 +196,7 @@ def test_noise_and_error_are_those_of_the_loop_run(delay):
     """The response to a single measurement off by one holds the root mean square of white noise."""
     for one in feasible_candidates(4.0, seed=2, count=6, computation_delay=delay):
         ratios = one.inertia_scale * np.array([1.0, 2.0, 4.0])
-        sizes = []
+        sizes, changes = [], []
         for ratio in ratios:
             law = hand_recurrence(one)
             pulse = np.zeros(400_000)
@@ -204,7 +204,9 @@ def test_noise_and_error_are_those_of_the_loop_run(delay):
             top = np.polynomial.polynomial.polymul(law.q, [1.0, -2.0, 1.0])
             answer = np.asarray(lfilter(top, loop_polynomials(law, ratio).closed, pulse))
             sizes.append(np.sqrt(np.sum(answer**2)))
+            changes.append(np.sqrt(np.sum(np.diff(answer, prepend=0.0) ** 2)))
         assert one.noise == pytest.approx(one.inertia_scale * max(sizes), rel=1e-4)
+        assert one.change == pytest.approx(one.inertia_scale * max(changes), rel=1e-4)
         assert one.error == pytest.approx(
             max(r / one.inertia_scale * step_error(one.channel(), r) for r in ratios), rel=1e-9
         )
@@ -218,16 +220,18 @@ def test_noise_and_error_of_a_simulated_robot(synchronised):
     )
     one = assess_candidates(trials, RobustnessSpec.from_spread(4.0))[1]
     still = signals.Sinusoid(amplitude=[0.0], frequency=1.0, offset=[0.0])
-    noises, errors = [], []
+    noises, changes, errors = [], [], []
     for ratio in (1.0, 2.0, 4.0):
         mass = plants.MassSpringDamper(masses=(1 / ratio,), springs=(0.0,), dampers=(0.0,))
         sensor = signals.Encoder(noise=1e-5)
         run = tarc.simulate(mass, tdc_of_candidate(one), still, 25.0, sensor=sensor, seed=3, progress=False)
         noises.append(np.std(run.data["torque"].values[1000:]) / 1e-5)
+        changes.append(np.std(np.diff(run.data["torque"].values[1000:], axis=0)) / 1e-5)
         step = signals.StepDisturbance(amplitude=[0.1], start_time=0.0)
         run = tarc.simulate(mass, tdc_of_candidate(one), still, 10.0, disturbance=step, progress=False)
         errors.append(np.sqrt(PERIOD * np.sum((run.data["position"].values / 0.1) ** 2)))
     assert max(noises) == pytest.approx(one.noise, rel=0.05)
+    assert max(changes) == pytest.approx(one.change, rel=0.05)
     assert max(errors) == pytest.approx(one.error, rel=0.01)
 
 
@@ -237,18 +241,18 @@ def test_front_is_not_dominated_and_dominates_the_rest():
     )
     best = pareto_front(looked)
     assert len(best) > 5
-    assert [one.noise for one in best] == sorted(one.noise for one in best)
+    assert [one.change for one in best] == sorted(one.change for one in best)
 
     def beats(one, two):
-        both = one.noise <= two.noise, one.error <= two.error
-        return all(both) and (one.noise < two.noise or one.error < two.error)
+        both = one.change <= two.change, one.error <= two.error
+        return all(both) and (one.change < two.change or one.error < two.error)
 
     for one in best:
         assert one.feasible
         assert not any(beats(two, one) for two in looked if two.feasible)
     for two in looked:
         if two.feasible and two not in best:
-            assert any(one.noise <= two.noise and one.error <= two.error for one in best)
+            assert any(one.change <= two.change and one.error <= two.error for one in best)
     assert pareto_front([one for one in looked if not one.feasible]) == []
 
 

@@ -9,7 +9,6 @@ from slow_cases import slow
 from tarc import plants
 from tarc.core.errors import InfeasibleDesign, InvalidParameter
 from tarc.design import design_controller, try_design
-from tarc.design.candidates import torque_change
 from tarc.design.requirements import DEFAULT_NOISE_BUDGET
 from tarc.design.selection import MAX_BUDGET_FACTOR
 
@@ -22,10 +21,10 @@ def design_arm(**options):
 
 
 def noise_levels(found):
-    """Torque noise over the limit of each loop on the front, where it is greatest, and of the one chosen."""
+    """RMS torque change over the limit of each loop on the front, where it is greatest, and of the one chosen."""
     sigma = found.sensor.step_size / 12**0.5
     share = np.max(np.linalg.norm(found.shape * sigma, axis=1) / LIMITS)
-    return np.array([one.noise for one in found.front]) * share, found.candidate.noise * share
+    return np.array([one.change for one in found.front]) * share, found.candidate.change * share
 
 
 @pytest.fixture(scope="module", params=["few candidates", slow("all candidates")])
@@ -50,15 +49,17 @@ def slower_design(speed):
     return design_arm(speed=0.2)
 
 
-def test_noise_beyond_the_budget_is_traded_against_error(default_design):
+def test_noise_beyond_the_budget_is_traded_against_error(speed, default_design):
     noise, level = noise_levels(default_design)
     free = max(DEFAULT_NOISE_BUDGET, noise.min())
     assert level <= MAX_BUDGET_FACTOR * free
-    assert level == pytest.approx(np.max(default_design.torque_noise / LIMITS))
+    assert level == pytest.approx(np.max(default_design.torque_change / LIMITS))
     worth = np.maximum(noise, free) ** 2 * [one.error for one in default_design.front]
-    assert max(level, free) ** 2 * default_design.candidate.error == pytest.approx(
-        worth[noise <= MAX_BUDGET_FACTOR * free].min()
-    )
+    # at any rate the certificate needs more than the least margin of the front
+    is_wide = [one.spread_margin >= (0.2 if np.isinf(speed) else 0.1) for one in default_design.front]
+    is_quiet = noise <= MAX_BUDGET_FACTOR * free
+    chosen = max(level, free) ** 2 * default_design.candidate.error
+    assert worth[is_quiet].min() <= (1 + 1e-9) * chosen <= (1 + 2e-9) * worth[is_quiet & is_wide].min()
 
 
 def test_a_budget_that_is_given_is_kept_and_used(speed, default_design):
@@ -106,7 +107,7 @@ def test_a_limit_of_the_torque_rate_is_kept_by_the_trial_run(design_with_rate):
     slow = design_with_rate(limit)
     reached = try_design(slow).torque_rate
     assert np.all(reached <= limit)
-    assert torque_change(slow.candidate) < torque_change(usual.candidate)
+    assert slow.candidate.change < usual.candidate.change
     label, value = slow.choices[-1].label, slow.choices[-1].value
     assert (label, value.split(" N m/s")[0]) == ("torque rate", f"at most {reached.max():.4g}")
     np.testing.assert_allclose(slow.scenario().torque_limits["rate"], limit, rtol=1e-6)

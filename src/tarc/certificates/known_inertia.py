@@ -68,6 +68,48 @@ class _Ball(NamedTuple):
     loop: UncertainLoop
 
 
+class WorstKnownPoints(NamedTuple):
+    """Where a robot is worst for M̂(q) of a model, whatever its fraction ρ.
+
+    H, C and the rate of M̂ do not depend on ρ, and E is proportional to it.
+
+    Attributes
+    ----------
+    fraction
+        ρ of the law for which they were found.
+    points
+        Operating points.
+    rate_point
+        Where M̂(q) changes fastest.
+    relative_rate_point
+        Where M changes fastest relative to itself.
+    """
+
+    fraction: float
+    points: list[OperatingPoint]
+    rate_point: KnownRatePoint
+    relative_rate_point: MaxRatePoint
+
+    @classmethod
+    def search(
+        cls, inertia: NominalInertia, plants: Sequence[Plant], workspace: Workspace, samples: int, seed: int
+    ) -> "WorstKnownPoints":
+        """Search a workspace with speeds, from samples."""
+        known = KnownInertia(inertia)
+        return cls(
+            inertia.fraction,
+            _operating_points(known, plants, workspace, samples, seed),
+            _rate_point(known, plants, workspace, samples, seed),
+            _relative_rate_point(plants, workspace, samples, seed),
+        )
+
+    def with_fraction(self, fraction: float) -> "WorstKnownPoints":
+        """Return the same for another fraction."""
+        factor, rate = fraction / self.fraction, self.rate_point
+        scaled = replace(rate, nominal=factor * rate.nominal, inertia_slopes=factor * rate.inertia_slopes)
+        return self._replace(fraction=fraction, rate_point=scaled)
+
+
 def certify_known_inertia(
     law: Law,
     plant: Plant | Sequence[Plant],
@@ -77,6 +119,7 @@ def certify_known_inertia(
     samples: int = 1000,
     seed: int = 0,
     quick: bool = False,
+    worst: WorstKnownPoints | None = None,
     on_program: Callable[[], object] = lambda: None,
 ) -> Certificate[KnownInertiaEvidence]:
     """Certify a law with M̂(q) on a robot that moves within a workspace.
@@ -108,6 +151,9 @@ def certify_known_inertia(
         Number of sampled postures, and the seed. Local searches start from the worst samples.
     quick
         Leave out that Lyapunov function, which takes seconds to a minute.
+    worst
+        Where the robot is worst for this model, from an earlier search with the same workspace and samples; None to
+        search.
     on_program
         Called after each semidefinite program, to show progress.
 
@@ -132,10 +178,12 @@ def certify_known_inertia(
     _check_robot(law, plants, workspace)
     known = KnownInertia(inertia)
     channel = decoupled_channels(law, computation_delay)[0]
-    rate_point = _rate_point(known, plants, workspace, samples, seed)
+    if worst is None:
+        worst = WorstKnownPoints.search(inertia, plants, workspace, samples, seed)
+    rate_point = worst.with_fraction(inertia.fraction).rate_point
     is_bounded = bool(np.isfinite(law.robust_slope_bound))
     slope = law.robust_slope_bound if is_bounded else 0.0
-    points = _operating_points(known, plants, workspace, samples, seed)
+    points = worst.points
     growth = (1 + SEARCH_MARGIN) * rate_point.rate() * law.period
     uncertainty = known.uncertainty(points)
     ball = _best_ball(channel, slope, uncertainty, growth, computation_delay)
@@ -161,7 +209,7 @@ def certify_known_inertia(
         rate_point=rate_point,
         rest_loop=_unstable_rest(law, known, points, ratios, computation_delay),
         affine=None,
-        relative_rate_point=_relative_rate_point(plants, workspace, samples, seed),
+        relative_rate_point=worst.relative_rate_point,
         robust_term_is_bounded=is_bounded,
         min_ratio=float(ratios.min()),
         max_ratio=float(ratios.max()),

@@ -36,8 +36,8 @@ MAX_PROOFS = 5
 
 
 LOWER_SLOPE = 0.25
-"""Slope of the robust term over the largest one, that is tried where there is no proof for the largest. The slope counts
-as anything between none and this, so that the largest costs natural frequency where there is viscous friction."""
+"""Slope of the robust term, over the largest, that is tried where the largest has no proof. Of five loops of a TIAGo
+with viscous friction none was proven with the largest, and two without."""
 MAX_PROGRAMS = 3
 """Most semidefinite programs per loop; most proofs need one or two."""
 ORDERS = (14,)
@@ -177,10 +177,13 @@ class AffineAssessment:
         done
             Called after each search for a Lyapunov function, to show progress.
         """
-        limit = selection.cost(selection.pick()) if selection.has_feasible else np.inf
+        best = selection.pick() if selection.has_feasible else None
+        limit = np.inf if best is None else selection.cost(best)
         pending = sorted((loop for loop in self.candidates(loops) if selection.cost(loop) < limit), key=selection.cost)
         slopes = [1.0, LOWER_SLOPE] if self.slope_ratio else [1.0]
-        for _ in range(MAX_PROOFS if selection.has_feasible else 2 * MAX_PROOFS):
+        if best is not None and best.is_affine and self.slope_ratio:
+            slopes = [best.robust_slope / (self.slope_ratio * best.natural_frequency**2)]
+        for _ in range(2 * MAX_PROOFS if best is None else MAX_PROOFS):
             if not pending:
                 break
             for share in slopes:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tarc.certificates.known_inertia import certify_known_inertia, known_ratios
+from tarc.certificates.known_inertia import WorstKnownPoints, certify_known_inertia, known_ratios
 from tarc.certificates.known_inertia_evidence import KNOWN_PARTS, KnownInertiaEvidence
 from tarc.core.errors import InvalidParameter
 from tarc.design.affine_assessment import AffineAssessment, scaled_ratios
@@ -71,8 +71,10 @@ class KnownModel:
         The true robots, at the ends of all intervals.
     terms
         Options of `NominalInertia` besides model and fraction.
+    worst
+        Where the robots are worst for M̂(q) of this model.
     evidence
-        Worst points of the robots for M̂(q) = M_m(q).
+        Their ratios, rates and forces for M̂(q) = M_m(q).
     assessment
         Assessment of loops for M̂(q) = X(q), the multiple of M_m(q) with eigenvalues of M(q)⁻¹X(q) of 1 and above.
     row_norms
@@ -82,6 +84,7 @@ class KnownModel:
     model: SymbolicPlant
     robots: tuple[Plant, ...]
     terms: dict[str, Any]
+    worst: WorstKnownPoints
     evidence: KnownInertiaEvidence
     assessment: AffineAssessment
     row_norms: np.ndarray
@@ -107,13 +110,15 @@ class KnownModel:
             )
         postures = workspace.sample(N_POSTURES, requirements.seed)
         model = _best_model(problem.plants, robots, requirements, terms, postures)
+        inertia = NominalInertia(model, 1.0, **terms)
         trial = TDC(
-            inertia=NominalInertia(model, 1.0, **terms),
+            inertia=inertia,
             natural_frequency=10.0,
             period=requirements.period,
             estimator=Algebraic(window=10 * requirements.period),
             actuation_delay=requirements.computation_delay,
         )
+        worst = WorstKnownPoints.search(inertia, robots, workspace, requirements.samples, requirements.seed)
         evidence = certify_known_inertia(
             trial,
             robots,
@@ -122,6 +127,7 @@ class KnownModel:
             samples=requirements.samples,
             seed=requirements.seed,
             quick=True,
+            worst=worst,
         ).evidence
         points = evidence.points
         linearised = [[getattr(point.robot, name) for point in points] for name in ("inertia", "damping", "stiffness")]
@@ -133,7 +139,7 @@ class KnownModel:
         sigma = measurement_deviation(requirements.sensor, model.n_joints)
         weighted = model.inertia_matrices(postures.T) / evidence.min_ratio * sigma
         norms = np.linalg.norm(weighted, axis=2).max(axis=0) / np.where(sigma > 0, sigma, 1.0)
-        return cls(model, robots, terms, evidence, assessment, norms)
+        return cls(model, robots, terms, worst, evidence, assessment, norms)
 
     @property
     def spread(self) -> float:

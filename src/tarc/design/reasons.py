@@ -109,7 +109,7 @@ def _window(selection: LoopSelection, best: Candidate) -> DesignChoice:
         ("estimator", "window"),
         "window",
         f"{1e3 * best.window * best.period:g} ms, {best.window} periods, degree {best.degree}",
-        f"a shorter one tolerates more spread and has more torque noise; of {count} loops {feasible} tolerate it, "
+        f"a shorter one tolerates more spread and has more noise; of {count} loops {feasible} tolerate it, "
         f"and this one has {criterion}",
     )
 
@@ -120,16 +120,16 @@ def _natural_frequency(selection: LoopSelection, best: Candidate) -> DesignChoic
         reason = "as given"
     elif selection.free_noise_ratio > target:
         reason = (
-            f"no loop that was found to tolerate the spread, gravity and motion keeps torque noise within "
+            f"no loop that was found to tolerate the spread, gravity and motion changes the torque by noise within "
             f"{100 * target:.3g} % of the limit"
         )
     elif selection.noise_ratio(best) > target:
         reason = (
-            f"torque noise exceeds {100 * target:.3g} % of the limit, since the error falls faster than the square "
-            "of the noise"
+            f"noise changes the torque by more than {100 * target:.3g} % of the limit per period, since the error falls "
+            "faster than the square of that"
         )
     else:
-        reason = f"the least error within torque noise of {100 * target:.3g} % of the limit"
+        reason = f"the least error at which noise changes the torque by {100 * target:.3g} % of the limit per period"
     return DesignChoice(
         ("law", "natural_frequency"),
         "natural frequency",
@@ -156,7 +156,8 @@ def _torque_noise(selection: LoopSelection, best: Candidate) -> DesignChoice:
     joint = int(np.argmax(noise / limits if np.isfinite(limits).all() else noise))
     share = "no limit is known"
     if np.isfinite(limits).any():
-        share = f"{100 * selection.noise_ratio(best):.2g} % of its limit"
+        change = f"{100 * selection.noise_ratio(best):.2g} % of the limit"
+        share = f"{100 * float(np.max(noise / limits)):.2g} % of its limit; its change per period is {change}"
     return DesignChoice(
         ("sensor",),
         "torque noise",

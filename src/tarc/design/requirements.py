@@ -20,7 +20,7 @@ MODELS = ("none", "inertia", "known")
 DEFAULT_ENCODER_BITS = 17
 """Bits per turn of the default encoder."""
 DEFAULT_NOISE_BUDGET = 0.01
-"""Torque noise over the torque limit, where neither a budget nor a natural frequency is given."""
+"""Torque change by noise over the torque limit, where neither a budget nor a natural frequency is given."""
 SLOPE_RATIO = {"TARC": 1.0, "TDC": 0.0}
 """Largest slope of the robust term over the position gain K1. It costs up to a quarter of the tolerated spread."""
 
@@ -60,9 +60,10 @@ class DesignRequirements:
     damping_ratio
         ζ of the error.
     noise_budget
-        Largest RMS torque noise of each joint over its torque limit, such as 0.02 for 2 %. Default: 0.01, exceeded
-        where no certified loop meets it, or where the error falls faster than the square of the noise. With a given
-        natural frequency there is no default.
+        Largest RMS change of each joint's torque from one period to the next by the encoders' noise, over its torque
+        limit, such as 0.02 for 2 %. The torque variation by noise is √(2/π)/T of it. Default: 0.01, exceeded where no
+        certified loop meets it, or where the error falls faster than the square of the noise. With a given natural
+        frequency there is no default.
     torque_limits
         Torque limits [N m or N], one number or one per joint. Default: those in the robot's file.
     torque_rate

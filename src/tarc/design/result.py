@@ -83,8 +83,13 @@ class Design:
 
     @property
     def noise_budget(self) -> float | None:
-        """Torque noise allowed, over the torque limit; None where a natural frequency and no budget was required."""
+        """Torque change by noise allowed, over the limit; None where a natural frequency and no budget was required."""
         return self.requirements.noise_target if self.requirements.has_budget else None
+
+    @property
+    def torque_change(self) -> np.ndarray:
+        """Predicted RMS change of the torque per period by noise, which the budget limits, shape (n,) [N m or N]."""
+        return self.torque_noise * self.candidate.change / self.candidate.noise
 
     @property
     def estimator(self) -> Algebraic:
@@ -95,7 +100,7 @@ class Design:
 
     @property
     def front(self) -> list[Candidate]:
-        """Feasible loops of which none has both less torque noise and less error, by noise."""
+        """Feasible loops of which none has both less torque change by noise and less error, by torque change."""
         return pareto_front(self.candidates)
 
     @cached_property
@@ -197,8 +202,8 @@ class Design:
         Parameters
         ----------
         kind
-            ``front``: torque noise against error of all loops. ``reach``: the spread that each window and natural
-            frequency tolerates. ``optimum``: torque variation against error, with the least error of any linear
+            ``front``: torque change by noise against error of all loops. ``reach``: the spread that each window and
+            natural frequency tolerates. ``optimum``: torque variation against error, with the least error of any linear
             controller.
         """
         from tarc.plotting.design import FIGURES

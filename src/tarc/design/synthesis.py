@@ -145,7 +145,7 @@ def _complete_with_model(selection: LoopSelection, known: KnownModel, load: Grav
     while True:
         best = selection.pick()
         law, adaptation = _build_law(problem, known.law_options(best), best)
-        certificate = certify_known_inertia(law, known.robots, problem.workspace, **sampling)
+        certificate = certify_known_inertia(law, known.robots, problem.workspace, worst=known.worst, **sampling)
         if certificate.certified:
             break
         selection = replace(selection, candidates=[loop for loop in selection.candidates if loop != best])

@@ -24,20 +24,20 @@ WIDEST = 300.0
 
 
 def plot_front(design: Design) -> Figure:
-    """Draw torque noise against the error after a step, for every feasible loop and the chosen one."""
+    """Draw the torque's change by noise against the error after a step, for every feasible loop and the chosen one."""
     figure = StyledFigure(figsize=(8.5, 5.0), layout="constrained")
     axes = figure.subplots()
     plant = design.plants[0]
     limit = design.law.torque_limits if design.law.torque_limit is not None else np.full(design.law.n_joints, np.inf)
-    shares = 100 * design.torque_noise / limit
+    shares = 100 * design.torque_change / limit
     has_limit = bool(np.any(np.isfinite(limit)))
-    loudest = int(np.argmax(shares if has_limit else design.torque_noise))
-    per_noise = (shares if has_limit else design.torque_noise)[loudest] / design.candidate.noise
+    loudest = int(np.argmax(shares if has_limit else design.torque_change))
+    per_change = (shares if has_limit else design.torque_change)[loudest] / design.candidate.change
     heaviest = int(np.argmax(np.diag(design.shape)))
     per_error = 1e3 / float(design.shape[heaviest, heaviest])
 
     def points(members: list[Candidate]) -> tuple[list[float], list[float]]:
-        return [per_noise * loop.noise for loop in members], [per_error * loop.error for loop in members]
+        return [per_change * loop.change for loop in members], [per_error * loop.error for loop in members]
 
     feasible = [loop for loop in design.candidates if loop.feasible]
     for label, colour, marker, members in (
@@ -54,7 +54,7 @@ def plot_front(design: Design) -> Figure:
     _log(axes, "x")
     _log(axes, "y")
     axes.set_xlabel(
-        f"largest torque noise, {plant.joint_names[loudest]}, RMS "
+        f"largest torque change per period by noise, {plant.joint_names[loudest]}, RMS "
         f"[{'% of its limit' if has_limit else plant.torque_units[loudest]}]"
     )
     axes.set_ylabel(

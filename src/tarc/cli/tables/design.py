@@ -89,20 +89,24 @@ def print_design(design: Design, trial: StressRun, predicted: float, files: list
         for (name, rms, share), unit in zip(_noise(design), design.plants[0].torque_units, strict=True)
     ]
     console.print(f"predicted torque noise, RMS (of the limit): {', '.join(noise)}", highlight=False)
+    changes = design.torque_change / design.law.torque_limits
+    loudest = float(np.max(changes, initial=0.0))
+    if loudest > 0:
+        name = escape(plant.joint_names[int(np.argmax(changes))])
+        console.print(f"its change per period: {100 * loudest:.2g} % of the limit, RMS, at {name}", highlight=False)
     _print_distance(console, design)
     _print_trial(console, design, trial, predicted)
-    loudest = max((share for _, _, share in _noise(design) if share is not None), default=0.0)
-    least = loudest * design.front[0].noise / design.candidate.noise
+    least = loudest * design.front[0].change / design.candidate.change
     if design.noise_budget is not None and loudest > 1.0001 * design.noise_budget >= 1.0001 * least:
         console.print(
-            f"[yellow]torque noise is above {100 * design.noise_budget:.3g} %: the error falls faster than its square; "
-            f"--noise-budget {design.noise_budget:g} keeps to it[/]",
+            f"[yellow]noise changes the torque by more than {100 * design.noise_budget:.3g} % per period: the error falls "
+            f"faster than the square of that; --noise-budget {design.noise_budget:g} keeps to it[/]",
             highlight=False,
         )
     elif design.noise_budget is not None and loudest > 1.0001 * design.noise_budget:
         console.print(
-            f"[yellow]torque noise is above {100 * design.noise_budget:.3g} %: no certified loop has less. "
-            f"An encoder with {math.ceil(math.log2(loudest / design.noise_budget))} more bits keeps to it; more rotor "
+            f"[yellow]noise changes the torque by more than {100 * design.noise_budget:.3g} % per period: no certified "
+            f"loop has less. An encoder with {math.ceil(math.log2(loudest / design.noise_budget))} more bits keeps to it; more rotor "
             "inertia, less payload or a smaller joint range lower the noise[/]",
             highlight=False,
         )
