@@ -125,8 +125,8 @@ def _natural_frequency(selection: LoopSelection, best: Candidate) -> DesignChoic
         )
     elif selection.noise_ratio(best) > target:
         reason = (
-            f"noise changes the torque by more than {100 * target:.3g} % of the limit per period, since the error falls "
-            "faster than the square of that"
+            f"noise changes the torque by more than {100 * target:.3g} % of the limit per period, since the error "
+            "falls faster than the square of that"
         )
     else:
         reason = f"the least error at which noise changes the torque by {100 * target:.3g} % of the limit per period"

@@ -268,7 +268,7 @@ def _complete(selection: LoopSelection, best: Candidate, spread: InertiaSpread, 
         choices=(*given, *reasons),
         shape=selection.shape,
         spread=spread.ratio,
-        candidates=tuple(selection.candidates),
+        candidates=tuple(dict.fromkeys([*selection.candidates, best])),
         candidate=best,
         torque_noise=torque_noise(best.noise, selection.shape, requirements.sensor),
     )

@@ -99,15 +99,15 @@ def print_design(design: Design, trial: StressRun, predicted: float, files: list
     least = loudest * design.front[0].change / design.candidate.change
     if design.noise_budget is not None and loudest > 1.0001 * design.noise_budget >= 1.0001 * least:
         console.print(
-            f"[yellow]noise changes the torque by more than {100 * design.noise_budget:.3g} % per period: the error falls "
-            f"faster than the square of that; --noise-budget {design.noise_budget:g} keeps to it[/]",
+            f"[yellow]noise changes the torque by more than {100 * design.noise_budget:.3g} % per period: the error "
+            f"falls faster than the square of that; --noise-budget {design.noise_budget:g} keeps to it[/]",
             highlight=False,
         )
     elif design.noise_budget is not None and loudest > 1.0001 * design.noise_budget:
         console.print(
             f"[yellow]noise changes the torque by more than {100 * design.noise_budget:.3g} % per period: no certified "
-            f"loop has less. An encoder with {math.ceil(math.log2(loudest / design.noise_budget))} more bits keeps to it; more rotor "
-            "inertia, less payload or a smaller joint range lower the noise[/]",
+            f"loop has less. An encoder with {math.ceil(math.log2(loudest / design.noise_budget))} more bits keeps to "
+            "it; more rotor inertia, less payload or a smaller joint range lower the noise[/]",
             highlight=False,
         )
     print_written(console, files)
