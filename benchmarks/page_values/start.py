@@ -29,7 +29,7 @@ SIGNIFICANT_LINES = re.compile(r"^│ (RMS error|peak error|torque variation) .*
 Z1_JOINTS = [f"joint{number}" for number in range(1, 7)]
 Z1_CHANGES: dict[str, tuple[str, dict[str, Any]]] = {
     "base": ("as above", {}),
-    "noise": ("`--noise-budget 0.03`: three per cent of torque noise", {"noise_budget": 0.03}),
+    "noise": ("`--noise-budget 0.03`: three per cent of the torque limit by noise", {"noise_budget": 0.03}),
     "encoder": ("`--encoder-bits 19`", {"sensor": tarc.signals.Encoder(bits=19)}),
     "payload": ("`--payload 0 0.5`", {"payload": (0.0, 0.5)}),
     "speed": ("`--speed 0.5`", {"speed": 0.5}),
