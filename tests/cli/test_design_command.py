@@ -323,7 +323,7 @@ def test_the_front_shows_the_budget_and_plain_numbers(designed_in_python):
         assert all(re.fullmatch(r"[\d.]+(e[-+]\d+)?", text) for text in texts), texts
     assert axes.get_title() == "TwoLinkArm, 0 to 0.5 kg: TDC at 1000 Hz"
     star = next(one for one in axes.get_lines() if one.get_label() == "chosen")
-    level = 100 * np.max(designed_in_python.torque_noise / np.array([100.0, 50.0]))
+    level = 100 * np.max(designed_in_python.torque_change / np.array([100.0, 50.0]))
     assert star.get_xdata()[0] == pytest.approx(level)
 
 

@@ -187,14 +187,9 @@ def certify_known_inertia(
     growth = (1 + SEARCH_MARGIN) * rate_point.rate() * law.period
     uncertainty = known.uncertainty(points)
     ball = _best_ball(channel, slope, uncertainty, growth, computation_delay)
-    lead_time = ball.loop.lead_periods.item() * law.period
-    if ball.position_weight:  # once more, for this ball
+    if ball.position_weight:
         units = workspace.unit_samples(samples, seed)
-
-        def norms(some: Sequence[OperatingPoint]) -> Array:
-            return known.uncertainty(some).joint_norms(ball.centre, ball.position_weight, lead_time)
-
-        points = worst_points(points, norms, workspace, units) + points
+        points = _worst_for_ball((ball, law.period), known, points, workspace, units) + points
         uncertainty = known.uncertainty(points)
     ratios = np.linalg.eigvalsh(uncertainty.inertia)
     evidence = KnownInertiaEvidence(
@@ -355,6 +350,23 @@ def _operating_points(
     lead_time = known.uncertainty(points).force_lead_time()
     forced = worst_points(points, lambda some: known.uncertainty(some).force_norms(lead_time), workspace, units)
     return [*smallest, *largest, *stiffest, *forced, *points]
+
+
+def _worst_for_ball(
+    ball_and_period: tuple[_Ball, float],
+    known: KnownInertia,
+    points: list[OperatingPoint],
+    workspace: Workspace,
+    units: Array,
+) -> list[OperatingPoint]:
+    """Return the points of the largest joint norm for a ball."""
+    ball, period = ball_and_period
+    lead_time = ball.loop.lead_periods.item() * period
+
+    def norms(some: Sequence[OperatingPoint]) -> Array:
+        return known.uncertainty(some).joint_norms(ball.centre, ball.position_weight, lead_time)
+
+    return worst_points(points, norms, workspace, units)
 
 
 def _ratios(known: KnownInertia, points: Sequence[OperatingPoint]) -> Array:
