@@ -402,12 +402,12 @@ def test_a_bandwidth_and_a_budget_that_exclude_each_other(designed_folder, tmp_p
         "--natural-frequency",
         "8",
         "--noise-budget",
-        "0.00001",
+        "0.000001",
     ]
     message = str(invoke_tarc(*arguments, folder=tmp_path, status=1).exception)
     assert re.match(
-        r"noise_budget: needed [\d.]+ % of the torque limit, the least of all certified loops at 8 rad/s; available "
-        r"0.001 %. Any one of these changes admits a design: a noise_budget of [-e\d.]+; an encoder of \d+ bits",
+        r"noise_budget: needed [-e\d.]+ % of the torque limit, the least of all certified loops at 8 rad/s; available "
+        r"0.0001 %. Any one of these changes admits a design: a noise_budget of [-e\d.]+; an encoder of \d+ bits",
         message,
     )
 
