@@ -70,11 +70,11 @@ def example_law(**changes: Any) -> tarc.laws.TDC:
 
 
 REFERENCE = tarc.signals.Sinusoid(amplitude=0.2, frequency=[3.0, 4.0], phase=np.pi / 2)
-QUICK = StartUp(hold_time=0.05, ramp_time=0.4, brake_time=0.02, stop_time=0.2)
+QUICK = StartUp(hold_time=0.05, ramp_time=0.2, brake_time=0.02, stop_time=0.1)
 
 
 def rows_of(
-    robot: Robot, law: tarc.laws.TDC | None = None, duration: float = 0.5, **options: Any
+    robot: Robot, law: tarc.laws.TDC | None = None, duration: float = 0.3, **options: Any
 ) -> tuple[LiveRun, dict[str, Array]]:
     """Run on a simulated clock; return the result, and every row by the name of its variable."""
     law = law or example_law()

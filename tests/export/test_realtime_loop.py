@@ -1,6 +1,7 @@
 """The loop in C, against the robot in MuJoCo over UDP."""
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -104,7 +105,7 @@ def test_it_runs_for_a_second_on_mujoco(exported, arm):
         )
     assert done.returncode == 0, done.stdout + done.stderr
     assert "completed" in done.stdout
-    assert "0 packets malformed" in done.stdout
+    assert " 0 packets malformed" in done.stdout
     assert "scheduler: " in done.stdout
 
 
@@ -161,4 +162,4 @@ def test_it_ignores_and_counts_nonsense(exported):
     text = process.communicate()[0]
     robot.close()
     assert process.returncode == 3
-    assert "0 packets malformed" not in text
+    assert re.search(r" [1-9]\d* packets malformed", text)

@@ -10,6 +10,9 @@ from tarc.runtime import Push, SafetyLimits, SimulatedClock, StartUp, run_live
 from tarc.runtime.log_format import Phase
 
 
+GENTLE = StartUp(hold_time=0.05, ramp_time=0.4, brake_time=0.02, stop_time=0.2)
+
+
 class LateRobot(SlidingMasses):
     """Takes its time in one period."""
 
@@ -37,7 +40,7 @@ class LossyRobot(SlidingMasses):
 def test_a_run_goes_from_brakes_to_brakes():
     robot = SlidingMasses()
     start = robot.position.copy()
-    result, rows = rows_of(robot)
+    result, rows = rows_of(robot, duration=0.5, start_up=GENTLE)
     assert result.ended == "completed"
     assert not result.is_safe_stop
     assert robot.is_braked
@@ -55,7 +58,7 @@ def test_a_run_goes_from_brakes_to_brakes():
 
 
 def test_reference_and_its_derivatives_fit_over_the_whole_run():
-    _, rows = rows_of(SlidingMasses())
+    _, rows = rows_of(SlidingMasses(), start_up=GENTLE)
     moving = rows["phase"] >= Phase.RAMP
     q, v, a = (rows[name][moving] for name in ("reference", "velocity_reference", "acceleration_reference"))
     np.testing.assert_allclose(np.diff(q, axis=0) / PERIOD, (v[1:] + v[:-1]) / 2, atol=2e-4)
@@ -101,7 +104,7 @@ def test_the_watchdog_stops_where_the_law_would_bridge_on():
 @pytest.mark.parametrize("policy", ["bridge", "skip"])
 def test_missed_periods_are_counted_and_the_reference_keeps_its_time(policy):
     clock = SimulatedClock()
-    result, rows = rows_of(LateRobot(clock, 600, 4.2e-3), clock=clock, overrun=policy)
+    result, rows = rows_of(LateRobot(clock, 400, 4.2e-3), clock=clock, overrun=policy)
     assert result.overruns == 3
     assert result.ended == "completed"
     missed = np.setdiff1d(np.arange(rows["period"][-1]), rows["period"])
@@ -116,14 +119,14 @@ def test_missed_periods_are_counted_and_the_reference_keeps_its_time(policy):
 
 def test_a_missed_period_stops_the_run_on_request():
     clock = SimulatedClock()
-    result, _ = rows_of(LateRobot(clock, 600, 4.2e-3), clock=clock, overrun="stop")
+    result, _ = rows_of(LateRobot(clock, 400, 4.2e-3), clock=clock, overrun="stop")
     assert result.ended == "the loop missed 3 periods"
 
 
 def test_bridging_is_what_the_law_does_with_missing_samples_under_the_held_torque():
     clock = SimulatedClock()
     law = example_law()
-    _, rows = rows_of(LateRobot(clock, 600, 2.0e-3), law, clock=clock)
+    _, rows = rows_of(LateRobot(clock, 400, 2.0e-3), law, clock=clock)
     controller = tarc.Controller(law)
     controller.reset([0.3, -0.2], WEIGHT)
     start, late = 20, int(np.flatnonzero(np.diff(rows["period"]) > 1)[0])
@@ -192,7 +195,7 @@ def test_a_push_measures_the_torque_constant(constant):
     robot.torque_constant[:] = constant
     robot.applied_torque = WEIGHT / constant
     push = Push(inertia=INERTIA, share=0.1)
-    result, rows = rows_of(robot, start_up=StartUp(push=push, ramp_time=0.4))
+    result, rows = rows_of(robot, start_up=StartUp(push=push, ramp_time=0.2, hold_time=0.05, brake_time=0.02))
     assert result.ended == "completed"
     for response, inertia in zip(result.push, INERTIA, strict=True):
         np.testing.assert_allclose(response.mobility, constant / inertia, rtol=1e-3)

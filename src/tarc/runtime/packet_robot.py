@@ -58,7 +58,7 @@ class PacketRobot(Robot):
 
     @property
     def counts(self) -> dict[str, int]:
-        """Return packets that were malformed, from strangers, stale, lost or overtaken by a newer one, or not sent."""
+        """Return packets that were malformed, from strangers, stale, not sent, and since the brakes opened lost or overtaken."""
         return {
             "malformed": self._malformed,
             "strangers": self._transport.strangers,
@@ -109,7 +109,8 @@ class PacketRobot(Robot):
         self._send()
 
     def release_brakes(self) -> None:
-        """Let every later command release the brakes."""
+        """Let every later command release the brakes; states that were lost before do not count."""
+        self._lost = 0
         self._flags |= Flag.RELEASE
 
     def engage_brakes(self) -> None:
