@@ -9,7 +9,6 @@ from tarc.core.errors import InvalidParameter
 from tarc.runtime import Push, SafetyLimits, SimulatedClock, StartUp, run_live
 from tarc.runtime.log_format import Phase
 
-
 GENTLE = StartUp(hold_time=0.05, ramp_time=0.4, brake_time=0.02, stop_time=0.2)
 
 

@@ -58,7 +58,7 @@ class PacketRobot(Robot):
 
     @property
     def counts(self) -> dict[str, int]:
-        """Return packets that were malformed, from strangers, stale, not sent, and since the brakes opened lost or overtaken."""
+        """Return packets malformed, of strangers, stale, not sent, and since the brakes opened lost or overtaken."""
         return {
             "malformed": self._malformed,
             "strangers": self._transport.strangers,
