@@ -12,7 +12,7 @@ from tarc.analysis.uncertain_loop import FrequencyResponses, UncertainLoop
 from tarc.analysis.worst_points import GrownNorm, SampledPoints
 from tarc.certificates.iqc import CLOSE_RANGE, best_multiplier
 from tarc.certificates.robot_points import RobotPoints
-from tarc.certificates.varying_ratio import Ball, RadiusProof, best_centre, make_ball, max_radius
+from tarc.certificates.varying_ratio import FEW_FREQUENCIES, Ball, RadiusProof, best_centre, make_ball, max_radius
 
 LEAD_FACTORS = 0.5, 1.0
 """Lead times to try, over that at which damping counts as much as stiffness."""
@@ -179,7 +179,7 @@ def best_weights(
     over the weight, so the search goes uphill from the middle. The search at a weight ends where it cannot come close
     to the best, or to what other balls `reached`.
     """
-    responses = FrequencyResponses(loop)
+    responses = FrequencyResponses(loop, count=FEW_FREQUENCIES)
     period = loop.B[1, 0] ** 0.5
     weights = grown.candidate_weights(centre, lead_time) or [0.0]
 

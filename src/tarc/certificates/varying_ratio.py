@@ -26,6 +26,8 @@ from tarc.numerics.norms import fdi_max_eigenvalue, hinf_norm, max_singular_valu
 
 NORM_TOLERANCE = 1e-6
 """Relative tolerance of the H∞ norm."""
+FEW_FREQUENCIES = 150
+"""Number of frequencies of the grid on which balls are compared, before the best ones are proven at all frequencies."""
 RADIUS_REDUCTIONS = 0.0, 2e-5, 2e-4, 1e-3, 2e-3, 4e-3, 7e-3, 0.01, 0.03, 0.08, 0.2, 0.4
 """Shares by which a radius from a grid of frequencies is reduced until it is certified at all frequencies."""
 DECAY_RADIUS_SHARE = 0.98
@@ -510,7 +512,8 @@ def best_centre(loop: UncertainLoop, ratio_range: tuple[float, float] | None, ma
     NoStableRatio
         For a loop that is stable for no ratio, without a range.
     """
-    search = _CentreSearch(loop, FrequencyResponses(loop), ratio_range)
+    responses = FrequencyResponses(loop) if max_change is None else FrequencyResponses(loop, count=FEW_FREQUENCIES)
+    search = _CentreSearch(loop, responses, ratio_range)
     if ratio_range is None:
         best = search.refine(np.log(np.geomspace(1e-4, 10.0, 33)), None, 1e-4 if max_change is None else 2e-2)
         if search.value(best, None) <= NO_BALL:
