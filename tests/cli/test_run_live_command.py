@@ -1,5 +1,6 @@
 """`tarc run-live`: a run on the robot of a second process, and what it refuses."""
 
+import io
 import json
 import os
 import signal
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from rich.console import Console
 from typer.testing import CliRunner
 
 import tarc
@@ -134,4 +136,8 @@ def test_the_display_shows_the_newest_row(tmp_path: Path):
     line = display.line(values)
     assert "1.50 s  track" in line
     assert "error 3.000 mrad  torque 4.00 N m  late 25 µs" in line
-    assert display.table().row_count == 2
+    console = Console(width=100, record=True, file=io.StringIO())
+    console.print(display.table())
+    shown = console.export_text()
+    for text in ("position [rad]", "error [mrad]", "torque [N m]", "0.2000", "-3.000"):
+        assert text in shown

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 from rich.live import Live
+from rich.markup import escape
 from rich.table import Table
 
 from tarc.runtime.ring import Ring
@@ -64,13 +65,15 @@ class Display:
         unit = self._head["position_unit"]
         table = Table("joint", title=title, title_justify="left")
         for label in (f"position [{unit}]", f"error [m{unit}]", f"torque [{self._head['torque_unit']}]"):
-            table.add_column(label, justify="right", min_width=12)
+            table.add_column(escape(label), justify="right", min_width=12)
         if values is None:
             return table
         error = 1e3 * (values["position"] - values["reference"])
         for row in zip(self._names, values["position"], error, values["torque"], strict=True):
             name, *numbers = row
-            table.add_row(name, *(f"{number:.4f}" if k == 0 else f"{number:.3f}" for k, number in enumerate(numbers)))
+            table.add_row(
+                escape(name), *(f"{number:.4f}" if k == 0 else f"{number:.3f}" for k, number in enumerate(numbers))
+            )
         return table
 
     def line(self, values: dict[str, np.ndarray]) -> str:
