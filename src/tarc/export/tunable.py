@@ -21,7 +21,9 @@ from tarc.signals.torque_limits import TorqueLimits
 
 RANGE = 10.0
 """A parameter may be tuned by this factor up and down, where the law allows both."""
-DOWN_ONLY = ("torque_limit", "inertia")
+SCALE = "inertia_scale"
+"""Factor on an M̂ that is a matrix, whose elements cannot change one by one."""
+DOWN_ONLY = ("torque_limit", "inertia", SCALE)
 """Parameters that may only be made smaller: the torque limit protects the robot, and M̂ has a stable upper bound."""
 FIXED = ("period", "max_missing", "actuation_delay", "delay")
 """Numbers that set the size of the law's memory or its weights."""
@@ -92,7 +94,11 @@ def tunable_law(law: Law, traced: TracedLaw, names: Sequence[str] | None = None)
                 f"tunable: got {name!r}; {type(law).__name__} has the numbers {', '.join(candidates) or 'none'}"
             )
     chosen: list[Tunable] = []
-    refused = {field.name: "it is a matrix" for field in fields(law) if _is_matrix(getattr(law, field.name))}
+    refused = {
+        field.name: "it is a matrix, which inertia_scale may scale"
+        for field in fields(law)
+        if _is_matrix(getattr(law, field.name))
+    }
     if names is not None:
         refused = {name: reason for name, reason in refused.items() if name in names}
     result = TunableLaw(traced, (), refused)
@@ -112,16 +118,18 @@ def tunable_law(law: Law, traced: TracedLaw, names: Sequence[str] | None = None)
 def _candidates(law: Law) -> dict[str, Tunable]:
     """Return the law's parameters that are numbers, with the range in which the law can be built."""
     found = {}
-    for field in fields(law):
-        value = getattr(law, field.name)
-        if field.name in FIXED or not _is_numbers(value):
+    numbers = {field.name: getattr(law, field.name) for field in fields(law) if field.name not in FIXED}
+    if isinstance(law, PolePlacement) and _is_matrix(law.inertia):
+        numbers[SCALE] = 1.0
+    for name, value in numbers.items():
+        if not _is_numbers(value):
             continue
         values = tuple(float(one) for one in np.atleast_1d(np.asarray(value, dtype=float)))
-        down, up = 1 / RANGE, 1.0 if field.name in DOWN_ONLY else RANGE
-        least = values if _build(law, field.name, np.multiply(values, down)) is None else _times(values, down)
-        greatest = values if _build(law, field.name, np.multiply(values, up)) is None else _times(values, up)
+        down, up = 1 / RANGE, 1.0 if name in DOWN_ONLY else RANGE
+        least = values if _build(law, name, np.multiply(values, down)) is None else _times(values, down)
+        greatest = values if _build(law, name, np.multiply(values, up)) is None else _times(values, up)
         if least != greatest:
-            found[field.name] = Tunable(field.name, values, least, greatest)
+            found[name] = Tunable(name, values, least, greatest)
     return found
 
 
@@ -147,7 +155,10 @@ def _times(values: tuple[float, ...], factor: float) -> tuple[float, ...]:
 
 def _build(law: Law, name: str, values: Array) -> Law | None:
     """Return the law with other values of a parameter, or None where it refuses them."""
-    value = values if np.ndim(getattr(law, name)) else float(np.ravel(values)[0])
+    if name == SCALE and isinstance(law, PolePlacement):
+        name, value = "inertia", values[0] * np.asarray(law.inertia, dtype=float)
+    else:
+        value = values if np.ndim(getattr(law, name)) else float(values[0])
     try:
         return replace(law, **{name: value})
     except InvalidParameter:
@@ -158,7 +169,7 @@ def _with_symbols(law: Law, symbols: dict[str, ca.SX]) -> Law:
     """Return a copy of a law with symbols in place of numbers; what was computed from those stays, but for gains."""
     changed = copy.copy(law)
     for name, symbol in symbols.items():
-        if name != "inertia":  # the number of joints is its size
+        if name not in ("inertia", SCALE):  # the number of joints is the size of the inertia
             object.__setattr__(changed, name, symbol)
     for name, value in _computed(law, symbols).items():
         vars(changed)[name] = value  # where a cached property has it
@@ -177,6 +188,8 @@ def _computed(law: Law, symbols: dict[str, ca.SX]) -> dict[str, ca.SX]:
             found["K2"] = ca.diag(2 * ratio * _vector(law.natural_frequency if omega is None else omega, n))
     if isinstance(law, PolePlacement) and "inertia" in symbols:
         found["M"] = ca.diag(_vector(symbols["inertia"], n))
+    if isinstance(law, PolePlacement) and SCALE in symbols:
+        found["M"] = symbols[SCALE] * law.M
     if "torque_limit" in symbols:
         found["torque_limits"] = _vector(symbols["torque_limit"], n)
     return found
