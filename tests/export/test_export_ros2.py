@@ -4,8 +4,11 @@ The interfaces are stubs (see ``ros2_stubs``): they prove compilation and the nu
 """
 
 import ast
+import runpy
 import shutil
 import subprocess
+import sys
+import types
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -208,6 +211,54 @@ def test_the_package_has_all_parameters_and_names(tmp_path):
     ast.parse(texts["launch/arm.launch.py"])
     assert not any("$" in text for path, text in texts.items() if path.endswith((".cpp", ".hpp", ".yaml", ".py")))
     assert "natural_frequency: 10.0" in texts["law.yaml"]
+
+
+class Recorded:
+    """A class of the launch system, of which the tests see what it was given."""
+
+    def __init__(self, *given, **named):
+        self.given, self.named = given, named
+
+
+def stub_launch(monkeypatch):
+    """Put modules with the classes of the launch system in place of those of ROS."""
+    modules = {
+        "launch": ["LaunchDescription"],
+        "launch.actions": ["DeclareLaunchArgument", "IncludeLaunchDescription", "OpaqueFunction"],
+        "launch.launch_description_sources": ["PythonLaunchDescriptionSource"],
+        "launch.substitutions": ["Command", "LaunchConfiguration", "PathJoinSubstitution"],
+        "launch_ros": [],
+        "launch_ros.actions": ["Node"],
+        "launch_ros.parameter_descriptions": ["ParameterFile", "ParameterValue"],
+        "launch_ros.substitutions": ["FindPackageShare"],
+    }
+    for name, classes in modules.items():
+        module = types.ModuleType(name)
+        for kind in classes:
+            setattr(module, kind, type(kind, (Recorded,), {"perform": lambda self, chosen: chosen}))
+        monkeypatch.setitem(sys.modules, name, module)
+
+
+def test_the_launch_file_starts_what_it_says(tmp_path, monkeypatch):
+    export_ros2(make_law(), tmp_path, name="arm", joint_names=JOINTS)
+    stub_launch(monkeypatch)
+    launch = runpy.run_path(str(tmp_path / "launch" / "arm.launch.py"))
+    arguments = launch["generate_launch_description"]().given[0]
+    assert [argument.given[0] for argument in arguments[:2]] == ["robot", "simulator"]
+    start = arguments[2].named["function"]
+    executables = {
+        chosen: [node.named.get("executable", "include") for node in start(chosen)]
+        for chosen in ("mujoco", "gz", "none")
+    }
+    assert executables == {
+        "mujoco": ["robot_state_publisher", "ros2_control_node", "spawner"],
+        "gz": ["robot_state_publisher", "include", "create", "spawner"],
+        "none": ["spawner"],
+    }
+    spawned = start("none")[0].named["arguments"]
+    assert spawned[:3] == ["joint_state_broadcaster", "arm_controller", "joint_trajectory_controller"]
+    with pytest.raises(RuntimeError, match="needs mujoco, gz or none"):
+        start("webots")
 
 
 @pytest.mark.slow

@@ -222,7 +222,11 @@ Controller::CallbackReturn Controller::on_activate(const rclcpp_lifecycle::State
   is_in_fault_ = is_timed_ = false;
   flags_ = 0;
   follower_.hold(position);
-  return set_reference({position, {}, {}}) ? CallbackReturn::SUCCESS : CallbackReturn::ERROR;
+  if (!set_reference({position, {}, {}})) {
+    RCLCPP_ERROR(get_node()->get_logger(), "reference: its interfaces are missing or busy; activate again");
+    return CallbackReturn::ERROR;
+  }
+  return CallbackReturn::SUCCESS;
 }
 
 Controller::CallbackReturn Controller::on_deactivate(const rclcpp_lifecycle::State & /*previous_state*/)
@@ -322,7 +326,10 @@ Reference Controller::reference() const
 
 bool Controller::set_reference(const Reference & reference)
 {
-  bool is_set = true;
+  bool is_set = references_.size() == 3 * JOINTS;  // or they were not exported yet
+  if (!is_set) {
+    return false;
+  }
   for (std::size_t i = 0; i < JOINTS; ++i) {
     is_set = set_value(*references_[3 * i], reference.position[i]) && is_set;
     is_set = set_value(*references_[3 * i + 1], reference.velocity[i]) && is_set;
@@ -364,6 +371,9 @@ Reference Controller::reference() const
 
 bool Controller::set_reference(const Reference & reference)
 {
+  if (reference_interfaces_.size() != 3 * JOINTS) {
+    return false;  // they were not exported yet
+  }
   for (std::size_t i = 0; i < JOINTS; ++i) {
     reference_interfaces_[3 * i] = reference.position[i];
     reference_interfaces_[3 * i + 1] = reference.velocity[i];
