@@ -17,6 +17,7 @@ import pytest
 import tarc
 from tarc.core.errors import InvalidParameter
 from tarc.runtime import LiveRun, MujocoRobot, SimulatedClock, StartUp, run_live
+from tarc.runtime.log import Log
 from tarc.runtime.log_format import ENDED_BY_FORCE, Phase
 
 ARM = """
@@ -201,6 +202,18 @@ def finished_log(file: Path) -> tarc.Run:
         if "duration" in run.data.attrs:
             return run
     pytest.fail("the log was not finished")
+
+
+def test_a_run_goes_on_without_the_writer_of_its_log(arm, tmp_path):
+    def kill(log: Log) -> None:
+        assert log._process is not None
+        log._process.kill()
+
+    options = {"clock": SimulatedClock(), "native": False, "log": tmp_path / "log.nc", "on_log": kill}
+    with MujocoRobot(arm, PERIOD, in_step=True) as robot:
+        result = run_live(law(), robot, REFERENCE, 0.1, start_up=StartUp(ramp_time=0.3), **options)  # type: ignore[arg-type]
+    assert result.ended == "completed"
+    assert result.facts["log"] == "its process failed: it says nothing"
 
 
 @pytest.mark.slow

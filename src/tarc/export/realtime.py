@@ -72,6 +72,24 @@ typedef struct { double position[JOINTS], velocity[JOINTS], acceleration[JOINTS]
 static const double max_torque[JOINTS] = {$limits};
 static const char joint_names[] = "$names"; /* empty: any order */
 
+/* ---- time ---- */
+
+static double now(void)
+{
+  struct timespec t;
+  clock_gettime(CLOCK_MONOTONIC, &t);
+  return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static void sleep_until(double deadline)
+{
+  struct timespec t;
+  t.tv_sec = (time_t)deadline;
+  t.tv_nsec = (long)(1e9 * (deadline - (double)t.tv_sec));
+  while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL) == EINTR)
+    ;
+}
+
 /* ---- packets: magic, version, kind, joints, flags, sequence, time stamp, doubles, CRC-32; little-endian ---- */
 
 enum { STATE = 1, COMMAND = 2, NAMES = 3, RELEASE = 1, STOP = 2, HELLO = 4, HEADER = 20, LARGEST = 2048 };
@@ -100,13 +118,13 @@ static uint32_t checksum(const unsigned char *data, size_t size)
 static void send_command(int flags, const double *torque)
 {
   unsigned char data[HEADER + 8 * JOINTS + 4] = {'T', 'A', 'R', 'C', 1, COMMAND, 0, 0};
-  const double now = 0;
+  const double time = now();
   size_t size = HEADER;
   ++link_.sent;
   data[6] = torque ? JOINTS : 0;
   data[7] = (unsigned char)flags;
   memcpy(data + 8, &link_.sent, 4);
-  memcpy(data + 12, &now, 8);
+  memcpy(data + 12, &time, 8);
   if (torque) {
     memcpy(data + size, torque, 8 * JOINTS);
     size += 8 * JOINTS;
@@ -203,23 +221,7 @@ static int open_link(const char *host, const char *port, const char *local_port)
   return bound == 0;
 }
 
-/* ---- time ---- */
-
-static double now(void)
-{
-  struct timespec t;
-  clock_gettime(CLOCK_MONOTONIC, &t);
-  return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
-static void sleep_until(double deadline)
-{
-  struct timespec t;
-  t.tv_sec = (time_t)deadline;
-  t.tv_nsec = (long)(1e9 * (deadline - (double)t.tv_sec));
-  while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL) == EINTR)
-    ;
-}
+/* ---- Ctrl-C: the first one comes to rest, the second one stops at once ---- */
 
 static volatile sig_atomic_t interrupted;
 
@@ -309,8 +311,9 @@ static const char *fault(int is_new, double silence, const point *target)
 
 static float lateness[TIMED];
 static long timed, overruns;
-static double start, begin, last_sample;
+static double start, begin, last_sample, first_offset;
 static long period;
+static int follows_clock;
 
 /* Sleep until the next deadline; return how many periods were missed. */
 static long wait_for_period(void)
@@ -326,6 +329,13 @@ static long wait_for_period(void)
   return missed;
 }
 
+/* Move the deadlines by a hundredth of what the robot's clock moved against this one's, within a period. */
+static void follow_clock(void)
+{
+  if (follows_clock && isfinite(link_.stamp))
+    start += 0.01 * remainder(link_.stamp - start - (double)(period - 1) * PERIOD - first_offset, PERIOD);
+}
+
 static int read_position(void)
 {
   if (!receive())
@@ -335,7 +345,19 @@ static int read_position(void)
       return 0;
   memcpy(position, link_.position, sizeof position);
   last_sample = begin;
+  follow_clock();
   return 1;
+}
+
+/* Let the periods begin half a period after the robot's samples come. */
+static void align(void)
+{
+  const double end = now() + 5 * PERIOD;
+  while (now() < end && !read_position())
+    sleep_until(now() + PERIOD / 20);
+  start = now() + PERIOD / 2;
+  first_offset = link_.stamp - start;
+  follows_clock = isfinite(link_.stamp) ? 1 : 0;
 }
 
 static int compare(const void *one, const void *other)
@@ -475,7 +497,7 @@ int main(int argc, char **argv)
     return 1;
   signal(SIGINT, on_interrupt);
   take_real_time();
-  start = now() + PERIOD;
+  align();
   last_sample = start;
   hold(BRAKE_TIME, 0);
   const char *const reason = follow(argc > 3 ? atof(argv[3]) : 10.0);

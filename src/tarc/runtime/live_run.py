@@ -56,7 +56,7 @@ class LiveRun:
     counts
         Events of the robot, and ``rejected`` readings of joints that jumped.
     facts
-        What was got of the operating system, and how the law runs.
+        What was got of the operating system, how the law runs, and why a log is not complete.
     push
         What the pushes at the start showed.
     flags_seen
@@ -221,7 +221,7 @@ def _result(loop: LiveLoop, robot: Robot, record: Log, facts: Mapping[str, str])
         loop.lateness.copy(),
         loop.computation_time.copy(),
         {**robot.counts, "rejected": loop.rejected},
-        facts,
+        {**facts, **({"log": record.error} if record.error else {})},
         loop.push,
         WatchFlag(loop.flags_seen),
     )

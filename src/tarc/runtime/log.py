@@ -37,6 +37,8 @@ class Log:
         Where header and ring are.
     target
         The file.
+    error
+        Why the file is not complete, after `close`; empty where it is.
     """
 
     def __init__(self, head: Mapping[str, Any], target: Path | None):
@@ -46,6 +48,7 @@ class Log:
         (self.folder / "header.json").write_text(json.dumps(head), encoding="utf-8")
         self.ring = Ring.create(self.folder / "ring", CAPACITY, int(head["width"]))
         self._process: subprocess.Popen[bytes] | None = None
+        self.error = ""
         if self.target is not None:
             self._start(self.target)
 
@@ -60,10 +63,15 @@ class Log:
         end = time.monotonic() + PATIENCE
         while not (self.folder / "ready").exists():
             if self._process.poll() is not None or time.monotonic() > end:
-                lines = (self.folder / "errors").read_text(encoding="utf-8").strip().splitlines()
+                line = self._last_line()
                 self.close({})
-                raise InvalidParameter(f"log: cannot write {target}: {(lines or ['its process does not answer'])[-1]}")
+                raise InvalidParameter(f"log: cannot write {target}: {line}")
             time.sleep(0.01)
+
+    def _last_line(self) -> str:
+        """Return the last line that the writer printed."""
+        lines = (self.folder / "errors").read_text(encoding="utf-8").strip().splitlines()
+        return lines[-1] if lines else "it says nothing"
 
     def close(self, attributes: Mapping[str, Any]) -> None:
         """End the ring, and wait until the file is complete.
@@ -83,4 +91,6 @@ class Log:
             except subprocess.TimeoutExpired:
                 self._process.kill()
                 self._process.wait()
+            if self._process.returncode:
+                self.error = f"its process failed: {self._last_line()}"
         shutil.rmtree(self.folder, ignore_errors=True)
