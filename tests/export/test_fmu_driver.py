@@ -35,6 +35,22 @@ def built(folder, compiler):
     return [folder / "driver", token[1], folder / "inputs"]
 
 
+@pytest.mark.slow
+def test_sources_of_fmi_3_have_the_prefix_unless_it_is_overridden(tmp_path):
+    require("gcc")
+    export_fmu(tdc(), tmp_path / "law.fmu", fmi="3.0", platforms=[])
+    with zipfile.ZipFile(tmp_path / "law.fmu") as archive:
+        archive.extractall(tmp_path)
+    program = tmp_path / "main.c"
+    sources = [program, tmp_path / "sources" / "law.c", tmp_path / "sources" / "fmi3.c", "-lm"]
+    for prefix, options in {"law_": [], "": ["-DFMI3_OVERRIDE_FUNCTION_PREFIX"]}.items():
+        function = f"{prefix}fmi3GetVersion"
+        program.write_text(f"const char *{function}(void);\nint main(void) {{ return {function}()[0] != '3'; }}\n")
+        process = run(["gcc", "-std=c99", *options, *sources, "-o", tmp_path / "main"])
+        assert process.returncode == 0, process.stderr
+        assert run([tmp_path / "main"]).returncode == 0
+
+
 def check(process):
     """Check that the torques have the bits of the law, and that none of the random calls exceeds its limit."""
     assert process.returncode == 0, process.stderr

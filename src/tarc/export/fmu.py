@@ -31,6 +31,13 @@ HEADERS = {
 }
 """Headers of the standard, in FMPy's copy."""
 WRAPPERS = {"2.0": "fmi2.c", "3.0": "fmi3.c"}
+PREFIX = """/* Names of functions in a program that links this source; a shared library overrides it. */
+#if !defined(FMI3_FUNCTION_PREFIX)
+#define FMI3_FUNCTION_PREFIX {}_
+#endif
+
+"""
+"""Before the headers of FMI 3.0, as its section 2.2.2 asks; those of FMI 2.0 leave no way to override it."""
 COMMENT = b"tarc export fmu "
 """Start of the archive's comment; then the hash of its content."""
 TIME = (1980, 1, 1, 0, 0, 0)
@@ -159,9 +166,9 @@ def _texts(source: CSource, fmi: str, variables: list[Variable], tunables: Seque
     wrapper, name = WRAPPERS[fmi], source.name
     own = {f"sources/{one}": read_text("fmi", Path(__file__).parent / "fmi" / one) for one in ("model.h", wrapper)}
     own |= {f"sources/{name}.h": source.header, f"sources/{name}.c": source.source}
-    config = _config(source, variables, tunables)
+    config = _config(source, fmi, variables, tunables)
     token = _token(fmi, config, *own.values())
-    own["sources/config.h"] = f'{config}#define TOKEN "{token}"\n'
+    own["sources/config.h"] = f'{config}#define TOKEN "{token}"\n\n#endif\n'
     own |= {f"sources/{one}": read_text("fmpy", _headers() / one) for one in HEADERS[fmi]}
     facts = FmuFacts(name, source.title, token, source.traced.law.period, (f"{name}.c", wrapper))
     if fmi == "2.0":
@@ -170,7 +177,7 @@ def _texts(source: CSource, fmi: str, variables: list[Variable], tunables: Seque
     return {"modelDescription.xml": description_3(facts, variables), **own}
 
 
-def _config(source: CSource, variables: list[Variable], tunables: Sequence[Tunable]) -> str:
+def _config(source: CSource, fmi: str, variables: list[Variable], tunables: Sequence[Tunable]) -> str:
     """Return what ``model.h`` needs to know about the law."""
     upper, count = source.name.upper(), sum(len(one.values) for one in tunables)
     table = [
@@ -184,6 +191,10 @@ def _config(source: CSource, variables: list[Variable], tunables: Sequence[Tunab
     }
     lines = [
         "/* What the model knows about the law. */",
+        "#ifndef CONFIG_H",
+        "#define CONFIG_H",
+        "",
+        *(PREFIX.format(source.name).splitlines() if fmi == "3.0" else ()),
         f'#include "{source.name}.h"',
         "",
         f"#define LAW(member) {source.name}_##member",

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from xml.sax.saxutils import quoteattr
 
 from tarc.core.version import __version__
+from tarc.export.fmu_platforms import OVERRIDE
 from tarc.export.fmu_variables import Variable
 
 HEADER = '<?xml version="1.0" encoding="UTF-8"?>'
@@ -141,6 +142,7 @@ def description_3(facts: FmuFacts, variables: Sequence[Variable]) -> str:
 def build_description(facts: FmuFacts) -> str:
     """Return ``sources/buildDescription.xml`` of FMI 3.0."""
     files = "".join(_tag("SourceFile", name=name) for name in facts.sources)
+    files += _tag("PreprocessorDefinition", name=OVERRIDE, optional="true", description="for a shared library")
     options = _open("SourceFileSet", language="C99", compilerOptions="-ffp-contract=off")
     configuration = _open("BuildConfiguration", modelIdentifier=facts.identifier)
     return "\n".join(

@@ -12,7 +12,9 @@ from typing import NamedTuple
 from tarc.core.codegen import compiler
 from tarc.core.errors import CompilationError, InvalidParameter, MissingTool
 
-FLAGS = ("-std=c99", "-ffp-contract=off", "-O2", "-fPIC", "-shared", "-fvisibility=hidden", "-s")
+OVERRIDE = "FMI3_OVERRIDE_FUNCTION_PREFIX"
+"""Defined for a shared library by FMI 3.0, whose functions have no prefix."""
+FLAGS = ("-std=c99", "-ffp-contract=off", "-O2", "-fPIC", "-shared", "-fvisibility=hidden", "-s", f"-D{OVERRIDE}")
 
 
 class Platform(NamedTuple):

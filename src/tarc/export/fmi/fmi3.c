@@ -1,4 +1,6 @@
 /* The law by FMI 3.0, for co-simulation and model exchange. */
+#include "config.h"
+
 #include "fmi3Functions.h"
 
 #include "model.h"
