@@ -16,7 +16,7 @@ os.environ.setdefault(
     "<Peers><Peer Address='127.0.0.1'/></Peers></Discovery></Domain></CycloneDDS>",
 )
 
-from cyclonedds.core import Policy
+from cyclonedds.core import DDSException, Policy
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
@@ -323,7 +323,7 @@ def test_a_law_runs_a_robot_over_dds():
 
 
 @pytest.mark.slow
-def test_robots_that_do_not_fit_are_refused():
+def test_robots_that_do_not_fit_are_refused(monkeypatch):
     domain = DOMAIN + 1
     with (
         Peer(domain, names=("gripper", "elbow", "wrist")),
@@ -336,3 +336,28 @@ def test_robots_that_do_not_fit_are_refused():
         DdsRobot(JOINTS, domain=domain + 2, timeout=0.2)
     with pytest.raises(InvalidParameter, match="domain"):
         DdsRobot(JOINTS, domain=900)
+    interface = (
+        "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='none'/></Interfaces></General></Domain>"
+    )
+    monkeypatch.setenv("CYCLONEDDS_URI", f"{interface}</CycloneDDS>")
+    with pytest.raises(InvalidParameter, match="cannot join domain"):
+        DdsRobot(JOINTS, domain=domain + 3)
+
+
+@pytest.mark.slow
+def test_nonsense_over_the_wire_changes_nothing():
+    with Peer(DOMAIN + 5) as peer, DdsRobot(JOINTS, domain=DOMAIN + 5) as robot:
+        stranger = Peer.writer(DomainParticipant(DOMAIN + 5), "rt/joint_states", JointState)
+        taken = 0
+        for data in fuzz(300):
+            message: Any = JointState()
+            message.serialize = lambda data=data, **_: data
+            try:
+                stranger.write(message)
+            except DDSException:  # Cyclone itself refuses most of it
+                continue
+            position = robot.read()
+            taken += bool(np.all(np.isfinite(position)))
+            assert np.all(np.isnan(position) | (position == peer.states[0]))
+        assert robot.counts["strangers"] > 20
+        assert taken > 0

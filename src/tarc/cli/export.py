@@ -137,7 +137,7 @@ def export(
         numbers = numbers_of("--speed", speed)
         options["watch"] = loaded.watch(chosen, tube=tube, full_range=full_range, speed=numbers)
     if kind == "ros2":
-        _check_efforts(units)
+        check_efforts(units)
         written = export_ros2(built, folder, **options)
     else:
         parts = parts or realtime
@@ -161,7 +161,7 @@ def _check_format(kind: str, firmware: bool, realtime: bool, real: str, watch: b
         raise InvalidParameter("--real, --watch, --parts: not with the format fmu, which has doubles, without flags")
 
 
-def _check_efforts(units: Sequence[str]) -> None:
+def check_efforts(units: Sequence[str]) -> None:
     """Refuse a law whose commands are no efforts."""
     if any(unit not in ("N m", "N") for unit in units):
         raise InvalidParameter(f"ros2: the law commands {', '.join(units)}, and the controller speaks efforts alone")

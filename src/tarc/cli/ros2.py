@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from tarc.cli.export import law_of
+from tarc.cli.export import check_efforts, law_of
 from tarc.cli.options import Json, ScenarioName, Set, numbers_of
 from tarc.cli.run_live import finish
 
@@ -58,6 +58,7 @@ def run(
 
     loaded = Scenario.load(scenario, set_ or [])
     _, built, limits, names = law_of(loaded, law)
+    check_efforts(loaded.build_plant().torque_units)
     with ExitStack() as stack:
         stack.enter_context(real_time(priority))  # which the threads of DDS inherit
         robot = DdsRobot(names, controller=controller, period=built.period, domain=domain, timeout=timeout)
@@ -98,7 +99,6 @@ def simulate(
 
     Example: tarc ros2 simulate ur5e
     """
-    from tarc.runtime.dds import dds_domain
     from tarc.runtime.real_time import real_time
     from tarc.runtime.ros2_peer import ros2_peer
     from tarc.scenario.model import Scenario
@@ -107,6 +107,6 @@ def simulate(
     law = next(iter(setup.laws.values()))
     start = setup.reference.sample([0.0])[0][:, 0]
     with real_time(priority):
-        peer = ros2_peer(setup.plant, law.period, position=start, controller=controller, domain=dds_domain(domain))
+        peer = ros2_peer(setup.plant, law.period, position=start, controller=controller, domain=domain)
         print(f"joint states of {', '.join(setup.plant.joint_names)} at {1 / law.period:g} Hz", flush=True)
         peer.run()

@@ -90,7 +90,7 @@ class DdsRobot(Robot):
         self._inbox = Inbox(self.joint_names)
         self._nothing = self.newest = np.full(len(self.joint_names), np.nan)
         self._is_stopped = self._is_closed = False
-        self._participant = DomainParticipant(dds_domain(domain), Qos(Policy.Userdata(b"enclave=/;")))
+        self._participant = join_domain(domain)
         self._states = self._reader(joint_states, JointState)
         self._trajectories = self._reader(joint_trajectory, JointTrajectory)
         topic = self._topic(f"{controller}/commands", Float64MultiArray)
@@ -199,6 +199,25 @@ class DdsRobot(Robot):
         if not self._is_closed:
             self._is_closed = True
             del self._states, self._trajectories, self._writer, self._participant
+
+
+def join_domain(domain: int | None) -> DomainParticipant:
+    """Return a participant of a DDS domain; None for that of the environment.
+
+    Raises
+    ------
+    InvalidParameter
+        For a domain that is none, and where DDS cannot start.
+    """
+    number = dds_domain(domain)
+    try:
+        return DomainParticipant(number, Qos(Policy.Userdata(b"enclave=/;")))
+    except DDSException:
+        raise InvalidParameter(
+            f"domain: DDS cannot join domain {number}; its reason is above. Check CYCLONEDDS_URI, the interface "
+            "in it, and that ports are free",
+            "domain",
+        ) from None
 
 
 def dds_domain(given: int | None) -> int:

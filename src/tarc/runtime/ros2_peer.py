@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from cyclonedds.domain import DomainParticipant
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
@@ -21,6 +20,7 @@ from tarc.core.validation import Numbers
 from tarc.plants.base import Plant
 from tarc.plants.mujoco import MujocoPlant
 from tarc.plants.rigid_body import RigidBody
+from tarc.runtime.dds import join_domain
 from tarc.runtime.mujoco_peer import MujocoPeer
 from tarc.runtime.packets import Flag, Kind, decode, encode
 from tarc.runtime.ros2_types import (
@@ -49,8 +49,8 @@ class RosTransport(Transport):
         DDS domain.
     """
 
-    def __init__(self, joint_names: Sequence[str], controller: str, domain: int):
-        participant = DomainParticipant(domain)
+    def __init__(self, joint_names: Sequence[str], controller: str, domain: int | None):
+        participant = join_domain(domain)
 
         def topic(name: str, kind: Any) -> Topic:
             return Topic(participant, f"rt/{name}", kind, qos=quality_of_service(kind))
@@ -95,7 +95,7 @@ def ros2_peer(
     *,
     position: Numbers | None = None,
     controller: str = "effort_controller",
-    domain: int = 0,
+    domain: int | None = None,
     watchdog: float = 0.1,
     seed: int = 0,
 ) -> MujocoPeer:
