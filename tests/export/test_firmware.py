@@ -1,9 +1,11 @@
 """Exported C on other processors, emulated, and under the sanitizers: the same bits."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -22,7 +24,8 @@ def require(*tools):
     missing = [tool for tool in tools if shutil.which(tool) is None]
     if not missing:
         return
-    message = f"there is no {', '.join(missing)}; of Debian install gcc-arm-none-eabi, qemu-system-arm and qemu-user"
+    packages = "gcc-arm-none-eabi, qemu-system-arm, qemu-user, clang and cppcheck"
+    message = f"there is no {', '.join(missing)}; of Debian install {packages}"
     if os.environ.get("TARC_REQUIRE_CROSS"):
         pytest.fail(f"{message}: TARC_REQUIRE_CROSS is set")
     pytest.skip(message)
@@ -146,3 +149,35 @@ def test_aarch64_gives_the_same_bits(kind, real, tmp_path):
     replayed = run(["qemu-aarch64", tmp_path / "replay"])
     assert replayed.returncode == 0, replayed.stdout
     assert "200 steps, 0 of " in replayed.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("real", ["float", "double"])
+def test_clang_has_no_warning_and_gives_the_same_bits(real, tmp_path):
+    require("clang")
+    law = make_law(tarc.laws.TARC)
+    watch = tarc.Watch(n_joints=2, low=-1.0, speed=2.0, period=law.period)
+    export_c(law, tmp_path, name="law", real=real, watch=watch, parts=True)
+    sources = [tmp_path / "src" / "law.c", tmp_path / "src" / "law_parts.c"]
+    for language in (["-std=c99"], ["-x", "c++", "-std=c++17"]):
+        for source in sources:
+            flags = [*language, "-O2", "-ffp-contract=off", *STRICT, "-Wmissing-prototypes", f"-I{tmp_path / 'src'}"]
+            built = run(["clang", *flags, "-c", source, "-o", tmp_path / "law.o"])
+            assert built.returncode == 0, built.stderr
+    built = run(["clang", *BUILD, *STRICT, *replay_files(tmp_path), "-o", tmp_path / "replay"])
+    assert built.returncode == 0, built.stderr
+    assert "200 steps, 0 of " in run([tmp_path / "replay"]).stdout
+
+
+@pytest.mark.slow
+def test_misra_finds_what_the_reference_lists(tmp_path):
+    require("cppcheck")
+    export_c(make_law(tarc.laws.TARC), tmp_path, name="law", parts=True)
+    command = ["cppcheck", "--std=c99", "--addon=misra", "--suppress=missingIncludeSystem", "--template={id}"]
+    checked = run([*command, f"-I{tmp_path / 'src'}", tmp_path / "src"])
+    assert checked.returncode == 0, checked.stderr
+    found = {line for line in checked.stderr.splitlines() if line.startswith("misra") or "error" in line.lower()}
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "export.md").read_text(encoding="utf-8")
+    listed = {f"misra-c2012-{rule}" for rule in re.findall(r"^\| ([\d.]+),", page, re.MULTILINE)}
+    assert found
+    assert found <= listed

@@ -373,7 +373,7 @@ class _ScalarBody:
                 pointer = f"in{k}_{i}"
             arguments.append(pointer)
         ends_out = np.cumsum([0, *(callee.nnz_out(i) for i in range(callee.n_out()))])
-        results = ", ".join(f"out{k} + {start}" for start in ends_out[:-1])
+        results = ", ".join(f"&out{k}[{start}]" for start in ends_out[:-1])
         self._lines += [
             f"  {real} out{k}[{ends_out[-1]}];",
             f"  const {real} *const args{k}[] = {{{', '.join(arguments)}}};",
@@ -422,7 +422,7 @@ def _copies(copies: dict[tuple[int, int], tuple[int, int]], interface: Interface
             lines += [interface.write(place, element + i, interface.read(source, first + i)) for i in range(length)]
         else:
             addresses = f"&{interface.written(place, element)}, &{interface.read(source, first)}"
-            lines.append(f"  memcpy({addresses}, {length}u * sizeof({interface.real}));")
+            lines.append(f"  (void)memcpy({addresses}, {length}u * sizeof({interface.real}));")
     return lines
 
 
@@ -468,14 +468,15 @@ def _product_body(function: ca.Function, constants: Constants) -> list[str]:
 def _row_sums(some: range, height: int, rows: int, constants: Constants) -> list[str]:
     """Return the statements of the sums of some rows, side by side, which a compiler turns into vectors."""
     real, zero = constants.type_name, constants.text("0.0")
-    sums = ", ".join(f"sum{row} = {zero}" for row in some)
-    lines = [
-        "    {",
-        f"      {real} {sums};",
-        f"      for (int k = 0; k < {rows}; ++k) {{",
-        f"        const {real} weight = weights[k + {rows} * column];",
-    ]
-    lines += [f"        sum{row} += arg[0][{height} * k + {row}] * weight;" for row in some]
+    lines = ["    {", *(f"      {real} sum{row} = {zero};" for row in some)]
+    lines.append(f"      for (int k = 0; k < {rows}; ++k) {{")
+    lines.append(f"        const {real} weight = weights[k + ({rows} * column)];")
+    lines += [f"        sum{row} += arg[0][{_place(height, 'k', row)}] * weight;" for row in some]
     lines.append("      }")
-    lines += [f"      res[0][{height} * column + {row}] = sum{row};" for row in some]
+    lines += [f"      res[0][{_place(height, 'column', row)}] = sum{row};" for row in some]
     return [*lines, "    }"]
+
+
+def _place(height: int, column: str, row: int) -> str:
+    """Return the place of an element in a matrix of this height, column by column."""
+    return f"({height} * {column}) + {row}" if row else f"{height} * {column}"

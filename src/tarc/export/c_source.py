@@ -29,8 +29,10 @@ $flags
 /* Input of a step. A position or reference that is not finite counts as missing. applied_torque is what really acted in
  * answer to the step before; NAN where that is unknown. */
 typedef struct {
-  ${name}_real position[${NAME}_JOINTS], reference[${NAME}_JOINTS];
-  ${name}_real velocity_reference[${NAME}_JOINTS], acceleration_reference[${NAME}_JOINTS];
+  ${name}_real position[${NAME}_JOINTS];
+  ${name}_real reference[${NAME}_JOINTS];
+  ${name}_real velocity_reference[${NAME}_JOINTS];
+  ${name}_real acceleration_reference[${NAME}_JOINTS];
   ${name}_real applied_torque[${NAME}_JOINTS];
 $elapsed} ${name}_input;
 
@@ -44,7 +46,8 @@ $fields} ${name}_output;
 /* The law's memory: plain data, which may be copied, and of which there may be several. */
 typedef struct {
   ${name}_real x[2][${NAME}_STATES];
-  int now, ready;
+  int now;
+  int ready;
 } ${name}_t;
 
 typedef enum { ${NAME}_OK, ${NAME}_NOT_READY, ${NAME}_BAD_INPUT, ${NAME}_FAULT } ${name}_status;

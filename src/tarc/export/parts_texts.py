@@ -26,12 +26,15 @@ ESTIMATOR_HEADER = Template("""/* The law's estimator of velocity and accelerati
 
 typedef struct {
   ${name}_real x[2][${NAME}_ESTIMATOR_STATES];
-  int now, ready;
+  int now;
+  int ready;
 } ${name}_estimator_t;
 
 /* position is the measured one, or a prediction where it was missing, which valid says of each joint. */
 typedef struct {
-  ${name}_real position[${NAME}_JOINTS], velocity[${NAME}_JOINTS], acceleration[${NAME}_JOINTS];
+  ${name}_real position[${NAME}_JOINTS];
+  ${name}_real velocity[${NAME}_JOINTS];
+  ${name}_real acceleration[${NAME}_JOINTS];
   int valid[${NAME}_JOINTS];
 } ${name}_estimate;
 
