@@ -198,6 +198,9 @@ def test_the_package_has_all_parameters_and_names(tmp_path):
     texts = {file.relative_to(tmp_path).as_posix(): file.read_text() for file in written.files}
     parameters = read_yaml(texts["config/arm.yaml"], "arm.yaml")
     assert parameters["controller_manager"]["ros__parameters"]["update_rate"] == 1000
+    assert "#   natural_frequency: 10.0\n" in texts["config/arm.yaml"]
+    assert "#   torque_limit: [20.0, 10.0]\n" in texts["config/arm.yaml"]
+    assert "certificate" not in texts["config/arm.yaml"]
     assert parameters["arm_controller"]["ros__parameters"]["joints"] == list(JOINTS)
     ahead = parameters["joint_trajectory_controller"]["ros__parameters"]
     assert ahead["command_joints"] == ["arm_controller/shoulder", "arm_controller/elbow"]
@@ -211,6 +214,44 @@ def test_the_package_has_all_parameters_and_names(tmp_path):
     ast.parse(texts["launch/arm.launch.py"])
     assert not any("$" in text for path, text in texts.items() if path.endswith((".cpp", ".hpp", ".yaml", ".py")))
     assert "natural_frequency: 10.0" in texts["law.yaml"]
+
+
+PACKAGES = ("controller_interface", "hardware_interface", "pluginlib", "rclcpp", "rclcpp_lifecycle")
+PACKAGES += ("sensor_msgs", "std_msgs", "trajectory_msgs")
+
+
+@needs_gpp
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("cmake") is None, reason="there is no cmake")
+def test_cmake_builds_installs_and_tests_the_package(tmp_path):
+    package, modules, build_folder = tmp_path / "package", tmp_path / "modules", tmp_path / "build"
+    export_ros2(make_law(), package, name="arm", joint_names=JOINTS)
+    modules.mkdir()
+    for name in PACKAGES:
+        (modules / f"{name}Config.cmake").write_text(
+            f"add_library({name}::{name} INTERFACE IMPORTED)\n"
+            f"target_include_directories({name}::{name} INTERFACE {HERE / 'ros2_stubs'})\n"
+            f"target_compile_definitions({name}::{name} INTERFACE STUB_MAJOR=4 STUB_MINOR=46)\n"
+            f"set({name}_TARGETS {name}::{name})\n"
+            "function(pluginlib_export_plugin_description_file base file)\n"
+            "  install(FILES ${file} DESTINATION share/plugins)\nendfunction()\n"
+        )
+    (modules / "ament_cmakeConfig.cmake").write_text("include(CTest)\nfunction(ament_package)\nendfunction()\n")
+    folders = [f"-D{name}_DIR={modules}" for name in (*PACKAGES, "ament_cmake")]
+    for command in (
+        ["cmake", "-S", package, "-B", build_folder, f"-DCMAKE_INSTALL_PREFIX={tmp_path / 'install'}", *folders],
+        ["cmake", "--build", build_folder],
+        ["ctest", "--test-dir", build_folder, "--output-on-failure"],
+        ["cmake", "--install", build_folder],
+    ):
+        done = run(*command)
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert "warning" not in done.stdout + done.stderr
+    installed = {file.relative_to(tmp_path / "install").as_posix() for file in (tmp_path / "install").rglob("*.*")}
+    assert {"lib/libarm_controller.so", "share/plugins/arm_controller.xml"} <= installed
+    assert {
+        f"share/arm_controller/{file}" for file in ("config/arm.yaml", "launch/arm.launch.py", "law.yaml")
+    } <= installed
 
 
 class Recorded:

@@ -1,6 +1,7 @@
 """A law as a colcon package of ROS 2."""
 
 from collections.abc import Mapping, Sequence
+from itertools import takewhile
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -82,6 +83,7 @@ def export_ros2(
         "joints": ", ".join(f'"{joint}"' for joint in names),
         "command_joints": ", ".join(f'"{package}/{joint}"' for joint in names),
         "joint_text": ", ".join(names),
+        "law_parameters": _commented_parameters(content["law.yaml"]),
         "elapsed": f"in.elapsed = static_cast<{name}_real>(elapsed);" if watch else "(void)elapsed;  // not watched",
         "flags": "output_.flags_seen" if watch else "0u",
     }
@@ -133,3 +135,9 @@ def _checked_names(given: Sequence[str], n: int) -> tuple[str, ...]:
             "joint_names",
         )
     return names
+
+
+def _commented_parameters(law_yaml: str) -> str:
+    """Return the law's parameters as lines of comments."""
+    section = law_yaml.split("\nparameters:\n")[1].splitlines()
+    return "\n".join(f"#   {line.strip()}" for line in takewhile(lambda line: line.startswith("  "), section))

@@ -103,7 +103,8 @@ PLUGIN = Template("""<library path="$package">
 """)
 
 PARAMETERS = Template("""# Parameters of the controller manager, of the law, and of what works beside it.
-# The law's own are in law.yaml: they are compiled into the C, and a change needs another export.
+# The law's own are compiled into the C, and a change needs another export:
+$law_parameters
 controller_manager:
   ros__parameters:
     update_rate: $rate  # or a multiple of it
