@@ -11,8 +11,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import tarc
+from tarc.cli.main import app
 from tarc.core.errors import InvalidParameter
 from tarc.export import export_c
 from tarc.export.verification import BASE_FLAGS, WARNINGS
@@ -163,3 +165,13 @@ def test_it_ignores_and_counts_nonsense(exported):
     robot.close()
     assert process.returncode == 3
     assert re.search(r" [1-9]\d* packets malformed", text)
+
+
+def test_the_command_writes_it_with_the_reference_of_the_scenario(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(app, ["export", "c", "train_two_link", "--realtime", "-o", "arm"])
+    assert done.exit_code == 0, done.output
+    assert "arm_reference((real)time" in (tmp_path / "arm" / "realtime" / "loop.c").read_text()
+    refused = CliRunner().invoke(app, ["export", "ros2", "train_two_link", "--realtime"])
+    assert isinstance(refused.exception, InvalidParameter)
+    assert "--realtime: only with the format c" in str(refused.exception)

@@ -294,7 +294,7 @@ static void give_up(const point *target)
 /* Why the run must stop; NULL where nothing is wrong. */
 static const char *fault(int is_new, double silence, const point *target)
 {
-  if (silence > WATCHDOG)
+  if (silence > WATCHDOG - PERIOD) /* the next period would be too late */
     return "no sample came for the time of the watchdog";
   if (out.fault)
     return "too many samples missing in a row";

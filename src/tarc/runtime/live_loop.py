@@ -423,7 +423,7 @@ class LiveLoop:
             return "the loop stood still for longer than the watchdog's time"
         if missed and self._parts.overrun == "stop":
             return f"the loop missed {missed} periods"
-        if silence > self._parts.watchdog_time:
+        if silence > self._parts.watchdog_time - self._period:  # the next period would be too late
             return f"no sample came for {silence:.3g} s (watchdog)"
         return ""
 

@@ -144,7 +144,8 @@ def run_live(
     start_up
         How the run starts and ends.
     watchdog
-        Longest time without a sample, and longest time that the loop may stand still [s]; then a safe stop.
+        Longest time without a sample, and longest time that the loop may stand still [s]; then a safe stop. Two
+        periods at least.
     overrun
         What a missed period is. By ``bridge`` the law goes through it without a sample, by ``skip`` it does not know
         of it, and ``stop`` is a safe stop.
@@ -175,7 +176,7 @@ def run_live(
     """
     limits, start_up, clock = limits or SafetyLimits(), start_up or StartUp(), clock or Clock()
     check.one_of("overrun", overrun, OVERRUN_POLICIES)
-    check.number("watchdog", watchdog, 0, strict=True)
+    check.number("watchdog", watchdog, 2 * law.period)
     check.integer("priority", priority, 0, 99)
     check.number("duration", duration, law.period, high=MAX_PERIODS * law.period)
     if not allow_unlimited_torque:
