@@ -186,6 +186,7 @@ class AffineAssessment:
         for _ in range(2 * MAX_PROOFS if best is None else MAX_PROOFS):
             if not pending:
                 break
+            trial = pending[0]
             for share in slopes:
                 trial = replace(pending[0], robust_slope=share * pending[0].robust_slope)
                 is_proven = self.proves(trial)
