@@ -2,13 +2,16 @@
 
 import importlib.metadata
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from typer.main import get_command
 
 from tarc import Run
+from tarc.cli.main import app
 from tarc.scenario.yaml_text import write_yaml
 
 TARC = str(Path(sys.executable).parent / "tarc")
@@ -35,6 +38,19 @@ def scenario(tmp_path):
     }
     (tmp_path / "swing.yaml").write_text(write_yaml(content))
     return tmp_path
+
+
+def test_help_shows_units():
+    """Square brackets are styles in the help, unless a backslash is before them."""
+
+    def commands(group):
+        for command in getattr(group, "commands", {}).values():
+            yield command
+            yield from commands(command)
+
+    texts = [parameter.help or "" for command in commands(get_command(app)) for parameter in command.params]
+    assert len(texts) > 100
+    assert [text for text in texts if re.search(r"(?<!\\)\[[a-zN]", text)] == []
 
 
 def test_run_writes_what_it_says(scenario):

@@ -16,13 +16,13 @@ app = typer.Typer(help="ROS 2 without an installation of ROS, over DDS. Needs th
 LawName = Annotated[str, typer.Option("--law", metavar="NAME", help="Law of the scenario. Default: the first.")]
 Controller = Annotated[str, typer.Option(help="Controller that takes efforts at /CONTROLLER/commands.")]
 Domain = Annotated[int | None, typer.Option(help="DDS domain. Default: ROS_DOMAIN_ID, else 0.")]
-Duration = Annotated[float, typer.Option(help="How long to run at most [s].")]
-Timeout = Annotated[float, typer.Option(help="How long to wait for the first joint state [s].")]
+Duration = Annotated[float, typer.Option(help="How long to run at most \\[s].")]
+Timeout = Annotated[float, typer.Option(help="How long to wait for the first joint state \\[s].")]
 LogFile = Annotated[Path | None, typer.Option("--log", help="File of the log, netCDF. Default: none.")]
 Priority = Annotated[int, typer.Option(help="Of SCHED_FIFO, 1 to 99; 0 for the ordinary scheduler.")]
-Watchdog = Annotated[float, typer.Option(help="Longest time without a joint state [s]; then a safe stop.")]
+Watchdog = Annotated[float, typer.Option(help="Longest time without a joint state \\[s]; then a safe stop.")]
 ErrorLimit = Annotated[
-    str, typer.Option("--error-limit", help="Error beyond which it stops [rad or m]; empty for none.")
+    str, typer.Option("--error-limit", help="Error beyond which it stops \\[rad or m]; empty for none.")
 ]
 
 

@@ -31,22 +31,24 @@ RobotName = Annotated[
 LawName = Annotated[
     str, typer.Option("--law", metavar="NAME", help="Law of the scenario, or FILE.py:CLASS. Default: the first.")
 ]
-Duration = Annotated[float | None, typer.Option(help="How long to follow the reference [s]. Default: the scenario's.")]
+Duration = Annotated[
+    float | None, typer.Option(help="How long to follow the reference \\[s]. Default: the scenario's.")
+]
 LogFile = Annotated[
     Path | None, typer.Option("--log", "-o", help="File of the log, netCDF. Default: runs/, the scenario and the law.")
 ]
 PushShare = Annotated[
     float, typer.Option("--push", help="Push of each joint at the start, as a share of its torque limit; 0 for none.")
 ]
-ErrorLimit = Annotated[str, typer.Option("--error-limit", help="Error beyond which the run stops [rad or m].")]
+ErrorLimit = Annotated[str, typer.Option("--error-limit", help="Error beyond which the run stops \\[rad or m].")]
 SpeedLimit = Annotated[
     str, typer.Option("--speed-limit", help="Speed beyond which the run stops. Default: that of the robot's file.")
 ]
 MaxStep = Annotated[str, typer.Option("--max-step", help="Step between samples beyond which one counts as missing.")]
-TorqueRate = Annotated[str, typer.Option("--torque-rate", help="Largest rate of the torque [N m/s]; it is clipped.")]
-WatchdogTime = Annotated[float, typer.Option("--watchdog", help="Longest time without a sample [s].")]
+TorqueRate = Annotated[str, typer.Option("--torque-rate", help="Largest rate of the torque \\[N m/s]; it is clipped.")]
+WatchdogTime = Annotated[float, typer.Option("--watchdog", help="Longest time without a sample \\[s].")]
 Overrun = Annotated[str, typer.Option(help="What a missed period is: bridge, skip or stop.")]
-RampSpeed = Annotated[float, typer.Option(help="Speed of the ramp to the start of the reference [rad/s or m/s].")]
+RampSpeed = Annotated[float, typer.Option(help="Speed of the ramp to the start of the reference \\[rad/s or m/s].")]
 Priority = Annotated[int, typer.Option(help="Real-time priority, 1 to 99; 0 for none.")]
 Unlimited = Annotated[
     bool, typer.Option("--unlimited-torque", help="Start although a joint has no torque limit. Mind your hands.")
