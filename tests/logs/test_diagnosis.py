@@ -167,6 +167,10 @@ def test_flags_and_deadlines_of_a_machine_are_reported():
     assert found.timing is not None
     assert found.timing.overruns == pytest.approx(3 / 7950)
     assert kinds(found) == {"certificate", "overruns", "computation"}
+    assert error.name == "distance from the reference"
+    stopped = diagnose(run.with_attributes(flag_names='["POSITION", "ERROR"]', ended="joint 1: its error is 0.31 rad"))
+    assert stopped.findings[0].kind == "stop"
+    assert "its error is 0.31 rad" in stopped.findings[0].text
 
 
 def test_bad_logs_are_refused(tmp_path):

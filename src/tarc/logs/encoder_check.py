@@ -70,8 +70,9 @@ def check_encoders(log: LoopLog) -> EncoderCheck:
     resolution = np.array([_resolution(column) for column in log.measured.T])
     is_stale, stale = _stale(log, np.fmax(_noise(log.measured), np.nan_to_num(resolution)))
     fresh = np.where(is_stale[:, None], np.nan, log.measured)
-    jitter, error = _stamped_jitter(log) or _jitter(log, fresh, np.nan_to_num(resolution))
-    significant = jitter if jitter > SIGNIFICANT * error else 0.0
+    by_motion, error_by_motion = _jitter(log, fresh, np.nan_to_num(resolution))
+    jitter, error = _stamped_jitter(log) or (by_motion, error_by_motion)
+    significant = by_motion if by_motion > SIGNIFICANT * error_by_motion else 0.0
     moved = significant**2 * np.mean(log.reference[1] ** 2, axis=0)
     total = _noise(fresh) ** 2
     return EncoderCheck(

@@ -18,6 +18,8 @@ from tarc.logs.loop_log import LoopLog
 
 MAX_NOISE = 1.3
 """Largest noise over that of the design."""
+WANTED_ENDS = ("completed", "stopped by Ctrl-C")
+"""How a loop on a machine ends that nothing stopped."""
 MAX_SHARE = 1e-3
 """Largest share of samples that may be missing or stale."""
 MAX_JITTER = 0.05
@@ -28,6 +30,11 @@ MIN_DELAY_CHANGE = 0.75
 """Least distance of a delay from the one that was certified [periods]."""
 SIGNIFICANT = 3.0
 """Standard errors by which a number must differ."""
+WIDER = {
+    "load at rest": "certify with this load: a payload in the scenario, or tarc design --payload",
+    "sample timing": "give the loop real-time priority and a core of its own; a certificate counts on even samples",
+}
+"""What to change where an assumption of the certificate was left, by its name."""
 BUSY = 0.8
 """Largest computation time over the period."""
 
@@ -40,7 +47,7 @@ class Finding:
     ----------
     kind
         One word: ``noise``, ``resolution``, ``missing``, ``stale``, ``jitter``, ``delay``, ``saturation``, ``rate``,
-        ``limit_cycle``, ``certificate``, ``overruns``, ``computation`` or ``fault``.
+        ``limit_cycle``, ``certificate``, ``overruns``, ``computation``, ``stop`` or ``fault``.
     joint
         Name of the joint that shows it most; empty where it concerns all.
     text
@@ -94,6 +101,10 @@ def findings_of(
 
 def _fault(log: LoopLog, law: Law | None) -> Iterator[Finding]:
     data = log.run.data
+    ended = str(data.attrs.get("ended", WANTED_ENDS[0]))
+    if ended not in WANTED_ENDS:
+        change = "cure the other findings first, then start again with a smaller M̂ and a slower reference"
+        yield Finding(kind="stop", joint="", text=f"the loop stopped: {ended}", change=change)
     if "fault" not in data or not np.any(data["fault"].values > 0):
         return
     first = float(log.times[int(np.argmax(data["fault"].values > 0))])
@@ -272,5 +283,5 @@ def _assumptions(log: LoopLog, assumptions: tuple[Assumption, ...]) -> Iterator[
             joint="" if part.joint is None else log.joint_names[part.joint],
             text=f"{part.name} left the certified range in {part.share:.2%} of the periods, from "
             f"{part.first_time:.3f} s on{worst}: the certificate says nothing about these",
-            change="certify the wider range (tarc certify --tube, --speed), or keep the reference and the start inside",
+            change=WIDER.get(part.name, "certify the wider range (tarc certify --tube, --speed), or stay inside it"),
         )

@@ -13,6 +13,14 @@ SPEED_SPAN = 5
 """Periods before and after a sample over which its speed is measured."""
 SPEED_MARGIN = 1.2
 """Largest speed that `tarc certify` covers, over that of the reference."""
+FLAGS = {
+    "POSITION": "position",
+    "ERROR": "distance from the reference",
+    "SPEED": "speed",
+    "LOAD": "load at rest",
+    "TIMING": "sample timing",
+}
+"""What the flags of a machine's loop are about."""
 NOISE_MARGIN = 4.0
 """Deviations of the noise that a certified limit is widened by."""
 
@@ -185,5 +193,9 @@ def _flags(log: LoopLog) -> tuple[Assumption, ...] | None:
         outside = (values >> bit) & 1 > 0
         rows = np.flatnonzero(outside)
         first = float(log.times[rows[0]]) if len(rows) else np.nan
-        found.append(Assumption(name=name, share=float(np.mean(outside)), first_time=first, worst=np.nan, joint=None))
+        found.append(
+            Assumption(
+                name=FLAGS.get(name, name), share=float(np.mean(outside)), first_time=first, worst=np.nan, joint=None
+            )
+        )
     return tuple(found)

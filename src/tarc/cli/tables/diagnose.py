@@ -36,7 +36,8 @@ def _joint_table(diagnosis: "Diagnosis") -> Table:
     encoders, torque, assumed = diagnosis.encoders, diagnosis.torque, diagnosis.assumed_noise
     table = Table(title=escape(diagnosis.log.run.title), title_justify="left")
     for name in ("joint", "step [µrad]", "noise [µrad]", "of the design", "missing", "saturated", "peak / limit"):
-        table.add_column(escape(name), justify="left" if name == "joint" else "right")
+        is_joint = name == "joint"
+        table.add_column(escape(name), justify="left" if is_joint else "right", no_wrap=is_joint)
     for i, name in enumerate(diagnosis.log.joint_names):
         table.add_row(
             escape(name),
