@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 import tarc
 from benchmarks.page_values.registry import (
@@ -209,8 +210,55 @@ def diagnose() -> dict[str, Value]:
         command(f"tarc run two_link_payload --set law.inertia.fraction=0.3 --set {limits} --no-figures", folder)
         found = "tarc diagnose runs/two_link_payload/TDC.nc --start-time 1 --figure log.png"
         printed = command(found, folder, status=1)
-        shutil.copy(folder / "log.png", ROOT / "docs" / "images" / "diagnose.png")
+        _palette(folder / "log.png", ROOT / "docs" / "images" / "diagnose.png")
     return {"bad": text_block(printed)}
+
+
+COMMISSIONING = {
+    "first": "M̂ × 0.2, 8 rad/s",
+    "second": "M̂ × 0.4, 8 rad/s",
+    "third": "M̂ × 0.7, 8 rad/s",
+    "fourth": "M̂, 8 rad/s",
+    "fifth": "M̂, 12 rad/s",
+    "design": "the design: M̂, 20 rad/s",
+    "load": "5 kg from 2.5 s on",
+    "far": "M̂ × 2.5, 20 rad/s",
+}
+"""Runs of the page on commissioning, and what each is."""
+
+
+def _palette(source_file: Path, target: Path) -> None:
+    """Copy a drawing with a palette, in less than half of the space."""
+    image = Image.open(source_file).convert("RGB")
+    image.quantize(256, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(target, optimize=True)
+
+
+@source
+def commissioning() -> dict[str, Value]:
+    """Type the page's commands and measure its runs; its figures are written too."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        type_page("how-to/commissioning.md", folder)
+        images = ROOT / "docs" / "images"
+        for place in ("sag", "first", "fourth", "design", "load"):
+            _palette(folder / "runs" / place / "tracking.png", images / f"commissioning-{place}.png")
+        _palette(folder / "far.png", images / "commissioning-far.png")
+        values: dict[str, Value] = {}
+        for place in ("hold", "sag"):
+            measured = tarc.Run.load(folder / "runs" / place / "TDC.nc").metrics()
+            values[f"{place}.peak_error"] = 1e3 * measured["peak_error"]
+        rows = []
+        for place, label in COMMISSIONING.items():
+            file = folder / "runs" / place / "TDC.nc"
+            measured = tarc.Run.load(file).metrics(start_time=1.0)
+            found = tarc.diagnose(file, start_time=1.0).findings
+            kinds = dict.fromkeys(finding.kind.replace("_", " ") for finding in found)
+            values[f"{place}.rms_error"] = 1e3 * measured["rms_error"]
+            errors = (f"{1e3 * measured[key]:.3g}" for key in ("rms_error", "peak_error"))
+            rate = float(f"{measured['torque_variation']:.3g}")
+            rows.append((label, *errors, f"{rate:g}", ", ".join(kinds) or "none"))
+    heads = ["step", "RMS error [mrad]", "peak error [mrad]", "torque variation [N m/s]", "findings"]
+    return values | {"steps": table(heads, rows)}
 
 
 @source

@@ -142,7 +142,8 @@ def diagnose(
     setup = None if design is None else design.build()
     own_law = None if design is None or setup is None else _law(setup, rows, law, design)
     encoders = check_encoders(rows)
-    noise = np.nan_to_num(encoders.noise)
+    rounding = np.nan_to_num(encoders.resolution) / np.sqrt(12)  # a joint at rest shows less
+    noise = np.fmax(np.nan_to_num(encoders.noise), rounding)
     assumed_noise, assumed_delay, delay = None, None, None
     if design is not None and setup is not None:
         assumed_noise = measurement_deviation(setup.sensor, rows.n_joints)
