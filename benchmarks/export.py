@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.table import Table
 
 import tarc
-from benchmarks import fmu
+from benchmarks import exported_model, fmu
 from benchmarks.__main__ import machine
 from benchmarks.measure import law as tarc_law
 from tarc.core.types import Array
@@ -206,6 +206,7 @@ def main() -> None:
     if shutil.which("gcc"):
         fuzz(console, arguments.fuzz)
     step_time(console)
+    exported_model.report(console, laws())
     fmu.report(console)
 
 
