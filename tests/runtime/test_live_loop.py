@@ -8,6 +8,7 @@ from live_robots import INERTIA, PERIOD, QUICK, REFERENCE, WEIGHT, SlidingMasses
 from tarc.core.errors import InvalidParameter
 from tarc.runtime import Push, SafetyLimits, SimulatedClock, StartUp, run_live
 from tarc.runtime.log_format import Phase
+from tarc.signals.log_file import read_log
 
 GENTLE = StartUp(hold_time=0.05, ramp_time=0.4, brake_time=0.02, stop_time=0.2)
 
@@ -54,6 +55,15 @@ def test_a_run_goes_from_brakes_to_brakes():
     error = rows["measured_position"] - rows["reference"]
     assert np.max(np.abs(error[tracked][100:])) < 1e-3
     np.testing.assert_allclose(rows["velocity_reference"][-1], 0, atol=1e-12)
+
+
+def test_a_log_is_a_bag_as_well(tmp_path):
+    pytest.importorskip("mcap_ros2")
+    result, _ = rows_of(SlidingMasses(), duration=0.1, log=tmp_path / "log.mcap")
+    assert result.log == tmp_path / "log.nc"
+    measured = result.load().data["measured_position"].transpose("time", "joint").values
+    in_bag = read_log(tmp_path / "log.mcap").position
+    np.testing.assert_array_equal(in_bag, measured)
 
 
 def test_reference_and_its_derivatives_fit_over_the_whole_run():

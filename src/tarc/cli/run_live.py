@@ -35,7 +35,12 @@ Duration = Annotated[
     float | None, typer.Option(help="How long to follow the reference \\[s]. Default: the scenario's.")
 ]
 LogFile = Annotated[
-    Path | None, typer.Option("--log", "-o", help="File of the log, netCDF. Default: runs/, the scenario and the law.")
+    Path | None,
+    typer.Option(
+        "--log",
+        "-o",
+        help="File of the log, netCDF; .mcap for a bag beside it. Default: runs/, the scenario and the law.",
+    ),
 ]
 PushShare = Annotated[
     float, typer.Option("--push", help="Push of each joint at the start, as a share of its torque limit; 0 for none.")

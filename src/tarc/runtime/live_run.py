@@ -29,7 +29,9 @@ from tarc.runtime.real_time import check_period, real_time
 from tarc.runtime.robot import Robot
 from tarc.runtime.watchdog import Watchdog
 from tarc.signals.references import Reference
+from tarc.signals.trajectory_message import BAG
 from tarc.simulation.run import Run
+from tarc.simulation.run_bag import require_bag_writer
 from tarc.simulation.sampled_inputs import MAX_PERIODS
 
 PERCENTILES = (50.0, 90.0, 99.0, 99.9, 100.0)
@@ -158,7 +160,8 @@ def run_live(
     allow_unlimited_torque
         Start although a joint has no torque limit.
     log
-        File of the log; None for none.
+        File of the log, netCDF; None for none. With the suffix ``.mcap`` a bag of ROS 2, beside the netCDF file that
+        is written while the loop runs.
     joint_names
         Names of the law's joints, which are compared with those of the robot; empty to compare none.
     units, label, scenario, certificate
@@ -173,6 +176,8 @@ def run_live(
     InvalidParameter
         For a period that this machine cannot hold, and joints in another order than the robot's. For a law without a
         torque limit, and a robot without a valid position. The robot's brakes stay closed.
+    MissingTool
+        For a bag without the libraries that write it, the extra ``logs``.
     """
     limits, start_up, clock = limits or SafetyLimits(), start_up or StartUp(), clock or Clock()
     check.one_of("overrun", overrun, OVERRUN_POLICIES)
@@ -181,6 +186,11 @@ def run_live(
     check.number("duration", duration, law.period, high=MAX_PERIODS * law.period)
     if not allow_unlimited_torque:
         require_torque_limit(limits, law)
+    target = None if log is None else Path(log)
+    bag = target if target is not None and target.suffix.lower() == BAG else None
+    if target is not None and bag is not None:
+        require_bag_writer()
+        target = target.with_suffix(".nc")
     names = _checked_names(law, robot, reference, joint_names)
     controller, facts = _controller(law, limits, native)
     motion = _motion(reference, duration, law.period)
@@ -193,7 +203,7 @@ def run_live(
         facts |= got
         if clock.is_real:
             check_period(_trial(controller, robot), law.period, clock)
-        record = Log(header(layout, subject, facts), None if log is None else Path(log))
+        record = Log(header(layout, subject, facts), target)
         guard = Watchdog(robot, watchdog, clock)
         parts = LoopParts(
             controller, robot, limits, start_up, layout, record.ring, clock, guard, watchdog, overrun, watcher
@@ -202,7 +212,10 @@ def run_live(
         if on_log is not None:
             on_log(record)
         _run(loop, robot, guard, record)
-    return _result(loop, robot, record, facts)
+    result = _result(loop, robot, record, facts)
+    if bag is not None and not record.error:
+        result.load().save(bag)
+    return result
 
 
 def _motion(reference: Reference, duration: float, period: float) -> Motion:

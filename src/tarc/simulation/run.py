@@ -14,6 +14,7 @@ from tarc.core.errors import InvalidParameter
 from tarc.core.files import file_in_folder, writing
 from tarc.core.units import unit_for_joints
 from tarc.plants.base import Plant
+from tarc.signals.trajectory_message import BAG
 from tarc.simulation.quantities import JOINT_KINDS, MEASURES, measure_unit
 from tarc.simulation.run_bag import write_bag
 
@@ -258,7 +259,7 @@ class Run:
         part = target.with_name(f".{target.name}.part")
         try:
             with writing("save", target):
-                if target.suffix.lower() == ".mcap":
+                if target.suffix.lower() == BAG:
                     write_bag(self.data, part)
                 else:
                     self.data.to_netcdf(part, engine="h5netcdf")

@@ -21,6 +21,11 @@ EXCLUDED += ("reference", "velocity_reference", "acceleration_reference")
 """Variables that are in joint states and trajectory, so that they have no topic of their own."""
 
 
+def require_bag_writer() -> None:
+    """Raise `MissingTool` without the libraries that write a bag."""
+    require("logs", "A run as MCAP", "mcap", "mcap_ros2")
+
+
 def write_bag(data: xr.Dataset, path: Path) -> None:
     """Write a run's dataset as a bag of ROS 2, stamped by the time of the run.
 
@@ -33,7 +38,7 @@ def write_bag(data: xr.Dataset, path: Path) -> None:
     MissingTool
         Without the libraries that write a bag.
     """
-    require("logs", "A run as MCAP", "mcap", "mcap_ros2")
+    require_bag_writer()
     with path.open("wb") as stream:
         _write(data, stream)
 
