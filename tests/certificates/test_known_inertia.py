@@ -18,6 +18,7 @@ from tarc.analysis.uncertain_loop import UncertainLoop
 from tarc.certificates import certify_known_inertia, certify_varying_ratio
 from tarc.certificates.affine import find_proof
 from tarc.certificates.affine_form import RatioSet
+from tarc.certificates.known_inertia import WorstKnownPoints
 from tarc.certification import certificate_from_json
 from tarc.core.errors import InvalidParameter, UnsupportedLaw
 from tarc.plants import MassSpringDamper, NLinkArm, TwoLinkArm
@@ -54,6 +55,17 @@ def test_certified_and_verified_again(certificate):
     assert again.verify()
     assert again.explain() == certified.explain()
     assert certified.evidence.max_ratio == pytest.approx(0.8, rel=1e-9), "the exact model has the ratio ρ"
+
+
+def test_worst_points_serve_every_fraction(certificate):
+    law, searched = certificate
+    start = replace(law.inertia, fraction=1.0)
+    worst = WorstKnownPoints.search(start, [ARM, LOADED], WORKSPACE, 60, 0)
+    reused = certify_known_inertia(law, [ARM, LOADED], WORKSPACE, samples=60, worst=worst)
+    assert reused.verdict == searched.verdict
+    assert reused.margin == pytest.approx(searched.margin, rel=1e-6)
+    for name in ("min_ratio", "max_ratio", "rate", "radius"):
+        assert getattr(reused.evidence, name) == pytest.approx(getattr(searched.evidence, name), rel=1e-6), name
 
 
 def test_loop_along_motions_decays(certificate):

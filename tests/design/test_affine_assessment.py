@@ -9,7 +9,7 @@ from tarc import plants
 from tarc.analysis.worst_points import SampledPoints, max_rate_point
 from tarc.certificates.affine_cover import robot_ratios
 from tarc.certificates.robot_evidence import MaxRatePoint
-from tarc.design.affine_assessment import AffineAssessment, scaled_ratios
+from tarc.design.affine_assessment import LOWER_SLOPE, AffineAssessment, scaled_ratios
 from tarc.design.candidates import Candidate, enumerate_candidates
 from tarc.design.problem import DesignProblem
 from tarc.design.requirements import DesignRequirements
@@ -95,6 +95,25 @@ def test_only_what_costs_less_than_the_loops_of_the_balls_is_added(problem, robo
     assert len(found) == len(steps) == 1
     cheaper = replace(found[0], error=found[0].error / 2, is_affine=False)
     assert affine.best(loop(20.0), replace(none, candidates=[cheaper]), lambda: None) == []
+
+
+def test_a_quarter_of_the_slope_is_tried_where_the_largest_has_no_proof(problem, robot, affine, monkeypatch):
+    shape, _, spec = robot
+    largest = 20.0**2
+    tried = []
+
+    def proves(self, candidate):
+        tried.append(candidate.robust_slope)
+        return candidate.robust_slope < largest
+
+    monkeypatch.setattr(AffineAssessment, "proves", proves)
+    (found,) = affine.best(loop(20.0), LoopSelection(problem, shape, spec, []), lambda: None)
+    assert tried == [largest, LOWER_SLOPE * largest]
+    assert found.robust_slope == LOWER_SLOPE * largest
+    # its neighbours have the same share
+    again = LoopSelection(problem, shape, spec, [replace(found, error=2 * found.error)])
+    affine.best(loop(20.0), again, lambda: None)
+    assert tried[2:] == [LOWER_SLOPE * largest]
 
 
 def test_the_loop_does_not_depend_on_its_assessment():

@@ -186,15 +186,15 @@ class AffineAssessment:
         for _ in range(2 * MAX_PROOFS if best is None else MAX_PROOFS):
             if not pending:
                 break
-            trial = pending[0]
+            first = pending[0]
             for share in slopes:
-                trial = replace(pending[0], robust_slope=share * pending[0].robust_slope)
+                trial = replace(first, robust_slope=share * first.robust_slope)
                 is_proven = self.proves(trial)
                 done()
                 if is_proven:
                     return [trial]
             slopes = slopes[-1:]  # loops that cost more fail at the largest slope as well, with few exceptions
-            pending = [loop for loop in pending[1:] if not _is_harder(loop, trial)]
+            pending = [loop for loop in pending[1:] if not _is_harder(loop, first)]
         return []
 
 
