@@ -123,12 +123,12 @@ def your_robot() -> dict[str, Value]:
 
 
 def refused_design() -> str:
-    """Return the error of a design for 60 rad/s, which cannot be certified, in lines of 100 characters."""
+    """Return the error of a design for 100 rad/s, which cannot be certified, in lines of 100 characters."""
     with tempfile.TemporaryDirectory() as folder:
         shutil.copy(z1_file(), folder)
         error = command(
             f"tarc design z1.urdf --joints {','.join(Z1_JOINTS)} --armature 0.1 --payload 0 2 --speed 1 "
-            "--natural-frequency 60",
+            "--natural-frequency 100",
             Path(folder),
             fails=True,
         )
