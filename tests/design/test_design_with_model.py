@@ -8,8 +8,9 @@ import pytest
 import tarc
 from slow_cases import slow
 from tarc import plants
+from tarc.certificates import certify_known_inertia
 from tarc.core.errors import InvalidParameter
-from tarc.design import DesignRequirements, design_controller, predict_design_error, try_design
+from tarc.design import DesignRequirements, design_controller, predict_design_error, stress_test, try_design
 from tarc.design.known_model import KnownModel, uncertain_robots
 from tarc.design.prediction import predict_error
 from tarc.design.problem import DesignProblem
@@ -166,3 +167,18 @@ def test_a_design_with_a_model_is_certified_and_runs_as_predicted(model):
     text = design.to_yaml()
     assert "model:" in text
     assert "rotor inertias within 0 %" in text
+
+
+@pytest.mark.slow
+def test_stress_test_of_a_design_with_a_model():
+    """The payload beyond the last certified one is not certified by itself, with the robots of all ends."""
+    arm = tarc.plants.TwoLinkArm(viscous=0.2)
+    design = design_controller(
+        arm, payload=(0.0, 1.0), torque_limits=[100.0, 50.0], samples=60, speed=1.0, model="known", progress=False
+    )
+    limit = stress_test(design, questions="payload", simulate=False, progress=False)["payload"]
+    assert limit.value is not None
+    assert limit.beyond is not None
+    assert 1.0 <= limit.value < limit.beyond < 2.0
+    ends = [arm.with_parameters({"payload": mass}) for mass in (0.0, limit.beyond)]
+    assert not certify_known_inertia(design.law, ends, design.workspace, samples=60).certified
