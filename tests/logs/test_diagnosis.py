@@ -119,7 +119,8 @@ def test_noise_and_decaying_transients_are_no_limit_cycle():
     resonance = np.convolve(
         rng.standard_normal(len(TIMES)), np.exp(-np.arange(200) / 30) * np.sin(0.3 * np.arange(200))
     )
-    for wave in (decay, 0.3 * resonance[: len(TIMES)], rng.standard_normal(len(TIMES))):
+    slow = 6 * np.sin(2 * np.pi * 4.0 * TIMES)  # below the band, from outside
+    for wave in (slow, decay, 0.3 * resonance[: len(TIMES)], rng.standard_normal(len(TIMES))):
         measured, torque = motion(TIMES) + noise(2e-5), 5 * motion(TIMES)
         measured[:, 0] += 5e-5 * wave
         torque[:, 0] -= wave

@@ -125,7 +125,7 @@ def _limit_cycles(log: LoopLog, law: Law | None, cycles: tuple[LimitCycle, ...])
             text=f"oscillates at {cycle.frequency:.3g} Hz with {1e3 * cycle.amplitude:.3g} "
             f"{log.position_unit(cycle.joint)} and {cycle.torque_amplitude:.3g} {log.torque_unit(cycle.joint)}, in "
             f"{cycle.share:.0%} of the log from {cycle.start_time:.4g} s on",
-            change=_remedy(law, cycle.frequency, cycle.joint),
+            change=f"{_remedy(law, cycle.frequency, cycle.joint)}; what stays then comes from outside",
         )
 
 

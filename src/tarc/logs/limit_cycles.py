@@ -19,6 +19,12 @@ MIN_COHERENCE = 0.85
 """Least coherence of amplitude and phase from part to part. A transient that decays has less."""
 MIN_CYCLES = 16
 """Fewest cycles in which an oscillation must be steady."""
+WIDTH = 0.04
+"""Half the width over its frequency over which a spectrum is averaged, since a line drifts with the posture."""
+NEAR, FAR = 1.25, 1.8
+"""Frequencies beside a line, over its own, from which it must stand out."""
+MIN_LINE = 10.0
+"""Least power of a line over that beside it."""
 MIN_OVER_NOISE = 3.0
 """Least amplitude of the position over the deviation of the encoder's noise."""
 MIN_OVER_MOTION = 0.01
@@ -84,11 +90,9 @@ def torque_spectrum(log: LoopLog, joint: int) -> tuple[Array, Array]:
 
 
 def _limit_cycle(log: LoopLog, joint: int, noise: float) -> LimitCycle | None:
-    frequencies, power = torque_spectrum(log, joint)
-    if not np.sum(power) > 0:
+    line = _line(*torque_spectrum(log, joint))
+    if line is None:
         return None
-    width = max(len(power) // 200, 1)
-    line = float(frequencies[int(np.argmax(np.convolve(power, np.ones(2 * width + 1), "same")))])
     length = max(round(CYCLES_PER_PART / line / log.period), 4)
     torque = _phasors(log.torque[:, joint], line, log.period, length)
     position = _phasors(log.position[:, joint] - log.reference[0][:, joint], line, log.period, length)
@@ -116,6 +120,22 @@ def _limit_cycle(log: LoopLog, joint: int, noise: float) -> LimitCycle | None:
         stop_time=float(log.times[(parts[-1] + 1) * length - 1]),
         share=float(np.mean(inside)),
     )
+
+
+def _line(frequencies: Array, power: Array) -> float | None:
+    """Return the frequency of the strongest line [Hz]; None where none stands out from both sides of it."""
+    if not np.sum(power) > 0:
+        return None
+    first = np.searchsorted(frequencies, frequencies * (1 - WIDTH))
+    last = np.searchsorted(frequencies, frequencies * (1 + WIDTH), "right")
+    total = np.concatenate([[0.0], np.cumsum(power)])
+    smooth = (total[last] - total[first]) / (last - first)
+    line = float(frequencies[int(np.argmax(smooth))])
+    below = smooth[(frequencies < line / NEAR) & (frequencies > line / FAR)]
+    above = smooth[(frequencies > line * NEAR) & (frequencies < line * FAR)]
+    if not len(below) or not len(above):
+        return None
+    return line if np.max(smooth) > MIN_LINE * max(np.median(below), np.median(above)) else None
 
 
 def _phasors(signal: Array, frequency: float, period: float, length: int) -> Array:
