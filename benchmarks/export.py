@@ -1,8 +1,8 @@
 """What exported C reaches, in one run: ``python -m benchmarks.export``, or ``make bench-export``.
 
 For every law it counts the numbers that differ from the virtual machine over random steps. Two percent of them have
-something missing, infinite or absurd. It does so with gcc at two levels and with zig. In single precision it counts the
-decisions that differ from those in double precision.
+something missing, infinite or absurd. It does so with gcc at two levels, with zig, and on aarch64 under QEMU with musl.
+In single precision it counts the decisions that differ from those in double precision.
 
 Then it times a step of literal TARC for six joints and a window of 16 periods. Beside it stands a C step of the same
 law by hand, with a ring buffer, which gives the same torque.
@@ -11,6 +11,7 @@ law by hand, with a ring buffer, which gives the same torque.
 import argparse
 import re
 import shutil
+import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -61,8 +62,28 @@ def same_bits(law: tarc.laws.Law, steps: int) -> list[str]:
                 continue
             found = run_compiled(double, command, expected, Path(folder))
             cells.append(different(found, expected.outputs))
+        cells.append(different_on_aarch64(law, expected, Path(folder)))
         found = run_compiled(single, SINGLE, expected, Path(folder)).astype(float)
     return [*cells, *single_against_double(found, expected.outputs, double)]
+
+
+def different_on_aarch64(law: tarc.laws.Law, expected: vectors.Vectors, folder: Path) -> str:
+    """Return what differs on a 64-bit ARM processor, emulated by QEMU, with musl as its C library."""
+    if shutil.which("qemu-aarch64") is None:
+        return "no qemu-aarch64"
+    root = folder / "aarch64"
+    export_c(law, root, name="arm")
+    binary, inputs = root / "stream", root / "inputs"
+    start = np.concatenate([expected.position, expected.torque])
+    inputs.write_bytes(start.tobytes() + np.ascontiguousarray(expected.inputs).tobytes())
+    files = [f"-I{root / 'src'}", f"-I{root / 'test'}", root / "src" / "arm.c", HERE / "export_stream.c", "-lm"]
+    compile_c(
+        [*ZIG, "-target", "aarch64-linux-musl", "-static", "-O2", *BASE_FLAGS, *map(str, files), "-o", str(binary)]
+    )
+    with inputs.open("rb") as source:
+        process = subprocess.run(["qemu-aarch64", str(binary)], stdin=source, capture_output=True, check=True)
+    found = np.frombuffer(process.stdout).reshape(expected.outputs.shape)
+    return different(found, expected.outputs)
 
 
 def different(found: Array, expected: Array) -> str:
@@ -198,7 +219,7 @@ def main() -> None:
     steps = arguments.steps
     console = Console(width=None if Console().is_terminal else 160)
     console.print(machine(), highlight=False)
-    table = Table("law", "numbers", *COMPILERS, "float: missing, fault", "choices", "torque [N m]")
+    table = Table("law", "numbers", *COMPILERS, "aarch64", "float: missing, fault", "choices", "torque [N m]")
     for name, law in laws().items():
         table.add_row(name, *same_bits(law, steps))
     console.print(f"Numbers of {steps} random steps that differ from the virtual machine, 2 joints", highlight=False)

@@ -58,6 +58,9 @@ LOGICAL = {ca.OP_NOT: "!{0}", ca.OP_AND: "{0} && {1}", ca.OP_OR: "{0} || {1}"}
 MIN_COPY = 3
 """Fewest neighbouring elements that are copied together."""
 
+MAX_COPY = 32
+"""Most elements of one copy: gcc moves those in registers, and more by a string instruction that is slow to start."""
+
 MAX_SUMS = 8
 """Most sums of a product that are taken at the same time."""
 
@@ -421,8 +424,10 @@ def _copies(copies: dict[tuple[int, int], tuple[int, int]], interface: Interface
         if length < MIN_COPY or not are_arrays:
             lines += [interface.write(place, element + i, interface.read(source, first + i)) for i in range(length)]
         else:
-            addresses = f"&{interface.written(place, element)}, &{interface.read(source, first)}"
-            lines.append(f"  (void)memcpy({addresses}, {length}u * sizeof({interface.real}));")
+            for start in range(0, length, MAX_COPY):
+                addresses = f"&{interface.written(place, element + start)}, &{interface.read(source, first + start)}"
+                count = min(MAX_COPY, length - start)
+                lines.append(f"  (void)memcpy({addresses}, {count}u * sizeof({interface.real}));")
     return lines
 
 

@@ -125,8 +125,8 @@ ${name}_status ${name}_reset(${name}_t *self, const ${name}_real position[], con
 ${name}_status ${name}_step(${name}_t *self, const ${name}_input *in, ${name}_output *out)
 {
   ${name}_status status;
-  (void)memset(out, 0, sizeof *out);
   if (self->ready == 0) {
+    (void)memset(out, 0, sizeof *out);
     return ${NAME}_NOT_READY;
   }
   ${name}_real *const state = self->x[self->now];
