@@ -65,7 +65,12 @@ def test_every_law_gives_the_same_bits_without_warnings(kind, real, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "options", [{}, {"synchronised": True}, {"feedforward": tarc.Feedforward(tarc.plants.TwoLinkArm())}]
+    "options",
+    [
+        pytest.param({}, marks=pytest.mark.slow),
+        {"synchronised": True},
+        {"feedforward": tarc.Feedforward(tarc.plants.TwoLinkArm())},
+    ],
 )
 def test_a_law_with_a_model_starts_and_runs_as_in_python(options, tmp_path):
     law = with_model(**options)
@@ -237,7 +242,7 @@ def watch_of_everything():
     )
 
 
-@pytest.mark.parametrize("real", ["double", "float"])
+@pytest.mark.parametrize("real", ["double", pytest.param("float", marks=pytest.mark.slow)])
 def test_watched_assumptions_give_the_same_flags(real, tmp_path):
     law, watch = tdc(torque_limit=[3.0, 5.0]), watch_of_everything()
     written = export_c(law, tmp_path, name="law", real=real, watch=watch)
