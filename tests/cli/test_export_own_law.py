@@ -1,10 +1,16 @@
 """A law from a user's own file as C: the file is named from the export, and a changed class shows."""
 
+import json
+import os
+from pathlib import Path
+
 import pytest
 from typer.testing import CliRunner
 
+from tarc.cli.export import stored_certificate
 from tarc.cli.main import app
 from tarc.export.verification import read_law_yaml
+from tarc.scenario.loader import SHIPPED
 
 LAW = """
 from dataclasses import dataclass
@@ -47,3 +53,21 @@ def test_a_law_that_is_not_there_is_refused(law, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert CliRunner().invoke(app, ["export", "c", "two_link_payload", "--law", law]).exit_code != 0
     assert not (tmp_path / "build").exists()
+
+
+def test_a_certificate_that_is_older_than_the_law_is_not_taken(tmp_path, monkeypatch):
+    (tmp_path / "mine.py").write_text(LAW)
+    scenario = tmp_path / "arm.yaml"
+    scenario.write_text((SHIPPED / "two_link_payload.yaml").read_text().replace("kind: TDC", "kind: mine.Push"))
+    certificate = tmp_path / "runs" / "arm" / "Push-certificates.json"
+    certificate.parent.mkdir(parents=True)
+    content = {"verdict": "certified", "margin": 0.1, "claim": "it is stable", "assumptions": []}
+    certificate.write_text(json.dumps({"robot": content}))
+    monkeypatch.chdir(tmp_path)
+    now = certificate.stat().st_mtime
+    for changed, is_taken in ((None, True), (scenario, False), (tmp_path / "mine.py", False)):
+        for file in (scenario, tmp_path / "mine.py"):
+            os.utime(file, (now - 5, now - 5))
+        if changed is not None:
+            os.utime(changed, (now + 5, now + 5))
+        assert (stored_certificate(Path("arm.yaml"), "Push") is not None) is is_taken

@@ -216,10 +216,17 @@ def law_of(scenario: "Scenario", name: str) -> tuple[str, Any, Any, tuple[str, .
 
 
 def stored_certificate(scenario: Path, law: str) -> dict[str, Any] | None:
-    """Return verdict and assumptions from the certificates that a design or `tarc certify` left, if any."""
+    """Return verdict and assumptions from the certificates that a design or `tarc certify` left, if any.
+
+    A certificate of `tarc certify` that is older than the scenario's file, or than a Python file beside it, is stale.
+    """
     stem = scenario.stem
-    for file in (scenario.with_name(f"{stem}-certificates.json"), Path("runs") / stem / f"{law}-certificates.json"):
+    certified = Path("runs") / stem / f"{law}-certificates.json"
+    sources = [scenario, *scenario.parent.glob("*.py")] if scenario.is_file() else []
+    for file in (scenario.with_name(f"{stem}-certificates.json"), certified):
         try:
+            if file == certified and any(file.stat().st_mtime < source.stat().st_mtime for source in sources):
+                continue
             found = json.loads(file.read_text(encoding="utf-8"))["robot"]
             return {key: found[key] for key in ("verdict", "margin", "claim", "assumptions")} | {"file": file.name}
         except (OSError, ValueError, KeyError, TypeError):
@@ -235,7 +242,10 @@ def _print_written(written: "Export", law: str, is_judged: bool) -> None:
     for file in written.files:
         console.print(f"  {file.relative_to(written.folder)}", highlight=False)
     if not is_judged:
-        console.print("no certificate was found beside the scenario; law.yaml says so", highlight=False)
+        console.print(
+            "no certificate of this scenario was found, law.yaml says so: tarc certify, then export again",
+            highlight=False,
+        )
     console.print(f"now: tarc verify-export {written.folder}", highlight=False)
     if (makefile := written.folder / "firmware" / "Makefile") in written.files:
         console.print(f"and: make -C {makefile.parent} run", highlight=False)
