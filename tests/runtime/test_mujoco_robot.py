@@ -5,7 +5,6 @@ import signal
 import subprocess
 import sys
 import textwrap
-import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -117,8 +116,15 @@ def check_log(result: LiveRun) -> None:
 def test_a_peer_that_stalls_or_ends_leads_to_a_safe_stop_and_the_log_survives(arm, tmp_path, udp, harm):
     watchdog = 0.3
     with MujocoRobot(arm, PERIOD, udp=udp, watchdog=5.0) as robot:
-        timer = threading.Timer(0.5, lambda: os.kill(robot.process.pid, harm))
-        timer.start()
+        write, torques = robot.write, []
+
+        def write_and_harm(torque):
+            write(torque)
+            torques.append(torque.copy())
+            if len(torques) == 300:
+                os.kill(robot.process.pid, harm)
+
+        robot.write = write_and_harm
         result = run_live(law(), robot, REFERENCE, 30.0, watchdog=watchdog, log=tmp_path / "log.nc", native=False)
     assert "watchdog" in result.ended
     data = result.load().data
