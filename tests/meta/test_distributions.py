@@ -45,7 +45,10 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Built:
     run(*build, "-t", "sdist", cwd=ROOT)
     (archive,) = folder.glob("*.tar.gz")
     with tarfile.open(archive) as content:
-        content.extractall(folder, filter="data")
+        if sys.version_info >= (3, 11, 4):
+            content.extractall(folder, filter="data")
+        else:
+            content.extractall(folder)
     source = folder / archive.name.removesuffix(".tar.gz")
     run(*build, "-t", "wheel", cwd=source)
     (wheel,) = folder.glob("*.whl")

@@ -20,12 +20,16 @@ ROOM = 1 + SEARCH_MARGIN
 """Factor on the largest ratio and rate that were found, and on the inverse of the smallest ratio."""
 MIN_LEAD_PERIODS = 4.0
 """Least lead time of a robot with stiffness [periods], since its position moves within a period."""
+MAX_SEARCHES = 3
+"""Most searches of the whole workspace, each for another ball."""
 MAX_CANDIDATES = 4
 """Largest number of balls that are tested at all frequencies."""
 SAME_CENTRE = 1e-3
 """Relative difference up to which two centres count as one."""
 CLOSE_TO_BEST = 0.97
 """Share of the best radius over the needed one that a ball must be able to reach to be searched further."""
+NEAR_MISS = 0.96
+"""Proven radius over the needed one from which all weights are tried."""
 CLEARLY = 1.01
 """Factor on the least radius over the needed one at which the search for a ball may end."""
 FAR_FROM_BEST = 0.8
@@ -74,11 +78,17 @@ def fit_ball(channel: Channel, slope: float, robot: RobotPoints, least: float = 
     if not robot.is_searched:
         robot.sampled = worst_case_points(min(centres), robot.sampled)
         robot.is_searched = True
-    best, proof, radius, tested = best_ball(channel, slope, centres, robot.sampled.uncertainty, max_change, least)
-    if best.position_weight and radius >= best.needed_radius:
-        robot.search_globally(
-            GrownNorm(robot.nominal, best.centre, best.position_weight, best.lead_time, SEARCH_MARGIN)
-        )
+    options = max_change, least
+    best, proof, radius, tested = best_ball(channel, slope, centres, robot.sampled.uncertainty, *options)
+    for _ in range(MAX_SEARCHES):
+        if not best.position_weight or radius < best.needed_radius:
+            break
+        place = best.centre, best.position_weight, best.lead_time
+        robot.search_globally(GrownNorm(robot.nominal, *place, SEARCH_MARGIN))
+        deciding = robot.sampled.uncertainty.decisive([best.centre], [best.lead_time], SEARCH_MARGIN, channel.period)
+        if radius >= deciding.grown(SEARCH_MARGIN, channel.period).needed_radius(*place, channel.period):
+            break  # else another ball may suit the points that the search has found
+        best, proof, radius, tested = best_ball(channel, slope, centres, robot.sampled.uncertainty, *options)
     loop = UncertainLoop.from_channel(channel, slope, intersample=True, lead_periods=best.lead_time / channel.period)
     stiffness = robot.sampled.uncertainty.max_grown_stiffness(best.lead_time, SEARCH_MARGIN, channel.period)
     if best.max_change is not None and stiffness > tested:  # the proof of the radius counts it
@@ -148,19 +158,31 @@ def best_ball(
         candidates += best_weights(loop, centre, grown, lead_time, stiffness[lead_time], limit, reached)
         candidates.sort(reverse=True, key=lambda candidate: candidate.radius_over_needed)
     best, proof, radius = candidates[0], None, -1.0
+
+    def prove(candidate: BallCandidate) -> None:
+        nonlocal best, proof, radius
+        found = max_radius(
+            loops[candidate.lead_time],
+            candidate.centre,
+            candidate.position_weight,
+            max_change=candidate.max_change,
+            stiffness=stiffness[candidate.lead_time],
+        )
+        if found[1] / candidate.needed_radius > radius / best.needed_radius:
+            best, (proof, radius) = candidate, found
+
     for candidate in candidates[:MAX_CANDIDATES]:
         if candidate is best or candidate.radius_over_needed > max(radius / best.needed_radius, least):
-            candidate_proof, candidate_radius = max_radius(
-                loops[candidate.lead_time],
-                candidate.centre,
-                candidate.position_weight,
-                max_change=candidate.max_change,
-                stiffness=stiffness[candidate.lead_time],
-            )
-            if candidate_radius / candidate.needed_radius > radius / best.needed_radius:
-                best, proof, radius = candidate, candidate_proof, candidate_radius
+            prove(candidate)
             if least and radius >= max(least, 1.0) * best.needed_radius:
                 break
+    if not least and NEAR_MISS < radius / best.needed_radius < 1:  # the grid's order of the weights is not exact
+        for lead_time in lead_times:
+            for weight in grown.candidate_weights(best.centre, lead_time):
+                needed = grown.needed_radius(best.centre, weight, lead_time, period)
+                prove(BallCandidate(0.0, needed, weight, lead_time, best.centre, max_change))
+                if radius >= best.needed_radius:
+                    return best, proof, radius, stiffness[best.lead_time]
     return best, proof, radius, stiffness[best.lead_time]
 
 
