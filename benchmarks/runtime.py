@@ -103,8 +103,9 @@ def live(console: Console, seconds: float) -> None:
 def add_rows(table: Table, name: str, result: LiveRun) -> None:
     """Add a run to the table."""
     data = result.load()
-    start = float(data.data.attrs["tracking_start"])
-    error = "–" if np.isnan(start) else f"{1e3 * data.metrics(start + 0.1)['rms_error']:.2f}"
+    start = float(data.data.attrs["tracking_start"]) + 0.1
+    has_tracked = start < float(data.data["time"].values[-1])  # else a safe stop came before
+    error = f"{1e3 * data.metrics(start)['rms_error']:.2f}" if has_tracked else "–"
     ends = [f"{result.overruns} of {result.n_periods}", error, result.ended]
     for key, values in result.percentiles().items():
         table.add_row(name, key.replace("_", " "), *(f"{1e6 * value:.0f}" for value in values), *ends)
