@@ -55,7 +55,8 @@ docs: .venv/dev ## build the documentation into site/
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 docs-check: docs ## build the documentation and run its code
-	$(BIN)/pytest -m "not slow" docs README.md tests/meta
+	$(BIN)/pytest docs README.md
+	$(BIN)/pytest -m "not slow" tests/meta
 
 # The demo's versions first, then those of the tests, which agree with them; UPGRADE=--upgrade takes the newest ones.
 lock: .venv/uv ## pin the versions that pyproject.toml allows, with hashes

@@ -5,8 +5,19 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+import pytest
 from sybil import Sybil
 from sybil.parsers.markdown import PythonCodeBlockParser
+
+SLOW_PAGES = ("docs/explanation/claims.md", "docs/explanation/optimum.md", "docs/start/your-robot.md")
+"""Pages whose code takes longer than eight seconds."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the code of slow pages."""
+    for item in items:
+        if item.nodeid.startswith(SLOW_PAGES):
+            item.add_marker(pytest.mark.slow)
 
 
 def _enter(namespace: dict[str, Any]) -> None:
