@@ -115,8 +115,8 @@ def add_rows(table: Table, name: str, result: LiveRun) -> None:
 def loop_in_c(model: Plant, folder: Path, seconds: float) -> str:
     """Return what the exported loop prints."""
     root = folder / "arm"
-    options = {"parts": True, "reference": REFERENCE, "realtime": True}
-    export_c(example_law(model), root, name="arm", joint_names=model.joint_names, **options)  # type: ignore[arg-type]
+    law, names = example_law(model), model.joint_names
+    export_c(law, root, name="arm", joint_names=names, parts=True, reference=REFERENCE, realtime=True)
     subprocess.run(["make", "-s", "-C", str(root / "realtime"), "CC=gcc"], check=True)
     with peer(model, 0, 80) as robot:
         port = robot.release_port()

@@ -16,6 +16,24 @@ WEIGHT = np.array([3.0, -1.0])
 """Torque of the load [N m]."""
 
 
+ARM_FILE = """
+<mujoco>
+  <option timestep="0.001"> <flag contact="disable"/> </option>
+  <worldbody>
+    <body>
+      <joint name="shoulder" axis="0 -1 0" damping="0.5" armature="0.02"/>
+      <geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.03" mass="2"/>
+      <body pos="0.4 0 0">
+        <joint name="elbow" axis="0 -1 0" damping="0.5" armature="0.02"/>
+        <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.03" mass="1"/>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+"""Two links in MJCF, without contacts."""
+
+
 class SlidingMasses(Robot):
     """Two joints with a constant load each, which move by a period for each command.
 

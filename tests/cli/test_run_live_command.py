@@ -15,25 +15,12 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 import tarc
+from live_robots import ARM_FILE
 from tarc.cli.live_display import Display
 from tarc.cli.main import app
 from tarc.core.errors import InvalidParameter
 from tarc.runtime.ring import Ring
 
-ARM = """
-<mujoco>
-  <worldbody>
-    <body>
-      <joint name="shoulder" axis="0 -1 0" damping="0.5" armature="0.02"/>
-      <geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.03" mass="2"/>
-      <body pos="0.4 0 0">
-        <joint name="elbow" axis="0 -1 0" damping="0.5" armature="0.02"/>
-        <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.03" mass="1"/>
-      </body>
-    </body>
-  </worldbody>
-</mujoco>
-"""
 SCENARIO = {
     "name": "arm",
     "robot": {"file": "arm.xml"},
@@ -53,7 +40,7 @@ SCENARIO = {
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    (tmp_path / "arm.xml").write_text(ARM)
+    (tmp_path / "arm.xml").write_text(ARM_FILE)
     (tmp_path / "arm.yaml").write_text(yaml.safe_dump(SCENARIO))
     return tmp_path
 

@@ -14,6 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 import tarc
+from live_robots import ARM_FILE
 from tarc.cli.main import app
 from tarc.core.errors import InvalidParameter
 from tarc.export import export_c
@@ -22,20 +23,6 @@ from tarc.runtime import MujocoRobot
 from tarc.runtime.packets import Kind, encode
 from tarc.runtime.transports import UdpTransport
 
-ARM = """
-<mujoco>
-  <worldbody>
-    <body>
-      <joint name="shoulder" axis="0 -1 0" damping="0.5" armature="0.02"/>
-      <geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.03" mass="2"/>
-      <body pos="0.4 0 0">
-        <joint name="elbow" axis="0 -1 0" damping="0.5" armature="0.02"/>
-        <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.03" mass="1"/>
-      </body>
-    </body>
-  </worldbody>
-</mujoco>
-"""
 PERIOD = 1e-3
 QUICK = ["-DRAMP_TIME=0.3", "-DHOLD_TIME=0.05", "-DSTOP_TIME=0.1", "-DMAX_ERROR=0.5"]
 NAMES = ("shoulder", "elbow")
@@ -74,7 +61,7 @@ def exported(tmp_path_factory) -> Path:
 
 @pytest.fixture
 def arm(tmp_path) -> tarc.plants.MujocoPlant:
-    (tmp_path / "arm.xml").write_text(ARM)
+    (tmp_path / "arm.xml").write_text(ARM_FILE)
     return tarc.plants.MujocoPlant.from_file(tmp_path / "arm.xml")
 
 

@@ -14,26 +14,12 @@ import numpy as np
 import pytest
 
 import tarc
+from live_robots import ARM_FILE
 from tarc.core.errors import InvalidParameter
 from tarc.runtime import LiveRun, MujocoRobot, SimulatedClock, StartUp, run_live
 from tarc.runtime.log import Log
 from tarc.runtime.log_format import ENDED_BY_FORCE, Phase
 
-ARM = """
-<mujoco>
-  <option timestep="0.001"> <flag contact="disable"/> </option>
-  <worldbody>
-    <body>
-      <joint name="shoulder" axis="0 -1 0" damping="0.5" armature="0.02"/>
-      <geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.03" mass="2"/>
-      <body pos="0.4 0 0">
-        <joint name="elbow" axis="0 -1 0" damping="0.5" armature="0.02"/>
-        <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.03" mass="1"/>
-      </body>
-    </body>
-  </worldbody>
-</mujoco>
-"""
 PERIOD = 1e-3
 REFERENCE = tarc.signals.Sinusoid(amplitude=[0.3, 0.4], frequency=[3.0, 4.0], phase=np.pi / 2)
 
@@ -41,7 +27,7 @@ REFERENCE = tarc.signals.Sinusoid(amplitude=[0.3, 0.4], frequency=[3.0, 4.0], ph
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory) -> tarc.plants.MujocoPlant:
     file = tmp_path_factory.mktemp("arm") / "arm.xml"
-    file.write_text(ARM)
+    file.write_text(ARM_FILE)
     return tarc.plants.MujocoPlant.from_file(file)
 
 
@@ -170,7 +156,7 @@ def test_a_loop_that_stands_still_gets_its_brakes_closed(arm):
 @pytest.mark.slow
 def test_a_log_survives_its_loop(arm, tmp_path):
     """Also where the loop's process is killed."""
-    (tmp_path / "arm.xml").write_text(ARM)
+    (tmp_path / "arm.xml").write_text(ARM_FILE)
     program = """
         import numpy as np, tarc
         from tarc.runtime import MujocoRobot, run_live

@@ -83,7 +83,7 @@ def to_iosys(
             f"part: got {part!r} with a period of {period}; needs a law, or a robot with a period", "part"
         )
     n = part.n_joints
-    sampled = SampledPlant(part, period, substeps)  # type: ignore[arg-type]
+    sampled = SampledPlant.from_robot(part, period, substeps)
     outputs = [*_labels("position", n), *_labels("velocity", n)]
     return _robot(sampled.function(), n, outputs, period, name or "robot")
 

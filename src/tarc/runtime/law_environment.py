@@ -140,7 +140,7 @@ class LawEnvironment(gymnasium.Env[Array, Array]):
         times = law.period * np.arange(count + 1)
         fitted = reference.for_run(plant.joint_names, duration)
         self._reference = tuple(np.ascontiguousarray(part.T) for part in fitted.sample(times))
-        self._advance = SampledPlant(plant, law.period, substeps).function()  # type: ignore[arg-type]
+        self._advance = SampledPlant.from_robot(plant, law.period, substeps).function()
         self._controller = Controller(law)
         n = law.n_joints
         self.action_space = Box(-1.0, 1.0, (n,), np.float32)

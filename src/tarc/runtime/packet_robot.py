@@ -78,10 +78,10 @@ class PacketRobot(Robot):
             if self._n and not had_state:
                 end = min(end, time.monotonic() + PATIENCE)
         if not self._n:
-            heard = ", ".join(f"{number} {name}" for name, number in self.counts.items() if number)
+            packets = ", ".join(f"{number} {name}" for name, number in self.counts.items() if number)
             raise InvalidParameter(
-                f"robot: no state came within {timeout:g} s ({heard or 'nothing at all'}); check address and port, and "
-                "that the robot's program runs"
+                f"robot: no state came within {timeout:g} s ({packets or 'nothing at all'}); check address and port, "
+                "and that the robot's program runs"
             )
 
     def read(self) -> Array:

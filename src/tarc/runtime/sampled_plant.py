@@ -49,12 +49,12 @@ class SampledPlant(System):
     def __post_init__(self) -> None:
         check.number("period", self.period, 0, strict=True)
         check.integer("substeps", self.substeps, 1)
-        if not isinstance(self.plant, SymbolicPlant) or not self.plant.is_fully_driven:
-            name = self.plant.label if isinstance(self.plant, Plant) else repr(self.plant)
-            raise InvalidParameter(
-                f"plant: got {name}; needs a robot in symbols whose joints are all driven, such as "
-                "tarc.plants.TwoLinkArm or one of tarc.plants.load_robot"
-            )
+        _symbolic(self.plant)
+
+    @classmethod
+    def from_robot(cls, plant: Plant, period: float, substeps: int = 2) -> "SampledPlant":
+        """Return it for any robot, which must be one in symbols."""
+        return cls(_symbolic(plant), period, substeps)
 
     def init(self, first: Vector) -> Motion:
         """Return the state at rest at a position (n,)."""
@@ -74,3 +74,14 @@ class SampledPlant(System):
         zero = np.zeros(self.plant.n_joints)
         function, _ = trace(self.step, self.init(zero), zero)
         return function
+
+
+def _symbolic(plant: object) -> SymbolicPlant:
+    """Return a robot in symbols whose joints are all driven; others are refused."""
+    if not isinstance(plant, SymbolicPlant) or not plant.is_fully_driven:
+        name = plant.label if isinstance(plant, Plant) else repr(plant)
+        raise InvalidParameter(
+            f"plant: got {name}; needs a robot in symbols whose joints are all driven, such as "
+            "tarc.plants.TwoLinkArm or one of tarc.plants.load_robot"
+        )
+    return plant
