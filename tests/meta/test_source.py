@@ -25,6 +25,7 @@ PLOT_METHODS = {
     ("tarc.simulation.run", "tarc.plotting.runs"),
     ("tarc.simulation.run", "tarc.plotting.viewer"),
     ("tarc.study.comparison", "tarc.plotting.comparison"),
+    ("tarc.study.report", "tarc.plotting.study"),
 }
 """Imports that run upward; the contract in pyproject.toml lists the same."""
 

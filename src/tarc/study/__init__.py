@@ -8,19 +8,55 @@ require("cli", "tarc.study")
 from tarc.study.budget import TorqueVariationBudget, torque_variation_budget
 from tarc.study.comparison import Comparison, compare, tuned_laws
 from tarc.study.gains_file import load_gains
+from tarc.study.rare_events import RareProbability, SplittingLevel, rare_probability
+from tarc.study.report import rare_event_section, write_report
 from tarc.study.search_space import SearchSpace, user_search_space
+from tarc.study.sensitivity import Sensitivity, SobolIndices, estimate_sensitivity, sobol_indices
+from tarc.study.statistics import (
+    Interval,
+    PairedComparison,
+    compare_laws,
+    holm,
+    mean_interval,
+    median_interval,
+    quantile_interval,
+    success_rate,
+)
+from tarc.study.summary import StudySummary, summarise
 from tarc.study.tuning import default_search_spaces, tune, tune_all
+from tarc.study.worst_case import WorstPoint, search_worst_point
 
 __all__ = [
     "Comparison",
+    "Interval",
+    "PairedComparison",
+    "RareProbability",
     "SearchSpace",
+    "Sensitivity",
+    "SobolIndices",
+    "SplittingLevel",
+    "StudySummary",
     "TorqueVariationBudget",
+    "WorstPoint",
     "compare",
+    "compare_laws",
     "default_search_spaces",
+    "estimate_sensitivity",
+    "holm",
     "load_gains",
+    "mean_interval",
+    "median_interval",
+    "quantile_interval",
+    "rare_event_section",
+    "rare_probability",
+    "search_worst_point",
+    "sobol_indices",
+    "success_rate",
+    "summarise",
     "torque_variation_budget",
     "tune",
     "tune_all",
     "tuned_laws",
     "user_search_space",
+    "write_report",
 ]
