@@ -31,7 +31,7 @@ from tarc.certificates.robot_evidence import RobotEvidence
 from tarc.certificates.robot_points import RobotPoints
 from tarc.certificates.robot_proof import ProvenRobot, prove_robot
 from tarc.certificates.sector import SectorEvidence, certify_sector
-from tarc.certificates.varying_ratio import VaryingRatioEvidence, certify_varying_ratio
+from tarc.certificates.varying_ratio import Ball, VaryingRatioEvidence, certify_varying_ratio, widest_ball
 from tarc.core.errors import InvalidParameter, NoStableRatio
 from tarc.core.types import Array
 from tarc.estimators.algebraic import Algebraic
@@ -419,7 +419,7 @@ class LawCertification:
         return certificate.evidence.min_ratio, certificate.evidence.max_ratio
 
     @cached_property
-    def tolerated(self) -> dict[bool, VaryingRatioEvidence]:
+    def tolerated(self) -> dict[bool, Ball]:
         """Return the widest balls at the robot's rate, of the law as it is and synchronised, by whether it is that.
 
         One that is stable for no ratio is left out.
@@ -434,14 +434,17 @@ class LawCertification:
             is_computed = variant is law and robot.slope == 0 and robot.rate is None
             certificate = self.certificates.get("varying_ratio") if is_computed else None
             with suppress(NoStableRatio):
-                certificate = certificate or certify_varying_ratio(
-                    variant,
-                    slope=robot.slope,
-                    rate=robot.rate,
-                    computation_delay=self.computation_delay,
-                    channels=channels,
+                found[synchronised] = (
+                    certificate.evidence.ball
+                    if certificate
+                    else widest_ball(
+                        variant,
+                        slope=robot.slope,
+                        rate=robot.rate,
+                        computation_delay=self.computation_delay,
+                        channels=channels,
+                    )
                 )
-                found[synchronised] = certificate.evidence
         return found
 
     def _suggest_wider_range(self) -> str:

@@ -1,7 +1,7 @@
 """Linearised uncertainty of a robot over a workspace: inertia mismatch, stiffness, damping and their rates."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from typing import Any, NamedTuple, TypeVar
@@ -79,7 +79,7 @@ class UncertaintySamples:
 
     def stiffness_norms(self, lead_time: float) -> Array:
         """Return ‖[H, C/θ]‖ of each point [1/s²], shape (k,), for the lead time θ [s]."""
-        return self._once(self._stiffness_norms, lead_time)
+        return self._of_forces("_stiffness_norms", lead_time)
 
     def _stiffness_norms(self, lead_time: float) -> Array:
         return _spectral_norms(_stack(self.stiffness, self.damping, lead_time))
@@ -168,7 +168,7 @@ class UncertaintySamples:
 
     def _stiffest(self, lead_time: float, period: float) -> Array:
         """Return the largest ‖[H, C/θ]‖ of each point with and without friction, at both ends of a period, (k,)."""
-        return self._once(self._largest_stiffness_norms, lead_time, period)
+        return self._of_forces("_largest_stiffness_norms", lead_time, period)
 
     def _largest_stiffness_norms(self, lead_time: float, period: float) -> Array:
         stacks = [_stack(self.stiffness, damping, lead_time) for damping in self._dampings(period)]
@@ -259,15 +259,47 @@ class UncertaintySamples:
         """Return the largest ‖[H, C/θ]‖ of the `grown` points [1/s²]."""
         return float((1 + share) * self._stiffest(lead_time, period).max())
 
-    def lead_time(self) -> float:
+    def lead_time(self, friction: bool = False) -> float:
         """Return the θ [s] at which the largest damping counts as the largest stiffness, at most `MAX_LEAD_TIME`.
 
-        It is zero without damping.
+        It is zero without damping. With ``friction`` the damping is the larger of C with and without viscous friction.
         """
-        stiffness, damping = (float(_spectral_norms(part).max()) for part in (self.stiffness, self.damping))
+        stiffness = float(self.stiffness_norms(0.0).max())
+        damping = float(self._of_forces("_damping_norms", friction).max())
         if not damping > NEGLIGIBLE_STIFFNESS:
             return 0.0
         return min(damping / max(stiffness, NEGLIGIBLE_STIFFNESS), MAX_LEAD_TIME)
+
+    def _damping_norms(self, friction: bool) -> Array:
+        """Return ‖C‖ of each point [1/s], shape (k,)."""
+        norms = _spectral_norms(self.damping)
+        if not friction or self.friction is None or self._frictionless:
+            return norms
+        return np.maximum(norms, _spectral_norms(self.damping + self.friction))
+
+    def for_scaled_inertia(self, scale: float) -> "UncertaintySamples":
+        """Return the points for M̂ times a number, which multiplies E and leaves H and C."""
+        scaled = replace(self, inertia=scale * self.inertia)
+        vars(scaled)["_force_values"] = self._force_values
+        return scaled
+
+    def with_more(self, added: "UncertaintySamples") -> "UncertaintySamples":
+        """Return the points with a few more, and what is known of the H and C of each."""
+        joined = self | added
+        for (name, *arguments), known in self._force_values.items():
+            joined._force_values[name, *arguments] = np.concatenate([known, added._of_forces(name, *arguments)])
+        return joined
+
+    def _of_forces(self, name: str, *arguments: float) -> Array:
+        """Return what a method gives of H and C, an array over the points, computed once for these arguments."""
+        key = name, *arguments
+        if key not in self._force_values:
+            self._force_values[key] = getattr(self, name)(*arguments)
+        return self._force_values[key]
+
+    @cached_property
+    def _force_values(self) -> dict[tuple[Any, ...], Array]:
+        return {}
 
     def __or__(self, added: "UncertaintySamples") -> "UncertaintySamples":
         def both(first: Array | None, second: Array | None) -> Array | None:

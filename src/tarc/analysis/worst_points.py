@@ -109,12 +109,9 @@ class SampledPoints:
     def scaled(self, nominal: Array, scale: float) -> "SampledPoints":
         """Return the points for an M̂ that is a multiple of this one, which scales E and leaves H and C."""
 
-        def rescaled(samples: UncertaintySamples) -> UncertaintySamples:
-            return replace(samples, inertia=scale * samples.inertia)
-
         points, samples = self._fresh_points()
-        fresh = {"points": (points, rescaled(samples))}
-        return replace(self, nominal=nominal, uncertainty=rescaled(self.uncertainty), _fresh=fresh)
+        fresh = {"points": (points, samples.for_scaled_inertia(scale))}
+        return replace(self, nominal=nominal, uncertainty=self.uncertainty.for_scaled_inertia(scale), _fresh=fresh)
 
     def refine_worst(self, centre: float, position_weight: float, lead_time: float) -> "SampledPoints":
         """Return the points with those that a local search for the largest joint norm adds.
@@ -223,7 +220,7 @@ class SampledPoints:
     def _with_points(self, found: list[OperatingPoint]) -> "SampledPoints":
         """Return the points with those found, each with every plant."""
         added = self._with_every_plant(found)
-        uncertainty = self.uncertainty | uncertainty_samples(self.nominal, added)
+        uncertainty = self.uncertainty.with_more(uncertainty_samples(self.nominal, added))
         return replace(self, points=[*self.points, *added], uncertainty=uncertainty)
 
     def _maximise_posture(self, start: OperatingPoint, function: "PointFunction", scale: float) -> OperatingPoint:

@@ -121,7 +121,7 @@ def worst_case_points(centre: float, sampled: SampledPoints) -> SampledPoints:
 
 def tried_lead_times(uncertainty: UncertaintySamples, period: float) -> list[float]:
     """Return lead times θ to try [s]; zero for a robot without stiffness and damping."""
-    longest = uncertainty.with_friction().lead_time()
+    longest = uncertainty.lead_time(friction=True)
     if not longest and not float(uncertainty.stiffness_norms(0.0).max()) > NEGLIGIBLE_STIFFNESS:
         return [0.0]
     return list(dict.fromkeys(max(factor * longest, MIN_LEAD_PERIODS * period) for factor in LEAD_FACTORS))

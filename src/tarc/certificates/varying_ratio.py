@@ -21,6 +21,7 @@ from tarc.core import validation as check
 from tarc.core.errors import NoStableRatio, UnsupportedLaw
 from tarc.core.types import Array
 from tarc.laws.base import Law
+from tarc.laws.pole_placement import PolePlacement
 from tarc.numerics.matrix_tests import schur_stability
 from tarc.numerics.norms import fdi_max_eigenvalue, hinf_norm, max_singular_values
 
@@ -85,6 +86,11 @@ class Ball:
     def max_ratio(self) -> float:
         """Largest inertia ratio in the ball."""
         return self.centre + self.radius
+
+    @property
+    def ratio_spread(self) -> float:
+        """Largest over smallest inertia ratio in the ball; infinite where the smallest is not above zero."""
+        return self.max_ratio / self.min_ratio if self.min_ratio > 0 else np.inf
 
     def judge(self, needed_radius: float) -> Judgement:
         """Test the radius against the needed one, the loop at the centre, and the norm or the form of the ball."""
@@ -222,7 +228,7 @@ class VaryingRatioEvidence(Evidence):
     @property
     def ratio_spread(self) -> float:
         """Largest over smallest inertia ratio in the ball; infinite where the smallest is not above zero."""
-        return self.max_ratio / self.min_ratio if self.min_ratio > 0 else np.inf
+        return self.ball.ratio_spread
 
     @property
     def rate(self) -> float | None:
@@ -353,14 +359,7 @@ def certify_varying_ratio(
     if ratio_range is not None:
         low = check.number("ratio_range", ratio_range[0], 0, strict=True)
         ratio_range = low, check.number("ratio_range", ratio_range[1], low)
-    law = require_inertia(law, "the varying-ratio certificate")
-    refuse_nominal_inertia(law, "the varying-ratio certificate")
-    channels = decoupled_channels(law, computation_delay) if channels is None else channels
-    if not joints_share_loop(law):
-        raise UnsupportedLaw(
-            "law: the joints' gains differ or are coupled, and the varying-ratio certificate needs the same on every "
-            "joint; give one natural frequency and one damping ratio for all"
-        )
+    law, channels = _shared_loop(law, computation_delay, channels)
     loop = UncertainLoop.from_channel(channels[0], slope, intersample)
     max_change = None if rate is None else law.period * check.number("rate", rate, 0)
     if centre is None and ratio_range is None:
@@ -396,6 +395,48 @@ def certify_varying_ratio(
         assumptions=_assumptions(ball, slope, rate, intersample, computation_delay),
         evidence=evidence,
     )
+
+
+def widest_ball(
+    law: Law,
+    *,
+    slope: float = 0.0,
+    rate: float | None = None,
+    computation_delay: int = 0,
+    channels: Sequence[Channel] | None = None,
+) -> Ball:
+    """Return the ball of `certify_varying_ratio` without a range, with neither a decay rate nor a verdict.
+
+    Parameters
+    ----------
+    law, slope, rate, computation_delay, channels
+        As for `certify_varying_ratio`.
+
+    Raises
+    ------
+    UnsupportedLaw, NoStableRatio, NotLinearisable, InvalidParameter
+        As `certify_varying_ratio` does.
+    """
+    law, channels = _shared_loop(law, computation_delay, channels)
+    loop = UncertainLoop.from_channel(channels[0], check.number("slope", slope, 0), intersample=True)
+    max_change = None if rate is None else law.period * check.number("rate", rate, 0)
+    centre, proof, radius = _widest_ball(loop, max_change)
+    return make_ball(loop, centre, radius, proof, max_change=max_change)
+
+
+def _shared_loop(
+    law: Law, computation_delay: int, channels: Sequence[Channel] | None
+) -> tuple[PolePlacement, Sequence[Channel]]:
+    """Return a law with its M̂ and its loops, or refuse one whose joints do not share a loop."""
+    checked = require_inertia(law, "the varying-ratio certificate")
+    refuse_nominal_inertia(checked, "the varying-ratio certificate")
+    channels = decoupled_channels(checked, computation_delay) if channels is None else channels
+    if not joints_share_loop(checked):
+        raise UnsupportedLaw(
+            "law: the joints' gains differ or are coupled, and the varying-ratio certificate needs the same on every "
+            "joint; give one natural frequency and one damping ratio for all"
+        )
+    return checked, channels
 
 
 def _assumptions(

@@ -10,7 +10,6 @@ require("view", "drawing a robot", "trimesh")
 
 import numpy as np
 import trimesh
-from scipy.spatial.transform import Rotation
 
 LINK_COLOUR = (199, 204, 209)
 """Red, green and blue, 0 to 255, of a body without a colour of its own."""
@@ -73,6 +72,8 @@ class RobotGeometry:
 
         p = R_pᵀ (x − x_p),    R = R_pᵀ R_b
         """
+        from scipy.spatial.transform import Rotation
+
         positions, quaternions = self.world_poses(coordinates)
         relative_positions, relative_quaternions = positions.copy(), quaternions.copy()
         for body, parent in enumerate(self.parents):
@@ -86,6 +87,8 @@ class RobotGeometry:
 
     def extent(self, coordinates: Array) -> Array:
         """Return the box that contains all shapes at coordinates (k, m): lower and upper corner [m], shape (2, 3)."""
+        from scipy.spatial.transform import Rotation
+
         positions, quaternions = self.world_poses(coordinates)
         corners = [positions.reshape(-1, 3)]
         for shape in self.shapes:

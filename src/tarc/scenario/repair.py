@@ -11,7 +11,7 @@ import numpy as np
 from tarc.analysis.linearise import joints_share_loop
 from tarc.analysis.operating_points import SEARCH_MARGIN
 from tarc.certificates.robot import certify_robot
-from tarc.certificates.varying_ratio import VaryingRatioEvidence, certify_varying_ratio
+from tarc.certificates.varying_ratio import Ball, widest_ball
 from tarc.certification import LawCertification
 from tarc.core.errors import NoStableRatio
 from tarc.laws.pole_placement import PolePlacement
@@ -79,9 +79,7 @@ def _changes(law: PolePlacement, part: dict[str, Any], certified: CertifiedLaws,
             yield [_scaled_inertia(part["inertia"], scale), *settings]
 
 
-def _tolerated(
-    variant: PolePlacement, certification: LawCertification, is_as_it_was: bool
-) -> VaryingRatioEvidence | None:
+def _tolerated(variant: PolePlacement, certification: LawCertification, is_as_it_was: bool) -> Ball | None:
     """Return the widest ball of a changed law at the robot's rate; None where no ratio is stable.
 
     That of a law whose gains are as they were is known already.
@@ -89,12 +87,12 @@ def _tolerated(
     if is_as_it_was:
         return certification.tolerated.get(isinstance(variant, TDE) and variant.synchronised)
     try:
-        return certify_varying_ratio(
+        return widest_ball(
             variant,
             slope=variant.robust_slope_bound,
             rate=certification.verdict.evidence.rate,
             computation_delay=certification.computation_delay,
-        ).evidence
+        )
     except NoStableRatio:
         return None
 
