@@ -55,6 +55,10 @@ class EulerLagrange(Component, SymbolicPlant):
                 f"{type(self).__name__}: its fields {', '.join(hidden)} hide methods that every plant has; rename them"
             )
         self.validate()
+        self._check_energies()
+
+    def _check_energies(self) -> None:
+        """Refuse energies that are no numbers, and an inertia matrix that is not positive definite."""
         q = np.linspace(0.1, 1.1, self.n_coordinates)
         M = self.inertia(q)
         if not np.isfinite(self.evaluate("energy", q, q)):
@@ -92,10 +96,51 @@ class EulerLagrange(Component, SymbolicPlant):
         return Equations(q, dq, symbols, M, N, friction, {"coriolis": coriolis, "energy": T + V})
 
     def with_parameters(self, values: dict[str, Any]) -> Self:
-        """Return the same plant with other fields."""
+        """Return the same plant with other fields.
+
+        It shares the equations of this one for fields that are known to enter them as symbols. A field becomes known
+        when it is first changed: both plants must then have the same energy and acceleration.
+        """
         for name in values:
             check.one_of("parameters", name, self.parameters)
-        return replace(self, **values)
+        functions = self._functions
+        if type(self).__post_init__ is EulerLagrange.__post_init__ and functions.symbolic_fields.issuperset(values):
+            plant = self._with_shared_equations(values)
+            if plant is not None:
+                return plant
+        plant = replace(self, **values)
+        functions.symbolic_fields |= self._fields_as_symbols(plant, values)
+        return plant
+
+    def _with_shared_equations(self, values: dict[str, Any]) -> Self | None:
+        """Return the plant with other fields and this one's equations; None where the fields have another shape."""
+        plant = object.__new__(type(self))
+        for field in fields(self):
+            object.__setattr__(plant, field.name, values.get(field.name, getattr(self, field.name)))
+        plant.validate()
+        own = self.parameters
+        if any(np.shape(value) != np.shape(own[name]) for name, value in plant.parameters.items()):
+            return None
+        vars(plant)["_functions"] = self._functions
+        plant._check_energies()
+        return plant
+
+    def _fields_as_symbols(self, plant: Self, values: dict[str, Any]) -> set[str]:
+        """Return the names of changed fields, if this plant's equations with another's fields are those of the other.
+
+        None are returned otherwise: energies that use ``self.mass`` in place of ``p.mass`` hide a field.
+        """
+        theirs, own = plant.parameters, self.parameters
+        changed = {name for name in values if not np.array_equal(theirs[name], own[name])}
+        if any(np.shape(theirs[name]) != np.shape(own[name]) for name in own):
+            return set()
+        q = np.linspace(0.1, 1.1, self.n_coordinates)
+        inputs = np.ones(np.shape(self.joint_input(np.ones(self.n_joints), np.ones(self.n_joints))))
+        for quantity, arguments in (("energy", (q, q)), ("acceleration", (q, q, inputs))):
+            expected = plant.evaluate(quantity, *arguments)
+            if not np.allclose(self.evaluate(quantity, *arguments, parameters=theirs), expected, rtol=1e-9, atol=0):
+                return set()
+        return changed
 
     def spread(self, name: str, low: float = -np.inf, *, strict: bool = False) -> None:
         """Check a field that has one number per joint; one number stands for all."""

@@ -87,7 +87,13 @@ class Equations(NamedTuple):
 
 
 class _Functions:
-    """Functions of the equations of motion, each made when it is first needed."""
+    """Functions of the equations of motion, each made when it is first needed.
+
+    Attributes
+    ----------
+    symbolic_fields
+        Names of parameters that are known to be symbols of the equations, see `EulerLagrange.with_parameters`.
+    """
 
     def __init__(self, equations: Equations, driven: tuple[int, ...]):
         q, dq, parameters, M, N, friction, extra, forward, inverse = equations
@@ -102,6 +108,7 @@ class _Functions:
             missing = forward.force - forward.inertia @ ddq
         inputs, mass, force = forward
         self._parameters = list(parameters.values())
+        self.symbolic_fields: set[str] = set()
         self._functions: dict[str, ca.Function] = {}
         self._outputs: dict[str, tuple[list[ca.SX], Callable[[], ca.SX]]] = {
             "inertia": ([q], lambda: M),

@@ -359,6 +359,15 @@ class Scenario(BaseModel):
         vars(copied).pop("sections", None)
         return copied
 
+    def with_sections(self, sections: Sections) -> Self:
+        """Return the same scenario with other parts, whose keys and types are checked already.
+
+        What it writes as YAML stays that of this one: the parts are for `build` and its like alone.
+        """
+        copied = self.model_copy()
+        vars(copied)["sections"] = sections
+        return copied
+
     def build(self) -> Setup:
         """Construct robot, reference, sensor, disturbances and laws, each once.
 

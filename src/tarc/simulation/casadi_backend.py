@@ -1,7 +1,8 @@
 """The closed loop as one CasADi function, for plants in symbols."""
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -11,6 +12,7 @@ from tarc.core.errors import CompilationError, MissingTool
 from tarc.core.tracing import BUFFER_PERIODS, PeriodBuffer, n_distinct_instructions, n_instructions, trace
 from tarc.core.trees import pack
 from tarc.core.types import Array
+from tarc.plants.symbolic import SymbolicPlant
 from tarc.simulation.closed_loop import ClosedLoop, LoopInput
 from tarc.simulation.monitor import DIVERGENCE_CHECK_INTERVAL, DivergenceMonitor
 from tarc.simulation.record import Record
@@ -29,6 +31,76 @@ _interpreted_work: Counter[tuple[int, ...]] = Counter()
 """Instructions that this process has interpreted of loops of the same sizes, such as those of a search for gains."""
 
 
+class TracedLoop:
+    """A closed loop as one CasADi function, for runs that differ in inputs, initial state and plant parameters.
+
+    Parameters
+    ----------
+    loop
+        The loop to trace.
+    initial, inputs
+        Those of one of the runs; the shapes per period are the same for all others.
+    parameters
+        Plant parameters that differ from run to run, beside those of schedules. They are inputs of the function.
+    """
+
+    def __init__(
+        self, loop: ClosedLoop, initial: InitialConditions, inputs: SampledInputs, parameters: Iterable[str] = ()
+    ):
+        self.loop = loop
+        self._parameters = list(dict.fromkeys([*inputs.schedules, *parameters]))
+        n = loop.plant.n_joints
+        zero = np.zeros(n)
+        values = {name: np.array(loop.plant.parameters[name]) for name in self._parameters}
+        period = np.full(0 if inputs.periods is None else 1, loop.controller.law.period)
+        age = np.zeros(0 if inputs.age is None else 1)
+        value = LoopInput(zero, zero, zero, zero, np.zeros((n, loop.substeps)), values, period, age)
+        state = loop.init(initial.position, initial.velocity, initial.torque, inputs.noise[:, 0])
+        self.function, self._example = trace(loop.step, state, value, name="period")
+
+    def run(
+        self,
+        plant: SymbolicPlant,
+        initial: InitialConditions,
+        inputs: SampledInputs,
+        monitor: DivergenceMonitor,
+        native: bool | None = None,
+    ) -> Record:
+        """Run the loop on a plant with the same equations, by CasADi's virtual machine or in machine code."""
+        loop = self.loop if plant is self.loop.plant else replace(self.loop, plant=plant)
+        state = loop.init(initial.position, initial.velocity, initial.torque, inputs.noise[:, 0])
+        n, n_periods = plant.n_joints, len(inputs.times)
+        advance = _engine(self.function, pack(state), n_periods, native)
+        columns = self._input_rows(plant, inputs)
+        rows = np.empty((n_periods, self.function.nnz_out(1)))
+        stop = 0
+        with monitor.progress:
+            for start in range(0, n_periods, DIVERGENCE_CHECK_INTERVAL):
+                stop = min(start + DIVERGENCE_CHECK_INTERVAL, n_periods)
+                rows[start:stop] = advance(columns[start:stop])
+                if not monitor.update(start, rows[start:stop, :n]):
+                    break
+        return Record.from_rows(self._example, rows[: monitor.valid_rows(stop)])
+
+    def _input_rows(self, plant: SymbolicPlant, inputs: SampledInputs) -> np.ndarray:
+        """Return the inputs of each period as a row, in the order of `LoopInput`."""
+        n, n_periods, substeps = inputs.disturbance.shape
+        disturbance = inputs.disturbance.transpose(2, 0, 1).reshape(n * substeps, n_periods)
+        periods = [] if inputs.periods is None else [inputs.periods[None]]
+        ages = [] if inputs.age is None else [inputs.age[None]]
+        constant = {name: value for name, value in plant.parameters.items() if name in self._parameters}
+        parameters = [
+            inputs.schedules[name] if name in inputs.schedules else _over_time(constant[name], n_periods)
+            for name in self._parameters
+        ]
+        return np.concatenate([*inputs.reference, inputs.noise, disturbance, *parameters, *periods, *ages]).T
+
+
+def _over_time(value: Array, n_periods: int) -> Array:
+    """Return a constant parameter as a column per period, shape (size, periods)."""
+    return np.broadcast_to(np.ravel(value, order="F")[:, None], (np.size(value), n_periods))
+
+
 def run_casadi(
     loop: ClosedLoop,
     initial: InitialConditions,
@@ -37,26 +109,7 @@ def run_casadi(
     native: bool | None = None,
 ) -> Record:
     """Trace the whole loop into one CasADi function; step it by CasADi's virtual machine, or in machine code."""
-    n = loop.plant.n_joints
-    state = loop.init(initial.position, initial.velocity, initial.torque, inputs.noise[:, 0])
-    parameters = {name: np.array(loop.plant.parameters[name]) for name in inputs.schedules}
-    zero = np.zeros(n)
-    period = np.full(0 if inputs.periods is None else 1, loop.controller.law.period)
-    age = np.zeros(0 if inputs.age is None else 1)
-    value = LoopInput(zero, zero, zero, zero, np.zeros((n, loop.substeps)), parameters, period, age)
-    function, example = trace(loop.step, state, value, name="period")
-    advance = _engine(function, pack(state), len(inputs.times), native)
-    n_periods = len(inputs.times)
-    columns = _input_rows(inputs)
-    rows = np.empty((n_periods, function.nnz_out(1)))
-    stop = 0
-    with monitor.progress:
-        for start in range(0, n_periods, DIVERGENCE_CHECK_INTERVAL):
-            stop = min(start + DIVERGENCE_CHECK_INTERVAL, n_periods)
-            rows[start:stop] = advance(columns[start:stop])
-            if not monitor.update(start, rows[start:stop, :n]):
-                break
-    return Record.from_rows(example, rows[: monitor.valid_rows(stop)])
+    return TracedLoop(loop, initial, inputs).run(loop.plant, initial, inputs, monitor, native)
 
 
 def _engine(function: ca.Function, state: Array, n_periods: int, native: bool | None) -> Callable[[Array], Array]:
@@ -105,12 +158,3 @@ def _interpreted(function: ca.Function, state: Array) -> Callable[[Array], Array
         return outputs
 
     return advance
-
-
-def _input_rows(inputs: SampledInputs) -> np.ndarray:
-    """Return the inputs of each period as a row, in the order of `LoopInput`."""
-    n, n_periods, substeps = inputs.disturbance.shape
-    disturbance = inputs.disturbance.transpose(2, 0, 1).reshape(n * substeps, n_periods)
-    periods = [] if inputs.periods is None else [inputs.periods[None]]
-    ages = [] if inputs.age is None else [inputs.age[None]]
-    return np.concatenate([*inputs.reference, inputs.noise, disturbance, *inputs.schedules.values(), *periods, *ages]).T

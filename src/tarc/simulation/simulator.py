@@ -143,32 +143,27 @@ def simulate(
         position its range. The run goes on all the same. Robots in symbols do not simulate the stops at the ends of the
         ranges.
     """
-    sensor = Encoder() if sensor is None else sensor
     events = list(disturbance) if isinstance(disturbance, Sequence) else [disturbance]
-    check.integer("seed", seed, 0, 2**63 - 1)
-    check_compatible(plant, law, reference, sensor)
-    plant = _simulable(plant)
-    reference = reference.for_run(plant.joint_names, check.number("duration", duration))
-    controller = DigitalController(
-        sensor,
-        _with_limits(law, plant),
-        check.integer("computation_delay", computation_delay, 0),
-        checked_limits(torque_limits, law),
-    )
+    plant = simulable(plant)
     if substeps is not None:
         check.integer("substeps", substeps, 1)
-    simulation = _Simulation(
+    simulation = prepare_simulation(
         plant,
-        controller,
+        law,
         reference,
-        tuple(events),
-        seed,
-        divergence_threshold,
-        native,
-        _checked_drive(drive, plant),
-        check.number("jitter", jitter, 0, high=MAX_JITTER),
+        duration,
+        sensor=sensor,
+        events=events,
+        computation_delay=computation_delay,
+        torque_limits=torque_limits,
+        drive=drive,
+        jitter=jitter,
+        divergence_threshold=divergence_threshold,
+        seed=seed,
+        native=native,
     )
-    inputs = simulation.sample(substeps or _min_substeps(plant, law.period), duration)
+    controller = simulation.controller
+    inputs = simulation.sample(substeps or min_substeps(plant, law.period), duration)
     initial = initial_conditions(plant, inputs, initial_position, initial_velocity, initial_torque)
     warn_if_beyond_limits(plant, inputs, initial, isinstance(plant, MujocoPlant | MujocoGearbox), acceleration_limits)
     instability = describe_instability_at_rest(plant, controller.law, inputs, computation_delay)
@@ -183,9 +178,56 @@ def simulate(
     return run.with_attributes(unstable_at_rest=instability)
 
 
+def prepare_simulation(
+    plant: Plant,
+    law: Law,
+    reference: Reference,
+    duration: float,
+    *,
+    sensor: Encoder | None = None,
+    events: Sequence[Event] = (),
+    computation_delay: int = 0,
+    torque_limits: TorqueLimits | None = None,
+    drive: Drive | None = None,
+    jitter: float = 0.0,
+    divergence_threshold: float = 5.0,
+    seed: int = 0,
+    native: bool | None = None,
+) -> "Simulation":
+    """Check that the parts of a loop fit together, and join them; the parameters are those of `simulate`.
+
+    Raises
+    ------
+    InvalidParameter
+        When they do not fit together.
+    """
+    sensor = Encoder() if sensor is None else sensor
+    check.integer("seed", seed, 0, 2**63 - 1)
+    check_compatible(plant, law, reference, sensor)
+    plant = simulable(plant)
+    reference = reference.for_run(plant.joint_names, check.number("duration", duration))
+    controller = DigitalController(
+        sensor,
+        _with_limits(law, plant),
+        check.integer("computation_delay", computation_delay, 0),
+        checked_limits(torque_limits, law),
+    )
+    return Simulation(
+        plant,
+        controller,
+        reference,
+        tuple(events),
+        seed,
+        divergence_threshold,
+        native,
+        _checked_drive(drive, plant),
+        check.number("jitter", jitter, 0, high=MAX_JITTER),
+    )
+
+
 @dataclass(frozen=True, eq=False)
-class _Simulation:
-    """What a run and its pilots have in common."""
+class Simulation:
+    """What a run and its pilots have in common; made by `prepare_simulation`."""
 
     plant: Plant
     controller: DigitalController
@@ -214,7 +256,7 @@ class _Simulation:
         """Simulate step by step in MuJoCo."""
         monitor = DivergenceMonitor(inputs, self.divergence_threshold, show_progress)
         record = run_mujoco(plant, self.controller, initial, inputs, monitor, bool(self.native), self.drive)
-        return self._label(inputs, record, monitor, "MuJoCo", np.nan)
+        return self.label(inputs, record, monitor, "MuJoCo", np.nan)
 
     def run(
         self,
@@ -231,7 +273,7 @@ class _Simulation:
         record = run_casadi(loop, initial, inputs, monitor, self.native)
         period = self.controller.law.period
         error = integration_error(plant, record, inputs.disturbance[:, :, 0], period, method)
-        return self._label(inputs, record, monitor, method.integrator, error), error
+        return self.label(inputs, record, monitor, method.integrator, error), error
 
     def choose_method(self, plant: SymbolicPlant, initial: InitialConditions, duration: float) -> Integration:
         """Return the method and steps that integrate a run of this duration to `max_error`."""
@@ -242,9 +284,10 @@ class _Simulation:
 
         return choose_integration(trial, max_error(self.controller.sensor))
 
-    def _label(
+    def label(
         self, inputs: SampledInputs, record: Record, monitor: DivergenceMonitor, integrator: str, error: float
     ) -> Run:
+        """Return a record as a run."""
         index = monitor.divergence_index
         data = dataset(self.plant, self.controller, self.reference, inputs, record, index, self.seed, self.drive)
         attributes = {"integrator": integrator, "integration_error": error, "jitter": self.jitter}
@@ -270,12 +313,12 @@ def describe_instability_at_rest(
     return describe_instability(law, worst, computation_delay) if worst else ""
 
 
-def _min_substeps(plant: Plant, period: float) -> int:
+def min_substeps(plant: Plant, period: float) -> int:
     """Return the steps per period [s] that a robot in MuJoCo needs; one but for elastic gearboxes."""
     return plant.min_substeps(period) if isinstance(plant, MujocoGearbox) else 1
 
 
-def _simulable(plant: Plant) -> SymbolicPlant | MujocoPlant | MujocoGearbox:
+def simulable(plant: Plant) -> SymbolicPlant | MujocoPlant | MujocoGearbox:
     """Return the plant itself, or refuse one that cannot be simulated."""
     if not isinstance(plant, SymbolicPlant | MujocoPlant | MujocoGearbox):
         raise InvalidParameter(

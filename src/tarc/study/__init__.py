@@ -1,9 +1,11 @@
 """Studies of many runs: laws side by side on equal terms, and the search for their gains."""
 
+from typing import TYPE_CHECKING
+
+from tarc.core.lazy import lazy_attributes
 from tarc.core.optional import require
 
 require("cli", "tarc.study")
-
 
 from tarc.study.budget import TorqueVariationBudget, torque_variation_budget
 from tarc.study.comparison import Comparison, compare, tuned_laws
@@ -26,6 +28,14 @@ from tarc.study.summary import StudySummary, summarise
 from tarc.study.tuning import default_search_spaces, tune, tune_all
 from tarc.study.worst_case import WorstPoint, search_worst_point
 
+if TYPE_CHECKING:
+    from tarc.study.specification import Study
+    from tarc.study.study_result import StudyResult
+
+__getattr__, _, _ = lazy_attributes(  # they need Zarr, which comes with an extra of its own
+    __name__, {"Study": "tarc.study.specification", "StudyResult": "tarc.study.study_result"}
+)
+
 __all__ = [
     "Comparison",
     "Interval",
@@ -35,6 +45,8 @@ __all__ = [
     "Sensitivity",
     "SobolIndices",
     "SplittingLevel",
+    "Study",
+    "StudyResult",
     "StudySummary",
     "TorqueVariationBudget",
     "WorstPoint",

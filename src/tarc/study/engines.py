@@ -1,9 +1,29 @@
 """Engines of a study: what runs a chunk of its runs."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from typing import Protocol
 
+import numpy as np
+
 from tarc.core.types import Array
+from tarc.laws.base import Law
+from tarc.plants.symbolic import SymbolicPlant
+from tarc.signals.sensors import Encoder
+from tarc.simulation.casadi_backend import TracedLoop
+from tarc.simulation.closed_loop import ClosedLoop
+from tarc.simulation.integration import Integration
+from tarc.simulation.monitor import DivergenceMonitor
+from tarc.simulation.run import Run
+from tarc.simulation.sampled_inputs import InitialConditions, SampledInputs, initial_conditions
+from tarc.simulation.simulator import Simulation, prepare_simulation
+from tarc.study.cases import Case, Cases
+
+VIRTUAL_MACHINE = "virtual machine"
+MUJOCO = "MuJoCo"
+
+NOISE = ("noise", "dropout", "packet_loss")
+"""Parameters of the encoder that are drawn beforehand, and so are no part of a traced loop."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +46,25 @@ class ChunkResult:
     completed: Array
     end_time: Array
     applied: dict[str, Array]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Result of one run of one law.
+
+    Attributes
+    ----------
+    measures
+        By name; empty for a run that ended before they begin.
+    completed
+        Whether it came to its end.
+    end_time
+        Time of divergence, or the duration [s].
+    """
+
+    measures: dict[str, float]
+    completed: bool
+    end_time: float
 
 
 class Engine(Protocol):
@@ -52,3 +91,192 @@ class Engine(Protocol):
             Seeds of the runs, (runs,).
         """
         ...
+
+
+class Simulator:
+    """Engine that simulates run by run, in CasADi's virtual machine, or in MuJoCo for a robot that is simulated there.
+
+    A loop is traced once. Drawn parameters of the plant are its inputs, so that it is traced anew only where the law,
+    the structure of the sensor and the like are drawn.
+
+    Parameters
+    ----------
+    cases
+        What builds the parts of each run.
+    integration
+        Method and steps of all runs.
+    laws
+        Names of the laws to run; None for all.
+    """
+
+    def __init__(self, cases: Cases, integration: Integration, laws: Sequence[str] | None = None):
+        self.cases = cases
+        self.laws = self.cases.law_names if laws is None else list(laws)
+        self.name = VIRTUAL_MACHINE if isinstance(self.cases.nominal.simulated, SymbolicPlant) else MUJOCO
+        self._integration = integration
+        self._loops: dict[str, tuple[tuple[object, ...], TracedLoop]] = {}
+
+    def run(self, indices: Array, values: Array, seeds: Array) -> ChunkResult:
+        """Run a chunk, as `Engine.run`."""
+        rows = [self._row(row, int(seed)) for row, seed in zip(values, seeds, strict=True)]
+        applied = [case.applied for case, _ in rows]
+        return chunk_result([outcomes for _, outcomes in rows], applied, self._law_places())
+
+    def trace(self, row: Array, seed: int, law: str) -> Run:
+        """Return one run with its trajectories, for a row of drawn values (keys,)."""
+        case = self.cases.build(row)
+        simulation = self.prepared(case, case.setup.laws[law], seed)
+        inputs = simulation.sample(self._integration.substeps, self.cases.scenario.duration)
+        return self._simulated(case, law, simulation, inputs)
+
+    def _law_places(self) -> list[int]:
+        """Return the numbers of the laws among all laws of the study."""
+        return [self.cases.law_names.index(name) for name in self.laws]
+
+    def _row(self, row: Array, seed: int) -> tuple[Case, list[Outcome]]:
+        """Run all laws with the same values and the same noise."""
+        case = self.cases.build(row)
+        outcomes = []
+        inputs: SampledInputs | None = None
+        for law in self.laws:
+            simulation = self.prepared(case, case.setup.laws[law], seed)
+            if inputs is None:
+                inputs = simulation.sample(self._integration.substeps, self.cases.scenario.duration)
+            outcomes.append(self._outcome(self._simulated(case, law, simulation, inputs)))
+        return case, outcomes
+
+    def prepared(self, case: Case, law: Law, seed: int) -> Simulation:
+        """Return the simulation of a case with a law."""
+        setup, scenario = case.setup, self.cases.scenario
+        return prepare_simulation(
+            setup.simulated,
+            law,
+            setup.reference,
+            scenario.duration,
+            sensor=setup.sensor,
+            events=setup.events,
+            computation_delay=case.computation_delay,
+            torque_limits=setup.torque_limits,
+            drive=setup.drive,
+            jitter=case.jitter,
+            divergence_threshold=scenario.divergence_threshold,
+            seed=seed,
+            native=False,
+        )
+
+    def _simulated(self, case: Case, law: str, simulation: Simulation, inputs: SampledInputs) -> Run:
+        """Simulate one law."""
+        plant = simulation.plant
+        initial = initial_conditions(
+            plant, inputs, case.initial_position, case.initial_velocity, case.initial_torque
+        )
+        with np.errstate(all="ignore"):
+            if not isinstance(plant, SymbolicPlant):
+                return simulation.run_in_mujoco(plant, initial, inputs, False)  # type: ignore[arg-type]
+            loop = self._loop(law, simulation, initial, inputs)
+            monitor = DivergenceMonitor(inputs, simulation.divergence_threshold, False)
+            record = loop.run(plant, initial, inputs, monitor, native=False)
+            return simulation.label(inputs, record, monitor, self._integration.integrator, np.nan)
+
+    def _loop(
+        self, law: str, simulation: Simulation, initial: InitialConditions, inputs: SampledInputs
+    ) -> TracedLoop:
+        """Return the traced loop of a law: the one of the run before, unless more than its inputs differ."""
+        plant, controller = simulation.plant, simulation.controller
+        assert isinstance(plant, SymbolicPlant)
+        key = (
+            controller.law,
+            _traced_parameters(controller.sensor),
+            controller.torque_limits,
+            controller.computation_delay,
+            simulation.drive,
+            plant if self.cases.plant_is_rebuilt else None,
+            inputs.periods is None,
+            inputs.age is None,
+        )
+        present = self._loops.get(law)
+        if present is None or present[0] != key:
+            method = self._integration
+            loop = ClosedLoop(plant, controller, method.substeps, method.integrator, simulation.drive)
+            names = () if self.cases.plant_is_rebuilt else self.cases.plant_parameters or ()
+            present = self._loops[law] = key, TracedLoop(loop, initial, inputs, names)
+        return present[1]
+
+    def _outcome(self, run: Run) -> Outcome:
+        """Return what the study keeps of a run."""
+        status = run.status
+        with np.errstate(all="ignore"):
+            measures = run.metrics_or_none(self.cases.scenario.metrics_start)
+        end = float(run.data.attrs["duration"]) if status.divergence_time is None else status.divergence_time
+        return Outcome(measures, status.completed, end)
+
+
+def _traced_parameters(sensor: Encoder) -> tuple[object, ...]:
+    """Return what a traced loop has of a sensor: its parameters but for the noise, which is an input."""
+    return tuple(
+        np.asarray(value).tolist() if value is not None else None
+        for field in fields(sensor)
+        if field.name not in NOISE
+        for value in [getattr(sensor, field.name)]
+    )
+
+
+def chunk_result(
+    outcomes: Sequence[Sequence[Outcome]], applied: Sequence[dict[str, float | Array]], laws: Sequence[int]
+) -> ChunkResult:
+    """Join the outcomes of runs and laws.
+
+    Parameters
+    ----------
+    outcomes
+        Per run, and in it per law.
+    applied
+        Applied values of each run, by key: a number, or one per law of the study.
+    laws
+        Numbers of the laws of the outcomes among those of the study.
+    """
+    names = dict.fromkeys(name for row in outcomes for outcome in row for name in outcome.measures)
+    measures = {
+        name: np.array([[outcome.measures.get(name, np.nan) for outcome in row] for row in outcomes]) for name in names
+    }
+    columns: dict[str, Array] = {}
+    for key in applied[0] if applied else ():
+        column = np.array([row[key] for row in applied])
+        columns[key] = column[:, list(laws)] if column.ndim == 2 else column
+    completed = np.array([[outcome.completed for outcome in row] for row in outcomes], dtype=bool)
+    end_time = np.array([[outcome.end_time for outcome in row] for row in outcomes])
+    return ChunkResult(measures, completed, end_time, columns)
+
+
+class SideBySide:
+    """Engines of several laws as one: each runs its laws, on the same draws.
+
+    Parameters
+    ----------
+    engines
+        Engines, each with the numbers of its laws among those of the study.
+    n_laws
+        Number of laws of the study.
+    """
+
+    def __init__(self, engines: Sequence[tuple[Engine, Sequence[int]]], n_laws: int):
+        self._engines = list(engines)
+        self._n_laws = n_laws
+        self.name = ", ".join(dict.fromkeys(engine.name for engine, _ in engines))
+
+    def run(self, indices: Array, values: Array, seeds: Array) -> ChunkResult:
+        """Run a chunk by every engine, as `Engine.run`."""
+        shape = len(indices), self._n_laws
+        joined = ChunkResult({}, np.zeros(shape, dtype=bool), np.full(shape, np.nan), {})
+        for engine, laws in self._engines:
+            result, places = engine.run(indices, values, seeds), list(laws)
+            joined.completed[:, places] = result.completed
+            joined.end_time[:, places] = result.end_time
+            for name, block in result.measures.items():
+                joined.measures.setdefault(name, np.full(shape, np.nan))[:, places] = block
+            for key, column in result.applied.items():
+                if column.ndim == 1:
+                    joined.applied[key] = column
+                else:
+                    joined.applied.setdefault(key, np.full(shape, np.nan))[:, places] = column
+        return joined

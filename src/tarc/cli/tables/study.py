@@ -1,0 +1,76 @@
+"""What `tarc study` prints."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from tarc.core.errors import InvalidParameter
+from tarc.simulation.quantities import MEASURES, measure_unit
+from tarc.study.study_result import StudyResult
+
+SHOWN = ("rms_error", "peak_error", "torque_variation")
+"""Measures of the table, with those of revolute and of prismatic joints; the folder has all of them."""
+
+PROBABILITIES = [0.05, 0.5, 0.95, 1.0]
+"""Quantiles of the table; the last is the greatest value."""
+
+
+def study_summary(result: StudyResult) -> dict[str, Any]:
+    """Return success rates and quantiles as plain data, ready for JSON."""
+    rates = result.success_rate
+    laws: dict[str, Any] = {
+        law: {"success_rate": rate if math.isfinite(rate) else None, "quantiles": {}} for law, rate in rates.items()
+    }
+    for measure in result.measures:
+        for law, values in result.quantiles(measure, PROBABILITIES).items():
+            laws[law]["quantiles"][measure] = {
+                f"{probability:g}": float(value) if np.isfinite(value) else None
+                for probability, value in zip(PROBABILITIES, values, strict=True)
+            }
+    return {
+        "folder": str(result.folder),
+        "runs": result.n_runs,
+        "finished": result.data.sizes["run"],
+        "laws": laws,
+        "traces": [str(path) for path in result.traced],
+    }
+
+
+def print_study(result: StudyResult) -> None:
+    """Print success rate and quantiles of each law, and where the results are."""
+    console = Console()
+    attributes = result.data.attrs
+    units, command = attributes.get("joint_units", ["rad"]), str(attributes.get("command_unit", ""))
+    title = f"{attributes['title']}: {result.data.sizes['run']} runs per law"
+    table = Table(title=title, title_justify="left")
+    for heading in ("law", "success"):
+        table.add_column(heading, justify="right" if heading == "success" else "left")
+    table.add_column("measure of completed runs")
+    for heading in ("5 %", "median", "95 %", "greatest"):
+        table.add_column(heading, justify="right")
+    rates = result.success_rate
+    names = [name for name in result.measures if name.startswith(SHOWN)]
+    quantiles = {name: result.quantiles(name, PROBABILITIES) for name in names}
+    for law in result.laws:
+        for number, name in enumerate(names):
+            unit = measure_unit(name, units, command)
+            cells = [f"{MEASURES[name].scale * value:.4g}" for value in quantiles[name][law]]
+            own = [law, f"{rates[law]:.2%}"] if number == 0 else ["", ""]
+            table.add_row(*map(escape, own), escape(f"{MEASURES[name].label} [{unit}]"), *cells)
+    console.print(table)
+    console.print(f"results: {escape(str(result.folder))}", soft_wrap=True)
+
+
+def interruption(folder: Path) -> str:
+    """Return what is kept after Ctrl-C, and how to go on."""
+    try:
+        result = StudyResult.open(folder)
+    except InvalidParameter:
+        return "interrupted; nothing was stored"
+    kept = f"interrupted: {result.data.sizes['run']} of {result.n_runs} runs are stored in {folder}"
+    return f"{kept}; the same command goes on from there"

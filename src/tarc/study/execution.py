@@ -1,0 +1,161 @@
+"""Run a study: integration and engines chosen once, then chunk by chunk into its folder."""
+
+import platform
+import warnings
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tarc.core import validation as check
+from tarc.core.errors import DesignWarning, InvalidParameter, JointLimitWarning
+from tarc.core.progress import Progress
+from tarc.core.types import Array
+from tarc.plants.symbolic import SymbolicPlant
+from tarc.simulation.integration import Integration
+from tarc.simulation.sampled_inputs import initial_conditions
+from tarc.simulation.simulator import PILOT_PERIODS, min_substeps
+from tarc.study.cases import Cases
+from tarc.study.draws import Draws
+from tarc.study.engines import MUJOCO, VIRTUAL_MACHINE, ChunkResult, Engine, Simulator
+from tarc.study.store import TRACES, Chunk, Store, open_store
+from tarc.study.study_result import StudyResult
+
+if TYPE_CHECKING:
+    from tarc.study.specification import Study
+
+ENGINES = ("auto", VIRTUAL_MACHINE, MUJOCO)
+"""Engines that may be asked for."""
+
+FIRST_DRAWS = 3
+"""First draws with which the integration is chosen, beside the least and the greatest value of each key."""
+
+
+def run_study(
+    study: "Study",
+    folder: str | Path | None = None,
+    *,
+    engine: str = "auto",
+    jobs: int | None = None,
+    scheduler: str = "",
+    progress: bool | None = None,
+) -> StudyResult:
+    """Run what is left of a study into a folder; the parameters are those of `Study.run`."""
+    check_engine(engine)
+    place = Path("runs") / f"{study.name}.study" if folder is None else Path(folder)
+    draws = study.draw()
+    store = open_store(place, study)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DesignWarning)  # the results show it
+        warnings.simplefilter("ignore", JointLimitWarning)
+        integration = stored_integration(store, study, draws)
+        make_engine = partial(build_engine, study, integration, engine)
+        chunks = store.pending(draws)
+        with Progress(f"running {study.name}", store.runs, progress, unit="runs") as bar:
+            bar.advance(store.n_finished)
+            for chunk, result in run_chunks(make_engine, chunks):
+                store.write(chunk, draws.keys, result)
+                bar.advance(len(chunk.indices))
+        write_traces(study, draws, integration, store)
+    return StudyResult.open(place)
+
+
+def check_engine(engine: str) -> None:
+    """Refuse an unknown engine."""
+    check.one_of("engine", engine, ENGINES)
+
+
+def run_chunks(make_engine: Callable[[], Engine], chunks: Iterable[Chunk]) -> Iterator[tuple[Chunk, ChunkResult]]:
+    """Run chunks in this process, one after the other."""
+    engine: Engine | None = None
+    for chunk in chunks:
+        engine = engine or make_engine()
+        yield chunk, engine.run(chunk.indices, chunk.values, chunk.seeds)
+
+
+def build_engine(study: "Study", integration: Integration, engine: str) -> Engine:
+    """Return the engine of all laws of a study; it is called in the process that runs the chunks.
+
+    Raises
+    ------
+    InvalidParameter
+        For an engine that does not simulate the robot.
+    """
+    simulator = Simulator(Cases(study), integration)
+    if engine not in ("auto", simulator.name):
+        raise InvalidParameter(f"engine: got {engine!r}; the robot is simulated by {simulator.name}", "engine")
+    return simulator
+
+
+def stored_integration(store: Store, study: "Study", draws: Draws) -> Integration:
+    """Return the integration of the study: the stored one, or one that is chosen now and stored."""
+    present = store.attribute("integration")
+    if present is not None:
+        return Integration(str(present["integrator"]), int(present["substeps"]))
+    cases = Cases(study)
+    chosen = choose_study_integration(cases, draws)
+    plant = cases.nominal.simulated
+    command = {unit for unit in plant.torque_units if not unit.startswith("N")}
+    store.set_attributes(
+        integration={"integrator": chosen.integrator, "substeps": chosen.substeps},
+        joint_units=list(dict.fromkeys(plant.units)),
+        command_unit=command.pop() if len(command) == 1 else "",
+        host=platform.platform(),
+    )
+    return chosen
+
+
+def choose_study_integration(cases: Cases, draws: Draws) -> Integration:
+    """Return the method and steps of all runs of a study.
+
+    It is the finest of those that `simulate` would choose for the first draws and for the draws with the least and the
+    greatest value of each key, for the first law; with the first draw also for the other laws.
+    """
+    scenario, nominal = cases.scenario, cases.nominal.simulated
+    if not isinstance(nominal, SymbolicPlant):
+        return Integration(MUJOCO, scenario.substeps or min_substeps(nominal, scenario.period))
+    if scenario.substeps is not None:
+        return Integration("Runge–Kutta", scenario.substeps)
+    simulator = Simulator(cases, Integration("midpoint", 1))
+    pilots = [(int(run), cases.law_names[0]) for run in pilot_runs(draws.values)]
+    pilots += [(0, law) for law in cases.law_names[1:]]
+    chosen = Integration("midpoint", 1)
+    for run, law in pilots:
+        candidate = _pilot(simulator, draws.values[run], int(run), law)
+        chosen = max(chosen, candidate, key=lambda method: (method.integrator != "midpoint", method.substeps))
+    return chosen
+
+
+def pilot_runs(values: Array) -> Array:
+    """Return the numbers of the runs with which the integration is chosen."""
+    first = np.arange(min(FIRST_DRAWS, len(values)))
+    return np.unique(np.concatenate([first, np.argmin(values, axis=0), np.argmax(values, axis=0)]))
+
+
+def _pilot(simulator: Simulator, row: Array, seed: int, law: str) -> Integration:
+    """Return the integration that `simulate` would choose for one run."""
+    case = simulator.cases.build(row)
+    scenario = simulator.cases.scenario
+    simulation = simulator.prepared(case, case.setup.laws[law], seed)
+    duration = min(scenario.duration, PILOT_PERIODS * scenario.period)
+    inputs = simulation.sample(1, duration)
+    plant = simulation.plant
+    assert isinstance(plant, SymbolicPlant)
+    initial = initial_conditions(plant, inputs, case.initial_position, case.initial_velocity, case.initial_torque)
+    return simulation.choose_method(plant, initial, duration)
+
+
+def write_traces(study: "Study", draws: Draws, integration: Integration, store: Store) -> None:
+    """Write the trajectories of the chosen runs that are not there yet, law by law."""
+    missing = [
+        (run, number, law)
+        for run in study.traced_runs
+        for number, law in enumerate(study.law_names)
+        if not (store.folder / TRACES / f"{run}-{number}.nc").is_file()
+    ]
+    simulator = Simulator(Cases(study), integration) if missing else None
+    for run, number, law in missing:
+        assert simulator is not None
+        simulator.trace(draws.values[run], int(draws.seeds[run]), law).save(store.folder / TRACES / f"{run}-{number}.nc")

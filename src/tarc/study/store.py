@@ -1,0 +1,290 @@
+"""Folder of a study's results: a dataset in Zarr that is written chunk by chunk, and marks of what is finished."""
+
+from tarc.core.optional import require
+
+require("study", "a study", "zarr")
+
+import errno
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import zarr
+
+from tarc.core.errors import InvalidParameter
+from tarc.core.files import make_folder
+from tarc.core.types import Array
+from tarc.core.version import __version__
+from tarc.simulation.quantities import MEASURES
+from tarc.study.draws import Draws, run_seeds
+
+if TYPE_CHECKING:
+    from tarc.study.engines import ChunkResult
+    from tarc.study.specification import Study
+
+RESULTS = "results.zarr"
+CONTENT = "study.yaml"
+MARKS = "done"
+TRACES = "traces"
+
+FEWEST_ROWS = 8
+"""Rows of the smallest chunk."""
+
+MAX_CHUNKS = 256
+"""Largest number of chunks; chunks grow with the runs, so that the number of files stays small."""
+
+
+class Chunk(NamedTuple):
+    """Runs that are simulated and stored together.
+
+    Attributes
+    ----------
+    number
+        Number of the chunk in the store.
+    indices, values, seeds
+        Numbers of the runs, drawn values (runs, keys) and seeds, as an engine takes them.
+    """
+
+    number: int
+    indices: Array
+    values: Array
+    seeds: Array
+
+
+def rows_per_chunk(runs: int) -> int:
+    """Return the rows of a chunk: eight times a power of two, so that there are at most `MAX_CHUNKS` chunks."""
+    rows = FEWEST_ROWS
+    while runs > MAX_CHUNKS * rows:
+        rows *= 2
+    return rows
+
+
+class Store:
+    """Results of a study on the disk; made by `open_store`.
+
+    Attributes
+    ----------
+    folder
+        Its folder.
+    group
+        The Zarr group of the dataset.
+    runs
+        Number of runs of the study.
+    rows
+        Runs per chunk.
+    """
+
+    def __init__(self, folder: Path, group: zarr.Group):
+        self.folder = folder
+        self.group = group
+        self.runs = int(_attribute(group, "runs"))
+        self.rows = int(_attribute(group, "chunk"))
+
+    def finished_rows(self) -> Array:
+        """Return the number of finished runs of each chunk, (chunks,)."""
+        finished = np.zeros(-(-self.runs // self.rows), dtype=int)
+        for mark in (self.folder / MARKS).iterdir():
+            if mark.name.isdigit() and int(mark.name) < len(finished):
+                finished[int(mark.name)] = int(mark.read_text(encoding="ascii"))
+        return finished
+
+    @property
+    def n_finished(self) -> int:
+        """Number of finished runs."""
+        return int(np.sum(self.finished_rows()))
+
+    def pending(self, draws: Draws) -> Iterator[Chunk]:
+        """Return what is left to run, chunk by chunk."""
+        for number, finished in enumerate(self.finished_rows()):
+            start, stop = number * self.rows + int(finished), min((number + 1) * self.rows, self.runs)
+            if start < stop:
+                indices = np.arange(start, stop)
+                yield Chunk(number, indices, draws.values[start:stop], run_seeds(draws.seed, indices))
+
+    def write(self, chunk: Chunk, keys: tuple[str, ...], result: "ChunkResult") -> None:
+        """Store the results of a chunk, and mark it as finished.
+
+        Raises
+        ------
+        InvalidParameter
+            For a full disk and the like; what was stored before is kept.
+        """
+        region = slice(int(chunk.indices[0]), int(chunk.indices[-1]) + 1)
+        with self._writing():
+            for name, block in result.measures.items():
+                self._array(name, 2)[region] = block
+            self._array("completed", 2)[region] = result.completed
+            self._array("end_time", 2)[region] = result.end_time
+            self._array("seed", 1)[region] = chunk.seeds
+            for column, key in enumerate(keys):
+                self._array(f"drawn:{key}", 1)[region] = chunk.values[:, column]
+            for key, block in result.applied.items():
+                self._array(f"applied:{key}", block.ndim)[region] = block
+            self._mark(chunk.number, region.stop - chunk.number * self.rows)
+
+    def set_attributes(self, **attributes: object) -> None:
+        """Store attributes of the dataset."""
+        with self._writing():
+            self.group.attrs.update(attributes)
+
+    def attribute(self, name: str) -> Any:
+        """Return an attribute of the dataset; None where there is none."""
+        return self.group.attrs.get(name)
+
+    def extend(self, runs: int) -> None:
+        """Make place for more runs."""
+        with self._writing():
+            self.group.attrs["runs"] = self.runs = runs
+            for name, array in self.group.arrays():
+                if name not in ("run", "law"):
+                    array.resize((runs, *array.shape[1:]))
+            _write_index(self.group, runs)
+
+    def _array(self, name: str, n_dimensions: int) -> zarr.Array[Any]:
+        """Return the array of a variable, made where there is none."""
+        if name in self.group:
+            array = self.group[name]
+            assert isinstance(array, zarr.Array)
+            return array
+        n_laws = len(_attribute(self.group, "laws"))
+        # without a fill value, since xarray would read it as a missing value
+        kind = {"completed": ("bool", None), "seed": ("int64", None)}.get(name, ("float64", np.nan))
+        return self.group.create_array(
+            name,
+            shape=(self.runs, n_laws)[:n_dimensions],
+            chunks=(self.rows, n_laws)[:n_dimensions],
+            dtype=kind[0],
+            fill_value=kind[1],
+            attributes=_description(name) | {"_ARRAY_DIMENSIONS": ["run", "law"][:n_dimensions]},
+        )
+
+    def _mark(self, number: int, rows: int) -> None:
+        """Mark the first rows of a chunk as finished, after the data has reached the disk."""
+        mark = self.folder / MARKS / f"{number:06d}"
+        part = mark.with_suffix(".part")
+        with part.open("w", encoding="ascii") as file:
+            file.write(str(rows))
+            file.flush()
+            os.fsync(file.fileno())
+        part.replace(mark)
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        """Say how to go on where the block below cannot write."""
+        try:
+            yield
+        except OSError as error:
+            full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+            what = "free space on the disk" if full else "make the folder writable"
+            raise InvalidParameter(
+                f"--out: cannot write {self.folder}: {error.strerror or error}; {self.n_finished} of {self.runs} runs "
+                f"are kept. To go on, {what} and give the same command again",
+                "out",
+            ) from None
+
+
+def open_store(folder: Path, study: "Study") -> Store:
+    """Return the store of a study: a new one, or the one in the folder, which must be of the same study and version.
+
+    Raises
+    ------
+    InvalidParameter
+        For a folder of another study or version, and one that cannot be written.
+    """
+    if (folder / RESULTS).exists():
+        return _continued(folder, study)
+    if folder.is_dir() and any(folder.iterdir()):
+        raise InvalidParameter(
+            f"--out: {folder} has files in it and no study; choose a folder that is empty or does not exist", "out"
+        )
+    for part in (folder, folder / MARKS, folder / TRACES):
+        make_folder("--out", part)
+    study.save(folder / CONTENT)
+    partial = folder / f".{RESULTS}.part"
+    try:
+        group = zarr.open_group(partial, mode="w", zarr_format=2)
+        group.attrs.update(
+            {
+                "title": f"study {study.name}",
+                "source": f"tarc-control {__version__}",
+                "study": study.to_yaml(folder),
+                "content_hash": study.content_hash,
+                "laws": study.law_names,
+                "runs": study.runs,
+                "chunk": rows_per_chunk(study.runs),
+            }
+        )
+        _write_index(group, study.runs)
+        partial.rename(folder / RESULTS)
+    except OSError as error:
+        raise InvalidParameter(f"--out: cannot write {folder}: {error.strerror or error}; choose another", "out") from None
+    return Store(folder, zarr.open_group(folder / RESULTS, mode="r+"))
+
+
+def read_store(folder: Path) -> Store:
+    """Return the store in a folder, to read it.
+
+    Raises
+    ------
+    InvalidParameter
+        For a folder that has no study in it.
+    """
+    if not (folder / RESULTS).is_dir():
+        raise InvalidParameter(f"study: {folder} has no {RESULTS}; needs the folder that `tarc study` wrote", "folder")
+    return Store(folder, zarr.open_group(folder / RESULTS, mode="r"))
+
+
+def _continued(folder: Path, study: "Study") -> Store:
+    """Return the store in a folder after a check that it is of this study."""
+    store = Store(folder, zarr.open_group(folder / RESULTS, mode="r+"))
+    source = str(store.attribute("source"))
+    if source != f"tarc-control {__version__}":
+        raise InvalidParameter(
+            f"--out: {folder} was written by {source}, and this is tarc-control {__version__}, whose results may "
+            "differ; choose another folder, or continue with that version",
+            "out",
+        )
+    if store.attribute("content_hash") != study.content_hash:
+        raise InvalidParameter(
+            f"--out: {folder} has another study in it (see its {CONTENT}), or a file that the study names has "
+            "changed; choose another folder, or remove that one",
+            "out",
+        )
+    if study.runs > store.runs:
+        store.extend(study.runs)
+        study.save(folder / CONTENT)
+    return store
+
+
+def _write_index(group: zarr.Group, runs: int) -> None:
+    """Write the coordinates."""
+    laws = list(_attribute(group, "laws"))
+    names = np.array(laws, dtype=f"<U{max(map(len, laws))}")
+    for name, values in (("run", np.arange(runs)), ("law", names)):
+        group.create_array(
+            name,
+            data=values,
+            chunks=values.shape,
+            fill_value=None,
+            overwrite=True,
+            attributes={"_ARRAY_DIMENSIONS": [name]},
+        )
+
+
+def _description(name: str) -> dict[str, str]:
+    """Return label and unit of a variable."""
+    if name in MEASURES:
+        return {"long_name": MEASURES[name].label}
+    labels = {
+        "completed": {"long_name": "whether the run came to its end"},
+        "end_time": {"long_name": "time of divergence, or the duration", "units": "s"},
+        "seed": {"long_name": "seed of the run's noise"},
+    }
+    return labels.get(name, {"long_name": name.replace(":", " value of ")})
+
+
+def _attribute(group: zarr.Group, name: str) -> Any:
+    return group.attrs[name]
