@@ -103,8 +103,8 @@ class Cases:
         Raises
         ------
         InvalidParameter
-            For a value that a part refuses, and one that does not reach its part: the message has key, drawn and
-            applied value.
+            For a value that a part refuses, and for a part with another value than the drawn one. The message has key,
+            drawn and applied value.
         """
         values = self._plain(row)
         parts = self._sections(values)
@@ -239,7 +239,7 @@ class Cases:
                 continue
             name = f"{PREFIX if key.section == 'gearbox' else ''}{key.path[0]}"
             is_entry = len(key.path) == 1 or (
-                len(key.path) == 2 and isinstance(key.path[1], int) and np.ndim(available.get(name)) == 1
+                len(key.path) == 2 and isinstance(key.path[1], int) and np.ndim(available.get(name, 0.0)) == 1
             )
             if name not in available or not is_entry:
                 return None
@@ -295,9 +295,7 @@ class Cases:
             reference = self._reference(parts.reference, plant)
         return plant, reference
 
-    def _read_back(
-        self, key: DrawnKey, drawn: float, case: Case, known: Mapping[DrawnKey, Any]
-    ) -> float | Array:
+    def _read_back(self, key: DrawnKey, drawn: float, case: Case, known: Mapping[DrawnKey, Any]) -> float | Array:
         """Return the value of a key as the parts have it, or refuse one that differs from the draw."""
         if not key.is_of_law:
             applied = _part_value(key, case)
@@ -351,7 +349,8 @@ def _parameter_values(plant: Plant, values: Mapping[DrawnKey, Any], prefix: str)
     for key, value in values.items():
         name = f"{prefix}{key.path[0]}"
         array = changed.setdefault(name, np.array(plant.parameters[name], dtype=float))
-        array[tuple(key.path[1:]) or ...] = value
+        place = tuple(int(step) for step in key.path[1:])
+        array[place if place else ...] = value
     return changed
 
 
@@ -397,7 +396,7 @@ def _require_equal(key: DrawnKey, drawn: float, applied: float, owner: str = "")
         return
     what = "cannot be read back" if np.isnan(applied) else f"is {applied:.9g}"
     raise InvalidParameter(
-        f"draws.{key.name}: {drawn:.9g} was drawn, and the applied value{owner} {what}: the draw does not reach what is "
-        "simulated. Draw another key, or write the part of the scenario so that this key is the number itself",
+        f"draws.{key.name}: {drawn:.9g} was drawn, and the applied value{owner} {what}: the draw does not reach "
+        "what is simulated. Draw another key, or write the part of the scenario so that this key is the number itself",
         f"draws.{key.name}",
     )

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -182,7 +183,9 @@ def _numeric(component: Component) -> list[str]:
     ]
 
 
-def with_value(component: Component, path: Sequence[str | int], value: object, present: object, n_joints: int) -> Component:
+def with_value(
+    component: Component, path: Sequence[str | int], value: object, present: object, n_joints: int
+) -> Component:
     """Return a component with another value at a path.
 
     Parameters
@@ -258,7 +261,7 @@ def replaced(current: object, path: Sequence[str | int], value: object, n_joints
             f"draws.{place}: got {step!r}, which is no index of {len(current)} numbers; use 0 to {len(current) - 1}",
             f"draws.{place}",
         )
-    items = list(current)
+    items: list[Any] = list(current)
     items[step] = replaced(items[step], path[1:], value, n_joints, place)
     return items
 

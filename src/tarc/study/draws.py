@@ -113,7 +113,7 @@ def draw(
         faults = np.flatnonzero(~np.isfinite(values[:, column]))
         if len(faults):
             raise InvalidParameter(
-                f"draws.{key}: run {faults[0]} drew {values[faults[0], column]}; needs a distribution of finite numbers",
+                f"draws.{key}: run {faults[0]} drew {values[faults[0], column]}; needs finite numbers",
                 f"draws.{key}",
             )
     return Draws(keys, values, seed)
@@ -125,8 +125,9 @@ def _unit_cube(runs: int, n_keys: int, seed: int, sampling: str) -> Array:
     if n_keys == 0 or sampling == "independent":
         return rng.random((runs, n_keys))
     if sampling == "latin_hypercube":
-        return qmc.LatinHypercube(n_keys, seed=rng).random(runs)
-    return qmc.Sobol(n_keys, seed=rng).random_base2(max(runs - 1, 0).bit_length())[:runs]
+        return qmc.LatinHypercube(n_keys, seed=rng).random(runs)  # pyright: ignore[reportCallIssue]
+    sequence = qmc.Sobol(n_keys, seed=rng)  # pyright: ignore[reportCallIssue]
+    return sequence.random_base2(max(runs - 1, 0).bit_length())[:runs]
 
 
 def checked_correlation(given: object, keys: Sequence[str]) -> tuple[tuple[str, ...], Array] | None:

@@ -96,8 +96,8 @@ class Engine(Protocol):
 class Simulator:
     """Engine that simulates run by run, in CasADi's virtual machine, or in MuJoCo for a robot that is simulated there.
 
-    A loop is traced once. Drawn parameters of the plant are its inputs, so that it is traced anew only where the law,
-    the structure of the sensor and the like are drawn.
+    A loop is traced once, with drawn parameters of the plant as inputs. It is traced anew only where the law or the
+    structure of the sensor is drawn.
 
     Parameters
     ----------
@@ -167,9 +167,7 @@ class Simulator:
     def _simulated(self, case: Case, law: str, simulation: Simulation, inputs: SampledInputs) -> Run:
         """Simulate one law."""
         plant = simulation.plant
-        initial = initial_conditions(
-            plant, inputs, case.initial_position, case.initial_velocity, case.initial_torque
-        )
+        initial = initial_conditions(plant, inputs, case.initial_position, case.initial_velocity, case.initial_torque)
         with np.errstate(all="ignore"):
             if not isinstance(plant, SymbolicPlant):
                 return simulation.run_in_mujoco(plant, initial, inputs, False)  # type: ignore[arg-type]
@@ -178,9 +176,7 @@ class Simulator:
             record = loop.run(plant, initial, inputs, monitor, native=False)
             return simulation.label(inputs, record, monitor, self._integration.integrator, np.nan)
 
-    def _loop(
-        self, law: str, simulation: Simulation, initial: InitialConditions, inputs: SampledInputs
-    ) -> TracedLoop:
+    def _loop(self, law: str, simulation: Simulation, initial: InitialConditions, inputs: SampledInputs) -> TracedLoop:
         """Return the traced loop of a law: the one of the run before, unless more than its inputs differ."""
         plant, controller = simulation.plant, simulation.controller
         assert isinstance(plant, SymbolicPlant)

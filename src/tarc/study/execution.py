@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from tarc.study.specification import Study
 
 ENGINES = ("auto", VIRTUAL_MACHINE, MUJOCO)
-"""Engines that may be asked for."""
+"""Names of engines."""
 
 FIRST_DRAWS = 3
 """First draws with which the integration is chosen, beside the least and the greatest value of each key."""
@@ -110,8 +110,8 @@ def stored_integration(store: Store, study: "Study", draws: Draws) -> Integratio
 def choose_study_integration(cases: Cases, draws: Draws) -> Integration:
     """Return the method and steps of all runs of a study.
 
-    It is the finest of those that `simulate` would choose for the first draws and for the draws with the least and the
-    greatest value of each key, for the first law; with the first draw also for the other laws.
+    It is the finest of those that `simulate` would choose in some pilots. The first law has the first draws, and those
+    with the least and the greatest value of each key. The other laws have the first draw.
     """
     scenario, nominal = cases.scenario, cases.nominal.simulated
     if not isinstance(nominal, SymbolicPlant):
@@ -158,4 +158,6 @@ def write_traces(study: "Study", draws: Draws, integration: Integration, store: 
     simulator = Simulator(Cases(study), integration) if missing else None
     for run, number, law in missing:
         assert simulator is not None
-        simulator.trace(draws.values[run], int(draws.seeds[run]), law).save(store.folder / TRACES / f"{run}-{number}.nc")
+        simulator.trace(draws.values[run], int(draws.seeds[run]), law).save(
+            store.folder / TRACES / f"{run}-{number}.nc"
+        )

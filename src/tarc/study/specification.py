@@ -3,7 +3,6 @@
 import copy
 import hashlib
 import json
-from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -19,8 +18,8 @@ from tarc.scenario.model import Scenario
 from tarc.scenario.schema import scenario_error
 from tarc.scenario.yaml_text import write_yaml
 from tarc.study.distributions import Distribution, read_distribution
-from tarc.study.draws import EXTENDABLE, SAMPLINGS, Draws, checked_correlation, draw
 from tarc.study.drawn_keys import find_key
+from tarc.study.draws import EXTENDABLE, SAMPLINGS, Draws, checked_correlation, draw
 from tarc.study.execution import run_study
 
 if TYPE_CHECKING:
@@ -41,9 +40,9 @@ class Study(BaseModel):
     scenario
         Name of a shipped scenario, the path of a file, or the keys of a scenario themselves.
     draws
-        Distributions by key. A key is any number of the scenario: ``robot.payload``, ``robot.viscous.0`` for the first
-        joint, ``disturbance.0.mass``, ``sensor.noise``, ``law.natural_frequency`` for every law that has it,
-        ``law.1.natural_frequency`` for the second one, ``initial_position.0``. A distribution is one of
+        Distributions by key. A key is any number of the scenario, such as ``robot.payload``, ``robot.viscous.0`` for
+        the first joint, ``disturbance.0.mass`` or ``sensor.noise``. ``law.natural_frequency`` is that of every law that
+        has it, ``law.1.natural_frequency`` that of the second law. A distribution is one of
         ``{uniform: [low, high]}``, ``{log_uniform: [low, high]}``,
         ``{normal: {mean: …, deviation: …, low: …, high: …}}`` with optional bounds, and
         ``{choice: [a, b], weights: [1, 3]}`` with optional weights.
@@ -242,7 +241,8 @@ class Study(BaseModel):
             for other in keys[:number]:
                 if key.overlaps(other):
                     raise InvalidParameter(
-                        f"draws.{key.name}: it is the same number as {other.name}; draw one of them", f"draws.{key.name}"
+                        f"draws.{key.name}: it is the same number as {other.name}; draw one of them",
+                        f"draws.{key.name}",
                     )
         _ = self._correlation, self.traced_runs
         for name in self.known:

@@ -9,7 +9,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 import zarr
@@ -128,7 +128,7 @@ class Store:
     def set_attributes(self, **attributes: object) -> None:
         """Store attributes of the dataset."""
         with self._writing():
-            self.group.attrs.update(attributes)
+            self.group.attrs.update(cast(dict[str, Any], attributes))
 
     def attribute(self, name: str) -> Any:
         """Return an attribute of the dataset; None where there is none."""
@@ -158,7 +158,7 @@ class Store:
             chunks=(self.rows, n_laws)[:n_dimensions],
             dtype=kind[0],
             fill_value=kind[1],
-            attributes=_description(name) | {"_ARRAY_DIMENSIONS": ["run", "law"][:n_dimensions]},
+            attributes={**_description(name), "_ARRAY_DIMENSIONS": ["run", "law"][:n_dimensions]},
         )
 
     def _mark(self, number: int, rows: int) -> None:
@@ -220,7 +220,9 @@ def open_store(folder: Path, study: "Study") -> Store:
         _write_index(group, study.runs)
         partial.rename(folder / RESULTS)
     except OSError as error:
-        raise InvalidParameter(f"--out: cannot write {folder}: {error.strerror or error}; choose another", "out") from None
+        raise InvalidParameter(
+            f"--out: cannot write {folder}: {error.strerror or error}; choose another", "out"
+        ) from None
     return Store(folder, zarr.open_group(folder / RESULTS, mode="r+"))
 
 

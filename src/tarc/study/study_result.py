@@ -78,7 +78,9 @@ class StudyResult:
     @cached_property
     def success_rate(self) -> dict[str, float]:
         """Share of the runs of each law that came to their end, by law."""
-        shares = self.data["completed"].values.mean(axis=0) if self.data.sizes["run"] else np.full(len(self.laws), np.nan)
+        shares = (
+            self.data["completed"].values.mean(axis=0) if self.data.sizes["run"] else np.full(len(self.laws), np.nan)
+        )
         return dict(zip(self.laws, map(float, shares), strict=True))
 
     def quantiles(self, measure: str, probabilities: Array | list[float]) -> dict[str, Array]:
@@ -95,9 +97,7 @@ class StudyResult:
         for column, law in enumerate(self.laws):
             chosen = values[completed[:, column], column]
             chosen = chosen[np.isfinite(chosen)]
-            result[law] = (
-                np.quantile(chosen, probabilities) if len(chosen) else np.full(len(probabilities), np.nan)
-            )
+            result[law] = np.quantile(chosen, probabilities) if len(chosen) else np.full(len(probabilities), np.nan)
         return result
 
     @property
@@ -124,7 +124,7 @@ class StudyResult:
         path = self.folder / TRACES / f"{run}-{number}.nc"
         if not path.is_file():
             raise InvalidParameter(
-                f"run: no trajectories of run {run} in {path.parent}; name it in the study's key traces and run it again",
+                f"run: no trajectories of run {run} in {path.parent}; name it in the key traces and run it again",
                 "run",
             )
         return Run.load(path)
