@@ -99,9 +99,14 @@ class DigitalController(System):
         delay_line = ops.shift_in(state.torque_delay_line, output.torque)
         return ControllerState(sensor, law, delay_line), ControllerOutput(measured, delay_line[:, -1], output.signals)
 
+    @property
+    def needs_true_derivatives(self) -> bool:
+        """Return whether the law's estimator is an oracle, which is handed the true derivatives."""
+        return isinstance(self.law.estimator, TrueDerivatives)
+
     def with_true_derivatives(self, state: ControllerState, velocity: Vector, acceleration: Vector) -> ControllerState:
         """Return the state with the true derivatives (n,) for an oracle, else the state itself."""
-        if not isinstance(self.law.estimator, TrueDerivatives):
+        if not self.needs_true_derivatives:
             return state
         estimator = state.law.estimator._replace(velocity=velocity, acceleration=acceleration)
         return state._replace(law=state.law._replace(estimator=estimator))

@@ -3,6 +3,7 @@
 import itertools
 import re
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -55,6 +56,36 @@ COMPARISONS = {
 LOGICAL = {ca.OP_NOT: "!{0}", ca.OP_AND: "{0} && {1}", ca.OP_OR: "{0} || {1}"}
 
 
+class Templates(NamedTuple):
+    """C expressions of the instructions, over the variables of their operands.
+
+    Attributes
+    ----------
+    arithmetic, comparisons, logical
+        By operation: of numbers to a number, of numbers to a truth, and of truths to a truth.
+    chosen
+        The second operand where the first, a truth, holds, else zero.
+    real
+        A truth as the number one or zero.
+    truth
+        Whether a number is not zero.
+    truth_type
+        Type of truths.
+    """
+
+    arithmetic: dict[int, str] = ARITHMETIC
+    comparisons: dict[int, str] = COMPARISONS
+    logical: dict[int, str] = LOGICAL
+    chosen: str = "{0} ? {1} : 0.0"
+    real: str = "({0} ? 1.0 : 0.0)"
+    truth: str = "({0} != 0.0)"
+    truth_type: str = "bool"
+
+
+PLAIN = Templates()
+"""Templates of plain C with the functions of its library."""
+
+
 MIN_COPY = 3
 """Fewest neighbouring elements that are copied together."""
 
@@ -93,6 +124,8 @@ class Constants:
         Whether numbers are of single precision.
     type_name
         Name of their type in C; None for ``double`` or ``float``.
+    templates
+        Expressions of the instructions.
 
     Attributes
     ----------
@@ -100,10 +133,21 @@ class Constants:
         The array's numbers, in the order in which they are met.
     """
 
-    def __init__(self, in_array: bool, *, single: bool = False, type_name: str | None = None):
-        self.in_array, self.single = in_array, single
+    def __init__(
+        self, in_array: bool, *, single: bool = False, type_name: str | None = None, templates: Templates = PLAIN
+    ):
+        self.in_array, self.single, self.templates = in_array, single, templates
         self.type_name = type_name or ("float" if single else "double")
         self.values: list[float] = []
+
+    @property
+    def element_type(self) -> str:
+        """Return the type of the elements of an array of constants."""
+        return self.type_name
+
+    def spread(self, expression: str) -> str:
+        """Return the expression of a variable's type for one of an element's type."""
+        return expression
 
     def text(self, expression: str) -> str:
         """Return a C expression of double precision in the precision of the constants."""
@@ -132,21 +176,22 @@ class Constants:
     def scalar(self, value: float) -> str:
         """Return the C expression of a constant."""
         if not self.in_array or abs(value) in LITERALS or value != value:
-            return self.number(value)
+            return self.spread(self.number(value))
         self.values.append(value)
-        return f"c[{len(self.values) - 1}]"
+        return self.spread(f"c[{len(self.values) - 1}]")
 
     def vector(self, name: str, values: list[float]) -> str:
         """Return the C declaration of an array of constants."""
         if not self.in_array:
-            return f"static const {self.type_name} {name}[{len(values)}] = {{{', '.join(map(self.number, values))}}};"
+            numbers = ", ".join(map(self.number, values))
+            return f"static const {self.element_type} {name}[{len(values)}] = {{{numbers}}};"
         self.values += values
-        return f"const {self.type_name} *const {name} = c + {len(self.values) - len(values)};"
+        return f"const {self.element_type} *const {name} = c + {len(self.values) - len(values)};"
 
     @property
     def parameter(self) -> str:
         """Return the parameter of each function in C."""
-        return f", const {self.type_name} *c" if self.in_array else ""
+        return f", const {self.element_type} *c" if self.in_array else ""
 
     @property
     def argument(self) -> str:
@@ -284,11 +329,11 @@ class _Registers:
 
     def real(self, index: int) -> str:
         name, is_bool = self._variables[index]
-        return self._constants.text(f"({name} ? 1.0 : 0.0)") if is_bool else name
+        return self._constants.text(self._constants.templates.real.format(name)) if is_bool else name
 
     def truth(self, index: int) -> str:
         name, is_bool = self._variables[index]
-        return name if is_bool else self._constants.text(f"({name} != 0.0)")
+        return name if is_bool else self._constants.text(self._constants.templates.truth.format(name))
 
 
 class _ScalarBody:
@@ -342,9 +387,10 @@ class _ScalarBody:
                 if operation == ca.OP_CONST:
                     text, is_bool = constants.scalar(function.instruction_constant(k)), False
                 else:
-                    text, is_bool = _expression(function, k, operation, inputs, registers)
+                    text, is_bool = _expression(function, k, inputs, registers, constants.templates)
                     text = constants.text(text)
-                self._lines.append(f"  const {'bool' if is_bool else real} a{k} = {text};")
+                kind = constants.templates.truth_type if is_bool else real
+                self._lines.append(f"  const {kind} a{k} = {text};")
                 registers.put(outputs[0], f"a{k}", is_bool)
         self._write([place for place in self._values if place not in self._written])
         used = set(re.findall(r"\ba\d+\b", "\n".join(line.partition("=")[2] for line in self._lines)))
@@ -432,19 +478,19 @@ def _copies(copies: dict[tuple[int, int], tuple[int, int]], interface: Interface
 
 
 def _expression(
-    function: ca.Function, k: int, operation: int, inputs: list[int], registers: _Registers
+    function: ca.Function, k: int, inputs: list[int], registers: _Registers, templates: Templates
 ) -> tuple[str, bool]:
-    """Return the right-hand side of an instruction, and whether it is a ``bool``."""
-    real, truth = registers.real, registers.truth
-    if operation in COMPARISONS:
-        return COMPARISONS[operation].format(*map(real, inputs)), True
-    if operation in LOGICAL:
-        return LOGICAL[operation].format(*map(truth, inputs)), True
+    """Return the right-hand side of an instruction, and whether it is a truth."""
+    operation, real, truth = function.instruction_id(k), registers.real, registers.truth
+    if operation in templates.comparisons:
+        return templates.comparisons[operation].format(*map(real, inputs)), True
+    if operation in templates.logical:
+        return templates.logical[operation].format(*map(truth, inputs)), True
     if operation == ca.OP_IF_ELSE_ZERO:
         condition, value = inputs
-        return f"{truth(condition)} ? {real(value)} : 0.0", False
-    if operation in ARITHMETIC:
-        return ARITHMETIC[operation].format(*map(real, inputs)), False
+        return templates.chosen.format(truth(condition), real(value)), False
+    if operation in templates.arithmetic:
+        return templates.arithmetic[operation].format(*map(real, inputs)), False
     raise InvalidParameter(
         f"{function.name()}: instruction {k} is CasADi's operation {operation}, which has no counterpart in C"
     )
@@ -472,10 +518,10 @@ def _product_body(function: ca.Function, constants: Constants) -> list[str]:
 
 def _row_sums(some: range, height: int, rows: int, constants: Constants) -> list[str]:
     """Return the statements of the sums of some rows, side by side, which a compiler turns into vectors."""
-    real, zero = constants.type_name, constants.text("0.0")
+    real, zero = constants.type_name, constants.spread(constants.text("0.0"))
     lines = ["    {", *(f"      {real} sum{row} = {zero};" for row in some)]
     lines.append(f"      for (int k = 0; k < {rows}; ++k) {{")
-    lines.append(f"        const {real} weight = weights[k + ({rows} * column)];")
+    lines.append(f"        const {constants.element_type} weight = weights[k + ({rows} * column)];")
     lines += [f"        sum{row} += arg[0][{_place(height, 'k', row)}] * weight;" for row in some]
     lines.append("      }")
     lines += [f"      res[0][{_place(height, 'column', row)}] = sum{row};" for row in some]

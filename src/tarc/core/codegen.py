@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 import casadi as ca
@@ -58,7 +59,7 @@ def compiled(function: ca.Function) -> ca.Function:
     CompilationError
         When the compiler fails, or the cache cannot be written.
     """
-    return ca.external(function.name(), str(_library(_callable_from_casadi(function))))
+    return ca.external(function.name(), str(compiled_library(_callable_from_casadi(function))))
 
 
 class CompiledLoop:
@@ -82,7 +83,7 @@ class CompiledLoop:
     def __init__(self, function: ca.Function):
         self._sizes = function.nnz_in(0), function.nnz_in(1), function.nnz_out(1)
         constants = Constants(in_array=True)
-        self._run = ctypes.CDLL(str(_library(_with_loop(function, constants)))).run
+        self._run = ctypes.CDLL(str(compiled_library(_with_loop(function, constants)))).run
         self._run.argtypes = [ctypes.c_long, *[ctypes.c_void_p] * 4]
         self._run.restype = None
         self._constants = np.array(constants.values)
@@ -165,9 +166,24 @@ def _callable_from_casadi(function: ca.Function) -> str:
     return "\n".join(parts)
 
 
-def _library(code: str) -> Path:
-    """Return the shared library of C source, compiled once and kept by source, command and processor."""
-    command = [*compiler(), *FLAGS]
+def compiled_library(code: str, options: Sequence[str] = ()) -> Path:
+    """Return the shared library of C source, compiled once and kept by source, command and processor.
+
+    Parameters
+    ----------
+    code
+        C99, or C with the extensions of GCC and Clang.
+    options
+        Of the compiler, after `FLAGS`.
+
+    Raises
+    ------
+    MissingTool
+        When there is no compiler.
+    CompilationError
+        When the compiler fails, or the cache cannot be written.
+    """
+    command = [*compiler(), *FLAGS, *options]
     name = hashlib.sha256("\n".join([code, *command, _processor()]).encode()).hexdigest()[:32]
     library = cache() / f"{name}.so"
     if library.is_file():

@@ -88,6 +88,10 @@ class Drive(Component):
         fraction = np.asarray(self.delay, dtype=float) - self._whole_delay
         return np.where(fraction > SAME_INSTANT, fraction, 0.0)
 
+    @cached_property
+    def _constants(self) -> np.ndarray:
+        return np.asarray(self.time_constant, dtype=float)
+
     @property
     def _has_lag(self) -> bool:
         return bool(np.any(np.asarray(self.time_constant) > 0))
@@ -128,7 +132,8 @@ class Drive(Component):
         n = command.shape[0]
         whole = np.broadcast_to(self._whole_delay, (n,))
         fraction = np.broadcast_to(self._fraction, (n,))
-        constants = np.broadcast_to(np.asarray(self.time_constant, dtype=float), (n,))
+        has_lag = np.broadcast_to(np.asarray(self.time_constant) > 0, (n,))
+        constants = ops.where(has_lag, self._constants, 1.0)
         commands = ops.append_first(state.commands, command)
         torque = state.torque
         means = []
@@ -138,10 +143,10 @@ class Drive(Component):
             if not self._has_lag:
                 means.append(active)
                 continue
-            ratio = (segment.stop - segment.start) * period / np.where(constants > 0, constants, np.inf)
-            decay = np.where(constants > 0, 1.0, 0.0) * ops.exp(-ratio)
-            # the mean of exp(-t / T_d) over the segment, without a division by zero where there is no lag
-            mean_decay = (1 - ops.exp(-ratio)) / ops.where(constants > 0, ratio, 1.0)
+            ratio = (segment.stop - segment.start) * period / constants
+            decay = np.where(has_lag, 1.0, 0.0) * ops.exp(-ratio)
+            # the mean of exp(-t / T_d) over the segment
+            mean_decay = np.where(has_lag, 1.0, 0.0) * (1 - ops.exp(-ratio)) / ratio
             means.append(active + (torque - active) * mean_decay)
             torque = active + (torque - active) * decay
         return DriveState(commands[:, :-1], torque), means

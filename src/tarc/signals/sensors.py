@@ -155,6 +155,10 @@ class Encoder(Component, System):
             return np.where(np.isfinite(spans), spans, 2 * np.pi) / 2.0 ** np.asarray(self.bits)
         return np.array(0.0 if self.resolution is None else self.resolution, dtype=float)
 
+    @cached_property
+    def _steps(self) -> np.ndarray:
+        return self.step_size
+
     def sample_noise(self, n_joints: int, count: int, rng: np.random.Generator) -> np.ndarray:
         """Draw the noise of a whole run, shape (n, count).
 
@@ -190,8 +194,8 @@ class Encoder(Component, System):
 
     def quantise(self, position: Vector) -> Vector:
         """Round to the nearest step."""
-        steps = self.step_size
-        if np.all(steps > 0):
+        steps = self._steps
+        if ops.symbolic(steps) or np.all(steps > 0):
             return steps * ops.floor(position / steps + 0.5)
         if not np.any(steps > 0):
             return position

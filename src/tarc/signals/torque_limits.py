@@ -102,7 +102,7 @@ class TorqueLimits(Component):
 
     def magnitudes(self, n_joints: int) -> np.ndarray:
         """Return the largest magnitude of each joint [N m or N], shape (n,); `HUGE` of `array_ops` where none is."""
-        return np.broadcast_to(self._magnitudes, (n_joints,))
+        return self._magnitudes if ops.symbolic(self._magnitudes) else np.broadcast_to(self._magnitudes, (n_joints,))
 
     def initial_torque(self, torque: np.ndarray) -> np.ndarray:
         """Return the nearest torque to one (n,) that magnitude and resolution allow."""
@@ -110,23 +110,23 @@ class TorqueLimits(Component):
 
     def apply(self, command: Vector, past_torque: Vector, period: float) -> Vector:
         """Return the nearest allowed torque to a command, after the torque of one period before; each (n,)."""
-        change = np.minimum(self._rates * period, ops.HUGE)
+        change = ops.minimum(self._rates * period, ops.HUGE)
         allowed = _limited(command, past_torque, change, self._magnitudes)
-        steps = self._steps
-        if not np.any(steps > 0):
+        steps, has_symbols = self._steps, ops.symbolic(self._steps)
+        if not has_symbols and not np.any(steps > 0):
             return allowed
-        divisors = np.where(steps > 0, steps, 1.0)
+        divisors = steps if has_symbols else np.where(steps > 0, steps, 1.0)
         # counted in whole steps, so that rounding can violate no limit
         count = ops.floor(command / divisors + 0.5)
         past_count = ops.floor(past_torque / divisors + 0.5)
-        largest = np.floor(np.stack(np.broadcast_arrays(change, self._magnitudes)) / divisors + ROUNDING)
-        stepped = divisors * _limited(count, past_count, *largest)
-        return stepped if np.all(steps > 0) else ops.where(steps > 0, stepped, allowed)
+        most_change, most = (ops.floor(limit / divisors + ROUNDING) for limit in (change, self._magnitudes))
+        stepped = divisors * _limited(count, past_count, most_change, most)
+        return stepped if has_symbols or np.all(steps > 0) else ops.where(steps > 0, stepped, allowed)
 
 
-def _limited(value: Vector, past: Vector, change: np.ndarray, magnitude: np.ndarray) -> Vector:
+def _limited(value: Vector, past: Vector, change: Vector, magnitude: Vector) -> Vector:
     """Return a value within ±change of the past one, and within ±magnitude where both do not overlap."""
-    if np.all(change >= ops.HUGE):
+    if not ops.symbolic(change) and np.all(change >= ops.HUGE):
         return ops.clip(value, -magnitude, magnitude)
     return ops.clip(ops.clip(value, past - change, past + change), -magnitude, magnitude)
 

@@ -84,12 +84,13 @@ class ClosedLoop(System):
         """Return the state with the robot at its coordinates (m,) with a velocity, and the controller at rest."""
         velocity = np.asarray(velocity) + np.zeros(np.shape(position))
         controller = self.controller.init(self._measured(position), torque, noise)
-        applied = controller.torque_delay_line[:, -1]
-        joint_input = self.plant.joint_input(applied, np.zeros(np.shape(applied)))
-        acceleration = self.plant.evaluate("acceleration", position, velocity, joint_input)
-        controller = self.controller.with_true_derivatives(
-            controller, self._measured(velocity), self._measured(acceleration)
-        )
+        if self.controller.needs_true_derivatives:
+            applied = controller.torque_delay_line[:, -1]
+            joint_input = self.plant.joint_input(applied, np.zeros(np.shape(applied)))
+            acceleration = self.plant.evaluate("acceleration", position, velocity, joint_input)
+            controller = self.controller.with_true_derivatives(
+                controller, self._measured(velocity), self._measured(acceleration)
+            )
         drive = () if self.drive is None else self.drive.init(controller.torque_delay_line[:, -1])
         return LoopState(controller, position, velocity, drive)
 

@@ -1,0 +1,142 @@
+"""Numbers in the parts of a loop: which of them differ from run to run, and symbols in their place."""
+
+import copy
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from tarc.core.types import Array
+from tarc.plants.base import Plant
+
+Path = tuple[str | int, ...]
+"""Attributes, keys and indices from a part to one of its numbers."""
+
+DERIVED = ("_functions", "_calls")
+"""Attributes of plants that hold functions and no numbers."""
+
+
+class Numbers:
+    """Numbers of a part by their paths, and what else it consists of.
+
+    Attributes
+    ----------
+    values
+        Arrays of floating-point numbers, by path.
+    structure
+        Counts, names and shapes, by path; loops that differ in them are different loops.
+    """
+
+    def __init__(self, part: object):
+        self.values: dict[Path, Array] = {}
+        self.structure: dict[Path, object] = {}
+        self._walk(part, ())
+
+    def _walk(self, value: object, path: Path) -> None:
+        numbers = _as_numbers(value)
+        if numbers is not None:
+            self.values[path] = numbers
+            self.structure[path] = numbers.shape
+            return
+        if isinstance(value, np.ndarray):
+            self.structure[path] = (value.shape, value.tobytes())
+        elif value is None or isinstance(value, bool | int | str | np.integer | np.bool_):
+            self.structure[path] = value
+        elif isinstance(value, Plant):
+            self.structure[path] = type(value).__name__
+            for name, numbers in value.parameters.items():
+                self._walk(np.asarray(numbers, dtype=float), (*path, "parameters", name))
+        else:
+            self.structure[path] = type(value).__name__
+            for key, child in _children(value).items():
+                self._walk(child, (*path, key))
+
+
+def _as_numbers(value: object) -> Array | None:
+    """Return floating-point numbers as an array; None for everything else."""
+    if isinstance(value, float | np.floating):
+        return np.array(float(value))
+    if isinstance(value, np.ndarray):
+        return value if value.dtype == float else None
+    if isinstance(value, list | tuple) and value and all(isinstance(one, float | int) for one in value):
+        is_counts = all(isinstance(one, int) for one in value)
+        return None if is_counts else np.array(value, dtype=float)
+    return None
+
+
+def _children(value: object) -> Mapping[Any, object]:
+    """Return what a part consists of, by attribute, key or index."""
+    if isinstance(value, dict):
+        return value
+    if isinstance(value, list | tuple):
+        return dict(enumerate(value))
+    if isinstance(value, ca.SX | ca.MX | ca.DM | ca.Function) or callable(value):
+        return {}
+    return (
+        {name: child for name, child in sorted(vars(value).items()) if name not in DERIVED} if _has_vars(value) else {}
+    )
+
+
+def _has_vars(value: object) -> bool:
+    return hasattr(value, "__dict__")
+
+
+def replaced(part: Any, values: Mapping[Path, object]) -> Any:
+    """Return a copy of a part with other values at some paths; what has none of them is shared.
+
+    Nothing is checked, and nothing computed again: a value that others were computed from leaves those as they are.
+    """
+    if not values:
+        return part
+    if () in values:
+        return values[()]
+    inner: dict[str | int, dict[Path, object]] = {}
+    for path, value in values.items():
+        inner.setdefault(path[0], {})[path[1:]] = value
+    children = {key: replaced(_children(part)[key], more) for key, more in inner.items()}
+    if isinstance(part, dict):
+        return {**part, **children}
+    if isinstance(part, list | tuple):
+        items = [children.get(i, item) for i, item in enumerate(part)]
+        return type(part)(*items) if hasattr(part, "_fields") else type(part)(items)
+    changed = copy.copy(part)
+    for name, child in children.items():
+        vars(changed)[str(name)] = child
+    return changed
+
+
+def at(part: Any, path: Path) -> Array:
+    """Return the numbers of a part at a path."""
+    key: Any
+    for key in path:
+        part = part[key] if isinstance(part, dict | list | tuple) else getattr(part, str(key))
+    return np.asarray(part, dtype=float)
+
+
+def differing(parts: list[Numbers]) -> dict[Path, Array]:
+    """Return the numbers that differ between parts of the same structure, as masks of their elements by path."""
+    first = parts[0]
+    masks: dict[Path, Array] = {}
+    for path, value in first.values.items():
+        others = [other.values[path] for other in parts[1:]]
+        mask = np.zeros(value.shape, dtype=bool)
+        for other in others:
+            mask |= ~((other == value) | (np.isnan(other) & np.isnan(value)))
+        if np.any(mask):
+            masks[path] = mask
+    return masks
+
+
+def with_symbols(value: Array, mask: Array, symbols: ca.SX) -> ca.SX:
+    """Return an array with symbols at the places of a mask, in the order of `numbers_at`; vectors become columns."""
+    result = ca.SX(value if value.ndim else float(value))
+    places = np.argwhere(np.atleast_1d(mask))
+    for symbol, place in zip(ca.vertsplit(symbols), places, strict=True):
+        result[tuple(int(i) for i in place) if len(place) > 1 else int(place[0])] = symbol
+    return result
+
+
+def numbers_at(value: Array, mask: Array) -> Array:
+    """Return the numbers at the places of a mask, row by row."""
+    return np.atleast_1d(value)[np.atleast_1d(mask)]
