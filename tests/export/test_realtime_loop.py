@@ -22,6 +22,7 @@ from tarc.export.verification import BASE_FLAGS, WARNINGS
 from tarc.runtime import MujocoRobot
 from tarc.runtime.packets import Kind, encode
 from tarc.runtime.transports import UdpTransport
+from tarc.signals import read_log
 
 PERIOD = 1e-3
 QUICK = ["-DRAMP_TIME=0.3", "-DHOLD_TIME=0.05", "-DSTOP_TIME=0.1", "-DMAX_ERROR=0.5"]
@@ -86,16 +87,33 @@ def test_its_makefile_builds_it(exported):
         subprocess.run(["make", "-C", str(exported / "realtime"), f"CC={CC}"], check=True, capture_output=True)
 
 
-def test_it_runs_for_a_second_on_mujoco(exported, arm):
-    loop = compiled(exported, *QUICK, "-DWATCHDOG=2.0")
+def test_it_runs_for_a_second_on_mujoco_and_writes_a_log(exported, arm, tmp_path):
+    loop = compiled(exported, *QUICK, "-DWATCHDOG=2.0", "-DLOG_PERIODS=300L")
+    log = tmp_path / "log.csv"
     with MujocoRobot(arm, PERIOD, udp=0, watchdog=5.0) as robot:
-        done = subprocess.run(
-            [str(loop), "127.0.0.1", port_of(robot), "0.5"], capture_output=True, text=True, check=False
-        )
+        command = [str(loop), "127.0.0.1", port_of(robot), "0.5", "0", str(log)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "completed" in done.stdout
     assert " 0 packets malformed" in done.stdout
     assert "scheduler: " in done.stdout
+    recorded = read_log(log)
+    assert recorded.position.shape == (300, 2)
+    assert recorded.torque is not None
+    assert recorded.reference is not None
+    assert np.nanmax(np.abs(recorded.position - recorded.reference)) < 0.5
+    assert np.max(np.abs(recorded.torque)) <= 40.0
+
+
+def test_it_says_what_left_the_certified_range_and_that_a_log_cannot_be_written(arm, tmp_path):
+    root = folder_of(tmp_path, watch=tarc.Watch(n_joints=2, tube=1e-6, speed=1e3, period=PERIOD))
+    loop = compiled(root, "-DRAMP_TIME=0.05", "-DHOLD_TIME=0.02", "-DSTOP_TIME=0.02", "-DWATCHDOG=2.0")
+    with MujocoRobot(arm, PERIOD, udp=0, watchdog=5.0) as robot:
+        command = [str(loop), "127.0.0.1", port_of(robot), "0.05", "0", str(tmp_path / "none" / "log.csv")]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert "cannot write the log" in done.stderr
+    assert re.search(r"left what was certified: error( timing)?$", done.stdout, re.MULTILINE)
 
 
 @pytest.mark.slow
