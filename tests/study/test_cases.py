@@ -117,7 +117,9 @@ def test_one_number_for_all_joints_is_read_back_from_all():
 
 
 def test_whole_numbers_stay_whole():
-    study = Study.parse({"scenario": SCENARIO, "draws": {"sensor.bits": {"choice": [14, 16]}, "computation_delay": {"choice": [0, 1]}}})
+    study = Study.parse(
+        {"scenario": SCENARIO, "draws": {"sensor.bits": {"choice": [14, 16]}, "computation_delay": {"choice": [0, 1]}}}
+    )
     case = Cases(study).build(np.array([14.0, 1.0]))
     assert isinstance(case.setup.sensor.bits, int)
     assert isinstance(case.computation_delay, int)

@@ -72,7 +72,12 @@ def test_another_seed_draws_other_rows_and_the_same_seed_the_same():
 @pytest.mark.parametrize("sampling", ["independent", "latin_hypercube", "sobol"])
 def test_the_normal_scores_have_the_correlations(sampling):
     matrix = np.array([[1, 0.6, -0.3], [0.6, 1, 0.2], [-0.3, 0.2, 1]])
-    distributions = {"a": LogUniform(low=1.0, high=9.0), "free": UNIFORM, "b": Normal(mean=0.0, deviation=2.0), "c": UNIFORM}
+    distributions = {
+        "a": LogUniform(low=1.0, high=9.0),
+        "free": UNIFORM,
+        "b": Normal(mean=0.0, deviation=2.0),
+        "c": UNIFORM,
+    }
     values = draw(distributions, 4096, 5, sampling, (KEYS, matrix)).values
     scores = np.column_stack(
         [stats.norm.ppf(stats.loguniform(1, 9).cdf(values[:, 0])), values[:, 2] / 2, stats.norm.ppf(values[:, 3])]
@@ -81,7 +86,9 @@ def test_the_normal_scores_have_the_correlations(sampling):
     for column, reference in ((0, stats.loguniform(1, 9)), (1, stats.uniform()), (2, stats.norm(0, 2))):
         assert stats.kstest(values[:, column], reference.cdf).pvalue > 0.01
     # Spearman's rank correlation of a Gaussian copula is 6/π asin(ρ/2)
-    assert stats.spearmanr(values[:, 0], values[:, 2]).statistic == pytest.approx(6 / math.pi * math.asin(0.3), abs=0.04)
+    assert stats.spearmanr(values[:, 0], values[:, 2]).statistic == pytest.approx(
+        6 / math.pi * math.asin(0.3), abs=0.04
+    )
 
 
 def test_seeds_are_those_of_numpys_spawn_keys():
@@ -124,7 +131,10 @@ def test_a_wrong_distribution_is_refused_with_what_is_allowed(given, message):
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"keys": ["a", "b"], "matrix": [[1, 1.1], [1.1, 1]]}, r"smallest eigenvalue is -0.1; needs a positive definite"),
+        (
+            {"keys": ["a", "b"], "matrix": [[1, 1.1], [1.1, 1]]},
+            r"smallest eigenvalue is -0.1; needs a positive definite",
+        ),
         ({"keys": ["a", "b"], "matrix": [[1, 1], [1, 1]]}, r"needs a positive definite matrix"),
         ({"keys": ["a", "b"], "matrix": [[1, 0.5], [0.4, 1]]}, r"which is not symmetric"),
         ({"keys": ["a", "b"], "matrix": [[2, 0.5], [0.5, 1]]}, r"its diagonal is \[2.0, 1.0\]; each entry must be 1"),

@@ -156,7 +156,9 @@ def test_a_full_disk_keeps_what_is_there_and_says_how_to_go_on(tmp_path, monkeyp
 
 @pytest.mark.parametrize("change", [{"seed": 5}, {"draws": {"robot.payload": {"uniform": [0.0, 2.0]}}}])
 def test_the_folder_of_another_study_is_refused(finished, change):
-    with pytest.raises(InvalidParameter, match=r"has another study in it \(see its study.yaml\).*choose another folder"):
+    with pytest.raises(
+        InvalidParameter, match=r"has another study in it \(see its study.yaml\).*choose another folder"
+    ):
         study(**change).run(finished.folder)
 
 
@@ -184,7 +186,9 @@ def test_results_do_not_depend_on_how_runs_are_cut_into_chunks():
     draws, method = own.draw(), Integration("midpoint", 1)
     whole = Simulator(Cases(own), method).run(np.arange(6), draws.values, draws.seeds)
     for start, stop in ((0, 1), (1, 4), (4, 6)):
-        part = Simulator(Cases(own), method).run(np.arange(start, stop), draws.values[start:stop], draws.seeds[start:stop])
+        part = Simulator(Cases(own), method).run(
+            np.arange(start, stop), draws.values[start:stop], draws.seeds[start:stop]
+        )
         np.testing.assert_array_equal(part.end_time, whole.end_time[start:stop])
         for name, values in part.measures.items():
             np.testing.assert_array_equal(values, whole.measures[name][start:stop])

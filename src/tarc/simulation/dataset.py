@@ -109,9 +109,7 @@ def _torque_attributes(label: str, unit: str) -> dict[str, str]:
     return {"long_name": label if unit.startswith("N") else "command of the joints", "units": unit}
 
 
-def with_derived_signals(
-    record: Record, controller: DigitalController, inputs: SampledInputs
-) -> dict[str, np.ndarray]:
+def with_derived_signals(record: Record, controller: DigitalController, inputs: SampledInputs) -> dict[str, np.ndarray]:
     """Return the recorded arrays with the reference, the TDE error and the noise-free ‖s‖."""
     arrays = dict(record.arrays)
     n_samples = len(arrays["position"])

@@ -89,6 +89,7 @@ class Store:
         self.runs = int(_attribute(group, "runs"))
         self.rows = int(_attribute(group, "chunk"))
         self._lock = ExitStack()
+        self._arrays: dict[str, zarr.Array[Any]] = {}
 
     def __enter__(self) -> "Store":
         return self
@@ -172,6 +173,7 @@ class Store:
         """Make place for more runs."""
         with self._writing():
             self.group.attrs["runs"] = self.runs = runs
+            self._arrays.clear()
             for name, array in self.group.arrays():
                 if name not in ("run", "law"):
                     array.resize((runs, *array.shape[1:]))
@@ -179,10 +181,17 @@ class Store:
 
     def _array(self, name: str, n_dimensions: int) -> zarr.Array[Any]:
         """Return the array of a variable, made where there is none."""
-        if name in self.group:
-            array = self.group[name]
-            assert isinstance(array, zarr.Array)
-            return array
+        if name not in self._arrays:
+            self._arrays[name] = self._opened(name) if name in self.group else self._made(name, n_dimensions)
+        return self._arrays[name]
+
+    def _opened(self, name: str) -> zarr.Array[Any]:
+        array = self.group[name]
+        assert isinstance(array, zarr.Array)
+        return array
+
+    def _made(self, name: str, n_dimensions: int) -> zarr.Array[Any]:
+        """Make the array of a variable."""
         n_laws = len(_attribute(self.group, "laws"))
         # without a fill value, since xarray would read it as a missing value
         kind = {"completed": ("bool", None), "seed": ("int64", None)}.get(name, ("float64", np.nan))
