@@ -74,8 +74,12 @@ def simulated(case, duration, seed, **options):
     )
 
 
+def run_all(batch, cases, seeds=None):
+    return batch.run(cases, batch.sample(cases, range(len(cases)) if seeds is None else seeds))
+
+
 def check_like_simulate(batch, cases, duration, rtol=1e-9):
-    result = batch.run(cases, range(len(cases)))
+    result = run_all(batch, cases)
     for i, case in enumerate(cases):
         run = simulated(case, duration, i)
         measures = run.metrics_or_none(START)
@@ -97,7 +101,7 @@ def check_same_bits(result, other):
 def test_runs_are_those_of_simulate_and_the_same_at_every_width():
     cases = robots(9)
     results = [
-        BatchLoop(cases[:2], METHOD, 0.3, metrics_start=START, lanes=lanes).run(cases, range(9)) for lanes in (1, 4, 8)
+        run_all(BatchLoop(cases[:2], METHOD, 0.3, metrics_start=START, lanes=lanes), cases) for lanes in (1, 4, 8)
     ]
     for result in results[1:]:
         check_same_bits(results[0], result)
@@ -107,7 +111,8 @@ def test_runs_are_those_of_simulate_and_the_same_at_every_width():
 def test_results_do_not_depend_on_the_chunks():
     cases = robots(5)
     batch = BatchLoop(cases[:2], METHOD, 0.2)
-    whole, parts = batch.run(cases, range(5)), [batch.run(cases[a:b], range(a, b)) for a, b in ((0, 3), (3, 5))]
+    whole = run_all(batch, cases)
+    parts = [run_all(batch, cases[start:stop], range(start, stop)) for start, stop in ((0, 3), (3, 5))]
     for name, values in whole.measures.items():
         np.testing.assert_array_equal(values, np.concatenate([part.measures[name] for part in parts]))
 
@@ -128,22 +133,20 @@ def test_a_diverged_lane_keeps_its_measures():
     law = tarc_law(natural_frequency=30.0, torque_limit=40.0)
     cases = [make_case(law, plant_parameters={"payload": mass}) for mass in (0.1, 6.0, 0.3, 0.2)]
     batch = BatchLoop(cases[:2], METHOD, 1.0, metrics_start=START, divergence_threshold=0.5)
-    result = batch.run(cases, range(4))
+    result = run_all(batch, cases)
     assert result.completed.tolist() == [True, False, True, True]
     run = simulated(cases[1], 1.0, 1, divergence_threshold=0.5)
     assert result.end_time[1] == run.status.divergence_time
     for name, value in run.metrics(START).items():
         np.testing.assert_allclose(result.measures[name][1], value, rtol=1e-9, err_msg=name)
-    alone = BatchLoop(cases[:2], METHOD, 1.0, metrics_start=START, divergence_threshold=0.5, lanes=1).run(
-        cases, range(4)
-    )
-    check_same_bits(result, alone)
+    alone = BatchLoop(cases[:2], METHOD, 1.0, metrics_start=START, divergence_threshold=0.5, lanes=1)
+    check_same_bits(result, run_all(alone, cases))
 
 
 def test_a_run_that_ends_before_the_measures_has_none():
     law = tarc_law(natural_frequency=30.0, torque_limit=40.0)
     cases = [make_case(law, plant_parameters={"payload": mass}) for mass in (6.0, 7.0)]
-    result = BatchLoop(cases, METHOD, 1.0, metrics_start=0.9, divergence_threshold=0.5).run(cases, [0, 1])
+    result = run_all(BatchLoop(cases, METHOD, 1.0, metrics_start=0.9, divergence_threshold=0.5), cases)
     assert not np.any(result.completed)
     assert all(np.all(np.isnan(values)) for values in result.measures.values())
     assert np.all(result.end_time < 0.9)
@@ -192,14 +195,12 @@ def test_parts_vary(name):
             make_case(tarc_law(), initial_velocity=v, **options)
             for v, options in zip((0, 0.1), VARIED[name], strict=True)
         ]
-        result = BatchLoop(cases, METHOD, 0.3, metrics_start=START).run(cases, [0, 1])
+        result = run_all(BatchLoop(cases, METHOD, 0.3, metrics_start=START), cases)
         assert result.measures["peak_error"][0] != result.measures["peak_error"][1]
         return
     batch = BatchLoop(cases, METHOD, 0.3, metrics_start=START)
     check_like_simulate(batch, cases, 0.3, rtol=1e-6)
-    check_same_bits(
-        batch.run(cases, [0, 1]), BatchLoop(cases, METHOD, 0.3, metrics_start=START, lanes=1).run(cases, [0, 1])
-    )
+    check_same_bits(run_all(batch, cases), run_all(BatchLoop(cases, METHOD, 0.3, metrics_start=START, lanes=1), cases))
 
 
 @pytest.mark.slow
@@ -211,9 +212,8 @@ def test_every_law(kind):
         make_case(law, plant_parameters={"payload": m}, sensor=signals.Encoder(noise=1e-6)) for m in (0.1, 0.3, 0.2)
     ]
     batch = BatchLoop(cases[:2], METHOD, 0.2, metrics_start=START)
-    check_same_bits(
-        batch.run(cases, range(3)), BatchLoop(cases[:2], METHOD, 0.2, metrics_start=START, lanes=1).run(cases, range(3))
-    )
+    alone = BatchLoop(cases[:2], METHOD, 0.2, metrics_start=START, lanes=1)
+    check_same_bits(run_all(batch, cases), run_all(alone, cases))
     check_like_simulate(batch, cases, 0.2, rtol=1e-6)
 
 

@@ -115,3 +115,7 @@ class JointLimitWarning(UserWarning):
 
 class RobotFileWarning(UserWarning):
     """A robot is not as its file has it: the message says what was replaced, or taken as unknown."""
+
+
+class EngineWarning(UserWarning):
+    """A law of a study runs in a slower engine than the others: the message says which, and why."""

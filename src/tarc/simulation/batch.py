@@ -1,7 +1,7 @@
 """Many runs of one closed loop in machine code: the loop over time inside, several runs side by side."""
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -10,7 +10,7 @@ import numpy as np
 from tarc.core.errors import InvalidParameter, UnsupportedLaw
 from tarc.core.lane_loop import OWN, PARAMETER, SHARED, LaneLoop, LaneResult, aligned, processor_lanes
 from tarc.core.tracing import expressions
-from tarc.core.trees import pack, unpack
+from tarc.core.trees import pack
 from tarc.core.types import Array, Tree, Vector
 from tarc.simulation.batch_inputs import REFERENCE, BatchInputs, LoopCase, RunInputs
 from tarc.simulation.closed_loop import ClosedLoop, LoopInput, LoopState
@@ -98,6 +98,7 @@ class BatchLoop:
         state, example = self._example(base)
         self._sums = MeasureSums(base.loop(integration), example)
         self._state = BatchState(state, self._sums.start())
+        self._packed_sums = pack(self._sums.start())
         for case in cases[1:]:
             self._example(case)  # so that all have computed what they keep
         self._numbers = [_Parts(case) for case in cases]
@@ -105,7 +106,7 @@ class BatchLoop:
         self._masks = dict(self._varying_masks)
         function = self._traced(cases)
         self.lanes = processor_lanes() if lanes is None else lanes
-        self._machine = LaneLoop(function, self._places(), len(pack(self._sums.start())), self.lanes)
+        self._machine = LaneLoop(function, self._places(), len(self._packed_sums), self.lanes)
 
     @property
     def varying(self) -> list[str]:
@@ -290,26 +291,50 @@ class BatchLoop:
 
     def covers(self, case: LoopCase) -> bool:
         """Return whether a case differs from the examples in nothing but its inputs and arguments."""
-        ours, theirs = self._numbers[0], _Parts(case)
-        if any(ours.structure.get(path, theirs) != value for path, value in theirs.structure.items()):
-            return False
-        parts, parameters = (case.controller, case.drive), case.parameters
-        for path, value in ours.numbers.values.items():
-            other = theirs.numbers.values.get(path)
-            if other is None:  # what a part computes when it is first asked
-                other = parameters[str(path[1])] if path[0] == PLANT else at(parts, path)
-            mask = self._varying_masks.get(path, np.zeros(value.shape, dtype=bool))
-            if not np.array_equal(value[~mask], other[~mask], equal_nan=True):
+        ours = self._numbers[0].numbers
+        for part, base, path in self._parts_of(case):
+            if part is base:
+                continue
+            theirs = Numbers(part)
+            if any(ours.structure.get((*path, *inner), theirs) != value for inner, value in theirs.structure.items()):
                 return False
-        return True
+            for whole, value in ours.values.items():
+                if whole[: len(path)] != path:
+                    continue
+                inner = whole[len(path) :]
+                other = theirs.values[inner] if inner in theirs.values else at(part, inner)
+                if not self._differs_where_it_may(whole, value, other):
+                    return False
+        return all(
+            (PLANT, name) in ours.values and self._differs_where_it_may((PLANT, name), ours.values[PLANT, name], one)
+            for name, one in case.parameters.items()
+        )
 
-    def run(self, cases: Sequence[LoopCase], seeds: Sequence[int]) -> BatchResult:
-        """Run the cases, each with its seed."""
-        if len(cases) != len(seeds):
-            raise InvalidParameter(f"cases, seeds: got {len(cases)} and {len(seeds)}; needs one seed for each case")
+    def _parts_of(self, case: LoopCase) -> list[tuple[object, object, Path]]:
+        """Return the parts of a case beside its plant, those of the first example, and their paths."""
+        ours, theirs = self._base.controller, case.controller
+        return [
+            *(
+                (getattr(theirs, name), getattr(ours, name), (0, name))
+                for name in ("law", "sensor", "torque_limits", "computation_delay")
+            ),
+            (case.drive, self._base.drive, (1,)),
+        ]
+
+    def _differs_where_it_may(self, path: Path, value: Array, other: Array) -> bool:
+        """Return whether numbers are those of the first example but for what varies."""
+        mask = self._varying_masks.get(path)
+        if mask is None:
+            return np.array_equal(value, other, equal_nan=True)
+        return value.shape == other.shape and np.array_equal(value[~mask], other[~mask], equal_nan=True)
+
+    def run(self, cases: Sequence[LoopCase], inputs: Sequence[RunInputs]) -> BatchResult:
+        """Run the cases, each with its inputs, as `BatchInputs.of_run` of `inputs` samples them."""
+        if len(cases) != len(inputs):
+            raise InvalidParameter(f"cases, inputs: got {len(cases)} and {len(inputs)}; needs those of each case")
         parts = []
         for start in range(0, len(cases), self.lanes):
-            parts.append(self._side_by_side(cases[start : start + self.lanes], seeds[start : start + self.lanes]))
+            parts.append(self._side_by_side(cases[start : start + self.lanes], inputs[start : start + self.lanes]))
         names = parts[0].measures
         return BatchResult(
             {name: np.concatenate([part.measures[name] for part in parts]) for name in names},
@@ -317,26 +342,28 @@ class BatchLoop:
             np.concatenate([part.end_time for part in parts]),
         )
 
-    def _side_by_side(self, cases: Sequence[LoopCase], seeds: Sequence[int]) -> BatchResult:
+    def sample(self, cases: Sequence[LoopCase], seeds: Iterable[int]) -> list[RunInputs]:
+        """Sample the inputs of each case with its seed."""
+        return [self.inputs.of_run(case, int(seed)) for case, seed in zip(cases, seeds, strict=True)]
+
+    def _side_by_side(self, cases: Sequence[LoopCase], inputs: Sequence[RunInputs]) -> BatchResult:
         """Run at most as many cases as there are lanes; the last fills those that are left."""
-        n_periods = self.inputs.n_periods
+        n_periods, n_runs = self.inputs.n_periods, len(cases)
         own = aligned((n_periods, self.inputs.n_own, self.lanes))
         arguments = np.zeros((sum(int(np.sum(mask)) for mask in self._masks.values()), self.lanes))
-        states, runs = [], []
-        for lane, (case, seed) in enumerate(zip(cases, seeds, strict=True)):
-            inputs = self.inputs.of_run(case, int(seed))
-            own[:, :, lane] = inputs.own.T
+        states = np.zeros((len(self._packed_sums) + len(pack(self._state.loop)), self.lanes))
+        for lane in range(self.lanes):
+            if lane >= n_runs:
+                for array in (own, arguments, states):
+                    array[..., lane] = array[..., n_runs - 1]
+                continue
+            case, run = cases[lane], inputs[lane]
+            own[:, :, lane] = run.own.T
             arguments[:, lane] = self.arguments(case)
-            states.append(pack(BatchState(self._start(case, inputs.sampled), self._sums.start())))
-            runs.append(inputs)
-        filled = len(cases)
-        own[:, :, filled:] = own[:, :, filled - 1 : filled]
-        arguments[:, filled:] = arguments[:, filled - 1 : filled]
-        states += [states[-1]] * (self.lanes - filled)
-        result = self._machine.run(
-            n_periods, self._first_measured, np.array(states).T, self.inputs.rows, own, arguments
-        )
-        return self._results(result, runs)
+            start = pack(self._start(case, run.sampled))
+            states[: len(start), lane] = start
+        result = self._machine.run(n_periods, self._first_measured, states, self.inputs.rows, own, arguments)
+        return self._results(result, inputs)
 
     def _results(self, result: LaneResult, runs: Sequence[RunInputs]) -> BatchResult:
         """Return measures and ends of the runs."""
@@ -353,7 +380,7 @@ class BatchLoop:
         has_measures = np.array(
             [stop >= 2 and run.times[stop - 2] >= self._metrics_start for run, stop in zip(runs, last, strict=True)]
         )
-        sums = {name: np.asarray(value) for name, value in _by_name(self._state, result.state[:, :n_runs]).items()}
+        sums = self._sums.by_name(result.state[len(result.state) - len(self._packed_sums) :, :n_runs])
         torque = np.ascontiguousarray(result.record[first:, :, :n_runs].transpose(2, 1, 0))
         shares: dict[str, Array] = {}
         for stop in np.unique(last[has_measures]):
@@ -386,9 +413,3 @@ class _Parts:
     def structure(self) -> dict[Path, object]:
         """Return what is no number."""
         return self.numbers.structure
-
-
-def _by_name(example: BatchState, states: Array) -> dict[str, Array]:
-    """Return the sums of the runs, each (runs,) or (n, runs), by name, from packed states (states, runs)."""
-    columns = [unpack(example, state).sums for state in states.T]
-    return {name: np.array([column[name] for column in columns]).T for name in example.sums}

@@ -127,6 +127,15 @@ class MeasureSums:
         """Return the sums in the order of `start`."""
         return {name: sums[name] for name in self.start()}
 
+    def by_name(self, rows: Array) -> dict[str, Array]:
+        """Return packed sums of several runs, (numbers, runs), by name."""
+        named, start = {}, 0
+        for name, example in self.start().items():
+            size = int(np.size(example))
+            named[name] = rows[start : start + size] if example.ndim else rows[start]
+            start += size
+        return named
+
     def measures(self, sums: Mapping[str, Array], high_frequency_shares: Mapping[str, Array]) -> dict[str, Array]:
         """Return the measures of several runs, from sums (runs,) and shares of the torque's energy by suffix."""
         count, n = sums["count"], self._n

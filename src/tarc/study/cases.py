@@ -26,7 +26,7 @@ READ_BACK_TOLERANCE = 1e-9
 """Relative difference between a drawn value and the one that was read back that counts as rounding."""
 
 TYPICAL = 0.4
-"""Probability of the quantiles of a typical row."""
+"""Probability of the quantiles on which robots with drawn parameters are compared with robots built anew."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,12 +69,10 @@ class Cases:
         The scenario without draws.
     nominal
         Its constructed parts.
-    keys
-        Places of the drawn keys, in the order of the columns.
+    keys, distributions
+        Places of the drawn keys and their distributions, in the order of the columns.
     plant_parameters
         Names of the parameters of the simulated plant that are drawn; its equations stay the same then.
-    typical_row
-        A row of values near the medians.
     plant_is_rebuilt
         Whether draws change the plant beyond its parameters, so that its equations are derived for each case.
 
@@ -89,13 +87,12 @@ class Cases:
         self.keys = [find_key(self.scenario, name) for name in study.draws]
         self._targets = {key: set(components_of(self.scenario, key)) for key in self.keys if key.section not in NUMBERS}
         self._known = set(study.known)
-        self._distributions = list(study.distributions.values())
+        self.distributions = list(study.distributions.values())
         self.nominal = self.scenario.build()
         self.law_names = list(self.nominal.laws)
         self.plant_parameters = self._drawn_parameters()
         self.plant_is_rebuilt = self.plant_parameters is None
         self._mean_inertia: Array | None = None
-        self.typical_row = np.array([d.quantile(np.array([TYPICAL]))[0] for d in self._distributions])
         self._refuse_hidden()
         if any(key.section in ("robot", "gearbox") for key in self.keys) and not self.plant_is_rebuilt:
             self.plant_is_rebuilt = not self._shares_equations()
@@ -135,7 +132,7 @@ class Cases:
 
     def _plain(self, row: Array) -> dict[DrawnKey, Any]:
         """Return drawn values by key, as a scenario has them."""
-        pairs = zip(self.keys, self._distributions, np.asarray(row, dtype=float), strict=True)
+        pairs = zip(self.keys, self.distributions, np.asarray(row, dtype=float), strict=True)
         return {key: distribution.plain(value) for key, distribution, value in pairs}
 
     def _is_drawn(self, section: str) -> bool:
@@ -251,7 +248,8 @@ class Cases:
 
     def _shares_equations(self) -> bool:
         """Return whether the robot with typical drawn parameters is the one that its section builds."""
-        values = self._plain(self.typical_row)
+        typical = [float(distribution.quantile(np.array([TYPICAL]))[0]) for distribution in self.distributions]
+        values = self._plain(np.array(typical))
         parts = self._sections(values)
         _, shared = self._plants(values, parts)
         _, built = self._built_plants(parts)
@@ -318,10 +316,9 @@ class Cases:
         if name != "inertia" or isinstance(value, NominalInertia):
             return value_at(value, steps)
         matrix = np.asarray(value, dtype=float)
-        diagonal = np.diag(matrix) if matrix.ndim == 2 else matrix
         if steps == ("fraction",):
-            return float(np.sum(diagonal) / np.trace(self._mean_inertia_for(known)))
-        return value_at(diagonal if len(steps) < 2 else matrix, steps)
+            return float(np.trace(matrix) / np.trace(self._mean_inertia_for(known)))
+        return value_at(np.diag(matrix) if matrix.ndim == 2 and len(steps) < 2 else matrix, steps)
 
     def _mean_inertia_for(self, known: Mapping[DrawnKey, Any]) -> Array:
         """Return the mean inertia along the reference of the robot that the laws are built for."""

@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tarc.core import validation as check
-from tarc.core.errors import DesignWarning, InvalidParameter, JointLimitWarning
+from tarc.core.errors import (
+    CompilationError,
+    DesignWarning,
+    EngineWarning,
+    InvalidParameter,
+    JointLimitWarning,
+    MissingTool,
+    UnsupportedLaw,
+)
 from tarc.core.progress import Progress
 from tarc.core.types import Array
 from tarc.plants.symbolic import SymbolicPlant
@@ -18,16 +26,23 @@ from tarc.simulation.integration import Integration
 from tarc.simulation.sampled_inputs import initial_conditions
 from tarc.simulation.simulator import PILOT_PERIODS, min_substeps
 from tarc.study.cases import Cases
+from tarc.study.compiled_engine import COMPILED, LANES, CompiledEngine
 from tarc.study.draws import Draws
-from tarc.study.engines import MUJOCO, VIRTUAL_MACHINE, ChunkResult, Engine, Simulator
+from tarc.study.engines import MUJOCO, VIRTUAL_MACHINE, ChunkResult, Engine, SideBySide, Simulator
 from tarc.study.store import TRACES, Chunk, Store, open_store
 from tarc.study.study_result import StudyResult
 
 if TYPE_CHECKING:
     from tarc.study.specification import Study
 
-ENGINES = ("auto", VIRTUAL_MACHINE, MUJOCO)
+ENGINES = ("auto", VIRTUAL_MACHINE, COMPILED, LANES, MUJOCO)
 """Names of engines."""
+
+SHORT_STUDY = 2e5
+"""Control periods of all runs below which ``auto`` takes the virtual machine, since compiling takes as long."""
+
+REFUSALS = (UnsupportedLaw, MissingTool, CompilationError)
+"""Why a law does not run in machine code."""
 
 FIRST_DRAWS = 3
 """First draws with which the integration is chosen, beside the least and the greatest value of each key."""
@@ -46,7 +61,8 @@ def run_study(
     check_engine(engine)
     place = Path("runs") / f"{study.name}.study" if folder is None else Path(folder)
     draws = study.draw()
-    with open_store(place, study) as store, warnings.catch_warnings():
+    store = open_store(place, study)
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore", DesignWarning)  # the results show it
         warnings.simplefilter("ignore", JointLimitWarning)
         integration = stored_integration(store, study, draws)
@@ -82,10 +98,46 @@ def build_engine(study: "Study", integration: Integration, engine: str) -> Engin
     InvalidParameter
         For an engine that does not simulate the robot.
     """
-    simulator = Simulator(Cases(study), integration)
-    if engine not in ("auto", simulator.name):
+    cases = Cases(study)
+    simulator = Simulator(cases, integration)
+    scenario = cases.scenario
+    is_short = study.runs * scenario.duration / scenario.period < SHORT_STUDY
+    if engine == simulator.name or (engine == "auto" and (is_short or simulator.name == MUJOCO)):
+        return simulator
+    if engine in (VIRTUAL_MACHINE, MUJOCO):
         raise InvalidParameter(f"engine: got {engine!r}; the robot is simulated by {simulator.name}", "engine")
-    return simulator
+    lanes = 1 if engine == COMPILED else None
+    if engine != "auto":
+        return CompiledEngine(cases, integration, cases.law_names, lanes)
+    return _fastest(cases, integration, lanes)
+
+
+def _fastest(cases: Cases, integration: Integration, lanes: int | None) -> Engine:
+    """Return an engine in machine code for the laws that have one, beside the virtual machine for the others."""
+    slow: dict[str, str] = {}
+    fast: CompiledEngine | None = None
+    try:
+        fast = CompiledEngine(cases, integration, [], lanes)
+        for law in cases.law_names:
+            try:
+                fast.add(law)
+            except REFUSALS as error:
+                slow[law] = str(error)
+    except REFUSALS as error:
+        slow = dict.fromkeys(cases.law_names, str(error))
+    for reason in dict.fromkeys(slow.values()):
+        names = ", ".join(law for law, why in slow.items() if why == reason)
+        warnings.warn(f"{names}: simulated in the virtual machine ({reason})", EngineWarning, stacklevel=2)
+    if fast is None or not fast.laws:
+        return Simulator(cases, integration)
+    if not slow:
+        return fast
+    places = {law: number for number, law in enumerate(cases.law_names)}
+    parts: list[tuple[Engine, list[int]]] = [
+        (fast, [places[law] for law in fast.laws]),
+        (Simulator(cases, integration, list(slow)), [places[law] for law in slow]),
+    ]
+    return SideBySide(parts, len(places))
 
 
 def stored_integration(store: Store, study: "Study", draws: Draws) -> Integration:

@@ -1,0 +1,101 @@
+"""Studies in machine code: the results of the virtual machine, law by law, and a reason where that is not possible."""
+
+import numpy as np
+import pytest
+
+from tarc.core.errors import EngineWarning, UnsupportedLaw
+from tarc.simulation.integration import Integration
+from tarc.study import execution
+from tarc.study.cases import Cases
+from tarc.study.compiled_engine import CompiledEngine
+from tarc.study.engines import Simulator
+from tarc.study.specification import Study
+
+METHOD = Integration("Runge–Kutta", 2)
+TARC = {
+    "kind": "TARC",
+    "inertia": {"fraction": 0.08},
+    "natural_frequency": 15.0,
+    "rise_rate": 2000.0,
+    "fall_rate": 1000.0,
+    "boundary_layer": 0.015,
+    "max_gain": 5.0,
+}
+SCENARIO = {
+    "robot": {"kind": "TwoLinkArm", "viscous": [0.5, 0.5]},
+    "law": [TARC, {"kind": "TDC", "inertia": {"fraction": 0.08}, "natural_frequency": 15.0}],
+    "estimator": {"kind": "Algebraic", "window": 0.01, "degree": 2},
+    "reference": {"kind": "Sinusoid", "amplitude": [0.3, 0.4], "frequency": [2.0, 3.0], "offset": [0.0, 1.5]},
+    "sensor": {"bits": 16, "noise": 1e-5},
+    "initial_torque": "rest",
+    "duration": 0.3,
+    "metrics_start": 0.1,
+    "substeps": 2,
+}
+
+
+def make_study(draws=None, runs=6):
+    keys = {"robot.payload": {"uniform": [0.0, 1.0]}, "sensor.noise": {"log_uniform": [1e-6, 1e-5]}, **(draws or {})}
+    return Study.parse({"scenario": SCENARIO, "runs": runs, "draws": keys})
+
+
+def run(engine, study):
+    draws = study.draw()
+    return engine.run(np.arange(study.runs), draws.values, draws.seeds)
+
+
+def check_equal(ours, theirs, rtol=1e-6):
+    assert set(ours.measures) == set(theirs.measures)
+    np.testing.assert_array_equal(ours.completed, theirs.completed)
+    np.testing.assert_array_equal(ours.end_time, theirs.end_time)
+    for name, values in theirs.measures.items():
+        np.testing.assert_allclose(ours.measures[name], values, rtol=rtol, atol=1e-12, err_msg=name)
+    assert set(ours.applied) == set(theirs.applied)
+    for key, values in theirs.applied.items():
+        np.testing.assert_array_equal(ours.applied[key], values)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "draws",
+    [
+        {},
+        {"law.natural_frequency": {"uniform": [12.0, 16.0]}, "law.boundary_layer": {"uniform": [0.01, 0.02]}},
+        {"sensor.bits": {"choice": [15, 17]}, "computation_delay": {"choice": [0, 1]}},
+        {"reference.amplitude.0": {"uniform": [0.1, 0.3]}, "initial_velocity": {"uniform": [0.0, 0.1]}},
+    ],
+    ids=lambda draws: " ".join(draws) or "robot",
+)
+def test_results_are_those_of_the_virtual_machine(draws):
+    study = make_study(draws)
+    cases = Cases(study)
+    engine = CompiledEngine(cases, METHOD, study.law_names)
+    check_equal(run(engine, study), run(Simulator(cases, METHOD), study))
+
+
+@pytest.mark.slow
+def test_lanes_have_the_bits_of_one_run():
+    study = make_study({"sensor.bits": {"choice": [15, 17]}}, 11)
+    wide, narrow = (CompiledEngine(Cases(study), METHOD, study.law_names, lanes) for lanes in (None, 1))
+    assert narrow.name == "compiled"
+    ours, theirs = run(wide, study), run(narrow, study)
+    for name, values in theirs.measures.items():
+        np.testing.assert_array_equal(ours.measures[name], values)
+
+
+def test_draws_that_change_the_equations_are_refused():
+    study = make_study({"robot.masses.0": {"uniform": [0.9, 1.1]}})
+    cases = Cases(study)
+    cases.plant_is_rebuilt = True
+    with pytest.raises(UnsupportedLaw, match="the robot's equations"):
+        CompiledEngine(cases, METHOD, study.law_names)
+
+
+def test_without_a_compiler_the_virtual_machine_takes_over(monkeypatch, tmp_path):
+    monkeypatch.setenv("CC", "no-such-compiler")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(execution, "SHORT_STUDY", 0)
+    with pytest.warns(EngineWarning, match="no-such-compiler") as caught:
+        engine = execution.build_engine(make_study(), METHOD, "auto")
+    assert engine.name == "virtual machine"
+    assert len(caught) == 1
