@@ -40,7 +40,7 @@ def dataset(
     divergence_index
         Sample at which the run diverged, or None.
     """
-    arrays = _with_derived_signals(record, controller, inputs)
+    arrays = with_derived_signals(record, controller, inputs)
     n_samples = len(arrays["position"])
     order = list(VARIABLES)
     passive_units = [plant.coordinate_units[i] for i in plant.unmeasured]
@@ -56,7 +56,7 @@ def dataset(
         if name == "torque":
             attributes = _torque_attributes(label, torque_unit)
         variables[name] = (dimensions, arrays[name], attributes)
-    variables |= _limits(controller, plant.n_joints, torque_unit)
+    variables |= _limits(controller, torque_unit)
     coordinates = {
         "time": ("time", inputs.times[:n_samples], {"units": "s", "long_name": "time"}),
         "joint": ("joint", plant.joint_names),
@@ -84,14 +84,11 @@ def dataset(
     return xr.Dataset(variables, coords=coordinates, attrs=attributes)
 
 
-def _limits(controller: DigitalController, n: int, torque_unit: str) -> dict[str, Any]:
+def _limits(controller: DigitalController, torque_unit: str) -> dict[str, Any]:
     """Return the limits of the torque and of its rate, as variables."""
-    limits = controller.law.torque_limits
-    interface = controller.torque_limits
-    if interface is not None:
-        limits = np.minimum(limits, interface.magnitudes(n))
+    limits, interface = largest_torques(controller), controller.torque_limits
     label = {"long_name": "largest torque that is applied", "units": torque_unit}
-    variables = {"torque_limit": ("joint", np.where(limits < HUGE, limits, np.inf), label)}
+    variables = {"torque_limit": ("joint", limits, label)}
     if interface is not None and interface.rate is not None:
         rates = np.broadcast_to(np.asarray(interface.rate, dtype=float), limits.shape)
         label = {"long_name": "largest rate of the torque", "units": f"{torque_unit}/s".replace("/s/s", "/s²")}
@@ -99,14 +96,20 @@ def _limits(controller: DigitalController, n: int, torque_unit: str) -> dict[str
     return variables
 
 
+def largest_torques(controller: DigitalController) -> np.ndarray:
+    """Return the largest torque of each joint that passes the limits [N m or N], (n,); infinite for none."""
+    limits = controller.law.torque_limits
+    if controller.torque_limits is not None:
+        limits = np.minimum(limits, controller.torque_limits.magnitudes(controller.law.n_joints))
+    return np.where(limits < HUGE, limits, np.inf)
+
+
 def _torque_attributes(label: str, unit: str) -> dict[str, str]:
     """Return name and unit of what the law outputs: torques, or commands of inner loops."""
     return {"long_name": label if unit.startswith("N") else "command of the joints", "units": unit}
 
 
-def _with_derived_signals(
-    record: Record, controller: DigitalController, inputs: SampledInputs
-) -> dict[str, np.ndarray]:
+def with_derived_signals(record: Record, controller: DigitalController, inputs: SampledInputs) -> dict[str, np.ndarray]:
     """Return the recorded arrays with the reference, the TDE error and the noise-free ‖s‖."""
     arrays = dict(record.arrays)
     n_samples = len(arrays["position"])

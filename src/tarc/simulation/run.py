@@ -15,7 +15,8 @@ from tarc.core.files import file_in_folder, writing
 from tarc.core.units import unit_for_joints
 from tarc.plants.base import Plant
 from tarc.signals.trajectory_message import BAG
-from tarc.simulation.quantities import JOINT_KINDS, MEASURES, measure_unit
+from tarc.simulation.measures import SIGNALS, compute_measures, saturated_share
+from tarc.simulation.quantities import MEASURES, measure_unit
 from tarc.simulation.run_bag import write_bag
 
 if TYPE_CHECKING:
@@ -78,7 +79,7 @@ class Run:
         return Status(
             completed=np.isnan(divergence_time),
             divergence_time=None if np.isnan(divergence_time) else divergence_time,
-            saturated=_saturated_share(self.data),
+            saturated=saturated_share(self.data["torque"].values, self.data["torque_limit"].values),
             fault_time=float(self.data["time"].values[faults[0]]) if len(faults) else None,
         )
 
@@ -152,15 +153,15 @@ class Run:
         period = float(self.data.attrs["period"])
         check.number("frequency", frequency, 0)
         n_averaged = self._averaged_samples(averaging_time, period, data.sizes["time"])
-        measures = {"saturated": _saturated_share(data)}
-        units = np.array(self._unit_of_each_joint)
-        for unit in self.joint_units:
-            suffix = f"_{JOINT_KINDS[unit]}" if len(self.joint_units) > 1 else ""
-            summed = _summed_measures(data.isel(joint=np.flatnonzero(units == unit)), period, frequency)
-            measures |= {f"{name}{suffix}": value for name, value in summed.items()}
-        if "gain" in data:
-            measures |= _gain_measures(data, n_averaged)
-        return {name: measures[name] for name in MEASURES if name in measures}
+        return compute_measures(
+            {name: data[name].values for name in SIGNALS if name in data},
+            period,
+            data["torque_limit"].values,
+            self._unit_of_each_joint,
+            has_rate_limit="torque_rate_limit" in data,
+            frequency=frequency,
+            n_averaged=n_averaged,
+        )
 
     def metrics_or_none(self, start_time: float = 0.0) -> dict[str, float]:
         """Compute `metrics`; return an empty dictionary for a run that ended before the start time."""
@@ -325,51 +326,3 @@ class Run:
                 f"{n_samples * period:g} s, use less"
             )
         return n_averaged
-
-
-def _gain_measures(data: xr.Dataset, n_averaged: int) -> dict[str, float]:
-    """Compute mean and peak of the gain, and the shares of over- and underestimation."""
-    gain = data["gain"].values
-    measures = {"mean_gain": float(np.mean(gain)), "peak_gain": float(np.max(gain))}
-    if "sliding" in data:
-        sliding = data["sliding"].values
-        # a moving average over m samples changes by 1/m of the difference between samples that are m periods apart
-        sliding_change = sliding[n_averaged:] - sliding[:-n_averaged]
-        gain_change = gain[n_averaged:] - gain[:-n_averaged]
-        measures["overestimation"] = float(np.mean((gain_change > 0) & (sliding_change < 0)))
-        measures["underestimation"] = float(np.mean((gain_change < 0) & (sliding_change > 0)))
-    return measures
-
-
-def _summed_measures(data: xr.Dataset, period: float, frequency: float) -> dict[str, float]:
-    """Return the measures that join all joints of the data, which have the same unit."""
-    error = (data["position"] - data["reference"]).values
-    torque = data["torque"].values
-    measures = {
-        "rms_error": float(np.sqrt(np.mean(error**2))),
-        "peak_error": float(np.max(np.abs(error))),
-        "torque_variation": float(np.sum(np.abs(np.diff(torque, axis=0))) / (period * (len(torque) - 1))),
-        "high_frequency_share": _energy_share_above(torque, period, frequency),
-        "peak_torque": float(np.max(np.abs(torque))),
-    }
-    if "torque_rate_limit" in data:
-        measures["peak_torque_rate"] = float(np.max(np.abs(np.diff(torque, axis=0)))) / period
-    if "tde_error" in data:
-        tde_error = data["tde_error"].values
-        tde_error = tde_error[~np.isnan(tde_error)]
-        measures["rms_tde_error"] = float(np.sqrt(np.mean(tde_error**2))) if tde_error.size else np.nan
-    return measures
-
-
-def _saturated_share(data: xr.Dataset) -> float:
-    """Return the share of the samples, over all joints, in which the torque is at its limit."""
-    return float(np.mean(np.abs(data["torque"].values) >= data["torque_limit"].values * (1 - 1e-12)))
-
-
-def _energy_share_above(torque: np.ndarray, period: float, frequency: float) -> float:
-    """Return the share of the torque's energy about its mean that lies above a frequency [Hz]."""
-    spectrum = np.abs(np.fft.rfft(torque - torque.mean(axis=0), axis=0)) ** 2
-    spectrum[1 : (len(torque) + 1) // 2] *= 2  # positive and negative frequencies; the Nyquist frequency occurs once
-    is_high = np.fft.rfftfreq(len(torque), period) > frequency
-    total = spectrum.sum()
-    return float(spectrum[is_high].sum() / total) if total > 0 else 0.0

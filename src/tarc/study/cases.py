@@ -26,7 +26,7 @@ READ_BACK_TOLERANCE = 1e-9
 """Relative difference between a drawn value and the one that was read back that counts as rounding."""
 
 TYPICAL = 0.4
-"""Probability of the quantiles on which robots with drawn parameters are compared with robots built anew."""
+"""Probability of the quantiles of a typical row."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +73,8 @@ class Cases:
         Places of the drawn keys and their distributions, in the order of the columns.
     plant_parameters
         Names of the parameters of the simulated plant that are drawn; its equations stay the same then.
+    typical_row
+        A row of values near the medians.
     plant_is_rebuilt
         Whether draws change the plant beyond its parameters, so that its equations are derived for each case.
 
@@ -93,6 +95,7 @@ class Cases:
         self.plant_parameters = self._drawn_parameters()
         self.plant_is_rebuilt = self.plant_parameters is None
         self._mean_inertia: Array | None = None
+        self.typical_row = np.array([d.quantile(np.array([TYPICAL]))[0] for d in self.distributions])
         self._refuse_hidden()
         if any(key.section in ("robot", "gearbox") for key in self.keys) and not self.plant_is_rebuilt:
             self.plant_is_rebuilt = not self._shares_equations()
@@ -248,8 +251,7 @@ class Cases:
 
     def _shares_equations(self) -> bool:
         """Return whether the robot with typical drawn parameters is the one that its section builds."""
-        typical = [float(distribution.quantile(np.array([TYPICAL]))[0]) for distribution in self.distributions]
-        values = self._plain(np.array(typical))
+        values = self._plain(self.typical_row)
         parts = self._sections(values)
         _, shared = self._plants(values, parts)
         _, built = self._built_plants(parts)
@@ -316,9 +318,10 @@ class Cases:
         if name != "inertia" or isinstance(value, NominalInertia):
             return value_at(value, steps)
         matrix = np.asarray(value, dtype=float)
+        diagonal = np.diag(matrix) if matrix.ndim == 2 else matrix
         if steps == ("fraction",):
-            return float(np.trace(matrix) / np.trace(self._mean_inertia_for(known)))
-        return value_at(np.diag(matrix) if matrix.ndim == 2 and len(steps) < 2 else matrix, steps)
+            return float(np.sum(diagonal) / np.trace(self._mean_inertia_for(known)))
+        return value_at(diagonal if len(steps) < 2 else matrix, steps)
 
     def _mean_inertia_for(self, known: Mapping[DrawnKey, Any]) -> Array:
         """Return the mean inertia along the reference of the robot that the laws are built for."""

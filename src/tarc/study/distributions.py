@@ -115,17 +115,24 @@ class Normal(Distribution):
                 check.number(name, getattr(self, name))
         if self.low is not None and self.high is not None:
             _check_bounds(self.low, self.high)
-        if not np.isfinite(self.quantile(np.array([0.5]))[0]):
+        a, b = self._bounds
+        if not max(norm.sf(a) - norm.sf(b), norm.cdf(b) - norm.cdf(a)) > 0:
             raise InvalidParameter(
                 f"low, high: got {self.low!r} and {self.high!r}, between which a normal distribution of mean "
                 f"{self.mean:g} and deviation {self.deviation:g} has no probability; move them towards the mean",
                 "low",
             )
 
+    @property
+    def _bounds(self) -> tuple[float, float]:
+        """Bounds of the normal scores."""
+        low = -np.inf if self.low is None else (self.low - self.mean) / self.deviation
+        high = np.inf if self.high is None else (self.high - self.mean) / self.deviation
+        return low, high
+
     def quantile(self, probability: Array) -> Array:
         """Return the quantile by the tail in which it is accurate."""
-        a = -np.inf if self.low is None else (self.low - self.mean) / self.deviation
-        b = np.inf if self.high is None else (self.high - self.mean) / self.deviation
+        a, b = self._bounds
         if a > 0:  # in the upper tail: by the complement, which keeps its digits
             z = norm.isf(norm.sf(a) - probability * (norm.sf(a) - norm.sf(b)))
         else:

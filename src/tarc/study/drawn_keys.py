@@ -132,8 +132,15 @@ def components_of(scenario: Scenario, key: DrawnKey) -> dict[str, Component]:
 
 
 def _has(component: Component, path: Sequence[str | int]) -> bool:
-    """Return whether a component has a parameter of this name."""
-    return bool(path) and path[0] in parameters(component.kind)
+    """Return whether a component has a parameter of this name, with the keys inside it that the path names."""
+    if not path or path[0] not in parameters(component.kind):
+        return False
+    current: object = component.options.get(str(path[0]))
+    for step in path[1:]:
+        if isinstance(step, str) and not (isinstance(current, Mapping) and step in current):
+            return False
+        current = current.get(step) if isinstance(current, Mapping) else None
+    return True
 
 
 def _step(word: str) -> str | int:

@@ -8,12 +8,18 @@ import numpy as np
 
 from tarc.core.types import Array
 from tarc.laws.base import Law
+from tarc.plants.mujoco import MujocoPlant
+from tarc.plants.mujoco_gearbox import MujocoGearbox
 from tarc.plants.symbolic import SymbolicPlant
 from tarc.signals.sensors import Encoder
 from tarc.simulation.casadi_backend import TracedLoop
 from tarc.simulation.closed_loop import ClosedLoop
+from tarc.simulation.dataset import largest_torques, with_derived_signals
 from tarc.simulation.integration import Integration
+from tarc.simulation.measures import SIGNALS, compute_measures
 from tarc.simulation.monitor import DivergenceMonitor
+from tarc.simulation.mujoco_backend import run_mujoco
+from tarc.simulation.record import Record
 from tarc.simulation.run import Run
 from tarc.simulation.sampled_inputs import InitialConditions, SampledInputs, initial_conditions
 from tarc.simulation.simulator import Simulation, prepare_simulation
@@ -21,6 +27,9 @@ from tarc.study.cases import Case, Cases
 
 VIRTUAL_MACHINE = "virtual machine"
 MUJOCO = "MuJoCo"
+
+FEW_PERIODS = 4
+"""Periods from which the names of a law's measures are known."""
 
 NOISE = ("noise", "dropout", "packet_loss")
 """Parameters of the encoder that are drawn beforehand, and so are no part of a traced loop."""
@@ -115,19 +124,33 @@ class Simulator:
         self.name = VIRTUAL_MACHINE if isinstance(self.cases.nominal.simulated, SymbolicPlant) else MUJOCO
         self._integration = integration
         self._loops: dict[str, tuple[tuple[object, ...], TracedLoop]] = {}
+        self._measures = self._measure_names()
 
     def run(self, indices: Array, values: Array, seeds: Array) -> ChunkResult:
         """Run a chunk, as `Engine.run`."""
         rows = [self._row(row, int(seed)) for row, seed in zip(values, seeds, strict=True)]
         applied = [case.applied for case, _ in rows]
-        return chunk_result([outcomes for _, outcomes in rows], applied, self._law_places())
+        return chunk_result([outcomes for _, outcomes in rows], applied, self._law_places(), self._measures)
 
     def trace(self, row: Array, seed: int, law: str) -> Run:
         """Return one run with its trajectories, for a row of drawn values (keys,)."""
         case = self.cases.build(row)
         simulation = self.prepared(case, case.setup.laws[law], seed)
         inputs = simulation.sample(self._integration.substeps, self.cases.scenario.duration)
-        return self._simulated(case, law, simulation, inputs)
+        record, monitor = self._simulated(case, law, simulation, inputs)
+        return simulation.label(inputs, record, monitor, self._integration.integrator, np.nan)
+
+    def _measure_names(self) -> list[str]:
+        """Return the measures of all laws, from a few periods of each."""
+        case = self.cases.build(self.cases.typical_row)
+        duration = min(self.cases.scenario.duration, FEW_PERIODS * self.cases.scenario.period)
+        names: dict[str, None] = {}
+        for law in self.laws:
+            simulation = self.prepared(case, case.setup.laws[law], 0)
+            inputs = simulation.sample(self._integration.substeps, duration)
+            record, monitor = self._simulated(case, law, simulation, inputs)
+            names |= dict.fromkeys(outcome_of(simulation, inputs, record, monitor, 0.0).measures)
+        return list(names)
 
     def _law_places(self) -> list[int]:
         """Return the numbers of the laws among all laws of the study."""
@@ -142,7 +165,8 @@ class Simulator:
             simulation = self.prepared(case, case.setup.laws[law], seed)
             if inputs is None:
                 inputs = simulation.sample(self._integration.substeps, self.cases.scenario.duration)
-            outcomes.append(self._outcome(self._simulated(case, law, simulation, inputs)))
+            record, monitor = self._simulated(case, law, simulation, inputs)
+            outcomes.append(outcome_of(simulation, inputs, record, monitor, self.cases.scenario.metrics_start))
         return case, outcomes
 
     def prepared(self, case: Case, law: Law, seed: int) -> Simulation:
@@ -164,17 +188,20 @@ class Simulator:
             native=False,
         )
 
-    def _simulated(self, case: Case, law: str, simulation: Simulation, inputs: SampledInputs) -> Run:
-        """Simulate one law."""
+    def _simulated(
+        self, case: Case, law: str, simulation: Simulation, inputs: SampledInputs
+    ) -> tuple[Record, DivergenceMonitor]:
+        """Simulate one law; return the record and what has watched it."""
         plant = simulation.plant
         initial = initial_conditions(plant, inputs, case.initial_position, case.initial_velocity, case.initial_torque)
+        monitor = DivergenceMonitor(inputs, simulation.divergence_threshold, False)
         with np.errstate(all="ignore"):
-            if not isinstance(plant, SymbolicPlant):
-                return simulation.run_in_mujoco(plant, initial, inputs, False)  # type: ignore[arg-type]
-            loop = self._loop(law, simulation, initial, inputs)
-            monitor = DivergenceMonitor(inputs, simulation.divergence_threshold, False)
-            record = loop.run(plant, initial, inputs, monitor, native=False)
-            return simulation.label(inputs, record, monitor, self._integration.integrator, np.nan)
+            if isinstance(plant, SymbolicPlant):
+                loop = self._loop(law, simulation, initial, inputs)
+                return loop.run(plant, initial, inputs, monitor, native=False), monitor
+            assert isinstance(plant, MujocoPlant | MujocoGearbox)
+            record = run_mujoco(plant, simulation.controller, initial, inputs, monitor, drive=simulation.drive)
+            return record, monitor
 
     def _loop(self, law: str, simulation: Simulation, initial: InitialConditions, inputs: SampledInputs) -> TracedLoop:
         """Return the traced loop of a law: the one of the run before, unless more than its inputs differ."""
@@ -198,13 +225,30 @@ class Simulator:
             present = self._loops[law] = key, TracedLoop(loop, initial, inputs, names)
         return present[1]
 
-    def _outcome(self, run: Run) -> Outcome:
-        """Return what the study keeps of a run."""
-        status = run.status
-        with np.errstate(all="ignore"):
-            measures = run.metrics_or_none(self.cases.scenario.metrics_start)
-        end = float(run.data.attrs["duration"]) if status.divergence_time is None else status.divergence_time
-        return Outcome(measures, status.completed, end)
+
+def outcome_of(
+    simulation: Simulation, inputs: SampledInputs, record: Record, monitor: DivergenceMonitor, metrics_start: float
+) -> Outcome:
+    """Return what a study keeps of a run, with the measures from a time on [s]."""
+    controller, index = simulation.controller, monitor.divergence_index
+    with np.errstate(all="ignore"):
+        signals = with_derived_signals(record, controller, inputs)
+    times = inputs.times[: len(signals["position"])]
+    period = controller.law.period
+    end_time = len(inputs.times) * period if index is None else float(inputs.times[index])
+    if len(times) < 2 or times[-2] < metrics_start:
+        return Outcome({}, index is None, end_time)
+    first = int(np.searchsorted(times, metrics_start - 1e-9))
+    limits = controller.torque_limits
+    with np.errstate(all="ignore"):
+        measures = compute_measures(
+            {name: signals[name][first:] for name in SIGNALS if name in signals},
+            period,
+            largest_torques(controller),
+            simulation.plant.units,
+            has_rate_limit=limits is not None and limits.rate is not None,
+        )
+    return Outcome(measures, index is None, end_time)
 
 
 def _traced_parameters(sensor: Encoder) -> tuple[object, ...]:
@@ -218,7 +262,10 @@ def _traced_parameters(sensor: Encoder) -> tuple[object, ...]:
 
 
 def chunk_result(
-    outcomes: Sequence[Sequence[Outcome]], applied: Sequence[dict[str, float | Array]], laws: Sequence[int]
+    outcomes: Sequence[Sequence[Outcome]],
+    applied: Sequence[dict[str, float | Array]],
+    laws: Sequence[int],
+    measures: Sequence[str],
 ) -> ChunkResult:
     """Join the outcomes of runs and laws.
 
@@ -230,10 +277,12 @@ def chunk_result(
         Applied values of each run, by key: a number, or one per law of the study.
     laws
         Numbers of the laws of the outcomes among those of the study.
+    measures
+        Names of the measures.
     """
-    names = dict.fromkeys(name for row in outcomes for outcome in row for name in outcome.measures)
-    measures = {
-        name: np.array([[outcome.measures.get(name, np.nan) for outcome in row] for row in outcomes]) for name in names
+    values = {
+        name: np.array([[outcome.measures.get(name, np.nan) for outcome in row] for row in outcomes])
+        for name in measures
     }
     columns: dict[str, Array] = {}
     for key in applied[0] if applied else ():
@@ -241,7 +290,7 @@ def chunk_result(
         columns[key] = column[:, list(laws)] if column.ndim == 2 else column
     completed = np.array([[outcome.completed for outcome in row] for row in outcomes], dtype=bool)
     end_time = np.array([[outcome.end_time for outcome in row] for row in outcomes])
-    return ChunkResult(measures, completed, end_time, columns)
+    return ChunkResult(values, completed, end_time, columns)
 
 
 class SideBySide:

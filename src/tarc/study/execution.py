@@ -61,8 +61,7 @@ def run_study(
     check_engine(engine)
     place = Path("runs") / f"{study.name}.study" if folder is None else Path(folder)
     draws = study.draw()
-    store = open_store(place, study)
-    with warnings.catch_warnings():
+    with open_store(place, study) as store, warnings.catch_warnings():
         warnings.simplefilter("ignore", DesignWarning)  # the results show it
         warnings.simplefilter("ignore", JointLimitWarning)
         integration = stored_integration(store, study, draws)

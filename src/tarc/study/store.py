@@ -7,7 +7,7 @@ require("study", "a study", "zarr")
 import errno
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
@@ -21,6 +21,11 @@ from tarc.core.version import __version__
 from tarc.simulation.quantities import MEASURES
 from tarc.study.draws import Draws, run_seeds
 
+try:
+    import fcntl
+except ImportError:  # on Windows
+    fcntl = None
+
 if TYPE_CHECKING:
     from tarc.study.engines import ChunkResult
     from tarc.study.specification import Study
@@ -29,11 +34,12 @@ RESULTS = "results.zarr"
 CONTENT = "study.yaml"
 MARKS = "done"
 TRACES = "traces"
+LOCK = ".lock"
 
 FEWEST_ROWS = 8
 """Rows of the smallest chunk."""
 
-MAX_CHUNKS = 256
+MAX_CHUNKS = 128
 """Largest number of chunks; chunks grow with the runs, so that the number of files stays small."""
 
 
@@ -82,6 +88,35 @@ class Store:
         self.group = group
         self.runs = int(_attribute(group, "runs"))
         self.rows = int(_attribute(group, "chunk"))
+        self._lock = ExitStack()
+        self._arrays: dict[str, zarr.Array[Any]] = {}
+
+    def __enter__(self) -> "Store":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.close()
+
+    def lock(self) -> None:
+        """Keep other processes from writing, until the store is left as a context manager.
+
+        Raises
+        ------
+        InvalidParameter
+            Where another process writes.
+        """
+        file = self._lock.enter_context((self.folder / LOCK).open("w"))
+        if fcntl is None:
+            return
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            self._lock.close()
+            raise InvalidParameter(
+                f"--out: another process runs the study in {self.folder}; wait for it, or choose another folder", "out"
+            ) from None
+        except OSError:  # a file system without locks
+            return
 
     def finished_rows(self) -> Array:
         """Return the number of finished runs of each chunk, (chunks,)."""
@@ -138,6 +173,7 @@ class Store:
         """Make place for more runs."""
         with self._writing():
             self.group.attrs["runs"] = self.runs = runs
+            self._arrays.clear()
             for name, array in self.group.arrays():
                 if name not in ("run", "law"):
                     array.resize((runs, *array.shape[1:]))
@@ -145,10 +181,17 @@ class Store:
 
     def _array(self, name: str, n_dimensions: int) -> zarr.Array[Any]:
         """Return the array of a variable, made where there is none."""
-        if name in self.group:
-            array = self.group[name]
-            assert isinstance(array, zarr.Array)
-            return array
+        if name not in self._arrays:
+            self._arrays[name] = self._opened(name) if name in self.group else self._made(name, n_dimensions)
+        return self._arrays[name]
+
+    def _opened(self, name: str) -> zarr.Array[Any]:
+        array = self.group[name]
+        assert isinstance(array, zarr.Array)
+        return array
+
+    def _made(self, name: str, n_dimensions: int) -> zarr.Array[Any]:
+        """Make the array of a variable."""
         n_laws = len(_attribute(self.group, "laws"))
         # without a fill value, since xarray would read it as a missing value
         kind = {"completed": ("bool", None), "seed": ("int64", None)}.get(name, ("float64", np.nan))
@@ -187,7 +230,7 @@ class Store:
 
 
 def open_store(folder: Path, study: "Study") -> Store:
-    """Return the store of a study: a new one, or the one in the folder, which must be of the same study and version.
+    """Return the store of a study, locked: a new one, or the one in the folder, of the same study and version.
 
     Raises
     ------
@@ -195,7 +238,13 @@ def open_store(folder: Path, study: "Study") -> Store:
         For a folder of another study or version, and one that cannot be written.
     """
     if (folder / RESULTS).exists():
-        return _continued(folder, study)
+        store = Store(folder, zarr.open_group(folder / RESULTS, mode="r+"))
+        _check_same_study(store, study)
+        store.lock()
+        if study.runs > store.runs:
+            store.extend(study.runs)
+            study.save(folder / CONTENT)
+        return store
     if folder.is_dir() and any(folder.iterdir()):
         raise InvalidParameter(
             f"--out: {folder} has files in it and no study; choose a folder that is empty or does not exist", "out"
@@ -223,7 +272,9 @@ def open_store(folder: Path, study: "Study") -> Store:
         raise InvalidParameter(
             f"--out: cannot write {folder}: {error.strerror or error}; choose another", "out"
         ) from None
-    return Store(folder, zarr.open_group(folder / RESULTS, mode="r+"))
+    store = Store(folder, zarr.open_group(folder / RESULTS, mode="r+"))
+    store.lock()
+    return store
 
 
 def read_store(folder: Path) -> Store:
@@ -239,9 +290,9 @@ def read_store(folder: Path) -> Store:
     return Store(folder, zarr.open_group(folder / RESULTS, mode="r"))
 
 
-def _continued(folder: Path, study: "Study") -> Store:
-    """Return the store in a folder after a check that it is of this study."""
-    store = Store(folder, zarr.open_group(folder / RESULTS, mode="r+"))
+def _check_same_study(store: Store, study: "Study") -> None:
+    """Refuse the store of another study or version."""
+    folder = store.folder
     source = str(store.attribute("source"))
     if source != f"tarc-control {__version__}":
         raise InvalidParameter(
@@ -255,10 +306,6 @@ def _continued(folder: Path, study: "Study") -> Store:
             "changed; choose another folder, or remove that one",
             "out",
         )
-    if study.runs > store.runs:
-        store.extend(study.runs)
-        study.save(folder / CONTENT)
-    return store
 
 
 def _write_index(group: zarr.Group, runs: int) -> None:

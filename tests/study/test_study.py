@@ -1,0 +1,236 @@
+"""Studies as a whole: results against single runs, resume, folders of others, full disks."""
+
+import errno
+import json
+import shutil
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import tarc.study.store as store_module
+from tarc.core.errors import InvalidParameter
+from tarc.scenario.model import Scenario
+from tarc.simulation.integration import Integration
+from tarc.study.cases import Cases
+from tarc.study.engines import Simulator
+from tarc.study.specification import Study
+from tarc.study.store import rows_per_chunk
+from tarc.study.study_result import StudyResult
+
+SCENARIO = {
+    "robot": {"kind": "TwoLinkArm", "viscous": [0.5, 0.5]},
+    "law": [
+        {"kind": "TDC", "inertia": {"fraction": 0.08}, "natural_frequency": 15.0},
+        {"kind": "PID", "inertia": 1.0, "natural_frequency": 12.0},
+    ],
+    "estimator": {"kind": "Algebraic", "window": 0.010, "degree": 2},
+    "reference": {"kind": "Sinusoid", "amplitude": [0.3, 0.2], "frequency": 3.0},
+    "initial_torque": "rest",
+    "duration": 0.12,
+    "substeps": 1,
+    "metrics_start": 0.03,
+}
+DRAWS = {
+    "robot.payload": {"uniform": [0.0, 3.0]},
+    "robot.viscous.0": {"uniform": [0.0, 1.0]},
+    "sensor.noise": {"log_uniform": [1e-7, 1e-6]},
+}
+
+
+def study(runs=20, **changes):
+    return Study.parse({"scenario": SCENARIO, "draws": DRAWS, "runs": runs, "sampling": "sobol", **changes})
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("whole") / "whole.study"
+    return study(traces=[1]).run(folder)
+
+
+def same(first, second):
+    for name in first.data_vars:
+        np.testing.assert_array_equal(first[name].values, second[name].values, err_msg=str(name))
+
+
+def test_a_run_of_a_study_is_the_run_of_its_scenario(finished):
+    data = finished.data
+    for run in (0, 7):
+        row = {key: float(data[f"drawn:{key}"].values[run]) for key in DRAWS}
+        laws = [dict(law) for law in SCENARIO["law"]]
+        robot = {**SCENARIO["robot"], "payload": row["robot.payload"], "viscous": [row["robot.viscous.0"], 0.5]}
+        seed = int(data["seed"].values[run])
+        # the laws do not know the payload: M̂ is that of the robot as written
+        laws[0]["inertia"] = Cases(study()).nominal.laws["TDC"].inertia.tolist()
+        content = {**SCENARIO, "robot": robot, "law": laws, "seed": seed, "sensor": {"noise": row["sensor.noise"]}}
+        runs = Scenario.parse(content).run()
+        for column, single in enumerate(runs.values()):
+            measures = single.metrics(start_time=0.03)
+            assert set(measures) <= set(finished.measures)
+            for name, value in measures.items():
+                assert data[name].values[run, column] == pytest.approx(value, rel=1e-7, abs=1e-12), name
+
+
+def test_the_dataset_has_all_that_a_reader_needs(finished):
+    data = xr.open_zarr(finished.folder / "results.zarr", chunks=None, consolidated=False)
+    assert data.sizes == {"run": 20, "law": 2}
+    assert data["law"].values.tolist() == ["TDC", "PID"]
+    assert data["run"].values.tolist() == list(range(20))
+    assert data["completed"].dtype == bool
+    assert data["completed"].values.all()
+    np.testing.assert_array_equal(data["end_time"], 0.12)
+    for key in DRAWS:
+        np.testing.assert_allclose(data[f"applied:{key}"], data[f"drawn:{key}"], rtol=1e-12)
+    np.testing.assert_array_equal(data["seed"], study().draw().seeds)
+    assert data.attrs["joint_units"] == ["rad"]
+    assert Study.load(finished.folder / "study.yaml").content_hash == data.attrs["content_hash"]
+
+
+def test_trajectories_of_chosen_runs_are_kept(finished):
+    assert [path.name for path in finished.traced] == ["1-0.nc", "1-1.nc"]
+    run = finished.trace(1, "PID")
+    assert run.metrics(start_time=0.03)["rms_error"] == finished.data["rms_error"].values[1, 1]
+    with pytest.raises(InvalidParameter, match="no trajectories of run 3"):
+        finished.trace(3)
+
+
+class Interrupted:
+    """Stands in for a kill: the writing of a chunk fails from some chunk on."""
+
+    def __init__(self, monkeypatch, error, chunks):
+        self.left, self.error, write = chunks, error, store_module.Store._mark
+
+        def mark(store, number, rows):
+            self.left -= 1
+            if self.left < 0:
+                raise self.error
+            write(store, number, rows)
+
+        monkeypatch.setattr(store_module.Store, "_mark", mark)
+
+
+def test_a_killed_study_goes_on_and_runs_nothing_twice(finished, tmp_path, monkeypatch):
+    folder = tmp_path / "own.study"
+    with monkeypatch.context() as patch:
+        Interrupted(patch, KeyboardInterrupt(), 1)
+        with pytest.raises(KeyboardInterrupt):
+            study().run(folder)
+    partial = StudyResult.open(folder)
+    assert not partial.is_complete
+    assert partial.data["run"].values.tolist() == list(range(8))
+    same(partial.data, finished.data.isel(run=slice(0, 8)))
+    ran = []
+    run = Simulator.run
+
+    def counted(self, indices, values, seeds):
+        ran.extend(indices.tolist())
+        return run(self, indices, values, seeds)
+
+    monkeypatch.setattr(Simulator, "run", counted)
+    result = study().run(folder)
+    assert ran == list(range(8, 20))
+    assert result.is_complete
+    same(result.data, finished.data)
+    study().run(folder)
+    assert ran == list(range(8, 20))
+
+
+def test_more_runs_keep_the_first_ones(finished, tmp_path):
+    folder = tmp_path / "grown.study"
+    shutil.copytree(finished.folder, folder)
+    grown = study(runs=27).run(folder)
+    assert grown.data["run"].values.tolist() == list(range(27))
+    same(grown.data.isel(run=slice(0, 20)), finished.data)
+    whole = study(runs=27).run(tmp_path / "whole.study")
+    same(grown.data, whole.data)
+    assert Study.load(folder / "study.yaml").runs == 27
+
+
+def test_a_full_disk_keeps_what_is_there_and_says_how_to_go_on(tmp_path, monkeypatch):
+    with monkeypatch.context() as patch:
+        Interrupted(patch, OSError(errno.ENOSPC, "No space left on device"), 2)
+        with pytest.raises(InvalidParameter, match=r"No space left on device; 16 of 20 runs are kept. To go on, free"):
+            study().run(tmp_path / "own.study")
+    assert study().run(tmp_path / "own.study").is_complete
+
+
+@pytest.mark.parametrize("change", [{"seed": 5}, {"draws": {"robot.payload": {"uniform": [0.0, 2.0]}}}])
+def test_the_folder_of_another_study_is_refused(finished, change):
+    with pytest.raises(
+        InvalidParameter, match=r"has another study in it \(see its study.yaml\).*choose another folder"
+    ):
+        study(**change).run(finished.folder)
+
+
+def test_the_folder_of_another_version_is_refused(finished, monkeypatch):
+    monkeypatch.setattr(store_module, "__version__", "9.9")
+    with pytest.raises(InvalidParameter, match=r"was written by tarc-control .*, and this is tarc-control 9.9"):
+        study().run(finished.folder)
+
+
+def test_a_folder_with_other_files_is_refused(tmp_path):
+    (tmp_path / "thesis.tex").write_text("", encoding="utf-8")
+    with pytest.raises(InvalidParameter, match=r"has files in it and no study; choose a folder"):
+        study().run(tmp_path)
+    with pytest.raises(InvalidParameter, match=r"has no results.zarr; needs the folder that `tarc study` wrote"):
+        StudyResult.open(tmp_path)
+
+
+def test_two_processes_do_not_write_one_folder(finished):
+    with store_module.open_store(finished.folder, study()), pytest.raises(InvalidParameter, match=r"another process"):
+        study().run(finished.folder)
+
+
+def test_results_do_not_depend_on_how_runs_are_cut_into_chunks():
+    own = study(runs=6)
+    draws, method = own.draw(), Integration("midpoint", 1)
+    whole = Simulator(Cases(own), method).run(np.arange(6), draws.values, draws.seeds)
+    for start, stop in ((0, 1), (1, 4), (4, 6)):
+        part = Simulator(Cases(own), method).run(
+            np.arange(start, stop), draws.values[start:stop], draws.seeds[start:stop]
+        )
+        np.testing.assert_array_equal(part.end_time, whole.end_time[start:stop])
+        for name, values in part.measures.items():
+            np.testing.assert_array_equal(values, whole.measures[name][start:stop])
+
+
+def test_a_diverged_run_is_a_result_with_its_time(tmp_path):
+    law = {"kind": "TDC", "inertia": {"fraction": 0.08}, "natural_frequency": 15.0}
+    unstable = study(
+        runs=8,
+        scenario={**SCENARIO, "divergence_threshold": 0.05, "metrics_start": 0.06, "law": law},
+        draws={"law.inertia.fraction": {"choice": [0.08, 3.0]}},
+        sampling="latin_hypercube",
+    )
+    data = unstable.run(tmp_path / "unstable.study").data
+    is_large = data["drawn:law.inertia.fraction"].values == 3.0
+    assert is_large.sum() == 4
+    np.testing.assert_array_equal(data["completed"].values[:, 0], ~is_large)
+    ends = data["end_time"].values[:, 0]
+    assert np.all((ends[is_large] > 0) & (ends[is_large] < 0.06))
+    assert np.all(np.isnan(data["rms_error"].values[is_large]))
+    assert np.all(np.isfinite(data["rms_error"].values[~is_large]))
+
+
+def test_an_engine_that_does_not_suit_the_robot_is_refused(tmp_path):
+    with pytest.raises(InvalidParameter, match=r"engine: got 'MuJoCo'; the robot is simulated by virtual machine"):
+        study().run(tmp_path / "own.study", engine="MuJoCo")
+    with pytest.raises(InvalidParameter, match=r"engine: got 'abacus'; known are auto"):
+        study().run(tmp_path / "own.study", engine="abacus")
+
+
+def test_chunks_are_eight_times_a_power_of_two_and_few():
+    assert [rows_per_chunk(runs) for runs in (1, 1024, 1025, 10_000, 1_000_000)] == [8, 8, 16, 128, 8192]
+
+
+def test_success_rates_and_quantiles(finished):
+    assert finished.success_rate == {"TDC": 1.0, "PID": 1.0}
+    low, high = finished.quantiles("rms_error", [0.0, 1.0])["PID"]
+    values = finished.data["rms_error"].values[:, 1]
+    assert (low, high) == (values.min(), values.max())
+    with pytest.raises(InvalidParameter, match=r"measure: got 'rms_eror'; .*Did you mean 'rms_error'"):
+        finished.quantiles("rms_eror", [0.5])
+
+
+def test_attributes_are_plain_data(finished):
+    json.dumps(finished.data.attrs)
