@@ -65,7 +65,7 @@ def test_scatter_matrix_is_a_triangle():
     figure = scatter_figure(draws, measure, "error [mrad]")
     drawn = [axes for axes in figure.axes if axes.axison]
     assert len(drawn) == 6
-    assert len(drawn[0].lines[0].get_xdata()) == 195
+    assert np.size(drawn[0].lines[0].get_xdata()) == 195
     assert drawn[2].get_xticks().tolist() == [14, 16]
     figure.draw_without_rendering()
 

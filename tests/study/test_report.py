@@ -49,7 +49,14 @@ def made_up(runs=300, laws=("TDC", "TARC", "PID"), diverged=0.05, seed=1):
             "drawn:sensor.bits": ("run", bits),
         },
         {"run": np.arange(runs), "law": list(laws)},
-        {"name": "made_up", "study": STUDY, "seed": 0, "engine": "lanes", "version": "0.1.0"},
+        {
+            "title": "study made_up",
+            "study": STUDY,
+            "source": "tarc-control 0.1.0",
+            "integration": {"integrator": "midpoint", "substeps": 1},
+            "joint_units": ["rad", "rad"],
+            "command_unit": "",
+        },
     )
 
 
@@ -101,7 +108,8 @@ def test_report_says_what_was_varied_and_found(text):
         "one of 14, 16, 18",
         "300 runs of 3 laws with 3 draws each",
         "What the intervals mean",
-        "tarc study made_up.yaml",
+        "tarc study study.yaml",
+        "midpoint, 1 steps per period",
         "var(--c0)",
         "currentColor",
     ):

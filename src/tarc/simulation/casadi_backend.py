@@ -71,7 +71,7 @@ class TracedLoop:
         state = loop.init(initial.position, initial.velocity, initial.torque, inputs.noise[:, 0])
         n, n_periods = plant.n_joints, len(inputs.times)
         advance = _engine(self.function, pack(state), n_periods, native)
-        columns = self._input_rows(plant, inputs)
+        columns = self.input_rows(plant, inputs)
         rows = np.empty((n_periods, self.function.nnz_out(1)))
         stop = 0
         with monitor.progress:
@@ -82,7 +82,7 @@ class TracedLoop:
                     break
         return Record.from_rows(self._example, rows[: monitor.valid_rows(stop)])
 
-    def _input_rows(self, plant: SymbolicPlant, inputs: SampledInputs) -> np.ndarray:
+    def input_rows(self, plant: SymbolicPlant, inputs: SampledInputs) -> np.ndarray:
         """Return the inputs of each period as a row, in the order of `LoopInput`."""
         n, n_periods, substeps = inputs.disturbance.shape
         disturbance = inputs.disturbance.transpose(2, 0, 1).reshape(n * substeps, n_periods)
@@ -116,12 +116,12 @@ def _engine(function: ca.Function, state: Array, n_periods: int, native: bool | 
     """Return what steps the loop: machine code if ``native``, by default where that takes less time."""
     if native is None:
         if not _pays_off(function, n_periods):
-            return _interpreted(function, state)
+            return interpreted(function, state)
         try:
             return _compiled(function, state)
         except (MissingTool, CompilationError):
-            return _interpreted(function, state)
-    return _compiled(function, state) if native else _interpreted(function, state)
+            return interpreted(function, state)
+    return _compiled(function, state) if native else interpreted(function, state)
 
 
 def _pays_off(function: ca.Function, n_periods: int) -> bool:
@@ -143,7 +143,7 @@ def _compiled(function: ca.Function, state: Array) -> Callable[[Array], Array]:
     return lambda inputs: loop.run(state, inputs)
 
 
-def _interpreted(function: ca.Function, state: Array) -> Callable[[Array], Array]:
+def interpreted(function: ca.Function, state: Array) -> Callable[[Array], Array]:
     """Return what steps the loop in the virtual machine, from rows of inputs to rows of outputs."""
     buffer = PeriodBuffer(function, state, BUFFER_PERIODS)
 

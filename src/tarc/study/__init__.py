@@ -29,11 +29,20 @@ from tarc.study.tuning import default_search_spaces, tune, tune_all
 from tarc.study.worst_case import WorstPoint, search_worst_point
 
 if TYPE_CHECKING:
+    from tarc.study.exploration import WorstCase, failure_probability, find_worst_case, study_sobol_indices
     from tarc.study.specification import Study
     from tarc.study.study_result import StudyResult
 
 __getattr__, _, _ = lazy_attributes(  # they need Zarr, which comes with an extra of its own
-    __name__, {"Study": "tarc.study.specification", "StudyResult": "tarc.study.study_result"}
+    __name__,
+    {
+        "Study": "tarc.study.specification",
+        "StudyResult": "tarc.study.study_result",
+        "WorstCase": "tarc.study.exploration",
+        "failure_probability": "tarc.study.exploration",
+        "find_worst_case": "tarc.study.exploration",
+        "study_sobol_indices": "tarc.study.exploration",
+    },
 )
 
 __all__ = [
@@ -49,11 +58,14 @@ __all__ = [
     "StudyResult",
     "StudySummary",
     "TorqueVariationBudget",
+    "WorstCase",
     "WorstPoint",
     "compare",
     "compare_laws",
     "default_search_spaces",
     "estimate_sensitivity",
+    "failure_probability",
+    "find_worst_case",
     "holm",
     "load_gains",
     "mean_interval",
@@ -63,6 +75,7 @@ __all__ = [
     "rare_probability",
     "search_worst_point",
     "sobol_indices",
+    "study_sobol_indices",
     "success_rate",
     "summarise",
     "torque_variation_budget",

@@ -100,14 +100,33 @@ def draw(
     A. B. Owen, Scrambling Sobol' and Niederreiter-Xing points, Journal of Complexity 14(4), 1998; R. B. Nelsen,
     An Introduction to Copulas, 2006.
     """
+    points = unit_points(runs, len(distributions), seed, sampling)
+    return Draws(tuple(distributions), values_at(distributions, points, correlation), seed)
+
+
+def unit_points(runs: int, n_keys: int, seed: int, sampling: str) -> Array:
+    """Return the points of the unit cube from which `draw` makes the values of each run, (runs, keys)."""
+    return np.clip(_unit_cube(runs, n_keys, seed, sampling), MARGIN, 1 - MARGIN)
+
+
+def values_at(
+    distributions: Mapping[str, Distribution], points: Array, correlation: tuple[Sequence[str], Array] | None = None
+) -> Array:
+    """Return the values of the keys at points of the unit cube, as `draw` does, (runs, keys).
+
+    Raises
+    ------
+    InvalidParameter
+        For a distribution that gives a value that is no finite number.
+    """
     keys = tuple(distributions)
-    cube = np.clip(_unit_cube(runs, len(keys), seed, sampling), MARGIN, 1 - MARGIN)
+    cube = np.clip(points, MARGIN, 1 - MARGIN)
     if correlation is not None:
         names, matrix = correlation
         places = [keys.index(name) for name in names]
         scores = norm.ppf(cube[:, places]) @ np.linalg.cholesky(matrix).T
         cube[:, places] = np.clip(norm.cdf(scores), MARGIN, 1 - MARGIN)
-    values = np.empty((runs, len(keys)))
+    values = np.empty(cube.shape)
     for column, (key, distribution) in enumerate(distributions.items()):
         values[:, column] = distribution.quantile(cube[:, column])
         faults = np.flatnonzero(~np.isfinite(values[:, column]))
@@ -116,7 +135,7 @@ def draw(
                 f"draws.{key}: run {faults[0]} drew {values[faults[0], column]}; needs finite numbers",
                 f"draws.{key}",
             )
-    return Draws(keys, values, seed)
+    return values
 
 
 def _unit_cube(runs: int, n_keys: int, seed: int, sampling: str) -> Array:

@@ -209,7 +209,7 @@ class Simulator:
         assert isinstance(plant, SymbolicPlant)
         key = (
             controller.law,
-            _traced_parameters(controller.sensor),
+            traced_parameters(controller.sensor),
             controller.torque_limits,
             controller.computation_delay,
             simulation.drive,
@@ -251,7 +251,7 @@ def outcome_of(
     return Outcome(measures, index is None, end_time)
 
 
-def _traced_parameters(sensor: Encoder) -> tuple[object, ...]:
+def traced_parameters(sensor: Encoder) -> tuple[object, ...]:
     """Return what a traced loop has of a sensor: its parameters but for the noise, which is an input."""
     return tuple(
         np.asarray(value).tolist() if value is not None else None

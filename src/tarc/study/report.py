@@ -14,7 +14,7 @@ import xarray as xr
 from tarc.core.files import file_in_folder, writing
 from tarc.core.formatting import format_vector
 from tarc.scenario.yaml_text import read_yaml
-from tarc.simulation.quantities import MEASURES
+from tarc.simulation.quantities import MEASURES, measure_unit
 from tarc.study.rare_events import RareProbability
 from tarc.study.sensitivity import Sensitivity
 from tarc.study.statistics import Interval, PairedComparison
@@ -75,7 +75,7 @@ def write_report(
 
 def _page(data: xr.Dataset, summary: StudySummary, more: Sequence[str]) -> str:
     """Return the whole page."""
-    name = str(data.attrs.get("name", "study"))
+    name = str(data.attrs.get("title", "study")).removeprefix("study ")
     sections = [
         _summary_section(name, summary),
         _varied_section(data, summary),
@@ -132,20 +132,25 @@ def _comparison_sentence(measure: str, comparison: PairedComparison) -> str:
 
 def _varied_section(data: xr.Dataset, summary: StudySummary) -> str:
     """Return what was varied, and how."""
-    described = _descriptions(data)
+    content = _content(data)
+    described = {key: _distribution(given) for key, given in content.get("draws", {}).items()}
     rows = []
     for key, column in summary.draws.items():
         applied = f"{_number(column.min())} to {_number(column.max())}" if column.dtype.kind in "iuf" else "–"
         rows.append([f"<code>{escape(key)}</code>", escape(described.get(key, "–")), applied])
+    scenario, method = content.get("scenario", {}), data.attrs.get("integration", {})
     facts = {
-        "scenario": data.attrs.get("scenario"),
-        "sampling": data.attrs.get("sampling"),
-        "seed": data.attrs.get("seed"),
-        "engine": data.attrs.get("engine"),
-        "integration": data.attrs.get("integration"),
-        "tarc-control": data.attrs.get("version"),
+        "Scenario": scenario.get("name") if isinstance(scenario, Mapping) else scenario,
+        "Sampling": str(content.get("sampling", "")).replace("_", " "),
+        "Seed": content.get("seed"),
+        "Engine": data.attrs.get("engine"),
+        "Integration": f"{method['integrator']}, {method['substeps']} steps per period" if method else None,
+        "Correlation": "Gaussian copula, see the study below" if content.get("correlation") else None,
+        "Known to the laws": ", ".join(content.get("known", [])),
+        "Version": data.attrs.get("source"),
+        "Computer": data.attrs.get("host"),
     }
-    shown = ", ".join(f"{name} {_text(value)}" for name, value in facts.items() if value not in (None, ""))
+    shown = "; ".join(f"{name}: {_text(value)}" for name, value in facts.items() if value not in (None, ""))
     return "\n".join(
         [
             "<h2>What was varied</h2>",
@@ -156,12 +161,11 @@ def _varied_section(data: xr.Dataset, summary: StudySummary) -> str:
     )
 
 
-def _descriptions(data: xr.Dataset) -> dict[str, str]:
-    """Return the distribution of each key in words, from the study's own text."""
+def _content(data: xr.Dataset) -> Mapping[str, Any]:
+    """Return the keys of the study from its own text."""
     text = data.attrs.get("study", "")
     content = read_yaml(str(text), "study") if text else None
-    draws = content.get("draws", {}) if isinstance(content, Mapping) else {}
-    return {str(key): _distribution(given) for key, given in draws.items() if isinstance(given, Mapping)}
+    return content if isinstance(content, Mapping) else {}
 
 
 def _distribution(given: Mapping[str, Any]) -> str:
@@ -418,15 +422,15 @@ def _intervals_section(summary: StudySummary) -> str:
 def _reproduction_section(data: xr.Dataset) -> str:
     """Return how to run the study again."""
     text = str(data.attrs.get("study", ""))
-    command = f"tarc study {data.attrs.get('name', 'study')}.yaml"
     parts = [
         "<h2>Run it again</h2>",
-        "<p>The same file gives the same draws and seeds, run by run, on any computer and any number of processes:</p>",
-        f"<pre>{escape(command)}</pre>",
+        "<p>The same study gives the same draws and noise, run by run, on any computer and any number of processes. "
+        "It is the file <code>study.yaml</code> in the folder of the results:</p>",
+        "<pre>tarc study study.yaml</pre>",
     ]
     if text:
         parts.append(f"<details><summary>The study</summary><pre>{escape(text)}</pre></details>")
-    facts = {key: value for key, value in data.attrs.items() if key not in ("study",)}
+    facts = {key: value for key, value in data.attrs.items() if key != "study"}
     rows = [[escape(str(key)), escape(_text(value))] for key, value in facts.items()]
     if rows:
         parts.append(f"<details><summary>All facts of the run</summary>{_table(['', ''], rows, 2)}</details>")
@@ -468,7 +472,7 @@ def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], n_texts: int = 1
 
 
 def _unit(data: xr.Dataset, measure: str) -> str:
-    return str(data[measure].attrs.get("units", MEASURES[measure].unit))
+    return measure_unit(measure, data.attrs.get("joint_units", ["rad"]), str(data.attrs.get("command_unit", "")))
 
 
 def _capital(text: str) -> str:

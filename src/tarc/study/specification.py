@@ -19,7 +19,7 @@ from tarc.scenario.schema import scenario_error
 from tarc.scenario.yaml_text import write_yaml
 from tarc.study.distributions import Distribution, read_distribution
 from tarc.study.drawn_keys import find_key
-from tarc.study.draws import EXTENDABLE, SAMPLINGS, Draws, checked_correlation, draw
+from tarc.study.draws import EXTENDABLE, SAMPLINGS, Draws, checked_correlation, draw, unit_points, values_at
 from tarc.study.execution import run_study
 
 if TYPE_CHECKING:
@@ -185,6 +185,20 @@ class Study(BaseModel):
     def draw(self) -> Draws:
         """Draw the values and seeds of all runs."""
         return draw(self.distributions, self.runs, self.seed, self.sampling, self._correlation)
+
+    def points(self) -> Array:
+        """Return the points of the unit cube from which the values of all runs are made, (runs, keys)."""
+        return unit_points(self.runs, len(self.distributions), self.seed, self.sampling)
+
+    def values_at(self, points: Array) -> Array:
+        """Return the values of the keys at points of the unit cube, (k, keys).
+
+        Raises
+        ------
+        InvalidParameter
+            For a distribution that gives a value that is no finite number.
+        """
+        return values_at(self.distributions, points, self._correlation)
 
     def run(
         self,

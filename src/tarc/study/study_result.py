@@ -1,5 +1,6 @@
 """Results of a study, read from its folder."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,7 +14,9 @@ from tarc.core.errors import InvalidParameter
 from tarc.core.types import Array
 from tarc.simulation.quantities import MEASURES
 from tarc.simulation.run import Run
+from tarc.study.report import write_report
 from tarc.study.store import RESULTS, TRACES, Store, read_store
+from tarc.study.summary import StudySummary, summarise
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +102,48 @@ class StudyResult:
             chosen = chosen[np.isfinite(chosen)]
             result[law] = np.quantile(chosen, probabilities) if len(chosen) else np.full(len(probabilities), np.nan)
         return result
+
+    def summary(self, reference: str | None = None, limits: Mapping[str, float] | None = None) -> StudySummary:
+        """Compute rates, quantiles, comparisons of laws and sensitivities, with their intervals.
+
+        Parameters
+        ----------
+        reference
+            Name of the law that the others are compared with; the first without a name.
+        limits
+            Largest allowed value by measure [SI units]: a run that exceeds one is no success.
+
+        Raises
+        ------
+        InvalidParameter
+            For an unknown law or measure, and for a study without finished runs.
+        """
+        return summarise(self.data, reference=reference, limits=limits)
+
+    def report(
+        self,
+        path: str | Path | None = None,
+        *,
+        reference: str | None = None,
+        limits: Mapping[str, float] | None = None,
+        more: Sequence[str] = (),
+    ) -> Path:
+        """Write the report of the study as one HTML file, as `write_report`.
+
+        Parameters
+        ----------
+        path
+            File to write; None for ``report.html`` in the folder of the study.
+        reference, limits, more
+            As in `write_report`.
+
+        Raises
+        ------
+        InvalidParameter
+            For a file that cannot be written, an unknown law or measure, and a study without finished runs.
+        """
+        target = self.folder / "report.html" if path is None else Path(path)
+        return write_report(self.data, target, reference=reference, limits=limits, more=more)
 
     @property
     def traced(self) -> list[Path]:
