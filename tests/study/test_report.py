@@ -109,7 +109,7 @@ def test_report_says_what_was_varied_and_found(text):
         "300 runs of 3 laws with 3 draws each",
         "What the intervals mean",
         "tarc study study.yaml",
-        "midpoint, 1 steps per period",
+        "midpoint, steps per period: 1",
         "var(--c0)",
         "currentColor",
     ):

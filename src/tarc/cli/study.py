@@ -48,6 +48,9 @@ def study(
     draws. The folder has results.zarr, which xarray opens, the study itself
     and the trajectories of chosen runs.
 
+    Its file report.html explains the results: rates, quantiles and ratios
+    of laws with their intervals, and what matters.
+
     Results are stored as they come. After Ctrl-C, a full disk or a power cut
     the same command goes on where it stopped.
 
@@ -76,10 +79,12 @@ def study(
     except KeyboardInterrupt:
         print(tables.interruption(folder), file=sys.stderr)
         raise typer.Exit(130) from None
+    report = result.report()
     if as_json:
         print(json.dumps(tables.study_summary(result), indent=2, allow_nan=False))
     else:
         tables.print_study(result)
+        print(f"report: {report}")
 
 
 def example_text() -> str:

@@ -25,6 +25,9 @@ SCATTERED = 1000
 FAILED = "#D55E00"
 """Colour of runs that diverged."""
 
+FEW_RUNS = 300
+"""Runs up to which the points of a scatter matrix are larger."""
+
 FEW_VALUES = 6
 """Different values of a draw up to which each has a mark."""
 
@@ -168,7 +171,8 @@ def scatter_figure(draws: Mapping[str, np.ndarray], measure: np.ndarray, label: 
 def _measure_panel(axes: Axes, x: np.ndarray, values: np.ndarray, is_log: bool) -> None:
     """Draw the measure over a draw; runs that diverged stand at the top."""
     has_value = np.isfinite(values)
-    axes.plot(x[has_value], values[has_value], ".", color=COLOURS[0], ms=2.5, alpha=0.5, mew=0, rasterized=True)
+    size, alpha = (2.5, 0.5) if x.size > FEW_RUNS else (5.0, 0.8)
+    axes.plot(x[has_value], values[has_value], ".", color=COLOURS[0], ms=size, alpha=alpha, mew=0, rasterized=True)
     if is_log:
         _log(axes, axes.yaxis, values[has_value])
     transform = axes.get_xaxis_transform()

@@ -11,7 +11,7 @@ from tarc.study.budget import TorqueVariationBudget, torque_variation_budget
 from tarc.study.comparison import Comparison, compare, tuned_laws
 from tarc.study.gains_file import load_gains
 from tarc.study.rare_events import RareProbability, SplittingLevel, rare_probability
-from tarc.study.report import rare_event_section, write_report
+from tarc.study.report import rare_event_section, worst_case_section, write_report
 from tarc.study.search_space import SearchSpace, user_search_space
 from tarc.study.sensitivity import Sensitivity, SobolIndices, estimate_sensitivity, sobol_indices
 from tarc.study.statistics import (
@@ -83,5 +83,6 @@ __all__ = [
     "tune_all",
     "tuned_laws",
     "user_search_space",
+    "worst_case_section",
     "write_report",
 ]

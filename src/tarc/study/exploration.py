@@ -10,12 +10,14 @@ from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter
 from tarc.core.types import Array
 from tarc.plants.symbolic import SymbolicPlant
+from tarc.simulation.quantities import MEASURES, measure_unit
 from tarc.simulation.run import Run
 from tarc.study.cases import Cases
 from tarc.study.engines import Simulator
 from tarc.study.loop_gradient import LoopGradient
 from tarc.study.objective import StudyObjective
 from tarc.study.rare_events import RareProbability, rare_probability
+from tarc.study.report import worst_case_section
 from tarc.study.sensitivity import SobolIndices, sobol_indices
 from tarc.study.specification import Study
 from tarc.study.study_result import StudyResult
@@ -70,6 +72,28 @@ class WorstCase:
         objective = self.objective
         simulator = Simulator(Cases(objective.study), objective.integration, [self.law])
         return simulator.trace(objective.study.values_at(point[None])[0], objective.seed, self.law)
+
+    def section(self) -> str:
+        """Return the section of a report, with the error over time of a typical run and of the worst one."""
+        threshold = self.objective.study.undrawn_scenario.divergence_threshold
+        unit = self.run.joint_units[0]
+        name, scale = MEASURES[self.measure].label, MEASURES[self.measure].scale
+        shown = f"{scale * self.measures[self.measure]:.4g} {measure_unit(self.measure, self.run.joint_units)}"
+        found = f"has {shown} {name}" if self.completed else f"diverges after {self.end_time:.4g} s"
+        steps = f", and {self.search.n_steps} steps along gradients" if self.search.n_steps else ""
+        text = (
+            f"The worst run of {self.law} that a search found in {self.search.n_runs} runs{steps} {found}. "
+            f"The worst draw of the study has {self._ratio(self.search.start_value)} of that severity with the same "
+            "noise. A search finds a bad case, and does not prove that there is no worse one."
+        )
+        middle = np.full(len(self.draws), 0.5)
+        runs = {"every draw at its median": self.trace(middle), "worst case": self.run}
+        errors = {key: _error_norm(run) for key, run in runs.items()}
+        return worst_case_section(text, self.draws, errors, f"error [m{unit}]", 1e3 * threshold)
+
+    def _ratio(self, severity: float) -> str:
+        """Return the share of the severity, as a ratio of the measures."""
+        return f"{np.exp(severity - self.search.value):.3g}"
 
     def save(self, path: str | Path) -> Path:
         """Write the study of this run alone; ``tarc study`` runs it again and keeps its trajectories.
@@ -151,6 +175,12 @@ def find_worst_case(
         progress=progress,
     )
     return _worst_case(objective, found)
+
+
+def _error_norm(run: Run) -> tuple[Array, Array]:
+    """Return time [s] and the norm of the error over the joints [mrad or mm]."""
+    error = (run.data["position"] - run.data["reference"]).values
+    return run.data["time"].values, 1e3 * np.linalg.norm(error, axis=1)
 
 
 def _worst_case(objective: StudyObjective, found: WorstPoint) -> WorstCase:

@@ -144,7 +144,7 @@ def _varied_section(data: xr.Dataset, summary: StudySummary) -> str:
         "Sampling": str(content.get("sampling", "")).replace("_", " "),
         "Seed": content.get("seed"),
         "Engine": data.attrs.get("engine"),
-        "Integration": f"{method['integrator']}, {method['substeps']} steps per period" if method else None,
+        "Integration": f"{method['integrator']}, steps per period: {method['substeps']}" if method else None,
         "Correlation": "Gaussian copula, see the study below" if content.get("correlation") else None,
         "Known to the laws": ", ".join(content.get("known", [])),
         "Version": data.attrs.get("source"),
@@ -339,7 +339,7 @@ def _sensitivity_sentence(label: str, by_law: Mapping[str, Sensitivity]) -> str:
         parts.append(
             f"<b>{escape(law)}</b>: <code>{escape(key)}</code> alone explains {_percent(share)} of the variance of the "
             f"{'logarithm of the ' if found.is_log else ''}{label}; noise and interactions leave "
-            f"{100 * max(rest, 0):.2g} %. The rank regression explains {100 * found.explained:.2g} %."
+            f"{100 * max(rest, 0):.0f} %. The rank regression explains {100 * found.explained:.0f} %."
         )
     return "<br>".join(parts)
 
@@ -392,6 +392,42 @@ def rare_event_section(found: RareProbability, event: str, label: str) -> str:
             if probability.estimate
             else "",
             _figure(levels_figure(found, label), "levels", "Probability over the levels of each estimate"),
+        ]
+    )
+
+
+def worst_case_section(
+    text: str,
+    draws: Mapping[str, float],
+    errors: Mapping[str, tuple[np.ndarray, np.ndarray]],
+    label: str,
+    threshold: float,
+) -> str:
+    """Return the section about a worst case, for `write_report`; `WorstCase.section` makes it.
+
+    Parameters
+    ----------
+    text
+        What was searched and found, in words.
+    draws
+        Drawn values of the worst run, by key.
+    errors
+        Time [s] and norm of the error of some runs, by their names.
+    label
+        Of the error, with its unit.
+    threshold
+        Error beyond which a run has diverged, in the same unit.
+    """
+    from tarc.plotting.study import worst_case_figure
+
+    rows = [[f"<code>{escape(key)}</code>", _number(value)] for key, value in draws.items()]
+    picture = worst_case_figure(errors, label, threshold)
+    return "\n".join(
+        [
+            "<h2>Worst case</h2>",
+            f"<p>{escape(text)}</p>",
+            _table(["key", "value"], rows),
+            _figure(picture, "worst-case", f"{label} over time: {', '.join(errors)}"),
         ]
     )
 
