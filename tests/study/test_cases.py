@@ -210,4 +210,4 @@ def test_a_gearbox_is_drawn_by_its_parameters():
     assert own.plant_parameters == ("gearbox_stiffness", "viscous")
     np.testing.assert_array_equal(case.setup.simulated.parameters["gearbox_stiffness"], [4500.0, 4500.0])
     assert case.setup.simulated.parameters["viscous"][0] == 0.7
-    assert case.setup.simulated.plant.parameters["viscous"][0] == 0.7
+    assert case.setup.plant.parameters["viscous"][0] == 0.7
