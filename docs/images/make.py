@@ -24,7 +24,9 @@ from tarc.plotting.animation import animate
 from tarc.plotting.certificates import design_figure
 from tarc.plotting.runs import run_figure
 from tarc.plotting.style import COLOURS, STYLE
+from tarc.plotting.tuning import front_figure
 from tarc.signals import Encoder
+from tarc.study import torque_variation_budget, tune_fronts
 
 IMAGES = Path(__file__).resolve().parent
 DOCS = IMAGES.parent
@@ -152,6 +154,17 @@ def tightness() -> None:
         shrink(picture, IMAGES / picture.name)
 
 
+def tuning() -> None:
+    """Search the fronts of two laws."""
+    scenario = Scenario.load("train_two_link")
+    limit = torque_variation_budget(scenario).total
+    fronts = tune_fronts(["tdc", "tarc"], [scenario], [limit], trials=400)
+    draw(
+        front_figure(fronts, scenario.name, ("rad", "N m/s")),
+        "tuning_front.png",
+    )
+
+
 def law_pages() -> None:
     """Compare all laws; write figures and numbers into the laws' pages."""
     for module in ("benchmarks.comparison", "benchmarks.pages"):
@@ -172,6 +185,7 @@ FIGURES: dict[str, Callable[[], None]] = {
     "claims": lambda: run_page("explanation/claims.md", "gain_moves.png"),
     "tightness": tightness,
     "laws": law_pages,
+    "tuning": tuning,
 }
 LONG = {"laws", "animation"}
 

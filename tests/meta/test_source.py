@@ -39,10 +39,13 @@ NEEDS_NUMPY = {
     ("tarc.design.requirements", "tarc.core.validation"),
     ("tarc.design.requirements", "tarc.signals.sensors"),
 }
+NEEDS_OPTUNA = {
+    ("tarc.study.tuning", "tarc.study.optuna_search"),
+}
 NEEDS_XARRAY = {
     ("tarc.scenario.model", "tarc.simulation.simulator"),  # what certifies and simulates nothing needs no xarray
 }
-INSIDE_FUNCTIONS = PLOT_METHODS | NEEDS_EXTRA | NEEDS_NUMPY | NEEDS_XARRAY
+INSIDE_FUNCTIONS = PLOT_METHODS | NEEDS_EXTRA | NEEDS_NUMPY | NEEDS_OPTUNA | NEEDS_XARRAY
 """Imports of the package inside functions outside `tarc.cli`, which has them so that ``--help`` is fast."""
 
 BLANKET_HANDLERS = {

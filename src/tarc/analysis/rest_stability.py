@@ -126,6 +126,7 @@ def unstable_posture(
     computation_delay: int = 0,
     *,
     channels: Sequence[Channel] | None = None,
+    inertias: Array | None = None,
 ) -> UnstableMode | None:
     """Return the fastest growing mode of a robot held at rest in one of some postures; None for none.
 
@@ -145,6 +146,8 @@ def unstable_posture(
         Periods between a measurement and its torque.
     channels
         The linearised loops of the law, where they exist already.
+    inertias
+        The plant's inertia in each posture, shape (k, n, n), where it exists already.
     """
     if not plant.is_fully_driven or plant.constraints:
         return None
@@ -155,13 +158,16 @@ def unstable_posture(
     if not has_nominal:
         if not is_symmetric(plant.command_gain[:, None] * law.M):
             return None
-        law, (plant,) = in_torque_units(law, [plant])
+        law, (converted,) = in_torque_units(law, [plant])
+        inertias = inertias if converted is plant else None
+        plant = converted
     try:
         channels = decoupled_channels(law, computation_delay) if channels is None else channels
     except NotLinearisable:
         return None
     A, B, C = channels[0].closed_loop(0.0)[:3]
-    inertias = np.array([plant.inertia(q) for q in positions.T])
+    if inertias is None:
+        inertias = np.array([plant.inertia(q) for q in positions.T])
     nominal_inertias = np.array([law.inertia_at(q) for q in positions.T])
     ratios = 1 / inverse_ratios(inertias, nominal_inertias)
     worst_radius, worst = 1.0, None

@@ -12,7 +12,7 @@ from tarc.core.files import writing
 
 if TYPE_CHECKING:
     from tarc.scenario.model import Scenario
-    from tarc.study import SearchSpace
+    from tarc.study import SearchSpace, TuningFront
 
 Scenarios = Annotated[list[str], typer.Argument(help="Training scenarios: YAML files or names of shipped ones.")]
 Laws = Annotated[
@@ -47,7 +47,47 @@ Budget = Annotated[
     ),
 ]
 Seed = Annotated[int, typer.Option(help="Seed of the search.")]
-GainsFile = Annotated[Path, typer.Option("--out", "-o", help="The file to write.")]
+GainsFile = Annotated[Path, typer.Option("--out", "-o", help="The file of gains to write.")]
+Objectives = Annotated[
+    str,
+    typer.Option(
+        metavar="A,B",
+        help="error: least RMS error under the limit on torque variation. error,variation: the front of both, which "
+        "the limit does not bound.",
+    ),
+]
+Margin = Annotated[
+    float | None,
+    typer.Option(
+        help="Least robust margin. Only gains are taken whose loop tolerates all inertia ratios of the robot along the "
+        "reference, at any rate of change, with this margin; 0 for just so. It is a certificate, and some laws have "
+        "none. Default: no certificate."
+    ),
+]
+Storage = Annotated[
+    Path | None,
+    typer.Option(
+        help="File of the trials. A search that was stopped goes on from it with the same call. Several processes may "
+        "share it."
+    ),
+]
+BestFile = Annotated[
+    Path | None,
+    typer.Option(help="Scenario to write: the first training scenario with the laws found, for tarc run and certify."),
+]
+FrontFile = Annotated[
+    Path | None,
+    typer.Option(
+        help="File of the front to write, YAML or CSV by its name, and its figure beside it. "
+        "Default with two objectives: front.yaml."
+    ),
+]
+Pick = Annotated[
+    str,
+    typer.Option(
+        help="Point of the front for --out and --best: knee, error, variation, or its number, least error first."
+    ),
+]
 
 
 def tune(
@@ -57,9 +97,15 @@ def tune(
     range_: Range = None,
     trials: Trials = 60,
     budget: Budget = "",
+    objectives: Objectives = "error",
+    margin: Margin = None,
     seed: Seed = 0,
     jobs: Jobs = None,
+    storage: Storage = None,
     out: GainsFile = Path("gains.yaml"),
+    best: BestFile = None,
+    front: FrontFile = None,
+    pick: Pick = "knee",
 ) -> None:
     """Search the gains of laws for the least RMS error under a limit on torque variation, the same for all laws.
 
@@ -69,38 +115,143 @@ def tune(
     It names the scenarios in which a law is unstable at rest, and writes
     the gains as YAML.
 
+    With two objectives it prints and draws the front of least error and
+    least torque variation, and writes the gains of one of its points.
+
     Example: tarc tune train_two_link --laws tdc,tarc --trials 30
 
     Example: tarc tune my_robot.yaml --law my_law.py:MyLaw --range max_push=0.1,100
 
+    Example: tarc tune arm.yaml --laws tdc --objectives error,variation --margin 0 --best best.yaml
+
     The shipped gains were tuned on train_two_link, train_ur5e and train_masses.
     """
+    from tarc.core.errors import NotConverged
     from tarc.scenario.model import Scenario
-    from tarc.scenario.yaml_text import write_yaml
-    from tarc.study import default_search_spaces, tune_all
-    from tarc.study.gains_file import relative_laws
-    from tarc.study.tuning import unstable_scenarios
+    from tarc.study import default_search_spaces, tune_all, tune_fronts
 
+    both = check_objectives(objectives, pick)
     own = own_space(law, range_ or [])
     everything = list(default_search_spaces())
     names = everything if laws.strip() == "all" or not (laws.strip() or own) else names_of(laws)
     names += list(own)
     training = [Scenario.load(name) for name in scenarios]
     limits = limits_of(budget, training)
-    tuned = tune_all(names, training, limits, trials=trials, seed=seed, jobs=jobs, spaces=own)
+    failures: dict[str, str] = {}
+    options: dict[str, Any] = {"trials": trials, "seed": seed, "jobs": jobs, "spaces": own, "margin": margin}
+    options |= {"storage": storage, "failures": failures}
+    fronts: dict[str, TuningFront] = {}
+    scores: dict[str, float] = {}
+    if both:
+        fronts = tune_fronts(names, training, limits, **options)
+        found = {name: found_front.pick(pick).law for name, found_front in fronts.items()}
+    else:
+        tuned = tune_all(names, training, limits, **options)
+        found = {name: law for name, (law, _) in tuned.items()}
+        scores = {name: score for name, (_, score) in tuned.items()}
+    for name, reason in failures.items():
+        print(f"{name}: none. {reason}")
+    if not found:
+        raise NotConverged("tune: no law has gains that meet what is demanded; the reasons stand above")
+    _report(found, scores, fronts, training, limits, out)
+    if both:
+        _write_front(fronts, training, front or Path("front.yaml"), pick)
+    if best is not None:
+        _write_best(found, training[0], best)
+
+
+def _report(
+    laws: "dict[str, dict[str, Any]]",
+    scores: dict[str, float],
+    fronts: "dict[str, TuningFront]",
+    training: "list[Scenario]",
+    limits: list[float],
+    out: Path,
+) -> None:
+    """Write the file of gains, and print each law's score or front."""
+    from tarc.scenario.yaml_text import write_yaml
+    from tarc.study.gains_file import relative_laws
+    from tarc.study.tuning import unstable_scenarios
+
     command = shlex.join(["tarc", *sys.argv[1:]])
-    unstable = {name: where for name, (law, _) in tuned.items() if (where := unstable_scenarios(law, training))}
+    unstable = {name: where for name, law in laws.items() if (where := unstable_scenarios(law, training))}
     content = {
         "command": command,
         "limits": {scenario.name: round(limit, 1) for scenario, limit in zip(training, limits, strict=True)},
-        "scores": {name: round(score, 4) for name, (_, score) in tuned.items()},
+        **({"scores": {name: round(score, 4) for name, score in scores.items()}} if scores else {}),
         **({"unstable_at_rest": unstable} if unstable else {}),
-        "laws": relative_laws({name: law for name, (law, _) in tuned.items()}, out.parent),
+        "laws": relative_laws(laws, out.parent),
     }
     with writing("--out", out):
         out.write_text(write_yaml(content), encoding="utf-8")
-    _print_scores(tuned, unstable, training[0])
+    if scores:
+        _print_scores({name: (laws[name], score) for name, score in scores.items()}, unstable, training[0])
+    for name, front in fronts.items():
+        _print_front(name, front)
     print(f"written: {out}")
+
+
+def check_objectives(objectives: str, pick: str) -> bool:
+    """Return whether there are two objectives.
+
+    Raises
+    ------
+    InvalidParameter
+        For others than error and variation, and another choice of a point.
+    """
+    from tarc.core import validation as check
+    from tarc.core.errors import InvalidParameter
+    from tarc.study.front import PICKS
+
+    given = names_of(objectives)
+    if given not in (["error"], ["error", "variation"], ["variation", "error"]):
+        raise InvalidParameter(f"--objectives: got {objectives!r}; allowed: error, or error,variation")
+    if not pick.isdigit():
+        check.one_of("--pick", pick, PICKS)
+    return len(given) == 2
+
+
+def _print_front(name: str, front: "TuningFront") -> None:
+    """Print the points of a front."""
+    failed = ", ".join(f"{count} {reason}" for reason, count in front.failures.items())
+    print(f"{name}: {len(front.points)} points of {front.trials} trials{f', {failed}' if failed else ''}")
+    print(f"{'point':>5} {'RMS error':>12} {'torque variation':>18} {'least error there':>18} {'margin':>8}")
+    for number, point in enumerate(front.points, 1):
+        least = "–" if point.least_error is None else f"{point.least_error:.4g}"
+        margin = "–" if point.margin is None else f"{point.margin:.3g}"
+        mark = "   knee" if point is front.knee else ""
+        print(
+            f"{number:5} {point.rms_error:12.4g} {point.torque_variation:18.5g} {least:>18} {margin:>8}{mark}".rstrip()
+        )
+
+
+def _write_front(fronts: "dict[str, TuningFront]", training: "list[Scenario]", file: Path, pick: str) -> None:
+    """Write the file of the fronts, and their figure beside it."""
+    from tarc.core.units import unit_for_joints
+    from tarc.plotting.tuning import front_figure
+    from tarc.scenario.yaml_text import write_yaml
+    from tarc.study.front import front_csv, front_rows
+    from tarc.study.gains_file import relative_laws
+
+    rows = front_rows(fronts)
+    for row in rows:
+        row["law"] = relative_laws({"law": row["law"]}, file.parent)["law"]
+    content = {"command": shlex.join(["tarc", *sys.argv[1:]]), "scenarios": [one.name for one in training]}
+    text = front_csv(fronts) if file.suffix == ".csv" else write_yaml({**content, "points": rows})
+    picture = file.with_suffix(".png")
+    units = training[0].build_plant().units
+    with writing("--front", file):
+        file.write_text(text, encoding="utf-8")
+        labels = unit_for_joints("rad", units), unit_for_joints("N m/s", units)
+        front_figure(fronts, ", ".join(one.name for one in training), labels, pick).savefig(picture, dpi=110)
+    print(f"written: {file}, {picture}")
+
+
+def _write_best(laws: "dict[str, dict[str, Any]]", scenario: "Scenario", file: Path) -> None:
+    """Write the scenario with the laws found."""
+    parts = [{**law, "label": name} for name, law in laws.items()]
+    scenario.model_copy(update={"law": parts[0] if len(parts) == 1 else parts}).save(file)
+    print(f"written: {file}; next: tarc run {file}, tarc certify {file}")
 
 
 def _print_scores(

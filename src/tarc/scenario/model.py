@@ -21,6 +21,7 @@ from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter, NotLinearisable, ScenarioError, UnsupportedLaw
 from tarc.core.files import file_in_folder, writing
 from tarc.core.progress import Progress
+from tarc.core.types import Array
 from tarc.core.validation import Numbers
 from tarc.estimators.base import Estimator
 from tarc.laws.base import Law
@@ -86,6 +87,7 @@ class Setup:
     """The constructed parts of a scenario, with the laws by name.
 
     The plant is the robot that certificates count on. The simulated one is behind its gearbox, where it has one.
+    Further laws are made with its mean inertia by `Scenario.build_law`.
     """
 
     plant: Plant
@@ -96,6 +98,33 @@ class Setup:
     drive: Drive | None
     events: list[Event]
     laws: dict[str, Any]
+    mean_inertia: "MeanInertia"
+
+
+class MeanInertia:
+    """The robot's mean inertia along the reference, computed once where a law needs it."""
+
+    def __init__(self, plant: Plant, reference: Reference, duration: float):
+        self._plant, self._reference, self._duration = plant, reference, duration
+
+    @cached_property
+    def matrix(self) -> Array:
+        """Return the mean inertia [kg m² or kg], shape (n, n).
+
+        Raises
+        ------
+        InvalidParameter
+            For a reference of another number of joints.
+        """
+        plant, reference = self._plant, self._reference
+        if reference.n_joints != plant.n_joints:
+            raise InvalidParameter(
+                f"reference: it has {reference.n_joints} joints, the robot {plant.n_joints} "
+                f"({', '.join(plant.joint_names)}); give one number per joint",
+                "reference",
+            )
+        postures = reference.sample(np.linspace(0, self._duration, POSTURES_OF_MEAN_INERTIA))[0]
+        return plant.mean_inertia(postures)
 
 
 EXPECTED_PROGRAMS = 4
@@ -381,7 +410,8 @@ class Scenario(BaseModel):
         plant = self.build_plant()
         reference = self.build_reference(plant).for_run(plant.joint_names, self.duration)
         events = [part.build() for part in self.sections.disturbances]
-        laws = self.build_laws(plant, reference)
+        mean_inertia = MeanInertia(plant, reference, self.duration)
+        laws = self._build_laws(plant, mean_inertia)
         gearbox, limits, drive = self.sections.gearbox, self.sections.torque_limits, self.sections.drive
         return Setup(
             plant,
@@ -392,6 +422,7 @@ class Scenario(BaseModel):
             None if drive is None else drive.build(),
             events,
             laws,
+            mean_inertia,
         )
 
     @property
@@ -414,22 +445,38 @@ class Scenario(BaseModel):
 
     def build_laws(self, plant: Plant, reference: Reference) -> dict[str, Any]:
         """Construct every law on this robot and reference, by name; laws with the same estimator share it."""
+        return self._build_laws(plant, MeanInertia(plant, reference, self.duration))
+
+    def _build_laws(self, plant: Plant, mean_inertia: MeanInertia) -> dict[str, Any]:
         estimators: dict[int, Estimator] = {}
         laws = {}
         for name, (law, estimator) in self.sections.laws.items():
             if id(estimator) not in estimators:
                 estimators[id(estimator)] = estimator.build(period=self.period)
-            laws[name] = self._build_law(law, estimators[id(estimator)], plant, reference)
+            laws[name] = self._build_law(law, estimators[id(estimator)], plant, mean_inertia)
         return laws
 
-    def _build_law(self, part: Component, estimator: Estimator, plant: Plant, reference: Reference) -> Law:
+    def build_law(self, part: dict[str, Any], setup: Setup) -> Law:
+        """Construct another law, as the scenario would write it, on parts that are built already.
+
+        Raises
+        ------
+        ScenarioError, InvalidParameter
+            For unknown keys, and for a parameter that the law or its estimator refuses.
+        """
+        estimator = check_component("estimator", part.get("estimator", self.estimator), "law.estimator")
+        options = {key: value for key, value in part.items() if key not in ("estimator", "label")}
+        component = check_component("law", options)
+        return self._build_law(component, estimator.build(period=self.period), setup.plant, setup.mean_inertia)
+
+    def _build_law(self, part: Component, estimator: Estimator, plant: Plant, mean_inertia: MeanInertia) -> Law:
         """Construct a law with its estimator, the robot's inertia or model and its torque limits."""
         more: dict[str, Any] = {"period": self.period, "estimator": estimator}
         inertia = part.options.get("inertia")
         if isinstance(inertia, dict) and "model" in inertia:
             more["inertia"] = model_terms(NominalInertia, inertia, f"{part.path}.inertia", plant)
         elif isinstance(inertia, dict):
-            more["inertia"] = self._fraction(inertia, part.path, plant, reference)
+            more["inertia"] = _fraction(inertia, part.path, mean_inertia)
         elif isinstance(inertia, int | float):
             more["inertia"] = np.full(plant.n_joints, inertia)
         if part.options.get("model") is not None:
@@ -446,26 +493,6 @@ class Scenario(BaseModel):
         if is_from_file(law):
             check_user_law(law, part.path)
         return law
-
-    def _fraction(self, given: dict[str, Any], path: str, plant: Plant, reference: Reference) -> np.ndarray:
-        """Return the fraction of the robot's mean inertia along the reference."""
-        for key in given:
-            if key not in ("fraction", "diagonal"):
-                raise InvalidParameter(
-                    f"{path}.inertia.{key}: unknown key; it has fraction and diagonal, or model and fraction."
-                    f"{check.did_you_mean(str(key), ['fraction', 'diagonal', 'model'])}",
-                    f"{path}.inertia.{key}",
-                )
-        fraction = check.number(f"{path}.inertia.fraction", given.get("fraction"), 0, strict=True)
-        if reference.n_joints != plant.n_joints:
-            raise InvalidParameter(
-                f"reference: it has {reference.n_joints} joints, the robot {plant.n_joints} "
-                f"({', '.join(plant.joint_names)}); give one number per joint",
-                "reference",
-            )
-        postures = reference.sample(np.linspace(0, self.duration, POSTURES_OF_MEAN_INERTIA))[0]
-        mean = plant.mean_inertia(postures)
-        return fraction * (np.diag(np.diag(mean)) if given.get("diagonal") else mean)
 
     def certify(
         self,
@@ -505,7 +532,7 @@ class Scenario(BaseModel):
             Where no certificate applies to any of the laws.
         """
         setup = self.build()
-        workspace, plants = self._certified(setup, tube, full_range, speed, acceleration)
+        workspace, plants = self.certified_region(setup, tube, full_range, speed, acceleration)
         certificates = CertifiedLaws(setup, plants, workspace, samples)
         with Progress("certifying", 9 * len(setup.laws), progress) as bar:
             for name, law in setup.laws.items():
@@ -559,13 +586,18 @@ class Scenario(BaseModel):
             Largest deviation of the time between two samples over the period.
         """
         setup = self.build()
-        workspace, plants = self._certified(setup, tube, full_range, speed, None)
+        workspace, plants = self.certified_region(setup, tube, full_range, speed)
         chosen = law or next(iter(setup.laws))
         check.one_of("law", chosen, list(setup.laws))
         return watch_workspace(workspace, setup.laws[chosen].period, plants, tolerance=tolerance)
 
-    def _certified(
-        self, setup: Setup, tube: float, full_range: bool, speed: Numbers | None, acceleration: Numbers | None
+    def certified_region(
+        self,
+        setup: Setup,
+        tube: float = 0.01,
+        full_range: bool = False,
+        speed: Numbers | None = None,
+        acceleration: Numbers | None = None,
     ) -> tuple[Workspace, list[Plant]]:
         """Return the workspace of `certify`, and the robot with each payload and schedule that it meets."""
         changes = scheduled_plants(setup.plant, setup.events)
@@ -580,33 +612,34 @@ class Scenario(BaseModel):
 
     def run(self, progress: bool | None = None) -> dict[str, "Run"]:
         """Simulate every law; return the runs by name."""
+        setup = self.build()
+        return {name: self.run_law(law, setup, progress) for name, law in setup.laws.items()}
+
+    def run_law(self, law: Law, setup: Setup, progress: bool | None = None) -> "Run":
+        """Simulate a law on parts that are built already, such as one of `build_law`."""
         from tarc.simulation.simulator import simulate
 
-        setup = self.build()
-        return {
-            name: simulate(
-                setup.simulated,
-                law,
-                setup.reference,
-                self.duration,
-                sensor=setup.sensor,
-                disturbance=setup.events,
-                initial_position=self.initial_position,
-                initial_velocity=self.initial_velocity,
-                initial_torque=self.initial_torque,
-                acceleration_limits=self.acceleration_limits,
-                computation_delay=self.computation_delay,
-                torque_limits=setup.torque_limits,
-                drive=setup.drive,
-                jitter=self.jitter,
-                substeps=self.substeps,
-                seed=self.seed,
-                native=self.native,
-                divergence_threshold=self.divergence_threshold,
-                progress=progress,
-            )
-            for name, law in setup.laws.items()
-        }
+        return simulate(
+            setup.simulated,
+            law,
+            setup.reference,
+            self.duration,
+            sensor=setup.sensor,
+            disturbance=setup.events,
+            initial_position=self.initial_position,
+            initial_velocity=self.initial_velocity,
+            initial_torque=self.initial_torque,
+            acceleration_limits=self.acceleration_limits,
+            computation_delay=self.computation_delay,
+            torque_limits=setup.torque_limits,
+            drive=setup.drive,
+            jitter=self.jitter,
+            substeps=self.substeps,
+            seed=self.seed,
+            native=self.native,
+            divergence_threshold=self.divergence_threshold,
+            progress=progress,
+        )
 
     def to_yaml(self, folder: str | Path | None = None) -> str:
         """Return the scenario as YAML, without what is at its default.
@@ -643,3 +676,17 @@ class Scenario(BaseModel):
 
     def _repr_html_(self) -> str:
         return f"<p><b>{escape(self.name)}</b></p><pre>{escape(self.to_yaml())}</pre>"
+
+
+def _fraction(given: dict[str, Any], path: str, mean_inertia: MeanInertia) -> Array:
+    """Return the fraction of the robot's mean inertia along the reference."""
+    for key in given:
+        if key not in ("fraction", "diagonal"):
+            raise InvalidParameter(
+                f"{path}.inertia.{key}: unknown key; it has fraction and diagonal, or model and fraction."
+                f"{check.did_you_mean(str(key), ['fraction', 'diagonal', 'model'])}",
+                f"{path}.inertia.{key}",
+            )
+    fraction = check.number(f"{path}.inertia.fraction", given.get("fraction"), 0, strict=True)
+    mean = mean_inertia.matrix
+    return fraction * (np.diag(np.diag(mean)) if given.get("diagonal") else mean)

@@ -9,6 +9,7 @@ require("cli", "tarc.study")
 
 from tarc.study.budget import TorqueVariationBudget, torque_variation_budget
 from tarc.study.comparison import Comparison, compare, tuned_laws
+from tarc.study.front import FrontPoint, TuningFront
 from tarc.study.gains_file import load_gains
 from tarc.study.rare_events import RareProbability, SplittingLevel, rare_probability
 from tarc.study.report import rare_event_section, worst_case_section, write_report
@@ -25,7 +26,7 @@ from tarc.study.statistics import (
     success_rate,
 )
 from tarc.study.summary import StudySummary, summarise
-from tarc.study.tuning import default_search_spaces, tune, tune_all
+from tarc.study.tuning import default_search_spaces, tune, tune_all, tune_front, tune_fronts
 from tarc.study.worst_case import WorstPoint, search_worst_point
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ __getattr__, _, _ = lazy_attributes(  # they need Zarr, which comes with an extr
 
 __all__ = [
     "Comparison",
+    "FrontPoint",
     "Interval",
     "PairedComparison",
     "RareProbability",
@@ -58,6 +60,7 @@ __all__ = [
     "StudyResult",
     "StudySummary",
     "TorqueVariationBudget",
+    "TuningFront",
     "WorstCase",
     "WorstPoint",
     "compare",
@@ -81,6 +84,8 @@ __all__ = [
     "torque_variation_budget",
     "tune",
     "tune_all",
+    "tune_front",
+    "tune_fronts",
     "tuned_laws",
     "user_search_space",
     "worst_case_section",

@@ -30,6 +30,11 @@ class SearchSpace:
     free: dict[str, tuple[float, float]] = field(default_factory=dict)
     extends: str = ""
 
+    @property
+    def middle(self) -> dict[str, float]:
+        """Return the geometric middle of each range."""
+        return {key: (low * high) ** 0.5 for key, (low, high) in self.free.items()}
+
     def law(self, values: dict[str, float], period: float) -> dict[str, Any]:
         """Return the law with these values, as a scenario writes it."""
         part = copy.deepcopy(self.fixed)

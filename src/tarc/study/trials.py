@@ -1,0 +1,201 @@
+"""Sets of gains tried in all training scenarios: what each trial costs, and what is known of it without a run."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Self
+
+import numpy as np
+
+from tarc.analysis.linearise import Channel
+from tarc.core.errors import NotLinearisable, UnsupportedLaw
+from tarc.laws.base import Law
+from tarc.scenario.model import Scenario
+from tarc.study.robust_margin import RobustMargin
+from tarc.study.trial_runs import TrialScenario, shared_loop
+
+INSTABILITY = 10.0
+"""Added to the objective of a loop that is unstable at rest in a posture of the reference."""
+PENALTY = 5.0
+"""Factor of log(torque variation / limit) in the objective, where the limit is exceeded."""
+
+REFUSED, NOT_CERTIFIED, UNSTABLE, DIVERGED = "refused", "not certified", "unstable at rest", "diverged"
+
+
+@dataclass(frozen=True)
+class TrialOutcome:
+    """What came of a set of gains.
+
+    Attributes
+    ----------
+    rms_errors, torque_variations
+        Of each scenario in which the law ran to the end [rad or m, N m/s or N/s]; those after a failure are left out.
+    growth_rates
+        Growth rate of the fastest unstable mode at rest in each scenario [1/s]; zero for none.
+    margin
+        Smallest robust margin over the scenarios; None where none was computed.
+    failure
+        Why the trial ended early: refused, not certified, unstable at rest, diverged. Empty for none.
+    survived
+        Number of scenarios before a run diverged, with the share of the last one.
+    """
+
+    rms_errors: tuple[float, ...] = ()
+    torque_variations: tuple[float, ...] = ()
+    growth_rates: tuple[float, ...] = ()
+    margin: float | None = None
+    failure: str = ""
+    survived: float = 0.0
+
+    @property
+    def is_stable(self) -> bool:
+        """Whether the trial ran to the end and no loop is unstable at rest."""
+        return not self.failure and not any(self.growth_rates)
+
+    @property
+    def standing(self) -> tuple[int, float]:
+        """How far a failed trial came, and how bad the failure is: the later and the less, the better."""
+        if self.failure == REFUSED:
+            return 0, 0.0
+        if self.failure == NOT_CERTIFIED:
+            return 1, -(self.margin or 0.0)
+        if self.failure == UNSTABLE:
+            return 2, max(self.growth_rates)
+        return 3 + int(self.survived), -self.survived
+
+    def score(self, limits: Sequence[float]) -> float:
+        """Return the mean log RMS error, raised where the torque variation exceeds its limit or the loop is unstable.
+
+        Parameters
+        ----------
+        limits
+            Largest torque variation in each scenario [N m/s or N/s].
+        """
+        terms = [
+            np.log(error) + PENALTY * max(0.0, float(np.log(variation / limit))) + INSTABILITY * (growth > 0)
+            for error, variation, growth, limit in zip(
+                self.rms_errors, self.torque_variations, self.growth_rates, limits, strict=True
+            )
+        ]
+        return float(np.mean(terms))
+
+    def objectives(self, limits: Sequence[float]) -> tuple[float, float]:
+        """Return the mean log RMS error, and the mean log torque variation over its limit."""
+        variations = np.log(np.divide(self.torque_variations, limits))
+        return float(np.mean(np.log(self.rms_errors))), float(np.mean(variations))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the fields as plain data, the same as after a way through JSON."""
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
+
+    @classmethod
+    def from_dict(cls, content: dict[str, Any]) -> Self:
+        """Return the outcome that `to_dict` wrote."""
+        lists = ("rms_errors", "torque_variations", "growth_rates")
+        plain: dict[str, Any] = {name: tuple(value) if name in lists else value for name, value in content.items()}
+        return cls(**plain)
+
+
+class Trials:
+    """Tries laws in all scenarios in which their kind can run.
+
+    Parameters
+    ----------
+    scenarios
+        Training scenarios.
+    min_margin
+        Least robust margin; a law below is not run. None for no certificate.
+
+    Raises
+    ------
+    InvalidParameter
+        As `TrialScenario`.
+    """
+
+    def __init__(self, scenarios: Sequence[Scenario], min_margin: float | None = None):
+        self.scenarios = [TrialScenario(scenario) for scenario in scenarios]
+        self.min_margin = min_margin
+        self._margins = [] if min_margin is None else [_margin_in(scenario) for scenario in self.scenarios]
+
+    def evaluate(self, parts: Sequence[dict[str, Any]], run_unstable: bool) -> list[TrialOutcome]:
+        """Try some laws: what is cheap to know comes first, and the first failure ends a trial.
+
+        Parameters
+        ----------
+        parts
+            The laws as a scenario writes them.
+        run_unstable
+            Whether a loop that is unstable at rest is run all the same.
+        """
+        return [self._evaluate(part, run_unstable) for part in parts]
+
+    def _evaluate(self, part: dict[str, Any], run_unstable: bool) -> TrialOutcome:
+        laws = [scenario.build_law(part) for scenario in self.scenarios]
+        if any(law is None for law in laws):
+            return TrialOutcome(failure=REFUSED)
+        present = [law for law in laws if law is not None]
+        channels = self._channels(present)
+        margin = self._margin(present, channels)
+        if margin is not None and self.min_margin is not None and margin < self.min_margin:
+            return TrialOutcome(margin=margin, failure=NOT_CERTIFIED)
+        growth_rates = tuple(
+            scenario.growth_rate(law, loops)
+            for scenario, law, loops in zip(self.scenarios, present, channels, strict=True)
+        )
+        if any(growth_rates) and not run_unstable:
+            return TrialOutcome(growth_rates=growth_rates, margin=margin, failure=UNSTABLE)
+        return self._run(present, growth_rates, margin)
+
+    def margin_of(self, part: dict[str, Any]) -> float:
+        """Return the smallest robust margin of a law over the scenarios.
+
+        Raises
+        ------
+        UnsupportedLaw, NotLinearisable
+            For a law that has none.
+        """
+        margins = self._margins or [_margin_in(scenario) for scenario in self.scenarios]
+        laws = [scenario.build_law(part) for scenario in self.scenarios]
+        return min(margin.of(law) for margin, law in zip(margins, laws, strict=True) if law is not None)
+
+    def _run(self, laws: Sequence[Law], growth_rates: tuple[float, ...], margin: float | None) -> TrialOutcome:
+        """Run the laws in one scenario after the other, until one diverges."""
+        errors: list[float] = []
+        variations: list[float] = []
+        for number, (scenario, law) in enumerate(zip(self.scenarios, laws, strict=True)):
+            run = scenario.run(law)
+            if not run.completed:
+                survived = number + run.survived
+                return TrialOutcome(
+                    tuple(errors), tuple(variations), growth_rates, margin, failure=DIVERGED, survived=survived
+                )
+            errors.append(run.rms_error)
+            variations.append(run.torque_variation)
+        return TrialOutcome(tuple(errors), tuple(variations), growth_rates, margin, survived=float(len(laws)))
+
+    def _channels(self, laws: Sequence[Law]) -> list[Sequence[Channel] | None]:
+        """Return the linearised loops in each scenario; those of one period and estimator are linearised once."""
+        shared: dict[tuple[float, str], Sequence[Channel] | None] = {}
+        found = []
+        for scenario, law in zip(self.scenarios, laws, strict=True):
+            key = law.period, repr(law.estimator)
+            if key not in shared:
+                shared[key] = shared_loop(law)
+            loops, delay = shared[key], scenario.scenario.computation_delay
+            found.append(None if loops is None else [loop.with_delay(delay) for loop in loops])
+        return found
+
+    def _margin(self, laws: Sequence[Law], channels: Sequence[Sequence[Channel] | None]) -> float | None:
+        """Return the smallest margin; minus one for a law that has no linearisation."""
+        if not self._margins:
+            return None
+        try:
+            pairs = zip(self._margins, laws, channels, strict=True)
+            return min(margin.of(law, loops) for margin, law, loops in pairs)
+        except (UnsupportedLaw, NotLinearisable):
+            return -1.0
+
+
+def _margin_in(scenario: TrialScenario) -> RobustMargin:
+    """Return what computes the margins in a scenario, over the region of `tarc.Scenario.certify`."""
+    workspace, plants = scenario.scenario.certified_region(scenario.setup)
+    return RobustMargin(plants, workspace, scenario.scenario.computation_delay)
