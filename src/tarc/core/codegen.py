@@ -10,7 +10,8 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import casadi as ca
@@ -19,6 +20,11 @@ import numpy as np
 from tarc.core.c_emitter import Constants, StepInterface, emit
 from tarc.core.errors import CompilationError, InvalidParameter, MissingTool
 from tarc.core.types import Array
+
+try:
+    import fcntl
+except ImportError:  # on Windows
+    fcntl = None
 
 FLAGS = ["-std=c99", "-O3", "-ffp-contract=off", "-fPIC", "-shared"]
 """No fast mathematics, since the laws rely on comparisons with NaN; no contraction, so that numbers are the same."""
@@ -190,22 +196,43 @@ def compiled_library(code: str, options: Sequence[str] = ()) -> Path:
         return library
     try:
         library.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=library.parent) as folder:
-            source = Path(folder, "source.c")
-            output = Path(folder, "output.so")
-            source.write_text(code)
-            files = [str(source), "-lm", "-o", str(output)]
-            try:
-                _compile([*command, THIS_PROCESSOR, *files])
-            except CompilationError:  # the compiler may not know the option; any other fault comes again
-                _compile([*command, *files])
-            output.replace(library)
+        with _one_process_at_a_time(library):
+            if not library.is_file():
+                _compile_into(library, code, command)
     except OSError as error:
         raise CompilationError(
             f"native: cannot compile into {library.parent}: {error.strerror or error}; set XDG_CACHE_HOME to a "
             "folder that can be written, or leave native out"
         ) from None
     return library
+
+
+@contextmanager
+def _one_process_at_a_time(library: Path) -> Iterator[None]:
+    """Let the processes that need the same library wait for the one that compiles it, where files can be locked."""
+    lock = library.with_suffix(".lock")
+    with lock.open("w") as file:
+        if fcntl is not None:
+            with suppress(OSError):  # some network file systems have no locks: then several compile the same
+                fcntl.flock(file, fcntl.LOCK_EX)
+        try:
+            yield
+        finally:
+            lock.unlink(missing_ok=True)
+
+
+def _compile_into(library: Path, code: str, command: list[str]) -> None:
+    """Compile C source; the library appears when it is complete."""
+    with tempfile.TemporaryDirectory(dir=library.parent) as folder:
+        source = Path(folder, "source.c")
+        output = Path(folder, "output.so")
+        source.write_text(code)
+        files = [str(source), "-lm", "-o", str(output)]
+        try:
+            _compile([*command, THIS_PROCESSOR, *files])
+        except CompilationError:  # the compiler may not know the option; any other fault comes again
+            _compile([*command, *files])
+        output.replace(library)
 
 
 def _processor() -> str:

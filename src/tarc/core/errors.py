@@ -97,6 +97,10 @@ class MissingTool(TarcError, ImportError):
     """A library or a compiler is not installed: the message says what needs it and how to install it."""
 
 
+class ClusterError(TarcError, ConnectionError):
+    """A Dask cluster cannot be reached, or was lost: the message has its address and says how to go on."""
+
+
 class CompilationError(TarcError, RuntimeError):
     """A C compiler fails, or its output cannot be written."""
 

@@ -2,7 +2,7 @@
 
 import platform
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -28,8 +28,9 @@ from tarc.simulation.simulator import PILOT_PERIODS, min_substeps
 from tarc.study.cases import Cases
 from tarc.study.compiled_engine import COMPILED, LANES, CompiledEngine
 from tarc.study.draws import Draws
-from tarc.study.engines import MUJOCO, VIRTUAL_MACHINE, ChunkResult, Engine, SideBySide, Simulator
-from tarc.study.store import TRACES, Chunk, Store, open_store
+from tarc.study.engines import MUJOCO, VIRTUAL_MACHINE, Engine, SideBySide, Simulator
+from tarc.study.scheduling import run_chunks
+from tarc.study.store import TRACES, Store, open_store
 from tarc.study.study_result import StudyResult
 
 if TYPE_CHECKING:
@@ -66,12 +67,20 @@ def run_study(
         warnings.simplefilter("ignore", JointLimitWarning)
         integration = stored_integration(store, study, draws)
         make_engine = partial(build_engine, study, integration, engine)
-        chunks = store.pending(draws)
+        finished = store.n_finished
         with Progress(f"running {study.name}", store.runs, progress, unit="runs") as bar:
-            bar.advance(store.n_finished)
-            for chunk, result in run_chunks(make_engine, chunks):
-                store.write(chunk, draws.keys, result)
-                bar.advance(len(chunk.indices))
+            bar.advance(finished)
+            results = run_chunks(
+                make_engine,
+                store.pending(draws),
+                store.runs - finished,
+                jobs=jobs,
+                scheduler=scheduler,
+                advance=bar.advance,
+            )
+            with closing(results):
+                for chunk, result in results:
+                    store.write(chunk, draws.keys, result)
         write_traces(study, draws, integration, store)
     return StudyResult.open(place)
 
@@ -79,14 +88,6 @@ def run_study(
 def check_engine(engine: str) -> None:
     """Refuse an unknown engine."""
     check.one_of("engine", engine, ENGINES)
-
-
-def run_chunks(make_engine: Callable[[], Engine], chunks: Iterable[Chunk]) -> Iterator[tuple[Chunk, ChunkResult]]:
-    """Run chunks in this process, one after the other."""
-    engine: Engine | None = None
-    for chunk in chunks:
-        engine = engine or make_engine()
-        yield chunk, engine.run(chunk.indices, chunk.values, chunk.seeds)
 
 
 def build_engine(study: "Study", integration: Integration, engine: str) -> Engine:

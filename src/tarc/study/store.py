@@ -9,7 +9,7 @@ import os
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import zarr
@@ -19,6 +19,7 @@ from tarc.core.files import make_folder
 from tarc.core.types import Array
 from tarc.core.version import __version__
 from tarc.simulation.quantities import MEASURES
+from tarc.study.chunks import Chunk
 from tarc.study.draws import Draws, run_seeds
 
 try:
@@ -41,23 +42,6 @@ FEWEST_ROWS = 8
 
 MAX_CHUNKS = 128
 """Largest number of chunks; chunks grow with the runs, so that the number of files stays small."""
-
-
-class Chunk(NamedTuple):
-    """Runs that are simulated and stored together.
-
-    Attributes
-    ----------
-    number
-        Number of the chunk in the store.
-    indices, values, seeds
-        Numbers of the runs, drawn values (runs, keys) and seeds, as an engine takes them.
-    """
-
-    number: int
-    indices: Array
-    values: Array
-    seeds: Array
 
 
 def rows_per_chunk(runs: int) -> int:

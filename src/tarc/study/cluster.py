@@ -1,0 +1,360 @@
+"""Parts of a study on the workers of a Dask cluster."""
+
+import hashlib
+import pickle
+import threading
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from itertools import count
+from queue import Empty, SimpleQueue
+from typing import TYPE_CHECKING
+from uuid import uuid4
+
+from tarc.core.errors import ClusterError, DesignWarning, InvalidParameter, JointLimitWarning
+from tarc.core.optional import is_installed
+from tarc.core.types import Array
+from tarc.study.chunks import Chunk, ChunkCollector, ChunkQueue, Pace, Piece
+from tarc.study.engines import ChunkResult, Engine
+from tarc.study.software import check_same_software, software
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+CONNECT_TIMEOUT = 5.0
+"""Time in which a scheduler must answer [s]."""
+
+CHECK_INTERVAL = 1.0
+"""Time between two looks at the cluster while no part finishes [s]."""
+
+PARTS_PER_WORKER = 12
+"""Parts that are submitted at once per thread of the workers: more than Dask needs to enlarge an adaptive cluster."""
+
+MIN_PARTS = 32
+"""Parts that are submitted at once at least."""
+
+ENVIRONMENT = {"MUJOCO_GL": "disable", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+"""Environment of local workers: matrices are small, and a worker has one core."""
+
+IGNORE_INTERRUPT = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
+"""Run in each local worker: Ctrl-C reaches all processes of a terminal, and the first one ends the workers."""
+
+
+@contextmanager
+def local_cluster(n_workers: int, notify: Callable[[str], object]) -> "Iterator[Client]":
+    """Start worker processes on this machine, one thread each, and end them in the end.
+
+    A worker that dies is started again by its nanny.
+    """
+    import logging
+
+    import dask
+    from distributed import Client, LocalCluster
+
+    settings = {"distributed.worker.profile.enabled": False}
+    with (
+        dask.config.set(settings),
+        LocalCluster(
+            n_workers=n_workers,
+            threads_per_worker=1,
+            dashboard_address=":8787" if is_installed("bokeh") else None,
+            silence_logs=logging.CRITICAL,
+            env=ENVIRONMENT,
+            preload=[IGNORE_INTERRUPT],
+        ) as cluster,
+        Client(cluster) as client,
+    ):
+        if is_installed("bokeh"):
+            notify(f"{n_workers} processes; dashboard: {cluster.dashboard_link}")
+        yield client
+
+
+@contextmanager
+def remote_cluster(address: str, notify: Callable[[str], object]) -> "Iterator[Client]":
+    """Connect to a Dask scheduler.
+
+    Raises
+    ------
+    InvalidParameter
+        For something that is no address.
+    ClusterError
+        When nothing answers at the address.
+    """
+    if "://" not in address:
+        raise InvalidParameter(
+            f"scheduler: got {address!r}; needs an address such as tcp://10.0.0.5:8786, which `dask scheduler` prints",
+            "scheduler",
+        )
+    from distributed import Client
+
+    try:
+        client = Client(address, timeout=CONNECT_TIMEOUT, name="tarc-study")
+    except (OSError, ValueError) as error:  # ValueError: a protocol or port that Dask does not know
+        raise ClusterError(
+            f"scheduler: no answer from {address} in {CONNECT_TIMEOUT:g} s ({error}); check the address, start one "
+            "with `dask scheduler`, or leave the scheduler out to use this machine"
+        ) from None
+    try:
+        notify(f"cluster {address}; dashboard: {client.dashboard_link}")
+        yield client
+    finally:
+        client.close(timeout=2)
+
+
+@dataclass(frozen=True)
+class StudyTask:
+    """What a worker needs for each part of a study.
+
+    Attributes
+    ----------
+    recipe
+        The pickled function that makes the engine.
+    key
+        Hash of it, by which a worker knows the engine that it has.
+    software
+        Versions that a worker must have.
+    """
+
+    recipe: bytes
+    key: str
+    software: dict[str, str]
+
+    @classmethod
+    def from_recipe(cls, recipe: Callable[[], Engine]) -> "StudyTask":
+        """Pickle a recipe."""
+        content = pickle.dumps(recipe)
+        return cls(content, hashlib.sha256(content).hexdigest(), software())
+
+
+class _Call:
+    """A call that is made when it is unpickled.
+
+    Workers are sent `pickle.loads` and bytes. The scheduler, which unpickles what it hands on, so needs neither this
+    package nor the time to import it; a worker without it raises an error that comes back.
+    """
+
+    def __init__(self, function: Callable[..., object], *arguments: object):
+        self._call = function, arguments
+
+    def __reduce__(self) -> tuple[Callable[..., object], tuple[object, ...]]:
+        return self._call
+
+
+_thread = threading.local()
+"""Key and engine of the study that this thread of a worker is on: engines need not be safe in several threads."""
+
+
+def run_part(task: StudyTask, pieces: list[tuple[Array, Array, Array]]) -> tuple[float, list[ChunkResult]]:
+    """Run pieces on a worker; return the time [s] without that for making the engine, and the results.
+
+    Parameters
+    ----------
+    task
+        What makes the engine.
+    pieces
+        Indices, values and seeds of the runs of each piece.
+
+    Raises
+    ------
+    InvalidParameter
+        When the worker has other software.
+    """
+    if getattr(_thread, "key", None) != task.key:
+        check_same_software(_worker_address(), software(), task.software)
+        for category in (DesignWarning, JointLimitWarning):  # the results show it
+            warnings.simplefilter("ignore", category)
+        _thread.engine = pickle.loads(task.recipe)()
+        _thread.key = task.key
+    engine: Engine = _thread.engine
+    start = time.perf_counter()
+    results = [engine.run(*runs) for runs in pieces]
+    return time.perf_counter() - start, results
+
+
+def _worker_address() -> str:
+    from distributed import get_worker
+
+    return str(get_worker().address)
+
+
+def check_workers(client: "Client") -> None:
+    """Check that all workers have this package, and the software of this process.
+
+    Raises
+    ------
+    InvalidParameter
+        For a worker without the package, or with other software.
+    """
+    for worker, theirs in client.run(pickle.loads, pickle.dumps(_Call(software)), on_error="return").items():
+        if isinstance(theirs, ModuleNotFoundError):
+            raise InvalidParameter(_cannot_import(worker, theirs))
+        if isinstance(theirs, Exception):
+            raise theirs
+        check_same_software(worker, theirs, software())
+
+
+def _cannot_import(worker: str, error: Exception) -> str:
+    return (
+        f"scheduler: the worker {worker} cannot import the package ({error}); "
+        "pip install 'tarc-control[study]' there, in the same version as here, and start it again"
+    )
+
+
+class _Flight:
+    """Parts that are submitted and have not come back.
+
+    Parameters
+    ----------
+    client
+        The cluster.
+    recipe
+        Makes the engine.
+    queue
+        The runs.
+    pace
+        Time of a run.
+    notify
+        Called with messages.
+    """
+
+    def __init__(
+        self,
+        client: "Client",
+        recipe: Callable[[], Engine],
+        queue: ChunkQueue,
+        pace: Pace,
+        notify: Callable[[str], object],
+    ):
+        self.client = client
+        self.address = client.scheduler.address
+        self.task = StudyTask.from_recipe(recipe)
+        self.queue = queue
+        self.pace = pace
+        self.notify = notify
+        self.parts: dict[Future, list[Piece]] = {}
+        self._done: SimpleQueue[Future] = SimpleQueue()
+        self._group = f"runs-{uuid4().hex}"
+        self._numbers = count()
+        self._n_threads = 0
+        self._next_look = 0.0
+
+    def fill(self) -> None:
+        """Submit parts up to the limit."""
+        self._look()
+        measured = self.pace.run_time > 0
+        limit = max(MIN_PARTS, PARTS_PER_WORKER * self._n_threads) if measured else max(1, self._n_threads)
+        while len(self.parts) < limit:
+            pieces = self.queue.take(self.pace.part_size(self.queue.remaining, max(1, self._n_threads)))
+            if not pieces:
+                return
+            call = pickle.dumps(_Call(run_part, self.task, [piece.runs for piece in pieces]))
+            future = self.client.submit(pickle.loads, call, key=(self._group, next(self._numbers)))
+            self.parts[future] = pieces
+            future.add_done_callback(self._done.put)
+
+    def next(self) -> "tuple[list[Piece], float, list[ChunkResult]]":
+        """Wait for a part; return its pieces, its time [s] and its results."""
+        while True:
+            try:
+                future = self._done.get(timeout=CHECK_INTERVAL)
+                break
+            except Empty:
+                self._look()
+        pieces = self.parts.pop(future)
+        seconds, results = self._result(future, pieces)
+        return pieces, seconds, results
+
+    def _look(self) -> None:
+        """Count the workers' threads, at most once per interval; complain when the scheduler is lost."""
+        if self.client.status != "running":
+            raise self._lost()
+        if time.monotonic() < self._next_look:
+            return
+        try:
+            n_threads = sum(self.client.nthreads().values())
+        except (OSError, TimeoutError):
+            raise self._lost() from None
+        if n_threads == 0 and (self._n_threads or not self._next_look):
+            self.notify(f"no workers at {self.address}: waiting for the first")
+        self._n_threads = n_threads
+        self._next_look = time.monotonic() + CHECK_INTERVAL
+
+    def _result(self, future: "Future", pieces: list[Piece]) -> tuple[float, list[ChunkResult]]:
+        from distributed import CancelledError, KilledWorker
+
+        try:
+            return future.result()
+        except KilledWorker as error:
+            first, last = pieces[0].runs[0][0], pieces[-1].runs[0][-1]
+            raise ClusterError(
+                f"runs {first} to {last}: {error.allowed_failures + 1} workers died on them, the last was "
+                f"{error.last_worker.address}; perhaps for lack of memory: use fewer jobs or more memory per worker. "
+                "Repeat the command to go on with what is left"
+            ) from None
+        except ModuleNotFoundError as error:
+            raise InvalidParameter(_cannot_import("of the study", error)) from None
+        except CancelledError:
+            raise self._lost() from None
+        except OSError:
+            if future.status == "error":  # of the engine
+                raise
+            raise self._lost() from None
+
+    def _lost(self) -> ClusterError:
+        return ClusterError(
+            f"scheduler: lost the connection to {self.address}; finished chunks are stored. Start the scheduler and "
+            "its workers again, and repeat the command to go on with what is left"
+        )
+
+    def cancel(self) -> None:
+        """Cancel what has not come back."""
+        if self.client.status == "running":
+            with suppress(OSError, TimeoutError):
+                self.client.cancel(list(self.parts))
+
+
+def run_parts(
+    client: "Client",
+    recipe: Callable[[], Engine],
+    queue: ChunkQueue,
+    collector: ChunkCollector,
+    pace: Pace,
+    advance: Callable[[int], object],
+    notify: Callable[[str], object],
+) -> Iterator[tuple[Chunk, ChunkResult]]:
+    """Run what is in the queue on a cluster, and yield each chunk with its result as it is complete.
+
+    Parameters
+    ----------
+    client
+        The cluster.
+    recipe, advance, notify
+        As in `tarc.study.scheduling.run_chunks`.
+    queue, collector, pace
+        The runs that are left, the pieces that have come, and the time of a run so far.
+
+    Raises
+    ------
+    InvalidParameter
+        For a worker without this package, or with other software.
+    ClusterError
+        When the scheduler is lost, and when all workers that had a part died.
+    """
+    check_workers(client)
+    flight = _Flight(client, recipe, queue, pace, notify)
+    try:
+        flight.fill()
+        while flight.parts:
+            pieces, seconds, results = flight.next()
+            n_runs = sum(piece.n_runs for piece in pieces)
+            pace.update(n_runs, seconds)
+            flight.fill()
+            advance(n_runs)
+            for piece, result in zip(pieces, results, strict=True):
+                complete = collector.add(piece, result)
+                if complete is not None:
+                    yield piece.chunk, complete
+    finally:
+        flight.cancel()

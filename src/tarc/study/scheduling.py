@@ -1,0 +1,141 @@
+"""Where the chunks of a study run: in this process, in processes of this machine, or on a Dask cluster."""
+
+import os
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator
+
+import numpy as np
+
+from tarc.core import validation as check
+from tarc.core.errors import InvalidParameter
+from tarc.core.optional import is_installed, require
+from tarc.study.chunks import Chunk, ChunkCollector, ChunkQueue, Pace
+from tarc.study.cluster import local_cluster, remote_cluster, run_parts
+from tarc.study.engines import ChunkResult, Engine
+
+SERIAL_TIME = 4.0
+"""Time of the remaining runs [s] below which processes of their own would cost more than they save."""
+
+
+def run_chunks(
+    recipe: Callable[[], Engine],
+    chunks: Iterable[Chunk],
+    n_runs: int,
+    *,
+    jobs: int | None = None,
+    scheduler: str = "",
+    advance: Callable[[int], object] | None = None,
+    notify: Callable[[str], object] | None = None,
+) -> Iterator[tuple[Chunk, ChunkResult]]:
+    """Run chunks and yield each with its result, in the order in which they are complete.
+
+    The first runs are timed in this process, unless there is a scheduler. What remains is cut into parts of about one
+    second, whatever the size of the chunks. A worker that is killed costs its part a second try.
+
+    Close the iterator where it is left early (`contextlib.closing`): that cancels what runs and ends the processes.
+
+    Parameters
+    ----------
+    recipe
+        Makes the engine: a function that can be pickled, such as a `functools.partial` of one in a module. It is
+        called once per process, and the engine serves many parts.
+    chunks
+        The runs, in chunks that are stored at once.
+    n_runs
+        Number of runs of all chunks.
+    jobs
+        Number of processes; None for one per core, or fewer where the study is short.
+    scheduler
+        Address of a Dask scheduler, such as ``tcp://10.0.0.5:8786``; empty for this machine.
+    advance
+        Called with a number of runs, whenever so many more have finished.
+    notify
+        Called with messages, such as the address of the dashboard; by default they go to standard error.
+
+    Raises
+    ------
+    InvalidParameter
+        For ``jobs`` below one, ``jobs`` beside a scheduler, something that is no address, and a worker with other
+        software than this process.
+    ClusterError
+        When the scheduler cannot be reached or is lost, and when the workers on a part were killed again and again.
+    MissingTool
+        For several jobs or a scheduler without Dask.
+    """
+    if jobs is not None:
+        check.integer("jobs", jobs, 1)
+        if scheduler:
+            raise InvalidParameter(
+                f"jobs: got {jobs} beside the scheduler {scheduler}, all workers of which are used; leave jobs out",
+                "jobs",
+            )
+    if scheduler:
+        require("study", "a scheduler", "dask", "distributed")
+    elif jobs is not None and jobs > 1:
+        require("study", "more than one job", "dask", "distributed")
+    return _run(recipe, ChunkQueue(chunks, n_runs), jobs, scheduler, advance or _nothing, notify or _to_stderr)
+
+
+def _run(
+    recipe: Callable[[], Engine],
+    queue: ChunkQueue,
+    jobs: int | None,
+    scheduler: str,
+    advance: Callable[[int], object],
+    notify: Callable[[str], object],
+) -> Iterator[tuple[Chunk, ChunkResult]]:
+    collector = ChunkCollector()
+    pace = Pace()
+    if scheduler:
+        with remote_cluster(scheduler, notify) as client:
+            yield from run_parts(client, recipe, queue, collector, pace, advance, notify)
+        return
+    if not queue.remaining:
+        return
+    count = n_cores() if jobs is None else jobs
+    engine = recipe()
+    yield from _run_here(engine, queue, collector, pace, advance, np.inf if count == 1 else SERIAL_TIME)
+    if queue.remaining and not is_installed("distributed"):
+        notify("one process: Dask is not installed; pip install 'tarc-control[study]' to use all cores")
+        yield from _run_here(engine, queue, collector, pace, advance, np.inf)
+    if queue.remaining:
+        with local_cluster(count, notify) as client:
+            yield from run_parts(client, recipe, queue, collector, pace, advance, notify)
+
+
+def _run_here(
+    engine: Engine,
+    queue: ChunkQueue,
+    collector: ChunkCollector,
+    pace: Pace,
+    advance: Callable[[int], object],
+    max_time: float,
+) -> Iterator[tuple[Chunk, ChunkResult]]:
+    """Run parts in this process, until the remaining ones would take longer than a time [s]."""
+    while pieces := queue.take(pace.part_size(queue.remaining, 1)):
+        for piece in pieces:
+            start = time.perf_counter()
+            result = engine.run(*piece.runs)
+            pace.update(piece.n_runs, time.perf_counter() - start)
+            advance(piece.n_runs)
+            complete = collector.add(piece, result)
+            if complete is not None:
+                yield piece.chunk, complete
+        if queue.remaining * pace.run_time > max_time:
+            return
+
+
+def n_cores() -> int:
+    """Return the number of cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _nothing(n_runs: int) -> None:
+    """Count no runs."""
+
+
+def _to_stderr(message: str) -> None:
+    print(message, file=sys.stderr)
