@@ -9,8 +9,9 @@ from collections.abc import Iterator
 from contextlib import nullcontext
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
-import dask
+import dask.config
 import numpy as np
 import pytest
 from distributed import Client
@@ -47,6 +48,7 @@ class HandMadeCluster:
 
     def wait_for(self, text: str, times: int = 1) -> list[str]:
         """Return the lines of the scheduler's log with a text, when there are enough."""
+        log = ""
         for _ in range(300):
             log = (self.folder / "0.log").read_text()
             lines = [line for line in log.splitlines() if text in line]
@@ -84,7 +86,7 @@ def truth() -> dict[str, Array]:
     return study_engines.expected(RUNS, SIZE)
 
 
-def study(engine: FakeEngine, **options: object) -> tuple[dict[str, Array], list[str]]:
+def study(engine: FakeEngine, **options: Any) -> tuple[dict[str, Array], list[str]]:
     """Run the study; return its arrays and the messages."""
     messages: list[str] = []
     results = study_engines.run(engine, RUNS, SIZE, notify=messages.append, **options)

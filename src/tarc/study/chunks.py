@@ -157,7 +157,7 @@ class Pace:
     def part_size(self, remaining: int, n_workers: int) -> int:
         """Return the runs of the next part: about `PART_TIME` of work, less towards the end of the study.
 
-        Multiples of `FIRST_PART`, so that no lanes of a vector idle, unless so many runs take longer than two parts.
+        Multiples of `FIRST_PART`, so that no lanes of a vector idle, unless that many runs take longer than two parts.
         """
         if np.isnan(self.run_time):
             return FIRST_PART

@@ -5,12 +5,12 @@ import pickle
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import count
 from queue import Empty, SimpleQueue
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 from uuid import uuid4
 
 from tarc.core.errors import ClusterError, DesignWarning, InvalidParameter, JointLimitWarning
@@ -50,7 +50,7 @@ def local_cluster(n_workers: int, notify: Callable[[str], object]) -> "Iterator[
     """
     import logging
 
-    import dask
+    import dask.config
     from distributed import Client, LocalCluster
 
     settings = {"distributed.worker.profile.enabled": False}
@@ -59,7 +59,7 @@ def local_cluster(n_workers: int, notify: Callable[[str], object]) -> "Iterator[
         LocalCluster(
             n_workers=n_workers,
             threads_per_worker=1,
-            dashboard_address=":8787" if is_installed("bokeh") else None,
+            dashboard_address=cast(str, ":8787" if is_installed("bokeh") else None),
             silence_logs=logging.CRITICAL,
             env=ENVIRONMENT,
             preload=[IGNORE_INTERRUPT],
@@ -67,7 +67,7 @@ def local_cluster(n_workers: int, notify: Callable[[str], object]) -> "Iterator[
         Client(cluster) as client,
     ):
         if is_installed("bokeh"):
-            notify(f"{n_workers} processes; dashboard: {cluster.dashboard_link}")
+            notify(f"{n_workers} processes; dashboard: {client.dashboard_link}")
         yield client
 
 
@@ -131,8 +131,8 @@ class StudyTask:
 class _Call:
     """A call that is made when it is unpickled.
 
-    Workers are sent `pickle.loads` and bytes. The scheduler, which unpickles what it hands on, so needs neither this
-    package nor the time to import it; a worker without it raises an error that comes back.
+    Workers are sent `pickle.loads` and bytes. The scheduler unpickles what it hands on, and so needs not have this
+    package. A worker without it raises an error that comes back.
     """
 
     def __init__(self, function: Callable[..., object], *arguments: object):
@@ -187,7 +187,9 @@ def check_workers(client: "Client") -> None:
     InvalidParameter
         For a worker without the package, or with other software.
     """
-    for worker, theirs in client.run(pickle.loads, pickle.dumps(_Call(software)), on_error="return").items():
+    call = pickle.dumps(_Call(software))
+    answers = cast("dict[str, Any]", client.run(pickle.loads, call, on_error="return"))
+    for worker, theirs in answers.items():
         if isinstance(theirs, ModuleNotFoundError):
             raise InvalidParameter(_cannot_import(worker, theirs))
         if isinstance(theirs, Exception):
@@ -227,8 +229,9 @@ class _Flight:
         pace: Pace,
         notify: Callable[[str], object],
     ):
+        assert client.scheduler is not None
         self.client = client
-        self.address = client.scheduler.address
+        self.address = str(client.scheduler.address)
         self.task = StudyTask.from_recipe(recipe)
         self.queue = queue
         self.pace = pace
@@ -273,7 +276,7 @@ class _Flight:
         if time.monotonic() < self._next_look:
             return
         try:
-            n_threads = sum(self.client.nthreads().values())
+            n_threads = sum(cast("dict[str, int]", self.client.nthreads()).values())
         except (OSError, TimeoutError):
             raise self._lost() from None
         if n_threads == 0 and (self._n_threads or not self._next_look):
@@ -323,7 +326,7 @@ def run_parts(
     pace: Pace,
     advance: Callable[[int], object],
     notify: Callable[[str], object],
-) -> Iterator[tuple[Chunk, ChunkResult]]:
+) -> Generator[tuple[Chunk, ChunkResult], None, None]:
     """Run what is in the queue on a cluster, and yield each chunk with its result as it is complete.
 
     Parameters

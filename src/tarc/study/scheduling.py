@@ -3,7 +3,7 @@
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 
 import numpy as np
 
@@ -27,7 +27,7 @@ def run_chunks(
     scheduler: str = "",
     advance: Callable[[int], object] | None = None,
     notify: Callable[[str], object] | None = None,
-) -> Iterator[tuple[Chunk, ChunkResult]]:
+) -> Generator[tuple[Chunk, ChunkResult], None, None]:
     """Run chunks and yield each with its result, in the order in which they are complete.
 
     The first runs are timed in this process, unless there is a scheduler. What remains is cut into parts of about one
@@ -49,7 +49,7 @@ def run_chunks(
     scheduler
         Address of a Dask scheduler, such as ``tcp://10.0.0.5:8786``; empty for this machine.
     advance
-        Called with a number of runs, whenever so many more have finished.
+        Called with the number of runs of a part when it has finished.
     notify
         Called with messages, such as the address of the dashboard; by default they go to standard error.
 
@@ -84,7 +84,7 @@ def _run(
     scheduler: str,
     advance: Callable[[int], object],
     notify: Callable[[str], object],
-) -> Iterator[tuple[Chunk, ChunkResult]]:
+) -> Generator[tuple[Chunk, ChunkResult], None, None]:
     collector = ChunkCollector()
     pace = Pace()
     if scheduler:
@@ -111,7 +111,7 @@ def _run_here(
     pace: Pace,
     advance: Callable[[int], object],
     max_time: float,
-) -> Iterator[tuple[Chunk, ChunkResult]]:
+) -> Generator[tuple[Chunk, ChunkResult], None, None]:
     """Run parts in this process, until the remaining ones would take longer than a time [s]."""
     while pieces := queue.take(pace.part_size(queue.remaining, 1)):
         for piece in pieces:
