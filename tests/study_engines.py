@@ -93,7 +93,7 @@ def run(
 ) -> Iterator[tuple[int, ChunkResult]]:
     """Run the study but for some chunks; yield numbers of chunks and their results."""
     left = [chunk for chunk in chunks(n_runs, size) if chunk.number not in skip]
-    with closing(run_chunks(Recipe(engine), left, sum(chunk.n_runs for chunk in left), **options)) as results:
+    with closing(run_chunks(engine, Recipe(engine), left, sum(chunk.n_runs for chunk in left), **options)) as results:
         for chunk, result in results:
             yield chunk.number, result
 

@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -46,6 +48,7 @@ def test_a_part_has_pieces_of_one_chunk_or_whole_chunks():
 def test_a_part_takes_about_its_time(run_time: float, runs: int):
     pace = Pace()
     assert pace.part_size(10**6, 2) == FIRST_PART
+    pace.update(8, 1.0)
     pace.update(8, 8 * run_time)
     assert pace.part_size(10**6, 2) == runs
     assert runs * run_time <= max(PART_TIME, run_time)
@@ -53,6 +56,7 @@ def test_a_part_takes_about_its_time(run_time: float, runs: int):
 
 def test_parts_get_smaller_towards_the_end():
     pace = Pace()
+    pace.update(8, 8e-3)
     pace.update(8, 8e-3)
     sizes, remaining = [], 4000
     while remaining > 0:
@@ -66,6 +70,18 @@ def test_parts_get_smaller_towards_the_end():
 
 def test_time_of_a_run_follows_the_newest_parts():
     pace = Pace()
-    for seconds in (8.0, 1.0, 1.0, 1.0, 1.0, 1.0):
+    for seconds in (80.0, 8.0, 1.0, 1.0, 1.0, 1.0, 1.0):
         pace.update(8, seconds)
     assert pace.run_time == pytest.approx(0.125 + 0.875 * chunks_module.NEWEST_SHARE**5)
+
+
+def test_a_measure_that_no_run_of_a_piece_has_is_nan():
+    (chunk,) = study_engines.chunks(16, 16)
+    queue, collector = ChunkQueue([chunk], 16), ChunkCollector()
+    early, late = queue.take(8), queue.take(8)
+    result = study_engines.FakeEngine().run(*late[0].runs)
+    assert collector.add(late[0], result) is None
+    joined = collector.add(early[0], dataclasses.replace(result, measures={}))
+    assert joined is not None
+    assert np.isnan(joined.measures["rms_error"][:8]).all()
+    assert np.array_equal(joined.measures["rms_error"][8:], result.measures["rms_error"])

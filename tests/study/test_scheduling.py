@@ -23,11 +23,8 @@ def test_a_short_study_starts_no_processes(monkeypatch):
     assert len(list(study_engines.run(FakeEngine(), 64, 16, jobs=4))) == 4
 
 
-def test_no_chunks_make_no_engine():
-    def recipe() -> FakeEngine:
-        raise AssertionError
-
-    assert list(run_chunks(recipe, [], 0, jobs=1)) == []
+def test_no_chunks():
+    assert list(run_chunks(FakeEngine(), Recipe(), [], 0, jobs=1)) == []
 
 
 def test_an_error_of_the_engine_comes_through():
@@ -39,18 +36,18 @@ def test_an_error_of_the_engine_comes_through():
 @pytest.mark.parametrize("jobs", [0, -1, 1.5])
 def test_jobs_below_one(jobs):
     with pytest.raises(InvalidParameter, match="jobs: got"):
-        run_chunks(Recipe(), [], 0, jobs=jobs)
+        run_chunks(FakeEngine(), Recipe(), [], 0, jobs=jobs)
 
 
 def test_jobs_beside_a_scheduler():
     with pytest.raises(InvalidParameter, match="leave jobs out"):
-        run_chunks(Recipe(), [], 0, jobs=2, scheduler="tcp://127.0.0.1:1")
+        run_chunks(FakeEngine(), Recipe(), [], 0, jobs=2, scheduler="tcp://127.0.0.1:1")
 
 
 def test_several_jobs_need_dask(monkeypatch):
     monkeypatch.setattr("tarc.core.optional.is_installed", lambda module: module != "distributed")
     with pytest.raises(MissingTool, match=r"more than one job needs distributed; pip install 'tarc-control\[study\]'"):
-        run_chunks(Recipe(), [], 0, jobs=2)
+        run_chunks(FakeEngine(), Recipe(), [], 0, jobs=2)
 
 
 def test_without_dask_a_study_says_that_it_has_one_process(monkeypatch):

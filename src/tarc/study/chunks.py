@@ -131,12 +131,19 @@ def _join(results: list[ChunkResult]) -> ChunkResult:
     if len(results) == 1:
         return results[0]
     first = results[0]
+    names = dict.fromkeys(name for result in results for name in result.measures)
     return ChunkResult(
-        measures={name: np.concatenate([result.measures[name] for result in results]) for name in first.measures},
+        measures={name: np.concatenate([_measure(result, name) for result in results]) for name in names},
         completed=np.concatenate([result.completed for result in results]),
         end_time=np.concatenate([result.end_time for result in results]),
         applied={key: np.concatenate([result.applied[key] for result in results]) for key in first.applied},
     )
+
+
+def _measure(result: ChunkResult, name: str) -> Array:
+    """Return a measure, which is NaN where all runs ended before it begins."""
+    missing = np.full(result.completed.shape, np.nan)
+    return result.measures.get(name, missing)
 
 
 class Pace:
@@ -145,21 +152,28 @@ class Pace:
     def __init__(self) -> None:
         self.run_time = np.nan
         """Mean time of a run [s]; NaN before the first part."""
+        self._n_parts = 0
 
     def update(self, n_runs: int, seconds: float) -> None:
-        """Take a part's runs and their time [s] into the mean."""
+        """Take a part's runs and their time [s] into the mean; the first, which warms up, counts until the second."""
         run_time = max(seconds, 1e-9) / n_runs
-        if np.isnan(self.run_time):
+        if self._n_parts < 2:
             self.run_time = run_time
         else:
             self.run_time += NEWEST_SHARE * (run_time - self.run_time)
+        self._n_parts += 1
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether the mean has more than the first part, or this took long."""
+        return self._n_parts > 1 or FIRST_PART * self.run_time > PART_TIME
 
     def part_size(self, remaining: int, n_workers: int) -> int:
         """Return the runs of the next part: about `PART_TIME` of work, less towards the end of the study.
 
         Multiples of `FIRST_PART`, so that no lanes of a vector idle, unless that many runs take longer than two parts.
         """
-        if np.isnan(self.run_time):
+        if np.isnan(self.run_time) or not self.is_sure:
             return FIRST_PART
         share = -(-remaining // (PARTS_LEFT * n_workers))
         n_runs = max(1, min(int(PART_TIME / self.run_time), share))

@@ -305,7 +305,7 @@ class SideBySide:
     """
 
     def __init__(self, engines: Sequence[tuple[Engine, Sequence[int]]], n_laws: int):
-        self._engines = list(engines)
+        self.engines = list(engines)
         self._n_laws = n_laws
         self.name = ", ".join(dict.fromkeys(engine.name for engine, _ in engines))
 
@@ -313,7 +313,7 @@ class SideBySide:
         """Run a chunk by every engine, as `Engine.run`."""
         shape = len(indices), self._n_laws
         joined = ChunkResult({}, np.zeros(shape, dtype=bool), np.full(shape, np.nan), {})
-        for engine, laws in self._engines:
+        for engine, laws in self.engines:
             result, places = engine.run(indices, values, seeds), list(laws)
             joined.completed[:, places] = result.completed
             joined.end_time[:, places] = result.end_time

@@ -3,7 +3,7 @@
 import platform
 import warnings
 from contextlib import closing
-from functools import partial
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -66,23 +66,33 @@ def run_study(
         warnings.simplefilter("ignore", DesignWarning)  # the results show it
         warnings.simplefilter("ignore", JointLimitWarning)
         integration = stored_integration(store, study, draws)
-        make_engine = partial(build_engine, study, integration, engine)
-        finished = store.n_finished
-        with Progress(f"running {study.name}", store.runs, progress, unit="runs") as bar:
-            bar.advance(finished)
-            results = run_chunks(
-                make_engine,
-                store.pending(draws),
-                store.runs - finished,
-                jobs=jobs,
-                scheduler=scheduler,
-                advance=bar.advance,
-            )
-            with closing(results):
-                for chunk, result in results:
-                    store.write(chunk, draws.keys, result)
+        if store.n_finished < store.runs:
+            built = build_engine(study, integration, engine)
+            recipe = EngineRecipe(study, integration, compiled_laws(built), 1 if engine == COMPILED else None)
+            bar = Progress(f"running {study.name}", store.runs, progress, unit="runs")
+            _run_pending(store, draws, built, recipe, jobs, scheduler, bar)
         write_traces(study, draws, integration, store)
     return StudyResult.open(place)
+
+
+def _run_pending(
+    store: Store,
+    draws: Draws,
+    engine: Engine,
+    recipe: "EngineRecipe",
+    jobs: int | None,
+    scheduler: str,
+    progress: Progress,
+) -> None:
+    """Run what is not finished, and store each chunk as it is complete."""
+    finished = store.n_finished
+    with progress as bar:
+        bar.advance(finished)
+        pending, left = store.pending(draws), store.runs - finished
+        results = run_chunks(engine, recipe, pending, left, jobs=jobs, scheduler=scheduler, advance=bar.advance)
+        with closing(results):
+            for chunk, result in results:
+                store.write(chunk, draws.keys, result)
 
 
 def check_engine(engine: str) -> None:
@@ -91,7 +101,7 @@ def check_engine(engine: str) -> None:
 
 
 def build_engine(study: "Study", integration: Integration, engine: str) -> Engine:
-    """Return the engine of all laws of a study; it is called in the process that runs the chunks.
+    """Return the engine of all laws of a study; workers make theirs by an `EngineRecipe`.
 
     Raises
     ------
@@ -112,6 +122,54 @@ def build_engine(study: "Study", integration: Integration, engine: str) -> Engin
     return _fastest(cases, integration, lanes)
 
 
+@dataclass(frozen=True)
+class EngineRecipe:
+    """Makes the engine of a study in a worker, with the kind of engine that was chosen for each law.
+
+    A worker that cannot compile raises an error: it does not choose another engine, since the results would differ.
+
+    Attributes
+    ----------
+    study, integration
+        The study, and its method and steps.
+    compiled
+        Names of the laws in machine code.
+    lanes
+        Runs side by side; None for as many as a vector of the worker's processor holds.
+    """
+
+    study: "Study"
+    integration: Integration
+    compiled: tuple[str, ...] = ()
+    lanes: int | None = None
+
+    def __call__(self) -> Engine:
+        """Return the engine."""
+        cases = Cases(self.study)
+        if not self.compiled:
+            return Simulator(cases, self.integration)
+        return _joined(cases, self.integration, CompiledEngine(cases, self.integration, self.compiled, self.lanes))
+
+
+def compiled_laws(engine: Engine) -> tuple[str, ...]:
+    """Return the names of the laws that an engine runs in machine code."""
+    parts = [part for part, _ in engine.engines] if isinstance(engine, SideBySide) else [engine]
+    return tuple(law for part in parts if isinstance(part, CompiledEngine) for law in part.laws)
+
+
+def _joined(cases: Cases, integration: Integration, fast: CompiledEngine) -> Engine:
+    """Return an engine in machine code beside the virtual machine for the laws that it does not run."""
+    places = {law: number for number, law in enumerate(cases.law_names)}
+    slow = [law for law in places if law not in fast.laws]
+    if not slow:
+        return fast
+    parts: list[tuple[Engine, list[int]]] = [
+        (fast, [places[law] for law in fast.laws]),
+        (Simulator(cases, integration, slow), [places[law] for law in slow]),
+    ]
+    return SideBySide(parts, len(places))
+
+
 def _fastest(cases: Cases, integration: Integration, lanes: int | None) -> Engine:
     """Return an engine in machine code for the laws that have one, beside the virtual machine for the others."""
     slow: dict[str, str] = {}
@@ -130,14 +188,7 @@ def _fastest(cases: Cases, integration: Integration, lanes: int | None) -> Engin
         warnings.warn(f"{names}: simulated in the virtual machine ({reason})", EngineWarning, stacklevel=2)
     if fast is None or not fast.laws:
         return Simulator(cases, integration)
-    if not slow:
-        return fast
-    places = {law: number for number, law in enumerate(cases.law_names)}
-    parts: list[tuple[Engine, list[int]]] = [
-        (fast, [places[law] for law in fast.laws]),
-        (Simulator(cases, integration, list(slow)), [places[law] for law in slow]),
-    ]
-    return SideBySide(parts, len(places))
+    return _joined(cases, integration, fast)
 
 
 def stored_integration(store: Store, study: "Study", draws: Draws) -> Integration:

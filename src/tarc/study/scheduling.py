@@ -19,6 +19,7 @@ SERIAL_TIME = 4.0
 
 
 def run_chunks(
+    engine: Engine,
     recipe: Callable[[], Engine],
     chunks: Iterable[Chunk],
     n_runs: int,
@@ -37,9 +38,11 @@ def run_chunks(
 
     Parameters
     ----------
+    engine
+        Runs the first part, or all, in this process.
     recipe
-        Makes the engine: a function that can be pickled, such as a `functools.partial` of one in a module. It is
-        called once per process, and the engine serves many parts.
+        Makes the same engine in a worker: something that can be pickled, such as a frozen dataclass with ``__call__``.
+        It is called once per process, and the engine serves many parts.
     chunks
         The runs, in chunks that are stored at once.
     n_runs
@@ -74,10 +77,11 @@ def run_chunks(
         require("study", "a scheduler", "dask", "distributed")
     elif jobs is not None and jobs > 1:
         require("study", "more than one job", "dask", "distributed")
-    return _run(recipe, ChunkQueue(chunks, n_runs), jobs, scheduler, advance or _nothing, notify or _to_stderr)
+    return _run(engine, recipe, ChunkQueue(chunks, n_runs), jobs, scheduler, advance or _nothing, notify or _to_stderr)
 
 
 def _run(
+    engine: Engine,
     recipe: Callable[[], Engine],
     queue: ChunkQueue,
     jobs: int | None,
@@ -94,7 +98,6 @@ def _run(
     if not queue.remaining:
         return
     count = n_cores() if jobs is None else jobs
-    engine = recipe()
     yield from _run_here(engine, queue, collector, pace, advance, np.inf if count == 1 else SERIAL_TIME)
     if queue.remaining and not is_installed("distributed"):
         notify("one process: Dask is not installed; pip install 'tarc-control[study]' to use all cores")
@@ -122,7 +125,7 @@ def _run_here(
             complete = collector.add(piece, result)
             if complete is not None:
                 yield piece.chunk, complete
-        if queue.remaining * pace.run_time > max_time:
+        if pace.is_sure and queue.remaining * pace.run_time > max_time:
             return
 
 
