@@ -55,17 +55,18 @@ class EulerLagrange(Component, SymbolicPlant):
                 f"{type(self).__name__}: its fields {', '.join(hidden)} hide methods that every plant has; rename them"
             )
         self.validate()
-        self._check_energies()
-
-    def _check_energies(self) -> None:
-        """Refuse energies that are no numbers, and an inertia matrix that is not positive definite."""
         q = np.linspace(0.1, 1.1, self.n_coordinates)
-        M = self.inertia(q)
         if not np.isfinite(self.evaluate("energy", q, q)):
             raise InvalidParameter(
                 f"{type(self).__name__}: its energy is not a number at q = {q.round(2).tolist()}; write the "
                 "energies with CasADi's functions, such as casadi.sin, not with those of math"
             )
+        self._check_inertia()
+
+    def _check_inertia(self) -> None:
+        """Refuse an inertia matrix that is not positive definite."""
+        q = np.linspace(0.1, 1.1, self.n_coordinates)
+        M = self.inertia(q)
         if not np.all(np.isfinite(M)) or np.linalg.eigvalsh(M)[0] <= 0:
             raise InvalidParameter(
                 f"{type(self).__name__}: its inertia matrix is not positive definite at q = {q.round(2).tolist()}; "
@@ -122,7 +123,7 @@ class EulerLagrange(Component, SymbolicPlant):
         if any(np.shape(value) != np.shape(own[name]) for name, value in plant.parameters.items()):
             return None
         vars(plant)["_functions"] = self._functions
-        plant._check_energies()
+        plant._check_inertia()
         return plant
 
     def _fields_as_symbols(self, plant: Self, values: dict[str, Any]) -> set[str]:

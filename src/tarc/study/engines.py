@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -124,7 +125,6 @@ class Simulator:
         self.name = VIRTUAL_MACHINE if isinstance(self.cases.nominal.simulated, SymbolicPlant) else MUJOCO
         self._integration = integration
         self._loops: dict[str, tuple[tuple[object, ...], TracedLoop]] = {}
-        self._measures = self._measure_names()
 
     def run(self, indices: Array, values: Array, seeds: Array) -> ChunkResult:
         """Run a chunk, as `Engine.run`."""
@@ -140,8 +140,9 @@ class Simulator:
         record, monitor = self._simulated(case, law, simulation, inputs)
         return simulation.label(inputs, record, monitor, self._integration.integrator, np.nan)
 
-    def _measure_names(self) -> list[str]:
-        """Return the measures of all laws, from a few periods of each."""
+    @cached_property
+    def _measures(self) -> list[str]:
+        """Measures of all laws, from a few periods of each."""
         case = self.cases.build(self.cases.typical_row)
         duration = min(self.cases.scenario.duration, FEW_PERIODS * self.cases.scenario.period)
         names: dict[str, None] = {}
