@@ -12,6 +12,7 @@ import tarc.study.store as store_module
 from tarc.core.errors import InvalidParameter
 from tarc.scenario.model import Scenario
 from tarc.simulation.integration import Integration
+from tarc.study import execution
 from tarc.study.cases import Cases
 from tarc.study.engines import Simulator
 from tarc.study.specification import Study
@@ -234,3 +235,31 @@ def test_success_rates_and_quantiles(finished):
 
 def test_attributes_are_plain_data(finished):
     json.dumps(finished.data.attrs)
+
+
+def test_a_study_goes_on_with_the_engine_that_has_begun(tmp_path, monkeypatch):
+    folder = tmp_path / "own.study"
+    with monkeypatch.context() as patch:
+        Interrupted(patch, KeyboardInterrupt(), 1)
+        with pytest.raises(KeyboardInterrupt):
+            study(16).run(folder, jobs=1)
+    monkeypatch.setattr(execution, "SHORT_STUDY", 0)  # a study so long would run in machine code from the start
+    data = study(16).run(folder, jobs=1).data
+    assert data.attrs["engines"] == {"TDC": "virtual machine", "PID": "virtual machine"}
+
+
+@pytest.mark.parametrize("damage", ["marks", "attributes", "mark"])
+def test_a_damaged_folder_is_run_again_or_refused(finished, tmp_path, damage):
+    folder = tmp_path / "damaged.study"
+    shutil.copytree(finished.folder, folder)
+    if damage == "attributes":
+        (folder / "results.zarr" / ".zattrs").write_text("{}", encoding="utf-8")
+        with pytest.raises(InvalidParameter, match=r"lacks the attributes runs, chunk, .*begin anew"):
+            study().run(folder)
+        return
+    if damage == "marks":
+        shutil.rmtree(folder / "done")
+    else:
+        (folder / "done" / "000001").write_text("", encoding="ascii")
+    result = study().run(folder, jobs=1)
+    same(result.data, finished.data)

@@ -21,7 +21,13 @@ StudyOut = Annotated[
 ]
 Runs = Annotated[int | None, typer.Option(help="Number of runs per law, in place of the study's.")]
 EngineName = Annotated[
-    str, typer.Option("--engine", metavar="NAME", help="What runs the loops. Default: auto, the fastest that can.")
+    str,
+    typer.Option(
+        "--engine",
+        metavar="NAME",
+        help="What runs the loops: lanes and compiled in machine code, virtual machine, or MuJoCo. Default: auto, the "
+        "fastest that can.",
+    ),
 ]
 StudyJobs = Annotated[int | None, typer.Option("--jobs", help="Number of processes. Default: one per core.")]
 Scheduler = Annotated[
@@ -51,8 +57,8 @@ def study(
     Its file report.html explains the results: rates, quantiles and ratios
     of laws with their intervals, and what matters.
 
-    Results are stored as they come. After Ctrl-C, a full disk or a power cut
-    the same command goes on where it stopped.
+    Results are stored as they come. After Ctrl-C, a kill or a full disk the
+    same command goes on where it stopped.
 
     Example: tarc study --example > study.yaml
 

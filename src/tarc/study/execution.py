@@ -2,6 +2,7 @@
 
 import platform
 import warnings
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -67,7 +68,7 @@ def run_study(
         warnings.simplefilter("ignore", JointLimitWarning)
         integration = stored_integration(store, study, draws)
         if store.n_finished < store.runs:
-            built = build_engine(study, integration, engine)
+            built = _engine_to_go_on(store, study, integration, engine)
             recipe = EngineRecipe(study, integration, compiled_laws(built), 1 if engine == COMPILED else None)
             bar = Progress(f"running {study.name}", store.runs, progress, unit="runs")
             _run_pending(store, draws, built, recipe, jobs, scheduler, bar)
@@ -93,6 +94,37 @@ def _run_pending(
         with closing(results):
             for chunk, result in results:
                 store.write(chunk, draws.keys, result)
+
+
+def _engine_to_go_on(store: Store, study: "Study", integration: Integration, engine: str) -> Engine:
+    """Return the engine of a study, and store its name for each law; ``auto`` keeps the one that has begun."""
+    begun: dict[str, str] = store.attribute("engines") or {}
+    if engine != "auto" or not begun or not store.n_finished:
+        built = build_engine(study, integration, engine)
+    else:
+        compiled = tuple(law for law, name in begun.items() if name.split(", ")[0] in (COMPILED, LANES))
+        lanes = 1 if COMPILED in begun.values() else None
+        try:
+            built = EngineRecipe(study, integration, compiled, lanes)()
+        except REFUSALS as error:
+            raise InvalidParameter(
+                f"engine: {store.n_finished} runs are finished, by {', '.join(dict.fromkeys(begun.values()))}, which "
+                f"does not work now: {error}. --engine '{VIRTUAL_MACHINE}' goes on, with results that may differ in "
+                "the last digits",
+                "engine",
+            ) from None
+    engines = engine_names(built, study.law_names)
+    if store.n_finished:
+        engines = {law: ", ".join(dict.fromkeys([begun.get(law, name), name])) for law, name in engines.items()}
+    store.set_attributes(engines=engines)
+    return built
+
+
+def engine_names(engine: Engine, laws: Sequence[str]) -> dict[str, str]:
+    """Return the name of the engine of each law."""
+    if not isinstance(engine, SideBySide):
+        return dict.fromkeys(laws, engine.name)
+    return {laws[place]: part.name for part, places in engine.engines for place in places}
 
 
 def check_engine(engine: str) -> None:

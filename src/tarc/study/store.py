@@ -5,11 +5,10 @@ from tarc.core.optional import require
 require("study", "a study", "zarr")
 
 import errno
-import os
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 import zarr
@@ -105,9 +104,10 @@ class Store:
     def finished_rows(self) -> Array:
         """Return the number of finished runs of each chunk, (chunks,)."""
         finished = np.zeros(-(-self.runs // self.rows), dtype=int)
-        for mark in (self.folder / MARKS).iterdir():
+        for mark in (self.folder / MARKS).glob("*"):
             if mark.name.isdigit() and int(mark.name) < len(finished):
-                finished[int(mark.name)] = int(mark.read_text(encoding="ascii"))
+                text = mark.read_text(encoding="ascii")
+                finished[int(mark.name)] = int(text) if text.isdigit() else 0
         return finished
 
     @property
@@ -189,13 +189,10 @@ class Store:
         )
 
     def _mark(self, number: int, rows: int) -> None:
-        """Mark the first rows of a chunk as finished, after the data has reached the disk."""
+        """Mark the first rows of a chunk as finished."""
         mark = self.folder / MARKS / f"{number:06d}"
         part = mark.with_suffix(".part")
-        with part.open("w", encoding="ascii") as file:
-            file.write(str(rows))
-            file.flush()
-            os.fsync(file.fileno())
+        part.write_text(str(rows), encoding="ascii")
         part.replace(mark)
 
     @contextmanager
@@ -222,9 +219,11 @@ def open_store(folder: Path, study: "Study") -> Store:
         For a folder of another study or version, and one that cannot be written.
     """
     if (folder / RESULTS).exists():
-        store = Store(folder, zarr.open_group(folder / RESULTS, mode="r+"))
+        store = Store(folder, _opened_group(folder, "r+"))
         _check_same_study(store, study)
         store.lock()
+        for part in (folder / MARKS, folder / TRACES):
+            make_folder("--out", part)
         if study.runs > store.runs:
             store.extend(study.runs)
             study.save(folder / CONTENT)
@@ -256,7 +255,7 @@ def open_store(folder: Path, study: "Study") -> Store:
         raise InvalidParameter(
             f"--out: cannot write {folder}: {error.strerror or error}; choose another", "out"
         ) from None
-    store = Store(folder, zarr.open_group(folder / RESULTS, mode="r+"))
+    store = Store(folder, _opened_group(folder, "r+"))
     store.lock()
     return store
 
@@ -271,7 +270,26 @@ def read_store(folder: Path) -> Store:
     """
     if not (folder / RESULTS).is_dir():
         raise InvalidParameter(f"study: {folder} has no {RESULTS}; needs the folder that `tarc study` wrote", "folder")
-    return Store(folder, zarr.open_group(folder / RESULTS, mode="r"))
+    return Store(folder, _opened_group(folder, "r"))
+
+
+def _opened_group(folder: Path, mode: Literal["r", "r+"]) -> zarr.Group:
+    """Open the dataset of a study, or refuse one that is damaged."""
+    path = folder / RESULTS
+    try:
+        group = zarr.open_group(path, mode=mode)
+    except (OSError, ValueError, KeyError) as error:
+        raise InvalidParameter(
+            f"study: {path} cannot be read ({error}); remove {folder} and begin anew", "out"
+        ) from None
+    missing = [name for name in ("runs", "chunk", "laws", "content_hash", "source") if name not in group.attrs]
+    if missing:
+        raise InvalidParameter(
+            f"study: {path} lacks the attributes {', '.join(missing)}, so that it is no study of `tarc study`, or "
+            f"damaged; remove {folder} and begin anew",
+            "out",
+        )
+    return group
 
 
 def _check_same_study(store: Store, study: "Study") -> None:

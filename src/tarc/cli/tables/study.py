@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from tarc.cli.tables.console import WIDE
 from tarc.core.errors import InvalidParameter
 from tarc.simulation.quantities import MEASURES, measure_unit
 from tarc.study.study_result import StudyResult
@@ -50,8 +51,9 @@ def print_study(result: StudyResult) -> None:
     table = Table(title=title, title_justify="left")
     for heading in ("law", "success"):
         table.add_column(heading, justify="right" if heading == "success" else "left")
-    table.add_column("measure of completed runs")
-    for heading in ("5 %", "median", "95 %", "greatest"):
+    table.add_column("measure")
+    headings = ("5 %", "median", "95 %", "greatest") if console.width >= WIDE else ("5 %", "median", "95 %")
+    for heading in headings:
         table.add_column(heading, justify="right")
     rates = result.success_rate
     names = [name for name in result.measures if name.startswith(SHOWN)]
@@ -59,10 +61,11 @@ def print_study(result: StudyResult) -> None:
     for law in result.laws:
         for number, name in enumerate(names):
             unit = measure_unit(name, units, command)
-            cells = [f"{MEASURES[name].scale * value:.4g}" for value in quantiles[name][law]]
+            cells = [f"{MEASURES[name].scale * value:.4g}" for value in quantiles[name][law][: len(headings)]]
             own = [law, f"{rates[law]:.2%}"] if number == 0 else ["", ""]
             table.add_row(*map(escape, own), escape(f"{MEASURES[name].label} [{unit}]"), *cells)
     console.print(table)
+    console.print("Measures are those of the completed runs.")
     console.print(f"results: {escape(str(result.folder))}", soft_wrap=True)
 
 
