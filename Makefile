@@ -8,7 +8,7 @@ LOCAL := -e . --no-deps --no-build-isolation
 
 COMPILE := pip compile pyproject.toml --universal --generate-hashes --no-header --no-annotate
 
-.PHONY: help demo test test-all lint bench bench-design bench-export compare figures numbers numbers-all docs docs-check lock clean
+.PHONY: help demo test test-all lint bench bench-design bench-export bench-studies compare figures numbers numbers-all docs docs-check lock clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1 - \2/p' $(MAKEFILE_LIST) | awk -F ' - ' '{printf "%-22s%s\n", $$1, $$2}'
@@ -38,6 +38,9 @@ bench-export: .venv/dev ## exported C: bits, step time, size; the loop on the ma
 	$(BIN)/python -m benchmarks.export
 	$(BIN)/python -m benchmarks.runtime
 	$(BIN)/python -m benchmarks.ros2
+
+bench-studies: .venv/dev ## studies: a control period beside C by hand, two cores, a robot from a file
+	$(BIN)/python -m benchmarks.studies
 
 compare: .venv/dev ## all laws in ten scenarios
 	$(BIN)/python -m benchmarks.comparison

@@ -124,7 +124,28 @@ FUNCTIONS = """
 #define ROUNDER 6755399441055744.0
 
 /* sin and cos: x = k pi/2 + r with three parts of pi/2 after Cody and Waite, then the polynomials of fdlibm. */
-#define WIDEST_ANGLE 1e6
+#define WIDEST_ANGLE 1e5
+
+static inline REAL sine_of_rest(REAL r, REAL tail)
+{
+  const REAL z = r * r;
+  const REAL v = z * r;
+  const REAL p = (8.33333333332248946124e-03 + z * (-1.98412698298579493134e-04 + z * 2.75573137070700676789e-06)) +
+                 z * z * z * (-2.50507602534068634195e-08 + z * 1.58969099521155010221e-10);
+  return r - ((z * (0.5 * tail - v * p) - tail) - v * -1.66666666666666324348e-01);
+}
+
+static inline REAL cosine_of_rest(REAL r, REAL tail)
+{
+  const REAL z = r * r;
+  const REAL w = z * z;
+  const REAL c = z * (4.16666666666666019037e-02 + z * (-1.38888888888741095749e-03 + z * 2.48015872894767294178e-05)) +
+                 w * w * (-2.75573143513906633035e-07 +
+                          z * (2.08757232129817482790e-09 + z * -1.13596475577881948265e-11));
+  const REAL half = 0.5 * z;
+  const REAL rest = 1.0 - half;
+  return rest + (((1.0 - rest) - half) + (z * c - r * tail));
+}
 
 static inline REAL sine_of(REAL x, unsigned quarter)
 {
@@ -133,25 +154,13 @@ static inline REAL sine_of(REAL x, unsigned quarter)
   const BITS turn = TO_BITS(t) + quarter;
   const REAL a = x - k * 1.57079632673412561417e+00;
   const REAL b = k * 6.07710050630396597660e-11;
-  const REAL sum = a - b;
-  const REAL back = sum - a;
-  const REAL lost = (a - (sum - back)) - (b + back);
-  const REAL more = (lost - k * 2.02226624871116645580e-21) - k * 8.47842766036889956997e-32;
-  const REAL r = sum + more;
-  const REAL tail = (sum - r) + more;
-  const REAL z = r * r;
-  const REAL w = z * z;
-  const REAL v = z * r;
-  const REAL p = (8.33333333332248946124e-03 + z * (-1.98412698298579493134e-04 + z * 2.75573137070700676789e-06)) +
-                 w * z * (-2.50507602534068634195e-08 + z * 1.58969099521155010221e-10);
-  const REAL sine = r - ((z * (0.5 * tail - v * p) - tail) - v * -1.66666666666666324348e-01);
-  const REAL c = z * (4.16666666666666019037e-02 + z * (-1.38888888888741095749e-03 + z * 2.48015872894767294178e-05)) +
-                 w * w * (-2.75573143513906633035e-07 +
-                          z * (2.08757232129817482790e-09 + z * -1.13596475577881948265e-11));
-  const REAL half = 0.5 * z;
-  const REAL rest = 1.0 - half;
-  const REAL cosine = rest + (((1.0 - rest) - half) + (z * c - r * tail));
-  const REAL chosen = PICK(DIFFERENT(turn & 1, 0), cosine, sine);
+  const REAL r = a - b;
+  const REAL tail = ((a - r) - b) - k * 2.02226624879595063154e-21;
+#if LANES > 1
+  const REAL chosen = PICK(DIFFERENT(turn & 1, 0), cosine_of_rest(r, tail), sine_of_rest(r, tail));
+#else
+  const REAL chosen = turn & 1 ? cosine_of_rest(r, tail) : sine_of_rest(r, tail);
+#endif
   return FROM_BITS(TO_BITS(chosen) ^ ((turn & 2) << 62));
 }
 

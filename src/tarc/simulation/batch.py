@@ -106,7 +106,7 @@ class BatchLoop:
         self._masks = dict(self._varying_masks)
         function = self._traced(cases)
         self.lanes = processor_lanes() if lanes is None else lanes
-        self._machine = LaneLoop(function, self._places(), len(self._packed_sums), self.lanes)
+        self.machine = LaneLoop(function, self._places(), len(self._packed_sums), self.lanes)
 
     @property
     def varying(self) -> list[str]:
@@ -347,10 +347,16 @@ class BatchLoop:
         return [self.inputs.of_run(case, int(seed)) for case, seed in zip(cases, seeds, strict=True)]
 
     def _side_by_side(self, cases: Sequence[LoopCase], inputs: Sequence[RunInputs]) -> BatchResult:
-        """Run at most as many cases as there are lanes; the last fills those that are left."""
+        """Run at most as many cases as there are lanes."""
+        return self._results(self.machine.run(*self.lane_arrays(cases, inputs)), inputs)
+
+    def lane_arrays(
+        self, cases: Sequence[LoopCase], inputs: Sequence[RunInputs]
+    ) -> tuple[int, int, *tuple[Array, ...]]:
+        """Return what `LaneLoop.run` takes for at most as many cases as there are lanes; the last fills those left."""
         n_periods, n_runs = self.inputs.n_periods, len(cases)
         own = aligned((n_periods, self.inputs.n_own, self.lanes))
-        arguments = np.zeros((sum(int(np.sum(mask)) for mask in self._masks.values()), self.lanes))
+        arguments = aligned((sum(int(np.sum(mask)) for mask in self._masks.values()), self.lanes))
         states = np.zeros((len(self._packed_sums) + len(pack(self._state.loop)), self.lanes))
         for lane in range(self.lanes):
             if lane >= n_runs:
@@ -362,8 +368,7 @@ class BatchLoop:
             arguments[:, lane] = self.arguments(case)
             start = pack(self._start(case, run.sampled))
             states[: len(start), lane] = start
-        result = self._machine.run(n_periods, self._first_measured, states, self.inputs.rows, own, arguments)
-        return self._results(result, inputs)
+        return n_periods, self._first_measured, states, self.inputs.rows, own, arguments
 
     def _results(self, result: LaneResult, runs: Sequence[RunInputs]) -> BatchResult:
         """Return measures and ends of the runs."""
