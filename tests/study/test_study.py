@@ -3,6 +3,9 @@
 import errno
 import json
 import shutil
+import subprocess
+import sys
+import time
 
 import numpy as np
 import pytest
@@ -12,7 +15,7 @@ import tarc.study.store as store_module
 from tarc.core.errors import InvalidParameter
 from tarc.scenario.model import Scenario
 from tarc.simulation.integration import Integration
-from tarc.study import execution
+from tarc.study import execution, scheduling
 from tarc.study.cases import Cases
 from tarc.study.engines import Simulator
 from tarc.study.specification import Study
@@ -211,6 +214,8 @@ def test_a_diverged_run_is_a_result_with_its_time(tmp_path):
     assert np.all((ends[is_large] > 0) & (ends[is_large] < 0.06))
     assert np.all(np.isnan(data["rms_error"].values[is_large]))
     assert np.all(np.isfinite(data["rms_error"].values[~is_large]))
+    low, high = StudyResult.open(tmp_path / "unstable.study").quantiles("rms_error", [0.5, 0.6])["TDC"]
+    assert (low, high) == (data["rms_error"].values[~is_large].max(), np.inf)
 
 
 def test_an_engine_that_does_not_suit_the_robot_is_refused(tmp_path):
@@ -263,3 +268,34 @@ def test_a_damaged_folder_is_run_again_or_refused(finished, tmp_path, damage):
         (folder / "done" / "000001").write_text("", encoding="ascii")
     result = study().run(folder, jobs=1)
     same(result.data, finished.data)
+
+
+@pytest.mark.slow
+def test_a_process_that_is_killed_and_several_processes_give_the_same_bits(tmp_path, monkeypatch):
+    content = {"scenario": SCENARIO, "draws": DRAWS, "runs": 120, "sampling": "latin_hypercube"}
+    code = f"from tarc.study import Study; Study.parse({content!r}).run('killed.study', jobs=1)"
+    folder = tmp_path / "killed.study"
+    with subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path) as process:
+        while process.poll() is None and len(list(folder.glob("done/[0-9]*[0-9]"))) < 4:
+            time.sleep(0.01)
+        process.kill()
+    own = Study.parse(content)
+    begun = StudyResult.open(folder).data.sizes["run"]
+    assert 0 < begun < 120
+    killed = own.run(folder, jobs=1)
+    whole = own.run(tmp_path / "whole.study", jobs=1)
+    monkeypatch.setattr(scheduling, "SERIAL_TIME", 0.0)  # so short a study would stay in one process
+    parallel = own.run(tmp_path / "parallel.study", jobs=2)
+    same(killed.data, whole.data)
+    same(parallel.data, whole.data)
+
+
+@pytest.mark.slow
+def test_a_robot_in_mujoco_is_drawn_too(tmp_path):
+    content = Scenario.load("ur5e_load", ["duration=0.1", "metrics_start=0.02"]).model_dump(exclude_defaults=True)
+    content["robot"]["backend"] = "mujoco"
+    own = Study.parse({"scenario": content, "runs": 8, "draws": {"robot.coulomb.1": {"uniform": [1.0, 4.0]}}})
+    data = own.run(tmp_path / "ur5e.study", jobs=1).data
+    assert data.attrs["engines"] == {"TDC": "MuJoCo"}
+    np.testing.assert_array_equal(data["applied:robot.coulomb.1"], data["drawn:robot.coulomb.1"])
+    assert len(set(data["rms_error"].values[:, 0])) == 8

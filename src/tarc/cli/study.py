@@ -87,10 +87,9 @@ def study(
         raise typer.Exit(130) from None
     report = result.report()
     if as_json:
-        print(json.dumps(tables.study_summary(result), indent=2, allow_nan=False))
+        print(json.dumps(tables.study_summary(result, report), indent=2, allow_nan=False))
     else:
-        tables.print_study(result)
-        print(f"report: {report}")
+        tables.print_study(result, report)
 
 
 def example_text() -> str:

@@ -87,7 +87,9 @@ class StudyResult:
         return dict(zip(self.laws, map(float, shares), strict=True))
 
     def quantiles(self, measure: str, probabilities: Array | list[float]) -> dict[str, Array]:
-        """Return quantiles of a measure over the completed runs of each law, by law; NaN without one.
+        """Return quantiles of a measure over the runs of each law, by law; NaN for a law without the measure.
+
+        The measure of a run that diverged counts as infinite, as in `quantile_interval`.
 
         Raises
         ------
@@ -98,9 +100,12 @@ class StudyResult:
         values, completed = self.data[measure].values, self.data["completed"].values
         result = {}
         for column, law in enumerate(self.laws):
-            chosen = values[completed[:, column], column]
-            chosen = chosen[np.isfinite(chosen)]
-            result[law] = np.quantile(chosen, probabilities) if len(chosen) else np.full(len(probabilities), np.nan)
+            numbers = values[:, column]
+            is_measured = completed[:, column] & np.isfinite(numbers)
+            if (np.any(completed[:, column]) and not np.any(is_measured)) or not len(numbers):
+                result[law] = np.full(len(probabilities), np.nan)
+            else:
+                result[law] = np.quantile(np.where(is_measured, numbers, np.inf), probabilities, method="inverted_cdf")
         return result
 
     def summary(self, reference: str | None = None, limits: Mapping[str, float] | None = None) -> StudySummary:
