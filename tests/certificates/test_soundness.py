@@ -17,7 +17,7 @@ from tarc.analysis.linearise import decoupled_channels
 KINDS = ["constant_ratio", "constant_ratio, a range", "varying_ratio", "sector"]
 
 
-@pytest.fixture(scope="module", params=["few designs", slow("many designs")])
+@pytest.fixture(scope="module", params=[slow("few designs"), slow("many designs")])
 def tallies(request):
     if request.param == "few designs":
         return tally_certificates(64, 12, steps=700, kinds=KINDS)

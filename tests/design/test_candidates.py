@@ -115,7 +115,7 @@ def test_a_slower_robot_is_borne_at_more_bandwidth():
     assert speeds == sorted(speeds)
 
 
-@pytest.mark.parametrize("delay", [0, slow(1), slow(2), 3])
+@pytest.mark.parametrize("delay", [0, slow(1), slow(2), slow(3)])
 @pytest.mark.parametrize("slope_ratio", [0.0, 1.0])
 @pytest.mark.parametrize("spread", [slow(1.7), 5.0])
 def test_what_tolerates_a_spread_is_certified(delay, slope_ratio, spread):

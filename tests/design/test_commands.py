@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import tarc
-from slow_cases import slow
 from tarc.analysis.workspace import Workspace
 from tarc.design import design_controller, try_design
 from tarc.plants import PositionServo, TwoLinkArm
@@ -13,7 +12,8 @@ ARM = TwoLinkArm(viscous=(0.5, 0.5))
 WORKSPACE = Workspace.box([-0.5, -0.5], [0.5, 0.5], speed=1.0)
 
 
-@pytest.mark.parametrize("kp", [[60.0, 60.0], slow([60.0, 25.0])])
+@pytest.mark.slow
+@pytest.mark.parametrize("kp", [[60.0, 60.0], [60.0, 25.0]])
 def test_a_design_for_position_loops_is_certified_and_runs_as_predicted(kp):
     servo = PositionServo(ARM, kp, kd=4.0)
     design = design_controller(

@@ -55,6 +55,7 @@ def relaxations(plant, **options):
     return caught.value.relaxations
 
 
+@pytest.mark.slow
 def test_the_speed_of_the_file_is_the_first_remedy_and_admits_a_design(read):
     plant = read(95, 90)
     speed, other = relaxations(plant)

@@ -19,7 +19,7 @@ SAMPLES = 60
 LIMIT = np.array([90.0, 40.0])
 
 
-@pytest.fixture(scope="module", params=[None, slow((1.0, 2.0))], ids=["any speed", "bounded speed"])
+@pytest.fixture(scope="module", params=[slow(None), slow((1.0, 2.0))], ids=["any speed", "bounded speed"])
 def arm_design(request):
     """Return a design from few loops, so that it is quick."""
     with pytest.MonkeyPatch.context() as patch:

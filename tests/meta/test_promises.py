@@ -69,7 +69,17 @@ def test_import_is_light():
         assert not heavy & loaded, module
 
 
-LONG_EXAMPLES = {"affine_certificate", "certify_robot", "design_robot", "fmu_loop", "largest_error"}
+LONG_EXAMPLES = {
+    "affine_certificate",
+    "certify_robot",
+    "compare_laws",
+    "design_robot",
+    "fmu_loop",
+    "largest_error",
+    "literal_or_synchronised",
+    "my_law",
+    "replay_log",
+}
 
 
 @pytest.mark.parametrize(
@@ -136,6 +146,7 @@ def names_of_fields(content: Any) -> set[str]:
     return set()
 
 
+@pytest.mark.slow
 def test_docs_build_strictly(tmp_path):
     process = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")],

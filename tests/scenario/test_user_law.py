@@ -160,6 +160,7 @@ def test_gains_of_a_file(folder):
         load_gains(folder / "absent.yaml")
 
 
+@pytest.mark.slow
 def test_commands(folder):
     """Tune a law of one's own, then compare it by the file of gains."""
     short = [part for setting in SHORT for part in ("--set", setting)]

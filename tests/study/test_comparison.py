@@ -141,6 +141,7 @@ def test_every_tuned_law_is_bounded_on_the_two_link_arm(name):
         assert np.abs(torque).max() < 500.0
 
 
+@pytest.mark.slow
 def test_command(tmp_path):
     arguments = ["two_link_payload", "--laws", "tarc,tdc", "--set", "duration=1.2", "--set", "metrics_start=0.4"]
     call = [TARC, "compare", *arguments, "--out", "here", "--jobs", "1"]

@@ -25,6 +25,7 @@ def training_scenario(name="train_two_link"):
     return tarc.Scenario.load(name, SHORT)
 
 
+@pytest.mark.slow
 def test_finds_what_a_sweep_finds():
     one = training_scenario()
     limit = 1500.0
@@ -84,6 +85,7 @@ def test_limits_must_match():
         tune(TDC, [training_scenario()], [1.0, 2.0], trials=1)
 
 
+@pytest.mark.slow
 def test_command_writes_gains_and_how_they_were_found(tmp_path):
     call = [TARC, "tune", "train_two_link", "--laws", "tdc,pid", "--trials", "2", "--jobs", "1", "-o", "g.yaml"]
     done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True, check=True)
