@@ -150,3 +150,21 @@ def test_a_key_that_is_drawn_twice_is_refused(tmp_path):
 def test_a_missing_file_says_how_to_begin(tmp_path):
     with pytest.raises(ScenarioError, match=r"not found; .*tarc study --example > study.yaml"):
         Study.load(tmp_path / "none.yaml")
+
+
+def test_a_law_of_ones_own_is_found_beside_the_study(tmp_path):
+    (tmp_path / "my_law.py").write_text("from tarc.laws import TDC\n\n\nclass Mine(TDC):\n    pass\n", encoding="utf-8")
+    file = tmp_path / "study.yaml"
+    file.write_text(
+        "scenario: two_link_payload\ndraws: {robot.payload: {uniform: [0, 1]}}\n"
+        "laws:\n  - {kind: my_law.Mine, inertia: 0.1, natural_frequency: 10}\n",
+        encoding="utf-8",
+    )
+    loaded = Study.load(file)
+    assert loaded.law_names == ["Mine"]
+    before = loaded.content_hash
+    loaded.save(tmp_path / "again.yaml")
+    assert "kind: my_law.py:Mine" in (tmp_path / "again.yaml").read_text(encoding="utf-8")
+    assert Study.load(tmp_path / "again.yaml").content_hash == before
+    (tmp_path / "my_law.py").write_text("from tarc.laws import TDC\n\n\nclass Mine(TDC): ...\n", encoding="utf-8")
+    assert Study.load(file).content_hash != before

@@ -226,7 +226,7 @@ def test_an_engine_that_does_not_suit_the_robot_is_refused(tmp_path):
 
 
 def test_chunks_are_eight_times_a_power_of_two_and_few():
-    assert [rows_per_chunk(runs) for runs in (1, 1024, 1025, 10_000, 1_000_000)] == [8, 8, 16, 128, 8192]
+    assert [rows_per_chunk(runs) for runs in (1, 512, 513, 10_000, 1_000_000)] == [8, 8, 16, 256, 16384]
 
 
 def test_success_rates_and_quantiles(finished):
@@ -299,3 +299,10 @@ def test_a_robot_in_mujoco_is_drawn_too(tmp_path):
     assert data.attrs["engines"] == {"TDC": "MuJoCo"}
     np.testing.assert_array_equal(data["applied:robot.coulomb.1"], data["drawn:robot.coulomb.1"])
     assert len(set(data["rms_error"].values[:, 0])) == 8
+
+
+def test_a_value_that_a_part_refuses_is_found_before_the_first_run(tmp_path):
+    negative = {"sensor.noise": {"normal": {"mean": 1e-6, "deviation": 1e-6}}}
+    with pytest.raises(InvalidParameter, match=r"sensor.noise: got -"):
+        study(200, draws=negative).run(tmp_path / "own.study", jobs=1)
+    assert StudyResult.open(tmp_path / "own.study").data.sizes["run"] == 0

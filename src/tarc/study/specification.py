@@ -102,6 +102,10 @@ class Study(BaseModel):
             raise ScenarioError(f"{label}: got {kind}; needs keys and values, such as scenario: and draws:")
         place = Path.cwd() if folder is None else folder
         content = {**content, "scenario": _scenario_content(content.get("scenario"), place)}
+        if content.get("laws"):
+            laws = {"law": copy.deepcopy(content["laws"])}
+            resolve_files(laws, place)
+            content["laws"] = laws["law"]
         try:
             study = cls(**content)
         except ValidationError as error:

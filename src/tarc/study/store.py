@@ -39,7 +39,7 @@ LOCK = ".lock"
 FEWEST_ROWS = 8
 """Rows of the smallest chunk."""
 
-MAX_CHUNKS = 128
+MAX_CHUNKS = 64
 """Largest number of chunks; chunks grow with the runs, so that the number of files stays small."""
 
 
@@ -250,6 +250,9 @@ def open_store(folder: Path, study: "Study") -> Store:
             }
         )
         _write_index(group, study.runs)
+        empty = Store(folder, group)
+        for name, n_dimensions in (("completed", 2), ("end_time", 2), ("seed", 1)):
+            empty._array(name, n_dimensions)
         partial.rename(folder / RESULTS)
     except OSError as error:
         raise InvalidParameter(
