@@ -17,7 +17,7 @@ import pytest
 from distributed import Client
 
 import study_engines
-from study_engines import FakeEngine
+from study_engines import CompiledFakeEngine, FakeEngine
 from tarc.core.errors import ClusterError, InvalidParameter
 from tarc.core.types import Array
 from tarc.study import scheduling
@@ -38,8 +38,10 @@ class HandMadeCluster:
         self.address = self.wait_for("Scheduler at:")[0].split()[-1]
         self.port = int(self.address.rpartition(":")[2])
 
-    def _start(self, module: str, *arguments: str, path: Path = ROOT / "src") -> "subprocess.Popen[bytes]":
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(path), str(ROOT / "tests")])}
+    def _start(
+        self, module: str, *arguments: str, path: Path = ROOT / "src", **variables: str
+    ) -> "subprocess.Popen[bytes]":
+        environment = {**os.environ, **variables, "PYTHONPATH": os.pathsep.join([str(path), str(ROOT / "tests")])}
         command = [sys.executable, "-m", module, *arguments]
         with (self.folder / f"{len(self.processes)}.log").open("wb") as log:
             process = subprocess.Popen(command, cwd=self.folder, env=environment, stdout=log, stderr=log)
@@ -49,7 +51,7 @@ class HandMadeCluster:
     def wait_for(self, text: str, times: int = 1) -> list[str]:
         """Return the lines of the scheduler's log with a text, when there are enough."""
         log = ""
-        for _ in range(300):
+        for _ in range(1200):
             log = (self.folder / "0.log").read_text()
             lines = [line for line in log.splitlines() if text in line]
             if len(lines) >= times:
@@ -57,10 +59,10 @@ class HandMadeCluster:
             time.sleep(0.1)
         raise AssertionError(log)
 
-    def add_worker(self, *arguments: str, path: Path = ROOT / "src") -> "subprocess.Popen[bytes]":
+    def add_worker(self, *arguments: str, path: Path = ROOT / "src", **variables: str) -> "subprocess.Popen[bytes]":
         """Start one that has one thread and no dashboard."""
         options = "--nthreads=1", "--no-dashboard", f"--local-directory={self.folder}"
-        return self._start("distributed.cli.dask_worker", self.address, *options, *arguments, path=path)
+        return self._start("distributed.cli.dask_worker", self.address, *options, *arguments, path=path, **variables)
 
     def stop(self) -> None:
         """End all processes."""
@@ -167,6 +169,16 @@ def test_scheduler_killed_and_started_again(cluster, truth):
         again.stop()
     assert not stored.keys() & left.keys()
     assert equal(study_engines.arrays(stored | left), truth)
+
+
+def test_machine_code_is_sent_to_a_worker_without_compiler(cluster, tmp_path, monkeypatch, truth):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "here"))
+    engine = CompiledFakeEngine()
+    engine.run(*study_engines.chunks(1, 1)[0][1:])
+    cluster.add_worker("--no-nanny", CC="/no/compiler", XDG_CACHE_HOME=str(tmp_path / "there"))
+    found, _ = study(engine, scheduler=cluster.address)
+    assert np.array_equal(found["rms_error"], 3.0 * truth["rms_error"])
+    assert not (tmp_path / "there").exists()
 
 
 def test_worker_with_another_version(cluster):

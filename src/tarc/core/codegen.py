@@ -33,6 +33,13 @@ THIS_PROCESSOR = "-march=native"
 """Use all instructions of this processor, where the compiler knows the option. The numbers are the same."""
 
 
+_used: dict[str, Path] = {}
+"""Libraries that this process has needed, by their `library_key`."""
+
+_received: list[Path] = []
+"""Folders with libraries of other machines, each named by its `library_key`."""
+
+
 def compiler() -> list[str]:
     """Return the C compiler's command: ``$CC``, else cc, gcc or clang, else the one in the ``ziglang`` wheel."""
     named = os.environ.get("CC")
@@ -189,6 +196,36 @@ def compiled_library(code: str, options: Sequence[str] = ()) -> Path:
     CompilationError
         When the compiler fails, or the cache cannot be written.
     """
+    key = library_key(code, options)
+    for folder in _received:
+        if (folder / f"{key}.so").is_file():
+            return folder / f"{key}.so"
+    library = _used[key] = _library_of_this_machine(code, options)
+    return library
+
+
+def library_key(code: str, options: Sequence[str] = ()) -> str:
+    """Return what is the same for all machines that can use each other's library of C source: a hash.
+
+    They have the same processor, system and C library. The compiler does not count.
+    """
+    parts = code, *FLAGS, *options, _processor(), platform.system(), *platform.libc_ver()
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:32]
+
+
+def used_libraries() -> dict[str, Path]:
+    """Return the libraries that this process has needed, by their `library_key`."""
+    return dict(_used)
+
+
+def receive_libraries(folder: Path) -> None:
+    """Look for libraries in a folder before compiling them; each is named ``KEY.so`` by its `library_key`."""
+    if folder not in _received:
+        _received.append(folder)
+
+
+def _library_of_this_machine(code: str, options: Sequence[str]) -> Path:
+    """Return the library in the cache, compiled if it is not there."""
     command = [*compiler(), *FLAGS, *options]
     name = hashlib.sha256("\n".join([code, *command, _processor()]).encode()).hexdigest()[:32]
     library = cache() / f"{name}.so"

@@ -1,6 +1,7 @@
 """Parts of a study on the workers of a Dask cluster."""
 
 import hashlib
+import logging
 import pickle
 import threading
 import time
@@ -9,10 +10,12 @@ from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import count
+from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, cast
 from uuid import uuid4
 
+from tarc.core.codegen import receive_libraries, used_libraries
 from tarc.core.errors import ClusterError, DesignWarning, InvalidParameter, JointLimitWarning
 from tarc.core.optional import is_installed
 from tarc.core.types import Array
@@ -23,7 +26,7 @@ from tarc.study.software import check_same_software, software
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-CONNECT_TIMEOUT = 5.0
+CONNECT_TIMEOUT = 10.0
 """Time in which a scheduler must answer [s]."""
 
 CHECK_INTERVAL = 1.0
@@ -48,27 +51,24 @@ def local_cluster(n_workers: int, notify: Callable[[str], object]) -> "Iterator[
 
     A worker that dies is started again by its nanny.
     """
-    import logging
-
     import dask.config
     from distributed import Client, LocalCluster
 
-    settings = {"distributed.worker.profile.enabled": False}
-    with (
-        dask.config.set(settings),
-        LocalCluster(
-            n_workers=n_workers,
-            threads_per_worker=1,
-            dashboard_address=cast(str, ":8787" if is_installed("bokeh") else None),
-            silence_logs=logging.CRITICAL,
-            env=ENVIRONMENT,
-            preload=[IGNORE_INTERRUPT],
-        ) as cluster,
-        Client(cluster) as client,
-    ):
-        if is_installed("bokeh"):
-            notify(f"{n_workers} processes; dashboard: {client.dashboard_link}")
-        yield client
+    with dask.config.set({"distributed.worker.profile.enabled": False}):
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Port .* is already in use")  # the message has the one that is taken
+            cluster = LocalCluster(
+                n_workers=n_workers,
+                threads_per_worker=1,
+                dashboard_address=cast(str, ":8787" if is_installed("bokeh") else None),
+                silence_logs=logging.CRITICAL,
+                env=ENVIRONMENT,
+                preload=[IGNORE_INTERRUPT],
+            )
+        with cluster, Client(cluster) as client:
+            if is_installed("bokeh"):
+                notify(f"{n_workers} processes; dashboard: {client.dashboard_link}")
+            yield client
 
 
 @contextmanager
@@ -161,10 +161,13 @@ def run_part(task: StudyTask, pieces: list[tuple[Array, Array, Array]]) -> tuple
     InvalidParameter
         When the worker has other software.
     """
+    from distributed import get_worker
+
     if getattr(_thread, "key", None) != task.key:
-        check_same_software(_worker_address(), software(), task.software)
+        check_same_software(get_worker().address, software(), task.software)
         for category in (DesignWarning, JointLimitWarning):  # the results show it
             warnings.simplefilter("ignore", category)
+        receive_libraries(Path(get_worker().local_directory))
         _thread.engine = pickle.loads(task.recipe)()
         _thread.key = task.key
     engine: Engine = _thread.engine
@@ -173,10 +176,17 @@ def run_part(task: StudyTask, pieces: list[tuple[Array, Array, Array]]) -> tuple
     return time.perf_counter() - start, results
 
 
-def _worker_address() -> str:
-    from distributed import get_worker
+def send_libraries(client: "Client") -> None:
+    """Send the machine code that this process has compiled to all workers, also those that come later.
 
-    return str(get_worker().address)
+    A worker with another processor or C library finds none of them, and compiles its own.
+    """
+    from distributed.diagnostics.plugin import UploadFile
+
+    for key, library in used_libraries().items():
+        plugin = UploadFile(str(library), load=False)
+        plugin.filename = f"{key}.so"
+        client.register_plugin(plugin, name=f"tarc-{key}")
 
 
 def check_workers(client: "Client") -> None:
@@ -313,7 +323,7 @@ class _Flight:
 
     def cancel(self) -> None:
         """Cancel what has not come back."""
-        if self.client.status == "running":
+        if self.parts and self.client.status == "running":
             with suppress(OSError, TimeoutError):
                 self.client.cancel(list(self.parts))
 

@@ -11,7 +11,7 @@ from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter
 from tarc.core.optional import is_installed, require
 from tarc.study.chunks import Chunk, ChunkCollector, ChunkQueue, Pace
-from tarc.study.cluster import local_cluster, remote_cluster, run_parts
+from tarc.study.cluster import local_cluster, remote_cluster, run_parts, send_libraries
 from tarc.study.engines import ChunkResult, Engine
 
 SERIAL_TIME = 4.0
@@ -93,6 +93,7 @@ def _run(
     pace = Pace()
     if scheduler:
         with remote_cluster(scheduler, notify) as client:
+            send_libraries(client)
             yield from run_parts(client, recipe, queue, collector, pace, advance, notify)
         return
     if not queue.remaining:

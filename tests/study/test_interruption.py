@@ -1,0 +1,71 @@
+"""Ctrl-C during a study on several processes: the message, no process left behind, and the same bits after resuming."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tarc.scenario.yaml_text import write_yaml
+from tarc.study.specification import Study
+
+CONTENT = {
+    "name": "swings",
+    "scenario": {
+        "robot": {"kind": "Pendulum"},
+        "law": {"kind": "TDC", "inertia": 0.05, "natural_frequency": 10.0},
+        "estimator": {"kind": "Algebraic", "window": 0.010},
+        "reference": {"kind": "Sinusoid", "amplitude": [0.5], "frequency": 2.0},
+        "duration": 0.3,
+        "substeps": 1,
+    },
+    "draws": {"robot.payload": {"uniform": [0.0, 1.0]}, "sensor.noise": {"uniform": [0.0, 1e-4]}},
+    "runs": 600,
+    "traces": 0,
+}
+COMMAND = "from tarc.study import scheduling; scheduling.SERIAL_TIME = 0.0; from tarc.cli.main import main; main()"
+ENGINE = "virtual machine"
+
+
+def wait_for_marks(folder: Path, n_marks: int) -> None:
+    """Wait until chunks are finished."""
+    for _ in range(2400):
+        if folder.is_dir() and len(list(folder.iterdir())) >= n_marks:
+            return
+        time.sleep(0.05)
+    raise AssertionError("no chunk was finished in two minutes")
+
+
+@pytest.mark.slow
+def test_ctrl_c_keeps_what_is_finished_and_the_rest_follows(tmp_path):
+    (tmp_path / "study.yaml").write_text(write_yaml(CONTENT), encoding="utf-8")
+    arguments = "study", "study.yaml", "--engine", ENGINE, "--jobs", "2"
+    with subprocess.Popen(
+        [sys.executable, "-c", COMMAND, *arguments],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        wait_for_marks(tmp_path / "runs" / "swings.study" / "done", 12)
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does, to the workers as well
+        _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    *first, last = errors.splitlines()
+    assert last.startswith("interrupted: ")
+    assert last.endswith("the same command goes on from there")
+    assert [line.startswith("2 processes; dashboard") for line in first] == [True]
+    with pytest.raises(ProcessLookupError):
+        os.killpg(process.pid, 0)
+
+    study = Study.load(tmp_path / "study.yaml")
+    finished = int(last.split()[1])
+    assert 96 <= finished < 600
+    resumed = study.run(tmp_path / "runs" / "swings.study", engine=ENGINE, jobs=1)
+    undisturbed = study.run(tmp_path / "undisturbed", engine=ENGINE, jobs=1)
+    assert resumed.is_complete
+    assert resumed.data.load().identical(undisturbed.data.load())
