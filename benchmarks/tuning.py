@@ -59,7 +59,8 @@ def measure(name: str, law: str, before: int, after: int) -> tuple[float, float]
         for part in some:
             objective(scenario, part, LIMIT)
 
-    tried = Trials([scenario])
+    examples = [space.law(values, scenario.period) for values in space.examples()]
+    tried = Trials([scenario], examples=examples)
 
     def shared(some: Sequence[dict[str, object]]) -> None:
         for start in range(0, len(some), MAX_BATCH):

@@ -47,6 +47,7 @@ def test_a_trial_is_a_run():
     assert found.torque_variation == pytest.approx(measures["torque_variation"], rel=1e-12)
 
 
+@pytest.mark.slow
 def test_early_ends_do_not_change_the_best():
     """Of random gains the best of the trials is that of runs to the end, and only those that lose end early."""
     one = scenario()
@@ -108,6 +109,7 @@ def test_the_margin_is_that_of_the_certificate():
         assert margin.of(law) == pytest.approx(certificate.margin, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_only_certified_gains_are_chosen():
     """The same search without the margin chooses gains that have less."""
     one = scenario()

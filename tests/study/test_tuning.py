@@ -41,6 +41,7 @@ def test_is_the_same_every_time():
     assert runs[0] == runs[1]
 
 
+@pytest.mark.slow
 def test_the_limit_keeps_torque_variation_down():
     one = training_scenario()
     quiet, loud = (

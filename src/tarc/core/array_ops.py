@@ -187,9 +187,10 @@ def power_slope(x: Vector, exponent: float, layer: float) -> Vector:
 def weighted_sum(window: Vector, weights: Vector) -> Vector:
     """Multiply a window (n, N) by weights (N, j).
 
-    A wide window is one call in the traced scalar graph instead of 2nNj operations of a nanosecond each.
+    A wide window is one call in the traced scalar graph instead of 2nNj operations of a nanosecond each, unless the
+    weights are symbols too.
     """
-    if isinstance(window, ca.SX) and window.numel() > WIDE:
+    if isinstance(window, ca.SX) and window.numel() > WIDE and not isinstance(weights, ca.SX):
         samples = ca.MX.sym("samples", *window.shape)
         digest = hashlib.sha256(repr((window.shape, np.asarray(weights).tolist())).encode()).hexdigest()[:12]
         return ca.Function(f"weighted_sum_{digest}", [samples], [samples @ weights], {"never_inline": True})(window)

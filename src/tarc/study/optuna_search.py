@@ -7,7 +7,7 @@ import json
 import os
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +23,7 @@ from optuna.trial import FrozenTrial, TrialState
 
 from tarc.core.errors import InvalidParameter
 from tarc.core.files import file_in_folder, writing
+from tarc.study.front import is_on_front
 from tarc.study.trials import TrialOutcome
 
 if os.name == "posix":
@@ -32,11 +33,64 @@ MAX_BATCH = 8
 """Most trials that are drawn before the first of them is run."""
 BATCHES = 25
 """Fewest batches of a search, since those of a batch learn nothing from each other."""
+MAX_HISTORY = 256
+"""Most finished trials from which the sampler learns."""
 POLL_INTERVAL = 0.3
 """Time between two looks at the trials of other processes [s]."""
 
 Evaluate = Callable[[Sequence[dict[str, float]], bool], list[TrialOutcome]]
 """Tries sets of gains; the flag says whether loops that are unstable at rest are run all the same."""
+
+
+class RecentStudy(optuna.Study):
+    """A study of which the sampler sees some trials: those under way, and the finished ones that were chosen.
+
+    Parameters
+    ----------
+    study
+        The study.
+    chosen
+        Finished trials, by `informative_trials`.
+    """
+
+    def __init__(self, study: optuna.Study, chosen: Sequence[FrozenTrial]):
+        super().__init__(study.study_name, study._storage, study.sampler)
+        running = study.get_trials(deepcopy=False, states=[TrialState.RUNNING])
+        self._seen = [*chosen, *running]
+
+    def get_trials(self, deepcopy: bool = True, states: Container[TrialState] | None = None) -> list[FrozenTrial]:
+        """Return the trials that are seen."""
+        return [trial for trial in self._seen if states is None or trial.state in states]
+
+    def _get_trials(
+        self, deepcopy: bool = True, states: Container[TrialState] | None = None, use_cache: bool = False
+    ) -> list[FrozenTrial]:
+        return self.get_trials(deepcopy, states)
+
+
+def informative_trials(study: optuna.Study, before: int) -> list[FrozenTrial]:
+    """Return the best finished trials before a number, and others evenly spaced in time, `MAX_HISTORY` in all.
+
+    The time of a draw grows with the number of trials, and its densities hardly change with more.
+    """
+    finished = [trial for trial in study.get_trials(deepcopy=False) if trial.number < before]
+    finished = [trial for trial in finished if trial.state in (TrialState.COMPLETE, TrialState.PRUNED)]
+    complete = [trial for trial in finished if trial.state == TrialState.COMPLETE]
+    if len(study.directions) > 1:
+        values = np.array([trial.values for trial in complete]).reshape(-1, 2)
+        best = [complete[i] for i in np.flatnonzero(is_on_front(values[:, 0], values[:, 1]))]
+        best = [best[i] for i in _evenly(len(best), MAX_HISTORY // 2)]
+    else:
+        best = sorted(complete, key=lambda trial: float(trial.value or 0.0))[: MAX_HISTORY // 8]
+    numbers = {trial.number for trial in best}
+    others = [trial for trial in finished if trial.number not in numbers]
+    numbers |= {others[i].number for i in _evenly(len(others), MAX_HISTORY - len(best))}
+    return [trial for trial in finished if trial.number in numbers]
+
+
+def _evenly(count: int, most: int) -> list[int]:
+    """Return numbers from 0 to the count, evenly spaced, at most this many."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(int)).tolist() if count else []
 
 
 class SeededSampler(optuna.samplers.BaseSampler):
@@ -70,6 +124,7 @@ class SeededSampler(optuna.samplers.BaseSampler):
         self._seed, self._n_random = seed, n_random
         self._warm_starts, self._n_warm = warm_starts, n_warm if warm_starts else 0
         self._parzen = optuna.samplers.TPESampler(seed=seed)
+        self._chosen: tuple[int, list[FrozenTrial]] = -1, []
 
     def before_trial(self, study: optuna.Study, trial: FrozenTrial) -> None:
         """Seed the sampler anew by the number of the trial."""
@@ -87,6 +142,11 @@ class SeededSampler(optuna.samplers.BaseSampler):
         """Draw all gains by the Parzen estimator."""
         if not search_space:
             return {}
+        if trial.number > MAX_HISTORY:
+            first = trial.number - trial.number % MAX_BATCH
+            if self._chosen[0] != first:
+                self._chosen = first, informative_trials(study, first)
+            study = RecentStudy(study, self._chosen[1])
         return self._parzen.sample_relative(study, trial, search_space)
 
     def sample_independent(

@@ -4,6 +4,8 @@ import copy
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter
 from tarc.scenario.schema import parameters_of_law
@@ -34,6 +36,23 @@ class SearchSpace:
     def middle(self) -> dict[str, float]:
         """Return the geometric middle of each range."""
         return {key: (low * high) ** 0.5 for key, (low, high) in self.free.items()}
+
+    def examples(self, count: int = 3) -> list[dict[str, float]]:
+        """Return values that differ in every key: random ones, after those at all lower and all upper ends of windows.
+
+        Parameters
+        ----------
+        count
+            Number of random ones.
+        """
+        rng = np.random.default_rng(0)
+        drawn = [
+            {key: float(low * (high / low) ** rng.uniform(0.2, 0.5)) for key, (low, high) in self.free.items()}
+            for _ in range(count + 2)
+        ]
+        for values, end in zip(drawn, (0, 1), strict=False):
+            values |= {key: ends[end] for key, ends in self.free.items() if key.split(".")[-1] == "window"}
+        return drawn
 
     def law(self, values: dict[str, float], period: float) -> dict[str, Any]:
         """Return the law with these values, as a scenario writes it."""

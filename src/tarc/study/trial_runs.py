@@ -20,6 +20,8 @@ from tarc.laws.pole_placement import PolePlacement
 from tarc.plants.base import Plant
 from tarc.plants.symbolic import SymbolicPlant
 from tarc.scenario.model import Scenario
+from tarc.simulation.batch import BatchResult
+from tarc.simulation.batch_inputs import LoopCase
 from tarc.simulation.casadi_backend import run_casadi
 from tarc.simulation.closed_loop import ClosedLoop
 from tarc.simulation.integration import Integration, choose_integration, integration_error, max_error
@@ -34,9 +36,15 @@ from tarc.simulation.sampled_inputs import (
     scheduled_plants,
 )
 from tarc.simulation.simulator import PILOT_PERIODS
+from tarc.study.trial_lanes import TrialLanes, lanes_or_none
 
 REST_POSTURES = 60
 """Postures of the reference in which a loop is checked at rest, as before a run."""
+
+N_COMPARED = 2
+"""Laws that are run in both ways before trials run side by side."""
+AGREEMENT = 1e-3
+"""Largest relative difference of their measures: a quantiser may flip at the last bit."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +79,9 @@ class TrialScenario:
     ----------
     scenario
         The scenario. Its laws serve to choose the steps.
+    examples
+        Laws as a scenario writes them, which differ in all that may differ between trials, for `TrialLanes`. Without
+        them trials run one by one.
 
     Raises
     ------
@@ -78,7 +89,7 @@ class TrialScenario:
         For measures that begin after the end.
     """
 
-    def __init__(self, scenario: Scenario):
+    def __init__(self, scenario: Scenario, examples: Sequence[dict[str, Any]] = ()):
         if scenario.metrics_start + 1.5 * scenario.period >= scenario.duration:
             raise InvalidParameter(
                 f"metrics_start: got {scenario.metrics_start:g} s of {scenario.duration:g} s; needs two periods or "
@@ -89,6 +100,7 @@ class TrialScenario:
         self.setup = scenario.build()
         self.plant: Plant = self.setup.simulated
         self._inputs: dict[tuple[int, float], SampledInputs] = {}
+        self._examples = examples
 
     def build_law(self, part: dict[str, Any]) -> Law | None:
         """Return a law as a scenario writes it, constructed, or None where it or the robot refuses it."""
@@ -110,6 +122,72 @@ class TrialScenario:
             for plant, postures, inertias in self._rest
         ]
         return max((witness.growth_rate for witness in witnesses if witness is not None), default=0.0)
+
+    def run_all(self, laws: Sequence[Law]) -> list[TrialRun]:
+        """Simulate some laws, side by side where there is machine code for them."""
+        places, batch = ([], None) if self._lanes is None or not laws else self._lanes.run(laws)
+        if batch is None:
+            return [self.run(law) for law in laws]
+        runs = dict(zip(places, self._batch_runs(batch), strict=True))
+        return [runs[place] if place in runs else self.run(law) for place, law in enumerate(laws)]
+
+    def _batch_runs(self, batch: BatchResult) -> list[TrialRun]:
+        """Return the results of a batch."""
+        runs = []
+        numbers = batch.measures["rms_error"], batch.measures["torque_variation"], batch.completed, batch.end_time
+        for error, variation, completed, end in zip(*numbers, strict=True):
+            share = min(float(end) / self.scenario.duration, 1 - 1e-9)
+            runs.append(TrialRun(float(error), float(variation), 1.0) if completed else TrialRun(np.nan, np.nan, share))
+        return runs
+
+    @cached_property
+    def _lanes(self) -> TrialLanes | None:
+        """What runs trials side by side; None without examples, for robots in MuJoCo and where nothing compiles."""
+        laws = [law for part in self._examples if (law := self.build_law(part)) is not None]
+        if len(laws) < 2 or not isinstance(self.plant, SymbolicPlant) or self.scenario.native is False:
+            return None
+        scenario = self.scenario
+        lanes = lanes_or_none(
+            lambda: TrialLanes(
+                laws,
+                self._loop_case,
+                self._method,
+                duration=scenario.duration,
+                metrics_start=scenario.metrics_start,
+                divergence_threshold=scenario.divergence_threshold,
+                seed=scenario.seed,
+            )
+        )
+        return lanes if lanes is not None and self._agrees(lanes, laws) else None
+
+    def _agrees(self, lanes: TrialLanes, laws: Sequence[Law]) -> bool:
+        """Return whether some laws have the same measures side by side as one by one."""
+        places, batch = lanes.run(laws)
+        found = [] if batch is None else list(zip(places, self._batch_runs(batch), strict=True))
+        completed = [(place, run) for place, run in found if run.completed][:N_COMPARED]
+        for place, ours in completed:
+            theirs = self.run(laws[place])
+            pairs = zip(
+                (ours.rms_error, ours.torque_variation), (theirs.rms_error, theirs.torque_variation), strict=True
+            )
+            if not all(abs(one - other) <= AGREEMENT * abs(other) for one, other in pairs):
+                return False
+        return bool(completed)
+
+    def _loop_case(self, law: Law) -> LoopCase:
+        """Return the loop of a law as a case of a batch."""
+        scenario, loop = self.scenario, self._loop(law, self._method)
+        return LoopCase(
+            loop.plant,
+            loop.controller,
+            self.setup.reference,
+            tuple(self.setup.events),
+            self.setup.drive,
+            scenario.jitter,
+            scenario.initial_position,
+            scenario.initial_velocity,
+            scenario.initial_torque,
+        )
 
     def run(self, law: Law) -> TrialRun:
         """Simulate a law and return its error and torque variation."""

@@ -1,7 +1,7 @@
 """Sets of gains tried in all training scenarios: what each trial costs, and what is known of it without a run."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -11,7 +11,7 @@ from tarc.core.errors import NotLinearisable, UnsupportedLaw
 from tarc.laws.base import Law
 from tarc.scenario.model import Scenario
 from tarc.study.robust_margin import RobustMargin
-from tarc.study.trial_runs import TrialScenario, shared_loop
+from tarc.study.trial_runs import TrialRun, TrialScenario, shared_loop
 
 INSTABILITY = 10.0
 """Added to the objective of a loop that is unstable at rest in a posture of the reference."""
@@ -104,6 +104,8 @@ class Trials:
         Training scenarios.
     min_margin
         Least robust margin; a law below is not run. None for no certificate.
+    examples
+        Laws for machine code, as in `TrialScenario`.
 
     Raises
     ------
@@ -111,8 +113,13 @@ class Trials:
         As `TrialScenario`.
     """
 
-    def __init__(self, scenarios: Sequence[Scenario], min_margin: float | None = None):
-        self.scenarios = [TrialScenario(scenario) for scenario in scenarios]
+    def __init__(
+        self,
+        scenarios: Sequence[Scenario],
+        min_margin: float | None = None,
+        examples: Sequence[dict[str, Any]] = (),
+    ):
+        self.scenarios = [TrialScenario(scenario, examples) for scenario in scenarios]
         self.min_margin = min_margin
         self._margins = [] if min_margin is None else [_margin_in(scenario) for scenario in self.scenarios]
 
@@ -126,24 +133,34 @@ class Trials:
         run_unstable
             Whether a loop that is unstable at rest is run all the same.
         """
-        return [self._evaluate(part, run_unstable) for part in parts]
+        known = [self._without_run(part, run_unstable) for part in parts]
+        runs: list[list[TrialRun]] = [[] for _ in parts]
+        for number, scenario in enumerate(self.scenarios):
+            going = [
+                place
+                for place, (_, outcome) in enumerate(known)
+                if not outcome.failure and all(run.completed for run in runs[place])
+            ]
+            results = scenario.run_all([known[place][0][number] for place in going])
+            for place, run in zip(going, results, strict=True):
+                runs[place].append(run)
+        return [_with_runs(outcome, its_runs) for (_, outcome), its_runs in zip(known, runs, strict=True)]
 
-    def _evaluate(self, part: dict[str, Any], run_unstable: bool) -> TrialOutcome:
-        laws = [scenario.build_law(part) for scenario in self.scenarios]
-        if any(law is None for law in laws):
-            return TrialOutcome(failure=REFUSED)
-        present = [law for law in laws if law is not None]
-        channels = self._channels(present)
-        margin = self._margin(present, channels)
+    def _without_run(self, part: dict[str, Any], run_unstable: bool) -> tuple[list[Law], TrialOutcome]:
+        """Return a law in each scenario, and what is known of it before it is run."""
+        laws = [law for scenario in self.scenarios if (law := scenario.build_law(part)) is not None]
+        if len(laws) < len(self.scenarios):
+            return laws, TrialOutcome(failure=REFUSED)
+        channels = self._channels(laws)
+        margin = self._margin(laws, channels)
         if margin is not None and self.min_margin is not None and margin < self.min_margin:
-            return TrialOutcome(margin=margin, failure=NOT_CERTIFIED)
+            return laws, TrialOutcome(margin=margin, failure=NOT_CERTIFIED)
         growth_rates = tuple(
             scenario.growth_rate(law, loops)
-            for scenario, law, loops in zip(self.scenarios, present, channels, strict=True)
+            for scenario, law, loops in zip(self.scenarios, laws, channels, strict=True)
         )
-        if any(growth_rates) and not run_unstable:
-            return TrialOutcome(growth_rates=growth_rates, margin=margin, failure=UNSTABLE)
-        return self._run(present, growth_rates, margin)
+        failure = UNSTABLE if any(growth_rates) and not run_unstable else ""
+        return laws, TrialOutcome(growth_rates=growth_rates, margin=margin, failure=failure)
 
     def margin_of(self, part: dict[str, Any]) -> float:
         """Return the smallest robust margin of a law over the scenarios.
@@ -156,21 +173,6 @@ class Trials:
         margins = self._margins or [_margin_in(scenario) for scenario in self.scenarios]
         laws = [scenario.build_law(part) for scenario in self.scenarios]
         return min(margin.of(law) for margin, law in zip(margins, laws, strict=True) if law is not None)
-
-    def _run(self, laws: Sequence[Law], growth_rates: tuple[float, ...], margin: float | None) -> TrialOutcome:
-        """Run the laws in one scenario after the other, until one diverges."""
-        errors: list[float] = []
-        variations: list[float] = []
-        for number, (scenario, law) in enumerate(zip(self.scenarios, laws, strict=True)):
-            run = scenario.run(law)
-            if not run.completed:
-                survived = number + run.survived
-                return TrialOutcome(
-                    tuple(errors), tuple(variations), growth_rates, margin, failure=DIVERGED, survived=survived
-                )
-            errors.append(run.rms_error)
-            variations.append(run.torque_variation)
-        return TrialOutcome(tuple(errors), tuple(variations), growth_rates, margin, survived=float(len(laws)))
 
     def _channels(self, laws: Sequence[Law]) -> list[Sequence[Channel] | None]:
         """Return the linearised loops in each scenario; those of one period and estimator are linearised once."""
@@ -193,6 +195,18 @@ class Trials:
             return min(margin.of(law, loops) for margin, law, loops in pairs)
         except (UnsupportedLaw, NotLinearisable):
             return -1.0
+
+
+def _with_runs(outcome: TrialOutcome, runs: Sequence[TrialRun]) -> TrialOutcome:
+    """Return an outcome with the runs, of which the last may have diverged."""
+    completed = [run for run in runs if run.completed]
+    return replace(
+        outcome,
+        rms_errors=tuple(run.rms_error for run in completed),
+        torque_variations=tuple(run.torque_variation for run in completed),
+        failure=outcome.failure if len(completed) == len(runs) else DIVERGED,
+        survived=float(sum(run.survived for run in runs)),
+    )
 
 
 def _margin_in(scenario: TrialScenario) -> RobustMargin:

@@ -50,6 +50,9 @@ VERIFIED = 5
 VERIFIED_DIFFERENCE = 0.02
 """Largest increase of the objective in such a run."""
 
+MIN_COMPILED = 100
+"""Fewest trials for which the loops are compiled, which takes seconds for each scenario."""
+
 REFERENCE_POSTURES = 40
 """Postures of the reference over which an inertia ratio is averaged."""
 
@@ -329,7 +332,8 @@ def _search(
     from tarc.study.optuna_search import Search, SeededSampler, Workers, open_storage, open_study
 
     optuna.logging.set_verbosity(optuna.logging.WARNING)
-    tried = Trials(kept, options.margin)
+    examples = [space.law(values, kept[0].period) for values in space.examples()] if space.free else []
+    tried = Trials(kept, options.margin, examples if options.trials >= MIN_COMPILED else ())
     if options.margin is not None:
         _require_margin(space, tried.scenarios[0])
     gains = {key: optuna.distributions.FloatDistribution(*ends, log=True) for key, ends in space.free.items()}
