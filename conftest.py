@@ -9,7 +9,12 @@ import pytest
 from sybil import Sybil
 from sybil.parsers.markdown import PythonCodeBlockParser
 
-SLOW_PAGES = ("docs/explanation/claims.md", "docs/explanation/optimum.md", "docs/start/your-robot.md")
+SLOW_PAGES = (
+    "docs/explanation/claims.md",
+    "docs/explanation/how-sure.md",
+    "docs/explanation/optimum.md",
+    "docs/start/your-robot.md",
+)
 """Pages whose code takes longer than eight seconds."""
 
 

@@ -152,7 +152,10 @@ def find_worst_case(
     InvalidParameter
         For an unknown law or measure.
     """
-    objective = StudyObjective(study, law, measure, engine=engine)
+    per_generation = max(population, 20, 5 * len(study.draws))
+    objective = StudyObjective(
+        study, law, measure, engine=engine, expected_runs=FIRST_RUNS + per_generation * (generations + 2)
+    )
     points = study.points()
     if result is None:
         points = points[:FIRST_RUNS]
@@ -257,7 +260,7 @@ def failure_probability(
     """
     from scipy.stats import norm
 
-    objective = StudyObjective(study, law, measure, engine=engine)
+    objective = StudyObjective(study, law, measure, engine=engine, expected_runs=5 * samples * repetitions)
     threshold = objective.divergence_level
     if limit is not None:
         threshold = float(np.log(check.number("limit", limit, 0, strict=True)))
@@ -311,5 +314,5 @@ def study_sobol_indices(
             "correlation: Sobol indices need independent draws; leave it out, or use estimate_sensitivity on the runs",
             "correlation",
         )
-    objective = StudyObjective(study, law, measure, engine=engine)
+    objective = StudyObjective(study, law, measure, engine=engine, expected_runs=n * (len(study.draws) + 2))
     return sobol_indices(objective, objective.keys, n, seed=seed)

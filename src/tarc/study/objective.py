@@ -44,6 +44,8 @@ class StudyObjective:
         Engine that runs the loops, as in `Study.run`.
     integration
         Method and steps; None to choose them as the study does.
+    expected_runs
+        About how many runs there will be: more of them pay for machine code.
 
     Attributes
     ----------
@@ -65,6 +67,7 @@ class StudyObjective:
         *,
         engine: str = "auto",
         integration: Integration | None = None,
+        expected_runs: int = 0,
     ):
         self.law = check.one_of("law", law or study.law_names[0], study.law_names)
         self.study = with_one_law(study, self.law)
@@ -75,7 +78,8 @@ class StudyObjective:
         self._duration = scenario.duration
         self.divergence_level = float(np.log(DIVERGED * scenario.divergence_threshold))
         self.integration = integration or choose_study_integration(Cases(self.study), self.study.draw())
-        self._engine = build_engine(self.study, self.integration, engine)
+        many = self.study.model_copy(update={"runs": max(self.study.runs, expected_runs)})
+        self._engine = build_engine(many, self.integration, engine)
         self._column = self.study.law_names.index(self.law)
 
     def __call__(self, points: Array, seeds: Array | None = None) -> Array:

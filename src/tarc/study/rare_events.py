@@ -17,8 +17,11 @@ Performance = Callable[[Array, Array], Array]
 TARGET_ACCEPTANCE = 0.44
 """Share of accepted steps at which a chain moves fastest in one dimension, and nearly so in more."""
 
-ADAPTATIONS = 10
-"""Groups of chains of a level, after each of which the size of the steps changes."""
+MAX_ADAPTATIONS = 10
+"""Largest number of groups of chains of a level, after each of which the size of the steps changes."""
+
+CHAINS_PER_GROUP = 16
+"""Least number of chains of a group: runs that an engine may have side by side."""
 
 NEW_SEED = 0.5
 """Probability with which a step of a chain draws a new seed."""
@@ -260,7 +263,9 @@ class _Splitting:
     def _next(self, starts: _Sample, level: float) -> tuple[_Sample, Array, float]:
         """Return the runs of the chains above a level, with the number of each chain, and the share of steps taken."""
         length = self.samples // self.n_chains
-        groups = np.array_split(np.arange(self.n_chains), min(ADAPTATIONS, self.n_chains))
+        groups = np.array_split(
+            np.arange(self.n_chains), int(np.clip(self.n_chains // CHAINS_PER_GROUP, 1, MAX_ADAPTATIONS))
+        )
         parts: list[_Sample] = []
         numbers: list[Array] = []
         taken = []
