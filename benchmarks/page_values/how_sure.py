@@ -30,7 +30,9 @@ def how_sure() -> dict[str, Value]:
         for label, run in (("every draw at its median", worst.trace(np.full(4, 0.5))), ("worst case", worst.run))
     }
     worst_case_figure(errors, "‖error‖ [mrad]", 5000.0).savefig(IMAGES / "how-sure-worst.png", dpi=110)
-    levels_figure(rare, "log of the RMS error in rad").savefig(IMAGES / "how-sure-levels.png", dpi=110)
+    levels_figure(rare, ERROR, lambda level: 1e3 * float(np.exp(level))).savefig(
+        IMAGES / "how-sure-levels.png", dpi=110
+    )
     _draw(summary)
     return {
         "one_run": names["one_run"]["TARC"] / names["one_run"]["TDC"],

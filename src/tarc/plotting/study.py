@@ -1,6 +1,6 @@
 """Figures of studies: rates, distributions, paired ratios, what matters, the worst case and rare events."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -234,17 +234,32 @@ def worst_case_figure(errors: Mapping[str, tuple[np.ndarray, np.ndarray]], label
     return figure
 
 
-def levels_figure(found: "RareProbability", label: str) -> Figure:
-    """Draw the probability over the levels of each estimate, and the mean of the estimates with its interval."""
+def levels_figure(found: "RareProbability", label: str, transform: Callable[[float], float] = float) -> Figure:
+    """Draw the probability over the levels of each estimate, and the mean of the estimates with its interval.
+
+    Parameters
+    ----------
+    found
+        The estimates.
+    label
+        Of the levels.
+    transform
+        From a level to what is drawn, such as from a logarithm to its number.
+    """
     figure = StyledFigure(figsize=(WIDTH, 3.4), layout="constrained")
     axes = figure.subplots()
     for levels in found.levels:
-        thresholds = [level.threshold for level in levels]
+        thresholds = [transform(level.threshold) for level in levels]
         probabilities = np.cumprod([level.probability for level in levels])
         axes.semilogy(thresholds, probabilities, ".-", color=COLOURS[0], alpha=0.4, lw=1, ms=5)
     estimate, low, high = found.probability
     axes.errorbar(
-        [found.threshold], [estimate], [[estimate - low], [high - estimate]], fmt="o", color=COLOURS[1], capsize=4
+        [transform(found.threshold)],
+        [estimate],
+        [[estimate - low], [high - estimate]],
+        fmt="o",
+        color=COLOURS[1],
+        capsize=4,
     )
     axes.set_xlabel(label)
     axes.set_ylabel("probability of as much or more")
