@@ -117,7 +117,8 @@ class EulerLagrange(Component, SymbolicPlant):
         """Return the plant with other fields and this one's equations; None where the fields have another shape."""
         plant = object.__new__(type(self))
         for field in fields(self):
-            object.__setattr__(plant, field.name, values.get(field.name, getattr(self, field.name)))
+            value = values.get(field.name, getattr(self, field.name))
+            object.__setattr__(plant, field.name, value.copy() if isinstance(value, np.ndarray) else value)
         plant.validate()
         own = self.parameters
         if any(np.shape(value) != np.shape(own[name]) for name, value in plant.parameters.items()):

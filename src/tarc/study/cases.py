@@ -220,13 +220,13 @@ class Cases:
         own = {key: value for key, value in values.items() if key.section == "robot"}
         plant = self.nominal.plant
         if own:
-            plant = plant.with_parameters(_parameter_values(plant, own, ""))
+            plant = _with_values(plant, _parameter_values(plant, own, ""), "robot")
         if parts.gearbox is None:
             return plant, plant
         simulated = self.nominal.simulated
         geared = {key: value for key, value in values.items() if key.section == "gearbox"}
         changed = _parameter_values(simulated, own, "") | _parameter_values(simulated, geared, PREFIX)
-        return plant, simulated.with_parameters(changed)
+        return plant, _with_values(simulated, changed, "robot" if own else "gearbox")
 
     def _built_plants(self, parts: Sections) -> tuple[Plant, Plant]:
         """Construct robot and gearbox from their sections."""
@@ -292,7 +292,7 @@ class Cases:
         if robot and self.plant_is_rebuilt:
             plant = parts.robot.build()
         elif robot:
-            plant = plant.with_parameters(_parameter_values(plant, robot, ""))
+            plant = _with_values(plant, _parameter_values(plant, robot, ""), "robot")
         if any(key.section == "reference" for key in known):
             reference = self._reference(parts.reference, plant)
         return plant, reference
@@ -355,6 +355,14 @@ def _parameter_values(plant: Plant, values: Mapping[DrawnKey, Any], prefix: str)
         place = tuple(int(step) for step in key.path[1:])
         array[place if place else ...] = value
     return changed
+
+
+def _with_values(plant: Plant, values: dict[str, Array], section: str) -> Plant:
+    """Return a plant with other parameters; a refused one gets its section in the scenario."""
+    try:
+        return plant.with_parameters(values)
+    except InvalidParameter as error:
+        raise InvalidParameter(f"{section}.{error}", f"{section}.{error.path}".rstrip(".")) from None
 
 
 def _default(component: Component, name: str) -> Any:

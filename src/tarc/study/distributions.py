@@ -260,5 +260,7 @@ def _read(kind: str, content: object, weights: object) -> Distribution:
 
 def _check_bounds(low: float, high: float) -> None:
     """Refuse bounds that are no finite numbers in increasing order."""
-    if not check.number("low", low) < check.number("high", high):
+    if not np.isfinite(check.number("high", high) - check.number("low", low)):
+        raise InvalidParameter(f"low, high: got {low:g} and {high:g}, which are too far from each other", "low")
+    if not low < high:
         raise InvalidParameter(f"low, high: got {low:g} and {high:g}; low must be below high", "low")

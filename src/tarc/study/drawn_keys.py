@@ -26,6 +26,11 @@ REFUSED = {
     "period": "all runs of a study have one control period; make a study for each",
     "seed": "each run has a seed of its own already",
     "name": "it is no number",
+    "metrics_start": "the measures of all runs begin at one time",
+    "divergence_threshold": "all runs end by one rule",
+    "substeps": "all runs have one integration method",
+    "native": "the engine of a study decides it",
+    "acceleration_limits": "they check the reference and change no run",
 }
 """Keys of a scenario that a study does not draw, with the reason."""
 

@@ -28,7 +28,7 @@ from tarc.simulation.sampled_inputs import initial_conditions
 from tarc.simulation.simulator import PILOT_PERIODS, min_substeps
 from tarc.study.cases import Cases
 from tarc.study.compiled_engine import COMPILED, LANES, CompiledEngine
-from tarc.study.draws import Draws
+from tarc.study.draws import Draws, run_seeds
 from tarc.study.engines import MUJOCO, VIRTUAL_MACHINE, Engine, SideBySide, Simulator
 from tarc.study.scheduling import run_chunks
 from tarc.study.store import TRACES, Store, open_store
@@ -294,6 +294,6 @@ def write_traces(study: "Study", draws: Draws, integration: Integration, store: 
     simulator = Simulator(Cases(study), integration) if missing else None
     for run, number, law in missing:
         assert simulator is not None
-        simulator.trace(draws.values[run], int(draws.seeds[run]), law).save(
+        simulator.trace(draws.values[run], int(run_seeds(draws.seed, np.array([run]))[0]), law).save(
             store.folder / TRACES / f"{run}-{number}.nc"
         )
