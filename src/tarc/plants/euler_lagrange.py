@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from types import SimpleNamespace
 from typing import Any, Self
 
@@ -78,8 +79,15 @@ class EulerLagrange(Component, SymbolicPlant):
 
     @property
     def parameters(self) -> dict[str, np.ndarray]:
-        """Return the numeric fields."""
-        return {field.name: np.array(getattr(self, field.name), dtype=float) for field in fields(self)}
+        """Return the numeric fields, as arrays that are read only."""
+        return dict(self._arrays)
+
+    @cached_property
+    def _arrays(self) -> dict[str, np.ndarray]:
+        arrays = {field.name: np.array(getattr(self, field.name), dtype=float) for field in fields(self)}
+        for array in arrays.values():
+            array.setflags(write=False)
+        return arrays
 
     def equations(self) -> Equations:
         """Return the equations of motion, by differentiation of the energies."""
@@ -148,6 +156,7 @@ class EulerLagrange(Component, SymbolicPlant):
         """Check a field that has one number per joint; one number stands for all."""
         numbers = check.vector(name, getattr(self, name), self.n_joints, low, strict=strict)
         object.__setattr__(self, name, tuple(numbers.tolist()))
+        vars(self).pop("_arrays", None)
 
 
 def _christoffel(M: ca.SX, q: ca.SX, dq: ca.SX) -> ca.SX:

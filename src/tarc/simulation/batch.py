@@ -12,11 +12,12 @@ from tarc.core.lane_loop import OWN, PARAMETER, SHARED, LaneLoop, LaneResult, al
 from tarc.core.tracing import expressions
 from tarc.core.trees import pack
 from tarc.core.types import Array, Tree, Vector
-from tarc.simulation.batch_inputs import REFERENCE, BatchInputs, LoopCase, RunInputs
+from tarc.simulation.batch_inputs import REFERENCE, BatchInputs, LoopCase, RunInputs, initials
 from tarc.simulation.closed_loop import ClosedLoop, LoopInput, LoopState
 from tarc.simulation.integration import Integration
 from tarc.simulation.measure_sums import MeasureSums, Sums
-from tarc.simulation.varying import Numbers, Path, at, differing, numbers_at, replaced, with_symbols
+from tarc.simulation.sampled_inputs import InitialConditions, SampledInputs
+from tarc.simulation.varying import Numbers, Path, at, changes, differing, numbers_at, replaced, with_symbols
 
 TRACE_ERRORS = (RuntimeError, ValueError, TypeError, AttributeError, NotImplementedError, IndexError, UnsupportedLaw)
 """What a part raises that decides by the value of a symbol."""
@@ -146,9 +147,9 @@ class BatchLoop:
         _, output = loop.step(state, value)
         return state, output
 
-    def _start(self, case: LoopCase, sampled: Any) -> LoopState:
+    def _start(self, case: LoopCase, sampled: SampledInputs, initial: InitialConditions | None = None) -> LoopState:
         """Return the state of the loop at the start of a run."""
-        initial = case.initial(sampled)
+        initial = initial or case.initial(sampled)
         needs_plant = case.controller.needs_true_derivatives
         loop = case.loop(self._integration, case.actual_plant if needs_plant else case.plant)
         return loop.init(initial.position, initial.velocity, initial.torque, sampled.noise[:, 0])
@@ -291,42 +292,25 @@ class BatchLoop:
 
     def covers(self, case: LoopCase) -> bool:
         """Return whether a case differs from the examples in nothing but its inputs and arguments."""
-        ours = self._numbers[0].numbers
-        for part, base, path in self._parts_of(case):
-            if part is base:
-                continue
-            theirs = Numbers(part)
-            if any(ours.structure.get((*path, *inner), theirs) != value for inner, value in theirs.structure.items()):
-                return False
-            for whole, value in ours.values.items():
-                if whole[: len(path)] != path:
-                    continue
-                inner = whole[len(path) :]
-                other = theirs.values[inner] if inner in theirs.values else at(part, inner)
-                if not self._differs_where_it_may(whole, value, other):
-                    return False
-        return all(
-            (PLANT, name) in ours.values and self._differs_where_it_may((PLANT, name), ours.values[PLANT, name], one)
-            for name, one in case.parameters.items()
-        )
-
-    def _parts_of(self, case: LoopCase) -> list[tuple[object, object, Path]]:
-        """Return the parts of a case beside its plant, those of the first example, and their paths."""
         ours, theirs = self._base.controller, case.controller
-        return [
-            *(
-                (getattr(theirs, name), getattr(ours, name), (0, name))
-                for name in ("law", "sensor", "torque_limits", "computation_delay")
-            ),
-            (case.drive, self._base.drive, (1,)),
+        pairs: list[tuple[Path, object, object]] = [
+            ((0, name), getattr(ours, name), getattr(theirs, name))
+            for name in ("law", "sensor", "torque_limits", "computation_delay")
         ]
+        pairs.append(((1,), self._base.drive, case.drive))
+        changed = [one for path, our, their in pairs for one in changes(our, their, path)]
+        base = self._base.parameters
+        changed += [((PLANT, name), base[name], value) for name, value in case.parameters.items()]
+        return all(self._may_differ(*one) for one in changed)
 
-    def _differs_where_it_may(self, path: Path, value: Array, other: Array) -> bool:
-        """Return whether numbers are those of the first example but for what varies."""
+    def _may_differ(self, path: Path, ours: object, theirs: object) -> bool:
+        """Return whether values of two cases are equal but for what varies between the examples."""
         mask = self._varying_masks.get(path)
-        if mask is None:
-            return np.array_equal(value, other, equal_nan=True)
-        return value.shape == other.shape and np.array_equal(value[~mask], other[~mask], equal_nan=True)
+        ours, theirs = np.asarray(ours), np.asarray(theirs)
+        if ours.shape != theirs.shape or ours.dtype != theirs.dtype:
+            return False
+        is_equal = ours == theirs
+        return bool(np.all(is_equal if mask is None else is_equal | mask))
 
     def run(self, cases: Sequence[LoopCase], inputs: Sequence[RunInputs]) -> BatchResult:
         """Run the cases, each with its inputs, as `BatchInputs.of_run` of `inputs` samples them."""
@@ -358,6 +342,7 @@ class BatchLoop:
         own = aligned((n_periods, self.inputs.n_own, self.lanes))
         arguments = aligned((sum(int(np.sum(mask)) for mask in self._masks.values()), self.lanes))
         states = np.zeros((len(self._packed_sums) + len(pack(self._state.loop)), self.lanes))
+        initial = initials(cases, [run.sampled for run in inputs])
         for lane in range(self.lanes):
             if lane >= n_runs:
                 for array in (own, arguments, states):
@@ -366,7 +351,7 @@ class BatchLoop:
             case, run = cases[lane], inputs[lane]
             own[:, :, lane] = run.own.T
             arguments[:, lane] = self.arguments(case)
-            start = pack(self._start(case, run.sampled))
+            start = pack(self._start(case, run.sampled, initial[lane]))
             states[: len(start), lane] = start
         return n_periods, self._first_measured, states, self.inputs.rows, own, arguments
 

@@ -1,12 +1,14 @@
 """Inputs of many runs of one loop: what all share is sampled once, and what a run has of its own for each run."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from tarc.control.digital_controller import DigitalController
+from tarc.core import validation as check
 from tarc.core.types import Array
 from tarc.core.validation import Numbers
 from tarc.plants.base import Plant
@@ -51,7 +53,7 @@ class LoopCase:
         """Return the plant with the case's own parameters."""
         return self.plant.with_parameters(self.plant_parameters) if self.plant_parameters else self.plant
 
-    @property
+    @cached_property
     def parameters(self) -> dict[str, Array]:
         """Return the plant's parameters with the case's own."""
         own = {name: np.asarray(value, dtype=float) for name, value in self.plant_parameters.items()}
@@ -80,15 +82,33 @@ class LoopCase:
 
     def initial(self, inputs: SampledInputs) -> InitialConditions:
         """Return the initial conditions."""
-        plant, torque = self.plant, self.initial_torque
-        if self.plant_parameters and (isinstance(torque, str) or not plant.is_fully_driven):
-            if not _has_plain_gravity(plant):
-                plant = self.actual_plant
-            else:
-                initial = initial_conditions(plant, inputs, self.initial_position, self.initial_velocity, 0.0)
-                gravity = plant.evaluate("gravity", initial.position, parameters=self.plant_parameters)
-                return InitialConditions(initial.position, initial.velocity, gravity[list(plant.driven)])
-        return initial_conditions(plant, inputs, self.initial_position, self.initial_velocity, torque)
+        (initial,) = initials([self], [inputs])
+        return initial
+
+
+def initials(cases: Sequence[LoopCase], inputs: Sequence[SampledInputs]) -> list[InitialConditions]:
+    """Return the initial conditions of cases that differ in parameters; the torques at rest are computed at once."""
+    plant, torque = cases[0].plant, cases[0].initial_torque
+    if not isinstance(torque, str) or not _has_plain_gravity(plant):
+        return [
+            initial_conditions(
+                case.actual_plant, one, case.initial_position, case.initial_velocity, case.initial_torque
+            )
+            for case, one in zip(cases, inputs, strict=True)
+        ]
+    check.one_of("initial_torque", torque, ["rest"])
+    conditions = [
+        initial_conditions(case.plant, one, case.initial_position, case.initial_velocity, 0.0)
+        for case, one in zip(cases, inputs, strict=True)
+    ]
+    positions = np.array([one.position for one in conditions]).T
+    smooth = {name: 0.0 for name in plant.dry_friction}
+    parameters = {
+        name: np.array([np.ravel(case.parameters[name]) * smooth.get(name, 1.0) for case in cases]).T
+        for name in plant.parameters
+    }
+    torques = np.reshape(plant.evaluate("gravity", positions, parameters=parameters), positions.shape)
+    return [replace(one, torque=torques[:, i]) for i, one in enumerate(conditions)]
 
 
 def _has_plain_gravity(plant: SymbolicPlant) -> bool:

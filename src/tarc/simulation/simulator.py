@@ -208,7 +208,7 @@ def prepare_simulation(
     reference = reference.for_run(plant.joint_names, check.number("duration", duration))
     controller = DigitalController(
         sensor,
-        _with_limits(law, plant),
+        with_limits(law, plant),
         check.integer("computation_delay", computation_delay, 0),
         checked_limits(torque_limits, law),
     )
@@ -338,7 +338,7 @@ def _checked_drive(drive: Drive | None, plant: Plant) -> Drive | None:
     return drive
 
 
-def _with_limits(law: Law, plant: Plant) -> Law:
+def with_limits(law: Law, plant: Plant) -> Law:
     """Return the law itself, or with the robot's torque limits where it has none."""
     if law.torque_limit is None and np.any(np.isfinite(plant.torque_limits)):
         return replace(law, torque_limit=plant.torque_limits)

@@ -123,6 +123,20 @@ def at(part: Any, path: Path) -> Array:
     return np.asarray(part, dtype=float)
 
 
+def changes(ours: object, theirs: object, path: Path = ()) -> list[tuple[Path, object, object]]:
+    """Return the fields in which two parts differ: path, and the values of both."""
+    if ours is theirs:
+        return []
+    if type(ours) is not type(theirs):
+        return [(path, ours, theirs)]
+    if is_dataclass(ours):
+        names = [one.name for one in fields(ours)]
+        return [one for name in names for one in changes(getattr(ours, name), getattr(theirs, name), (*path, name))]
+    if isinstance(ours, float | int | str) and ours == theirs:
+        return []
+    return [(path, ours, theirs)]
+
+
 def differing(parts: list[Numbers]) -> dict[Path, Array]:
     """Return the numbers that differ between parts of the same structure, as masks of their elements by path."""
     first = parts[0]

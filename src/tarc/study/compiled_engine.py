@@ -5,13 +5,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from tarc.control.digital_controller import DigitalController
 from tarc.core.errors import UnsupportedLaw
 from tarc.core.lane_loop import processor_lanes
 from tarc.core.types import Array
+from tarc.laws.base import Law
 from tarc.plants.symbolic import SymbolicPlant
 from tarc.simulation.batch import BatchLoop, BatchResult
 from tarc.simulation.batch_inputs import LoopCase, RunInputs
 from tarc.simulation.integration import Integration
+from tarc.simulation.simulator import with_limits
 from tarc.simulation.varying import Numbers
 from tarc.study.cases import Case, Cases
 from tarc.study.distributions import Choice
@@ -76,6 +79,7 @@ class CompiledEngine:
         self.name = COMPILED if self.lanes == 1 else LANES
         self._integration = integration
         self._loops: dict[tuple[str, Structure], BatchLoop] = {}
+        self._nominal_laws: dict[str, Law] = {}
         for law in laws:
             self.add(law)
 
@@ -106,7 +110,7 @@ class CompiledEngine:
         """Run all laws of some runs of the same structure; return number and law of those that are not covered."""
         left = []
         for run in runs:
-            run.loops = {law: self._loop_case(run.case, law, run.seed) for law in self.laws}
+            run.loops = {law: self._loop_case(run.case, law) for law in self.laws}
         for number, law in enumerate(self.laws):
             loop = self._loop(law, runs[0].case)
             covered = [run for run in runs if loop.covers(run.loops[law])]
@@ -147,18 +151,22 @@ class CompiledEngine:
             column = result.applied.setdefault(key, np.full(shape if is_of_law else shape[:1], np.nan))
             column[place] = np.asarray(value)[places] if is_of_law else value
 
-    def _loop_case(self, case: Case, law: str, seed: int) -> LoopCase:
+    def _loop_case(self, case: Case, law: str) -> LoopCase:
         """Return the loop of one law in a case."""
-        simulation = Simulator(self.cases, self._integration, [law]).prepared(case, case.setup.laws[law], seed)
-        plant = simulation.plant
+        setup, plant = case.setup, case.setup.simulated
         assert isinstance(plant, SymbolicPlant)
+        if law not in self._nominal_laws:  # the checks of `simulate`, once
+            Simulator(self.cases, self._integration, [law]).prepared(case, setup.laws[law], 0)
+            self._nominal_laws[law] = with_limits(self.cases.nominal.laws[law], plant)
+        is_nominal = setup.laws[law] is self.cases.nominal.laws[law]
+        limited = self._nominal_laws[law] if is_nominal else with_limits(setup.laws[law], plant)
         return LoopCase(
             plant,
-            simulation.controller,
-            simulation.reference,
-            simulation.events,
-            simulation.drive,
-            simulation.jitter,
+            DigitalController(setup.sensor, limited, case.computation_delay, setup.torque_limits),
+            setup.reference.for_run(plant.joint_names, self.cases.scenario.duration),
+            tuple(setup.events),
+            setup.drive,
+            case.jitter,
             case.initial_position,
             case.initial_velocity,
             case.initial_torque,
@@ -189,7 +197,7 @@ class CompiledEngine:
             examples = [one for one in self._examples(case) if self._structure(one) == structure] or [case]
             scenario = self.cases.scenario
             self._loops[key] = BatchLoop(
-                [self._loop_case(one, law, 0) for one in examples],
+                [self._loop_case(one, law) for one in examples],
                 self._integration,
                 scenario.duration,
                 metrics_start=scenario.metrics_start,
