@@ -2,4 +2,5 @@
 
 from tarc.cli import main
 
-main()
+if __name__ == "__main__":  # processes that the page starts import this module
+    main()

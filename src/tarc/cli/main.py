@@ -19,6 +19,7 @@ from tarc.cli.ros2 import app as ros2
 from tarc.cli.run import run
 from tarc.cli.run_live import run_live
 from tarc.cli.show import show
+from tarc.cli.studio import studio
 from tarc.cli.study import study
 from tarc.cli.tune import tune
 from tarc.cli.verify import verify
@@ -36,7 +37,23 @@ app = typer.Typer(
     add_completion=False,
 )
 
-for command in (run, demo, certify, verify, design, compare, tune, study, replay, identify, diagnose, show, export):
+COMMANDS = (
+    run,
+    demo,
+    certify,
+    verify,
+    design,
+    compare,
+    tune,
+    study,
+    studio,
+    replay,
+    identify,
+    diagnose,
+    show,
+    export,
+)
+for command in COMMANDS:
     app.command()(command)
 app.command(name="verify-export")(verify_export)
 app.command(name="run-live")(run_live)

@@ -25,6 +25,7 @@ EXTRAS = {
     "ros2": (*_CLI, "mcap", "mcap_ros2", "cyclonedds", "rosbags"),
     "ship": ("fmpy", "ziglang"),
     "sim": _SIM,
+    "studio": (*_CLI, "nicegui"),
     "study": (*_CLI, "bokeh", "dask", "distributed", "optuna", "zarr"),
     "view": (*_SIM, "collada", "trimesh", "viser"),
 }

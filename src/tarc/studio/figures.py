@@ -1,0 +1,195 @@
+"""Figures of the page as plain dictionaries that plotly.js draws; nothing is computed here but colours and shapes."""
+
+from typing import Any
+
+import numpy as np
+
+from tarc.core.types import Array
+from tarc.studio.analysis import LoopAnalysis, RobotFacts
+from tarc.studio.design_state import CONTROLS, DesignState
+from tarc.studio.runs import RunPair
+
+GRID = "rgba(128,128,128,0.25)"
+STABLE = "rgba(0,140,110,0.30)"
+STABLE_AT_MEAN = "rgba(0,114,178,0.15)"
+DESIGN = "#0072b2"
+RIVAL = "#d55e00"
+DOT_STABLE = "#008c6e"
+DOT_UNSTABLE = "#c62828"
+RATIO_NAMES = ("smallest ratio", "mean ratio", "largest ratio")
+DASHES = ("dot", "solid", "dash")
+RANGES = {control.name: (control.low, control.high) for control in CONTROLS}
+
+
+def _axis(title: str, **more: Any) -> dict[str, Any]:
+    return {
+        "title": {"text": title, "standoff": 6},
+        "gridcolor": GRID,
+        "zerolinecolor": GRID,
+        "automargin": True,
+        "exponentformat": "power",
+        **more,
+    }
+
+
+def _figure(data: list[dict[str, Any]], x: dict[str, Any], y: dict[str, Any], **layout: Any) -> dict[str, Any]:
+    return {
+        "data": data,
+        "layout": {
+            "margin": {"l": 8, "r": 8, "t": 8, "b": 8},
+            "paper_bgcolor": "rgba(0,0,0,0)",
+            "plot_bgcolor": "rgba(0,0,0,0)",
+            "font": {"size": 12},
+            "xaxis": x,
+            "yaxis": y,
+            "showlegend": True,
+            "legend": {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom"},
+            "hovermode": "closest",
+            "uirevision": "kept",
+            **layout,
+        },
+        "config": {"displaylogo": False, "displayModeBar": False, "scrollZoom": False},
+    }
+
+
+def map_figure(state: DesignState, analysis: LoopAnalysis, facts: RobotFacts) -> dict[str, Any]:
+    """Return the stability map: inertia share over natural frequency, with the design as a dot that can be dragged."""
+    x = analysis.map.natural_frequencies
+    low, high = analysis.map.shares(facts)
+    mean = float(np.sqrt(facts.min_ratio * facts.max_ratio))
+    bounds = RANGES["inertia_share"]
+    data = [
+        _band(
+            x,
+            analysis.map.low / mean,
+            analysis.map.high / mean,
+            "stable at the mean inertia",
+            "rgba(0,114,178,0.15)",
+            bounds,
+        ),
+        _band(x, low, high, "stable at every inertia", STABLE, bounds),
+        {
+            "x": [state.natural_frequency],
+            "y": [state.inertia_share],
+            "mode": "markers",
+            "name": "design",
+            "marker": {"size": 16, "color": dot_colour(analysis), "line": {"color": "white", "width": 2}},
+            "showlegend": False,
+            "hovertemplate": "ωn %{x:.3g} rad/s<br>share %{y:.3g}<extra>design</extra>",
+        },
+    ]
+    dot = {
+        "type": "circle",
+        "xsizemode": "pixel",
+        "ysizemode": "pixel",
+        "xanchor": state.natural_frequency,
+        "yanchor": state.inertia_share,
+        "x0": -9,
+        "x1": 9,
+        "y0": -9,
+        "y1": 9,
+        "fillcolor": "rgba(0,0,0,0.01)",
+        "line": {"width": 0},
+        "editable": True,
+    }
+    x_axis = _axis("natural frequency [rad/s]", type="log", range=_log_range("natural_frequency"), fixedrange=True)
+    y_axis = _axis("inertia share M̂ / mean inertia", type="log", range=_log_range("inertia_share"), fixedrange=True)
+    return _figure(data, x_axis, y_axis, shapes=[dot])
+
+
+def dot_colour(analysis: LoopAnalysis) -> str:
+    """Return the colour of the design's dot, by its linear stability."""
+    return DOT_STABLE if all(analysis.is_stable) else DOT_UNSTABLE
+
+
+def _log_range(name: str) -> list[float]:
+    return [float(value) for value in np.log10(RANGES[name])]
+
+
+def _band(x: Array, low: Array, high: Array, name: str, colour: str, bounds: tuple[float, float]) -> dict[str, Any]:
+    """Return a filled band between two curves, without the points at which it is empty."""
+    is_there = np.isfinite(low) & np.isfinite(high)
+    x, low, high = x[is_there], low[is_there], np.minimum(high[is_there], 10 * bounds[1])
+    return {
+        "x": [*x.tolist(), *x[::-1].tolist()],
+        "y": [*low.tolist(), *high[::-1].tolist()],
+        "mode": "lines",
+        "fill": "toself",
+        "fillcolor": colour,
+        "line": {"width": 1, "color": colour},
+        "name": name,
+        "hoveron": "points",
+        "hovertemplate": f"ωn %{{x:.3g}} rad/s<br>share %{{y:.3g}}<extra>{name}</extra>",
+    }
+
+
+def gain_figure(analysis: LoopAnalysis) -> dict[str, Any]:
+    """Return the loop gain |L| over frequency at the smallest, mean and largest inertia ratio."""
+    is_shown = analysis.frequencies > 0.3
+    data = [
+        {
+            "x": analysis.frequencies[is_shown].tolist(),
+            "y": gains[is_shown].tolist(),
+            "mode": "lines",
+            "name": name,
+            "line": {"color": DESIGN, "dash": dash, "width": 1.5},
+            "hovertemplate": "%{x:.3g} rad/s<br>gain %{y:.3g}<extra>" + name + "</extra>",
+        }
+        for name, gains, dash in zip(RATIO_NAMES, analysis.loop_gains, DASHES, strict=True)
+    ]
+    one = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": 1, "y1": 1, "line": {"color": "gray", "width": 1}}
+    return _figure(
+        data,
+        _axis("frequency [rad/s]", type="log"),
+        _axis("loop gain", type="log", range=[-2.5, 3.5]),
+        shapes=[one],
+    )
+
+
+def curves_figure(pair: RunPair, quantity: str, joint: str) -> dict[str, Any]:
+    """Return error, torque or gain of design and rival over time.
+
+    Parameters
+    ----------
+    pair
+        The runs.
+    quantity
+        ``error``, ``torque`` or ``gain``.
+    joint
+        Name of a joint; empty for the norm over all.
+    """
+    titles = {"error": "error", "torque": "torque", "gain": "gain ĉ [rad/s²]"}
+    data = []
+    for curves, colour in ((pair.rival, RIVAL), (pair.design, DESIGN)):
+        values = {"error": curves.errors, "torque": curves.torques, "gain": curves.gain}[quantity]
+        if values is None:
+            continue
+        if values.ndim == 2:
+            values = values[:, curves.joints.index(joint)] if joint in curves.joints else np.linalg.norm(values, axis=1)
+        data.append(
+            {
+                "x": curves.times.tolist(),
+                "y": [float(f"{value:.5g}") for value in values],
+                "mode": "lines",
+                "name": curves.name,
+                "line": {"color": colour, "width": 1.4},
+                "hovertemplate": "%{x:.3f} s<br>%{y:.4g}<extra>" + curves.name + "</extra>",
+            }
+        )
+    suffix = "" if quantity == "gain" else f", {joint}" if joint else ", norm"
+    y_axis = _axis(titles[quantity] + suffix)
+    if quantity != "gain":
+        y_axis["range"] = _range_of_design(pair, quantity, joint)
+    return _figure(data, _axis("time [s]"), y_axis)
+
+
+def _range_of_design(pair: RunPair, quantity: str, joint: str) -> list[float] | None:
+    """Return a range of the ordinate that holds the design, and of the rival what is not far above; None for any."""
+    peaks = []
+    for curves in (pair.design, pair.rival):
+        values = curves.errors if quantity == "error" else curves.torques
+        column = values[:, curves.joints.index(joint)] if joint in curves.joints else np.linalg.norm(values, axis=1)
+        finite = np.abs(column[np.isfinite(column)])
+        peaks.append(float(finite.max()) if finite.size else 0.0)
+    top = 1.1 * min(max(peaks), 10 * max(peaks[0], 1e-12))
+    return [-top if joint else 0.0, top]

@@ -1,0 +1,116 @@
+"""Short runs of a design and of its rival, for the page."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from tarc.core.types import Array
+from tarc.scenario.model import Scenario
+from tarc.simulation.run import Run
+from tarc.studio.design_state import DesignState
+from tarc.studio.robots import Robots
+
+DURATION = 3.0
+"""Longest run of the page [s]; the payload is picked up at half of it."""
+METRICS_START = 0.5
+"""Start of the measures [s]."""
+MAX_POINTS = 600
+"""Points of a curve."""
+
+
+@dataclass(frozen=True, eq=False)
+class Curves:
+    """What the page draws of a run.
+
+    Attributes
+    ----------
+    name
+        Name of the law.
+    joints
+        Names of the joints.
+    times
+        [s], shape (k,).
+    errors, torques
+        Of each joint [rad or m], [N m or N], shape (k, n).
+    gain
+        Switching gain ĉ [rad/s²], shape (k,); None for a law without.
+    measures
+        Of the run after `METRICS_START`, as `tarc.simulation.Run.metrics`; empty for one that diverged before.
+    status
+        How the run ended, in words.
+    run
+        The run itself.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    times: Array
+    errors: Array
+    torques: Array
+    gain: Array | None
+    measures: dict[str, float]
+    status: str
+    run: Run
+
+
+@dataclass(frozen=True, eq=False)
+class RunPair:
+    """The runs of a design and of its rival."""
+
+    design: Curves
+    rival: Curves
+
+
+def short_base(base: dict[str, Any]) -> dict[str, Any]:
+    """Return a scenario's content with a duration for the page."""
+    duration = min(float(base["duration"]), DURATION)
+    return base | {"duration": duration, "metrics_start": min(METRICS_START, duration / 2)}
+
+
+def run_pair(state: DesignState, robots: Robots, previous: tuple[DesignState, RunPair] | None = None) -> RunPair:
+    """Simulate a design and its rival.
+
+    Parameters
+    ----------
+    state
+        The design.
+    robots
+        The robots of the session.
+    previous
+        A design and its runs; what did not change since is not simulated again.
+
+    Raises
+    ------
+    InvalidParameter, ScenarioError, RobotFileError, UnsupportedLaw
+        For a design that cannot be built.
+    """
+    rival_content = state.rival_content(short_base(robots.content(state.robot)))
+    design = run_curves(state.to_content(short_base(robots.content(state.robot))))
+    if previous is not None:
+        former, runs = previous
+        if former.rival_content(short_base(robots.content(former.robot))) == rival_content:
+            return RunPair(design, runs.rival)
+    rival = run_curves(rival_content)
+    return RunPair(design, replace(rival, name=f"{rival.name} (rival)"))
+
+
+def run_curves(content: dict[str, Any]) -> Curves:
+    """Simulate the first law of a scenario."""
+    scenario = Scenario.parse(content)
+    setup = scenario.build()
+    name, law = next(iter(setup.laws.items()))
+    run = scenario.run_law(law, setup, progress=False)
+    data = run.data
+    step = max(1, -(-data.sizes["time"] // MAX_POINTS))
+    return Curves(
+        name=name,
+        joints=tuple(str(joint) for joint in data["joint"].values),
+        times=data["time"].values[::step],
+        errors=(data["position"].values - data["reference"].values)[::step],
+        torques=data["torque"].values[::step],
+        gain=data["gain"].values[::step] if "gain" in data else None,
+        measures={key: float(np.asarray(value)) for key, value in run.metrics_or_none(scenario.metrics_start).items()},
+        status=str(run.status),
+        run=run,
+    )

@@ -1,0 +1,67 @@
+"""Start the page on a port of this machine."""
+
+import socket
+from pathlib import Path
+
+from nicegui import app, ui
+
+from tarc.core.errors import InvalidParameter
+from tarc.studio.design_state import DesignState
+from tarc.studio.page import add_pages
+from tarc.studio.robots import Robots
+
+PORTS = range(8642, 8662)
+"""Ports that are tried where none is given."""
+
+
+def serve(scenario: str | Path | None, host: str = "127.0.0.1", port: int | None = None, show: bool = True) -> None:
+    """Serve the page until it is stopped.
+
+    Parameters
+    ----------
+    scenario
+        A YAML file or the name of a shipped scenario to start from; None for a two-link arm.
+    host, port
+        Where to listen; None for a free port.
+    show
+        Open a browser.
+
+    Raises
+    ------
+    ScenarioError, InvalidParameter
+        For a scenario that cannot be read, and a port that is taken.
+    """
+    robots = Robots()
+    state, notes = (DesignState(), []) if scenario is None else robots.add_scenario(scenario)
+    chosen = free_port(host, port)
+    add_pages(robots, state, notes)
+    app.on_startup(lambda: print(f"tarc studio: http://{host}:{chosen}/  (Ctrl+C stops it)", flush=True))
+    ui.run(
+        host=host,
+        port=chosen,
+        show=show,
+        reload=False,
+        title="tarc studio",
+        show_welcome_message=False,
+        reconnect_timeout=10.0,
+        language="en-US",
+    )
+
+
+def free_port(host: str, port: int | None) -> int:
+    """Return the port, or the first of `PORTS` that is free.
+
+    Raises
+    ------
+    InvalidParameter
+        For a port that is taken.
+    """
+    for candidate in PORTS if port is None else [port]:
+        with socket.socket() as trial:
+            trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                trial.bind((host, candidate))
+            except OSError:
+                continue
+            return candidate
+    raise InvalidParameter(f"port: {port or f'{PORTS[0]} to {PORTS[-1]}'} on {host} is taken; give another by --port")

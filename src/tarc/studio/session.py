@@ -1,0 +1,186 @@
+"""A session of the page: the design, its history, and what is computed of it while it moves."""
+
+import asyncio
+import time
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+from nicegui import background_tasks, run
+
+from tarc.studio.analysis import LoopAnalysis, RobotFacts, analyse_loop, robot_facts
+from tarc.studio.certifying import DESIGN_ERRORS, CertificateJob, CertificateRow
+from tarc.studio.design_state import DesignState, History
+from tarc.studio.robots import Robots
+from tarc.studio.runs import RunPair, run_pair
+
+CERTIFICATE_PAUSE = 0.4
+"""Pause after the last move before the certificates start [s]."""
+RUN_PAUSE = 0.05
+"""Pause after the last move before the runs start [s]."""
+MAX_FACTS = 32
+"""Robots and payloads whose facts a session keeps."""
+
+T = TypeVar("T")
+Listener = Callable[[], object]
+
+
+@dataclass
+class Results:
+    """What is known of the present design; None for what is being computed or cannot be.
+
+    Attributes
+    ----------
+    facts, loop
+        Of the robot and the loop.
+    runs
+        Of the design and its rival; those of an earlier design stay until the new ones are there.
+    certificates
+        Rows; None while they are computed.
+    certificate_problem, problem
+        Messages where certificates, or the rest, cannot be computed.
+    times
+        Wall time of the last loop, runs and certificates [s].
+    """
+
+    facts: RobotFacts | None = None
+    loop: LoopAnalysis | None = None
+    runs: RunPair | None = None
+    certificates: list[CertificateRow] | None = None
+    certificate_problem: str = ""
+    problem: str = ""
+    times: dict[str, float] = field(default_factory=dict)
+
+
+class Session:
+    """One open page.
+
+    Attributes
+    ----------
+    robots, history, results
+        Of the session.
+    notes
+        What of the scenario or the URL the page leaves out.
+    """
+
+    def __init__(self, robots: Robots, state: DesignState, notes: list[str]) -> None:
+        self.robots = robots
+        self.history = History(state)
+        self.notes = notes
+        self.results = Results()
+        self._listeners: dict[str, list[Listener]] = {"state": [], "loop": [], "runs": [], "certificates": []}
+        self._facts: dict[tuple[str, float], RobotFacts] = {}
+        self._simulated: tuple[DesignState, RunPair] | None = None
+        self._job: CertificateJob | None = None
+        self._moved = {name: asyncio.Event() for name in ("loop", "runs", "certificates")}
+        self._tasks: list[asyncio.Task] = []
+
+    @property
+    def state(self) -> DesignState:
+        """Return the present design."""
+        return self.history.state
+
+    def listen(self, topic: str, listener: Listener) -> None:
+        """Call a function after each change of ``state``, ``loop``, ``runs`` or ``certificates``."""
+        self._listeners[topic].append(listener)
+
+    def start(self) -> None:
+        """Start computing."""
+        steps = {"loop": self._update_loop, "runs": self._update_runs, "certificates": self._update_certificates}
+        self._tasks = [background_tasks.create(self._follow(name, step)) for name, step in steps.items()]
+        self._announce_move()
+
+    def close(self) -> None:
+        """End all that is being computed."""
+        for task in self._tasks:
+            task.cancel()
+        if self._job is not None:
+            self._job.cancel()
+
+    def change(self, merge_key: str = "", **changes: Any) -> None:
+        """Move the design."""
+        self.move(self.state.with_changes(**changes), merge_key)
+
+    def move(self, state: DesignState, merge_key: str = "") -> None:
+        """Make a design the present one."""
+        if state != self.state:
+            self.history.move(state, merge_key)
+            self._announce_move()
+
+    def undo(self) -> None:
+        """Return to the design before."""
+        if self.history.can_undo:
+            self.history.undo()
+            self._announce_move()
+
+    def redo(self) -> None:
+        """Return to the design that was undone."""
+        if self.history.can_redo:
+            self.history.redo()
+            self._announce_move()
+
+    def _announce_move(self) -> None:
+        if self._job is not None:
+            self._job.cancel()
+        self.results.certificates = None
+        self.results.certificate_problem = ""
+        self._tell("state")
+        self._tell("certificates")
+        for event in self._moved.values():
+            event.set()
+
+    def _tell(self, topic: str) -> None:
+        for listener in self._listeners[topic]:
+            listener()
+
+    async def _follow(self, name: str, step: Callable[[DesignState], Awaitable[None]]) -> None:
+        """Compute a part for the newest design, again and again; designs that were left at once are skipped."""
+        pause = {"loop": 0.0, "runs": RUN_PAUSE, "certificates": CERTIFICATE_PAUSE}[name]
+        while True:
+            await self._moved[name].wait()
+            self._moved[name].clear()
+            if pause:
+                await asyncio.sleep(pause)
+                if self._moved[name].is_set():
+                    continue
+            start = time.perf_counter()
+            await step(self.state)
+            self.results.times[name] = time.perf_counter() - start
+
+    async def _update_loop(self, state: DesignState) -> None:
+        try:
+            key = state.robot, state.payload
+            if key not in self._facts:
+                if len(self._facts) >= MAX_FACTS:
+                    self._facts.clear()
+                self._facts[key] = await in_thread(robot_facts, state, self.robots)
+            self.results.facts = self._facts[key]
+            self.results.loop = await in_thread(analyse_loop, state, self.results.facts)
+            self.results.problem = ""
+        except DESIGN_ERRORS as error:
+            self.results.problem = str(error)
+        self._tell("loop")
+
+    async def _update_runs(self, state: DesignState) -> None:
+        try:
+            self.results.runs = await in_thread(run_pair, state, self.robots, self._simulated)
+            self._simulated = state, self.results.runs
+        except DESIGN_ERRORS as error:
+            self.results.problem = str(error)
+        self._tell("runs")
+
+    async def _update_certificates(self, state: DesignState) -> None:
+        self._job = job = CertificateJob(state.to_content(self.robots.content(state.robot)))
+        rows = await job.result()
+        if state != self.state or rows is None:
+            return
+        if isinstance(rows, str):
+            self.results.certificate_problem = rows
+        else:
+            self.results.certificates = rows
+        self._tell("certificates")
+
+
+async def in_thread(function: Callable[..., T], *arguments: Any) -> T:
+    """Return what a function computes in a thread, so that the page stays responsive."""
+    return await run.io_bound(function, *arguments)
