@@ -87,3 +87,19 @@ def test_help_teaches_by_examples():
     text = run("--help").stdout
     assert "tarc study --example > study.yaml" in text
     assert "goes on where it stopped" in text
+
+
+@pytest.mark.slow
+def test_limits_and_the_worst_case_are_in_the_report(folder):
+    run("study.yaml", "--limit", "rms_error=1e-9", "--reference", "TDC", "--worst-case", "TDC")
+    results = folder / "runs" / "swings.study"
+    text = (results / "report.html").read_text(encoding="utf-8")
+    assert "10 did not" in text
+    assert "Worst case" in text
+    worst = Study.load(results / "worst.yaml")
+    assert worst.runs == 1
+
+
+@pytest.mark.parametrize("limit", ["rms_eror=1", "rms_error", "rms_error=-1", "rms_error=much"])
+def test_a_limit_needs_a_measure_and_a_number(folder, limit):
+    assert isinstance(run("study.yaml", "--limit", limit, status=1).exception, InvalidParameter)
