@@ -49,6 +49,7 @@ def test_a_padded_window_estimates_the_same():
     ("name", "law"),
     [
         ("train_masses", "tdc"),
+        ("train_masses", "tdc-sync"),
         pytest.param("train_two_link", "tarc", marks=pytest.mark.slow),
         pytest.param("train_two_link", "tdc-kalman", marks=pytest.mark.slow),
         pytest.param("train_two_link", "adrc", marks=pytest.mark.slow),
@@ -78,7 +79,7 @@ def test_companions_do_not_matter():
     assert trial.run_all(laws[:-1][::-1])[::-1] == together[:-1]
 
 
-@pytest.mark.parametrize(("law", "settings"), [("tdc-sync", []), ("tdc", ["native=false"])])
+@pytest.mark.parametrize(("law", "settings"), [("pid", []), ("tdc", ["native=false"])])
 def test_what_has_no_common_machine_code_runs_one_by_one(law, settings):
     trial, space, _ = trials_of("train_masses", law, settings)
     assert trial._lanes is None

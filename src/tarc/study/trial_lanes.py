@@ -8,9 +8,8 @@ import numpy as np
 from tarc.core.errors import CompilationError, MissingTool, UnsupportedLaw
 from tarc.core.types import Array
 from tarc.estimators.algebraic import Algebraic
-from tarc.estimators.base import WindowedEstimator
+from tarc.estimators.base import TorqueAverage, WindowedEstimator
 from tarc.laws.base import Law
-from tarc.laws.tde import TDE
 from tarc.scenario.user_law import is_from_file
 from tarc.simulation.batch import BatchLoop, BatchResult
 from tarc.simulation.batch_inputs import LoopCase, RunInputs
@@ -27,9 +26,12 @@ class PaddedWindow(WindowedEstimator):
     ----------
     rows
         Weights of prediction, velocity and acceleration, shape (3, samples).
+    torque_weights
+        Weights of the past torques in synchronised time-delay estimation, shape (samples − 1,).
     """
 
     rows: Array
+    torque_weights: Array
 
     @classmethod
     def from_estimator(cls, estimator: Algebraic, samples: int) -> "PaddedWindow":
@@ -37,7 +39,10 @@ class PaddedWindow(WindowedEstimator):
         rows = np.zeros((3, samples))
         for row, weights in zip(rows, estimator.sums.T, strict=True):
             row[: len(weights)] = weights
-        return cls(period=estimator.period, rows=rows)
+        torque_weights = np.zeros(samples - 1)
+        own = estimator.matched_torque_filter().weights
+        torque_weights[: len(own)] = own
+        return cls(period=estimator.period, rows=rows, torque_weights=torque_weights)
 
     @property
     def max_derivative(self) -> int:
@@ -52,6 +57,12 @@ class PaddedWindow(WindowedEstimator):
     def prediction(self) -> Array:
         """Return the weights over the past window that predict the next sample."""
         return self.rows[0]
+
+    def matched_torque_filter(self) -> TorqueAverage:
+        """Return the average with the weights given, which may be symbols."""
+        average = TorqueAverage(np.zeros(len(self.rows[0]) - 1))
+        average.weights = self.torque_weights
+        return average
 
 
 class TrialLanes:
@@ -117,10 +128,7 @@ class TrialLanes:
 
 def _can_be_padded(law: Law) -> bool:
     """Return whether nothing in a law depends on its window but the weights; who knows of a user's law."""
-    if is_from_file(law):
-        return False
-    is_synchronised = isinstance(law, TDE) and law.synchronised
-    return isinstance(law.estimator, Algebraic) and law.estimator.max_derivative == 2 and not is_synchronised
+    return isinstance(law.estimator, Algebraic) and law.estimator.max_derivative == 2 and not is_from_file(law)
 
 
 def lanes_or_none(make: Callable[[], TrialLanes]) -> TrialLanes | None:
