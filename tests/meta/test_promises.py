@@ -79,6 +79,7 @@ LONG_EXAMPLES = {
     "literal_or_synchronised",
     "my_law",
     "replay_log",
+    "tune_front",
 }
 
 
