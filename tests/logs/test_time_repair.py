@@ -52,6 +52,19 @@ def test_rows_without_a_clock_get_one_shift_each():
     assert np.all(timing.residual < 0.2 * timing.residual_before)
 
 
+def test_encoders_without_noise_at_rest_are_not_stale():
+    moving = T * np.arange(3000)
+    share = np.clip(moving - 1.0, 0.0, 1.0)[:, None]
+    smooth = share**3 * (10 - 15 * share + 6 * share**2) * (motion(moving) - motion(np.ones(1)))
+    position = 1e-5 * np.round(smooth / 1e-5)
+    stamps = np.delete(moving, [500, 2000])  # two rows are missing, one of them at rest
+    timing = repair_time(RobotLog(times=stamps, position=np.delete(position, [500, 2000], axis=0)))
+    assert timing.period == T
+    assert timing.stale < 1e-2
+    wrong = np.round(timing.times / T) != np.round(stamps / T)
+    assert np.count_nonzero(wrong) <= 10  # where the slowest motion begins
+
+
 def test_even_stamps_are_left_alone():
     times = 0.004 * np.arange(800)
     timing = repair_time(RobotLog(times=times, position=motion(times)))

@@ -21,6 +21,9 @@ PERIOD_DIGITS = 3
 """Digits to which a period is rounded, where the stamps agree."""
 MAX_CLOCK_ERROR = 5e-4
 """Largest relative difference between the clocks of robot and recorder."""
+REST_ROWS = 21
+MAX_REPEATS = 0.5
+"""Share of so many rows about one that may repeat the one before, where a repeat at rest still means a stale sample."""
 N_COUNTS = 2
 """Repetitions of the count of ticks, each with the motion on the times of the one before."""
 N_SHIFTS = 3
@@ -85,8 +88,8 @@ def repair_time(log: RobotLog, *, period: float | None = None, cutoff: float = 2
         Δt = (Δq · v̄) / (v̄ · v̄),    v̄ the mean of q̇ at both rows
 
     Where these steps are whole periods but for noise, rows are ticks of the robot's clock. A step of 0 is then a stale
-    row, and a step of 2 a missing one. Where the robot rests, the stamps count. Otherwise each row is shifted by its
-    own s, until the shifts repeat.
+    row, and a step of 2 a missing one. Where the robot rests, the stamps count; there a repeated row is a stale one
+    only if few rows about it repeat. Otherwise each row is shifted by its own s, until the shifts repeat.
 
     Parameters
     ----------
@@ -190,7 +193,13 @@ def _ticks(
     known = np.isfinite(by_motion) & (noise < MAX_STEP_ERROR * speed)
     counts = np.where(known, np.maximum(np.round(np.where(known, by_motion, 0.0)), 0.0), np.nan)
     deviation = _rms(distance[fast]) if np.any(fast) else 0.0
-    return _counted(counts, stamps, period, repeats), deviation
+    return _counted(counts, stamps, period, repeats & ~_is_still(repeats)), deviation
+
+
+def _is_still(repeats: Array) -> Array:
+    """Return whether most rows about each repeat the one before, (k,): encoders at rest without noise."""
+    window = min(REST_ROWS, len(repeats))
+    return np.convolve(repeats, np.full(window, 1 / window), mode="same") > MAX_REPEATS
 
 
 def _counted(counts: Array, stamps: Array, period: float, repeats: Array) -> Array:
