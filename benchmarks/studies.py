@@ -19,6 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 import tarc
+from benchmarks.agreement import agreement
 from benchmarks.measure import Row
 from tarc.control.digital_controller import DigitalController
 from tarc.core.codegen import compiler
@@ -285,7 +286,7 @@ def ur5e(rounds: int = 3) -> list[Row]:
     ]
 
 
-BENCHMARKS = {"period": period, "ur5e": ur5e}
+BENCHMARKS = {"period": period, "ur5e": ur5e, "agreement": agreement}
 
 
 def main() -> None:
