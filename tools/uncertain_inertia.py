@@ -23,6 +23,7 @@ from ball_arithmetic import (
     within_period,
 )
 
+FORM = "torque", "energy", "power", "position", "velocity"
 MEAN_SQUARES = [[120, 60, 20], [60, 40, 15], [20, 15, 6]], [[0, 0, 0], [0, 6, 3], [0, 3, 2]]
 
 
@@ -154,6 +155,19 @@ def changes(point):
         yield sum((one * slope for one, slope in zip(signs, slopes, strict=True)), 0 * slopes[0])
 
 
+def within_form(form, point, N, W):
+    """Return whether α0|k|² + α1kᵀEk + 2πẋᵀk ≤ β|x|² + γ|ẋ|² with 5 % more of k and E, in q: k is τ = −Gq − Dq̇."""
+    if not form:
+        return 1
+    torque, energy, power, position, velocity = (arb(form[x]) for x in FORM)
+    room, n, zero = arb(ROOM), len(N), 0 * N
+    moved = np.hstack([ball(point["stiffness"]), ball(point["damping"])]) * room
+    work = power * np.vstack([zero @ moved, moved])
+    allowed = np.block([[position * N, zero], [zero, velocity * N]]) * arb(LOOSE)
+    used = moved.T @ (torque * W + energy * room * inverse(symmetric(point["inertia"]))) @ moved
+    return sign(allowed - used + work + work.T) if n else -1
+
+
 def robot(e, witness):
     """Decide whether all points lie in what the loop tolerates: in a ball, or by an affine Lyapunov function."""
     if witness:
@@ -171,7 +185,8 @@ def robot(e, witness):
         of = cover["proof"]["ratios"]
         low, high, rate, own = (arb(of[name]) for name in ("min_ratio", "max_ratio", "rate", "relative_rate"))
         points, rates, inside = points + cover["force_points"], cover["rate_points"], of["intersample"]
-        bounds = list(zip(of["powers"], of["lead_times"], of["stiffness"], strict=True)) or [(0, 0, 1e-9)]
+        bounds = list(zip(of["powers"], of["lead_times"], of["stiffness"], strict=True))
+        bounds = bounds if bounds or of["form"] else [(0, 0, 1e-9)]
         found = [affine_proof(cover["proof"], T, e["slope"])]
     else:
         low, high, rate = centre - radius, centre + radius, arb(0)
@@ -192,6 +207,7 @@ def robot(e, witness):
         found += [sign(M), sign(N - low * ROOM * M), sign(high / ROOM * M - N)]
         for one, (p, theta, x) in itertools.product((smooth, rough), bounds):
             found.append(sign((LOOSE * x / ROOM) ** 2 * size[p] - force(one, W, arb(theta))))
+        found += [within_form(cover["proof"]["ratios"]["form"], one, N, W) for one in (smooth, rough) if cover]
         if not cover and eta > 0:
             of_ball = centre, needed, eta, lead, arb(b["stiffness"])
             found += [contained(one, N, W, of_ball, T) for one in (smooth, rough)]
@@ -236,14 +252,16 @@ def affine_proof(proof, T, slope):
         high - low,
         *(arb(weights[x]) for x in ("error", "change", "slope")),
     ]
+    form = of["form"] and [arb(of["form"][x]) for x in FORM]
     ranges = [x > 0 for x in (low, centre, *scales)] + [x >= 0 for x in [*numbers, *itertools.chain(*bounds)]]
+    ranges += [x >= 0 for x in form or []] + [inside and not bounds and of["form"]["split"] > 0] * bool(form)
     fits = (
         0 < turned < 3
         and of["period"] == T
-        and (n == 2 or not (inside or bounds))
+        and (n == 2 or not (inside or bounds or form))
         and all(b[0] in (0, 0.5, 1) for b in bounds)
     )
-    if not all(ranges) or not fits or not (3 if bounds else 2 if half > 0 else 1) <= count <= 4:
+    if not all(ranges) or not fits or not (3 if bounds or form else 2 if half > 0 else 1) <= count <= 4:
         return -1
     q = np.eye(2, len(A), dtype=int)
     v = C - half * direct @ q[:1]
@@ -259,8 +277,12 @@ def affine_proof(proof, T, slope):
     found = [sign(storage), sign(stored - error.T @ error - step.T @ storage @ step)]
     found += [sign(form) for end in (low, high) for form in (end * P0 + P1 + Q1, S + P1, S - P1, R + Q1, R - Q1)]
     found += [sign(form) for form in (S0 + P0, S0 - P0)] if following > 0 else []
-    sizes = np.cumsum([k, count, 2 * bool(bounds), inside, half > 0])
+    sizes = np.cumsum([k, count, 2 * bool(bounds or form), inside, half > 0])
     z, e, forces, c, w = np.split(np.eye(sizes[-1], dtype=int), sizes[:-1])
+
+    kept = form and form_in_period(form, arb(of["form"]["split"]), T, turn * turned / 2, change, swing, high)
+    if kept and not all(kept[3] + kept[4] * end - kept[5] * end**2 > 0 for end in (low, high)):
+        return -1
 
     def decrease(x):
         """Return V now less V after a period, less what is known to be positive, all times E = x."""
@@ -290,11 +312,33 @@ def affine_proof(proof, T, slope):
             known = size * (1 + share) * moved
             known = known + size * (1 + 1 / share) * (reach * swing) ** 2 * high * x * v.T @ v
             F = F - x * weight * (known - x ** int(2 - 2 * float(power)) * forces.T @ forces)
+        if kept:
+            of_position, of_velocity, power, *factors, uneven = kept
+            track, half_time = np.vstack([position[:2], mean * arb(T) ** 2]), arb(T) / arb(12).sqrt()
+            squares = ball(MEAN_SQUARES[0]) / 120 * of_position + ball(MEAN_SQUARES[1]) / 6 * of_velocity / arb(T) ** 2
+            work = (position[1:2] / arb(T) + mean * arb(T) / 2 + half_time * c.sum(axis=0)).T @ forces[:1]
+            work = power * (work - half_time * x * v.T @ forces[1:])
+            size = factors[0] + factors[1] * x - factors[2] * x**2
+            F = F - x * (track.T @ squares @ track + uneven * x * v.T @ v - work - work.T - size * forces.T @ forces)
         return F
 
     a, b, c_, d = (decrease(low + (high - low) * i / 3) for i in range(4))  # a cubic polynomial
     found.append(positive([a, (18 * b - 5 * a - 9 * c_ + 2 * d) / 6, (2 * a - 9 * b + 18 * c_ - 5 * d) / 6, d], sign))
     return min(found)
+
+
+def form_in_period(form, split, T, moved, change, swing, high):
+    """Return b, c, π, a0, a1, a2 and e: (a0 + a1 λ − a2 λ²)|k'|² + 2π ms(ẋ·k') ≤ b ms(x) + c ms(ẋ) + e λ|v|².
+
+    Here k' = Ē⁻¹E(t)k, and x and ẋ are those at the mean acceleration. A share of 1/64 of x and ẋ, and 1/32 of k, is
+    left to what they differ by; |Ē⁻¹ − E(t)⁻¹| ≤ moved.
+    """
+    torque, energy, power, position, velocity = form
+    reach, velocity = arb(T) / arb.pi(), velocity + power * moved * split
+    within = 2 * 65 * reach**2 * (velocity + position * (2 * reach) ** 2)
+    taken = torque * 31 * moved**2 + power * moved / split + within
+    kept = energy * (-change).exp() - power * swing * reach, taken, within * swing**2 * high + power * swing * reach
+    return position * 65 / 64, velocity * 65 / 64, power, torque * 31 / 32, *kept
 
 
 def affine(e, witness):

@@ -17,6 +17,7 @@ from tarc.analysis.uncertain_loop import UncertainLoop
 from tarc.certificates.affine_form import LyapunovMatrices, Multipliers, RatioSet, decrease
 from tarc.certificates.affine_search import MAX_PROGRAMS, AffineCandidate, find_affine
 from tarc.certificates.base import Certificate, Evidence, Judgement, Verdict, require_held_torque
+from tarc.certificates.force_form import ForcePoints
 from tarc.certificates.reduced_loop import CentredLoop, ReducedLoop, reduce_loop
 from tarc.core import validation as check
 from tarc.core.errors import UnsupportedLaw
@@ -115,15 +116,26 @@ class AffineProof:
         )
         if not in_range or not np.isfinite(ratios.condition) or not np.all(np.isfinite(ratios.force_bounds())):
             return False
+        if ratios.form is not None and not _is_valid_form(ratios):
+            return False
         bounds = ratios.powers, ratios.lead_times, ratios.stiffness, ratios.shares, self.multipliers.forces
         lengths = {len(bound) for bound in (*bounds, ratios.lags())}
-        has_position = len(full.scales) in (3, 4) or (not len(ratios.stiffness) and not full.has_slope)
-        has_position = has_position or (len(full.scales) == 2 and not len(ratios.stiffness))
+        has_position = len(full.scales) in (3, 4) or (not ratios.has_forces and not full.has_slope)
+        has_position = has_position or (len(full.scales) == 2 and not ratios.has_forces)
         n_states = len(loop.A)
         shapes = {matrix.shape for matrix in (loop.A, *self.matrices)}
         return (
             len(lengths) == 1 and has_position and shapes == {(n_states, n_states)} and _inputs_are_held(full, ratios)
         )
+
+
+def _is_valid_form(ratios: RatioSet) -> bool:
+    """Return whether a form of the forces is in range, and bounds their torques over a period at all ratios."""
+    form = ratios.form
+    if form is None or not form.is_valid() or not ratios.intersample or len(ratios.stiffness):
+        return False
+    bounds = ratios.period_form(form)
+    return form.split > 0 and min(bounds.factor(ratios.min_ratio), bounds.factor(ratios.max_ratio)) > 0
 
 
 def error_growth(growth: float, ratios: RatioSet) -> float:
@@ -133,7 +145,7 @@ def error_growth(growth: float, ratios: RatioSet) -> float:
 
 def _inputs_are_held(full: CentredLoop, ratios: RatioSet) -> bool:
     """Return whether an acceleration enters as one that is held over a period, and its first moment besides."""
-    n_columns = 2 if ratios.intersample or len(ratios.stiffness) else 1
+    n_columns = 2 if ratios.intersample or ratios.has_forces else 1
     loop = full.loop
     require_held_torque(loop.A, loop.B, ratios.period, loop.B_mismatch)
     return loop.B_mismatch.shape[1] == n_columns and np.array_equal(loop.B[:, 0], loop.B_mismatch[:, 0])
@@ -305,6 +317,7 @@ def find_proof(
     computation_delay: int = 0,
     orders: Sequence[int] = ORDERS,
     max_programs: int = MAX_PROGRAMS,
+    forces: ForcePoints | None = None,
 ) -> AffineProof | None:
     """Return a Lyapunov function with the fastest decay that is proven; None where none was found.
 
@@ -322,6 +335,8 @@ def find_proof(
         Numbers of states to which the loop is reduced, tried in turn.
     max_programs
         Largest number of semidefinite programs per order.
+    forces
+        Points that a form of the forces must cover, in place of bounds on their norms in the ratios.
     """
     lag_periods = computation_delay if len(ratios.lag_weights) else 0
     loop = loop.with_past_position(lag_periods)
@@ -329,7 +344,7 @@ def find_proof(
     if radii.max() >= 1:
         return None
     full = CentredLoop(
-        loop=loop, centre=float(centres[radii.argmin()]), scales=_output_scales(loop, ratios, lag_periods)
+        loop=loop, centre=float(centres[radii.argmin()]), scales=_output_scales(loop, ratios, lag_periods, forces)
     )
     slowest = -float(np.log(radii.max()))
     tried = 0
@@ -338,8 +353,8 @@ def find_proof(
         if reduced is None or len(reduced.A) == tried:
             break
         tried = len(reduced.A)
-        candidate = find_affine(reduced, ratios, on_program, max_programs)
-        proof = None if candidate is None else _fastest_decay(candidate, ratios, slowest)
+        candidate = find_affine(reduced, ratios, on_program, max_programs, forces)
+        proof = None if candidate is None else _fastest_decay(candidate, slowest)
         if proof is not None:
             return proof
     return None
@@ -354,10 +369,15 @@ def spectral_radii(loop: UncertainLoop, min_ratio: float, max_ratio: float) -> t
     return ratios, np.array([np.max(np.abs(np.linalg.eigvals(loop.closed_loop(ratio)[0]))) for ratio in ratios])
 
 
-def _output_scales(loop: UncertainLoop, ratios: RatioSet, lag_periods: int) -> Array:
+def _output_scales(
+    loop: UncertainLoop, ratios: RatioSet, lag_periods: int, forces: ForcePoints | None = None
+) -> Array:
     """Return factors on v, q, q̇ T and a lag, by which errors count as the accelerations they cause."""
     scales = [1.0]
     stiffness = max([loop.half_slope.item(), *ratios.stiffness.tolist()])
+    if forces is not None:
+        stiffness, damping = max(stiffness, forces.units.stiffness), forces.units.damping / ratios.period
+        return np.array([1.0, max(stiffness, 1.0), max(stiffness, damping, 1.0)])
     if stiffness > 0:
         scales.append(stiffness)
     if len(ratios.stiffness):
@@ -367,9 +387,9 @@ def _output_scales(loop: UncertainLoop, ratios: RatioSet, lag_periods: int) -> A
     return np.array(scales)
 
 
-def _fastest_decay(candidate: AffineCandidate, ratios: RatioSet, slowest: float) -> AffineProof | None:
+def _fastest_decay(candidate: AffineCandidate, slowest: float) -> AffineProof | None:
     """Return the proof with the largest decay rate; None where balls do not prove any."""
-    loop, matrices, multipliers = candidate
+    loop, ratios, matrices, multipliers = candidate
     for share in DECAY_SHARES:
         growth = float(np.exp(share * slowest))
         forms = decrease(loop, ratios, matrices, multipliers, growth)

@@ -1,6 +1,7 @@
 """The Lyapunov function affine in the inertia that covers a robot, with stiffness and damping as torques."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -9,8 +10,9 @@ from tarc.analysis.linearise import Channel
 from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS, SEARCH_MARGIN, UncertaintySamples
 from tarc.analysis.uncertain_loop import UncertainLoop
 from tarc.analysis.worst_points import ForceNorm, SampledPoints
-from tarc.certificates.affine import find_proof
+from tarc.certificates.affine import AffineProof, find_proof
 from tarc.certificates.affine_form import RatioSet
+from tarc.certificates.force_form import ForceForm, ForcePoints, FormValue
 from tarc.certificates.robot_evidence import AffineCover, MaxRatePoint, linearised_point
 from tarc.core.types import Array
 
@@ -22,6 +24,10 @@ SEARCHED_FACTORS = 0.5, 1.0
 """Those for which local searches look for the worst point."""
 ROUNDING_ROOM = 1.001
 """Factor on the margin, so that rounding leaves enough of it."""
+N_FORM_POINTS = 3
+"""Number of points with the largest values of a form that are stored."""
+MAX_FORM_ROUNDS = 3
+"""Largest number of forms of the forces that are found, each with the worst points of the one before."""
 ACCELERATION_SHARE = 0.01
 """Share of the bound on the forces that is left to the motion within a period."""
 
@@ -93,8 +99,12 @@ def cover_robot(
     rate_points: tuple[MaxRatePoint, ...],
     known: UncertaintySamples,
     on_program: Callable[[], object] = lambda: None,
+    *,
+    use_power: bool = True,
 ) -> AffineCover | None:
     """Return a Lyapunov function that covers a robot with the margin `SEARCH_MARGIN`; None where none was found.
+
+    Norms bound stiffness and damping first, then a `ForceForm`, which knows their power as well.
 
     Parameters
     ----------
@@ -112,11 +122,51 @@ def cover_robot(
         Uncertainty at further points that must be covered.
     on_program
         Called after each semidefinite program, to show progress.
+    use_power
+        Try the form where norms do not suffice.
     """
     ratios, norms, sampled = robot_ratios(spread, sampled, rate_points, channel.period, known)
-    proof = find_proof(UncertainLoop.from_channel(channel, slope, intersample=True), ratios, on_program)
-    if proof is None:
-        return None
-    worst = dict.fromkeys(int(np.argmax(row[: len(sampled.points)])) for row in norms)
+    loop = UncertainLoop.from_channel(channel, slope, intersample=True)
+    proof = find_proof(loop, ratios, on_program)
+    if proof is not None:
+        worst = dict.fromkeys(int(np.argmax(row[: len(sampled.points)])) for row in norms)
+    else:
+        found = _prove_form(loop, ratios, sampled, known, on_program) if use_power and len(norms) else None
+        if found is None:
+            return None
+        proof, form, sampled = found
+        worst = np.argsort(_form_values(form, sampled.uncertainty))[::-1][:N_FORM_POINTS].tolist()
     points = tuple(linearised_point(sampled.points[i]) for i in worst)
     return AffineCover(proof=proof, force_points=points, rate_points=rate_points)
+
+
+def _prove_form(
+    loop: UncertainLoop,
+    ratios: RatioSet,
+    sampled: SampledPoints,
+    known: UncertaintySamples,
+    on_program: Callable[[], object],
+) -> tuple[AffineProof, ForceForm, SampledPoints] | None:
+    """Return a Lyapunov function with a form that no search breaks, that form less the margin, and the points."""
+    none = np.zeros(0)
+    ratios = replace(ratios, powers=none, lead_times=none, stiffness=none, shares=none)
+    share = ROUNDING_ROOM * SEARCH_MARGIN
+    for _ in range(MAX_FORM_ROUNDS):
+        points = ForcePoints((sampled.uncertainty | known).with_friction(), share)
+        proof = find_proof(loop, ratios, on_program, forces=points)
+        if proof is None or proof.ratios.form is None:
+            return None
+        form = proof.ratios.form.grown(share)
+        sampled = sampled.search_globally(FormValue(sampled.nominal, form))
+        largest = float(_form_values(form, sampled.uncertainty).max())
+        if largest > 1:
+            looser = proof.ratios.form.loosened(largest * ROUNDING_ROOM)
+            proof, form = replace(proof, ratios=replace(proof.ratios, form=looser)), looser.grown(share)
+        if largest <= 1 or proof.is_proven():
+            return proof, form, sampled
+    return None
+
+
+def _form_values(form: ForceForm, samples: UncertaintySamples) -> Array:
+    """Return the larger value of each point without and with viscous friction, shape (k,)."""
+    return form.values(samples.with_friction()).reshape(-1, len(samples.inertia)).max(axis=0)

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tarc.certificates.force_form import ForceForm
 from tarc.certificates.reduced_loop import ReducedLoop, product
 from tarc.core.types import Array
 from tarc.numerics.ball_arithmetic import FLOATS, Arithmetic
@@ -27,6 +28,10 @@ MEAN_SQUARES = (
 """Mean squares of q and of q̇ T over a period, as forms of q, q̇ T and q̈ T² at its start."""
 ROUNDING_ROOM = 1 + 1e-9
 """Factor on bounds that are computed in floating point."""
+MOTION_SHARE = 1 / 64
+"""Share of position and velocity that is left to their change within a period, for a form of the forces."""
+TORQUE_SHARE = 1 / 32
+"""Share of the torque that is left to the change of E within a period, for a form of the forces."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,6 +59,8 @@ class RatioSet:
     lag_weights
         φ_i, shape (k,), for a law with a stiffness K of its own, which acts at the position of the torque's sample.
         Then κ = ‖E^−p [H, C/θ, K/φ]‖, and K multiplies q(t) less that position. Empty without such a law.
+    form
+        A form that stiffness and damping satisfy, in place of bounds on their norms; None without one.
     """
 
     min_ratio: float
@@ -68,6 +75,12 @@ class RatioSet:
     shares: Array
     nominal_rate: float = 0.0
     lag_weights: Array = field(default_factory=lambda: np.zeros(0))
+    form: ForceForm | None = None
+
+    @property
+    def has_forces(self) -> bool:
+        """Whether there is stiffness or damping."""
+        return bool(len(self.stiffness)) or self.form is not None
 
     @property
     def condition(self) -> float:
@@ -102,6 +115,35 @@ class RatioSet:
     def max_nominal_change(self) -> float:
         """s0: ±ΔM̂ ⪯ s0 M̂ from one period to the next."""
         return float(np.expm1(self.nominal_rate * self.period)) * ROUNDING_ROOM
+
+    def period_form(self, form: ForceForm) -> "PeriodForm":
+        """Return what a form says of a period, see `PeriodForm`.
+
+        With f = E(t) k and k' = Ē⁻¹ f, ‖Ē⁻¹ − E(t)⁻¹‖ ≤ d, η = `MOTION_SHARE`, ς = `TORQUE_SHARE`, and ã the
+        acceleration less its mean, ms(ã) ≤ 2 |E k'|² + 2 ε² λmax |Ē^½ v|²,
+
+            |k|² ≥ (1 − ς) |k'|² − (1/ς − 1) d² |f|²,     kᵀE(t)k ≥ e^{−rT} |Ē^½ k'|²,
+            2 ẋᵀk ≥ 2 ẋᵀk' − d (s |ẋ|² + |f|²/s),     ms(ẋ) ≤ (1 + η) ms(ẋ of the mean) + (1 + 1/η) (T/π)² ms(ã),
+
+        s the split, and the same for x with 2T/π more. ms(ẋᵀk') is known but for what E(t) − Ē adds to ẋ, at most
+        (T/π) ε |Ē^½ v| |Ē^½ k'|.
+        """
+        T, swing = self.period, self.swing
+        change = self.condition * self.rate * T / 2 * ROUNDING_ROOM
+        velocity = form.velocity + form.power * change * form.split
+        within = (T / np.pi) ** 2 * (velocity + form.position * (2 * T / np.pi) ** 2)
+        within *= 2 * (1 + 1 / MOTION_SHARE) * ROUNDING_ROOM
+        uneven = form.power * swing * T / np.pi * ROUNDING_ROOM
+        taken = form.torque * (1 / TORQUE_SHARE - 1) * change**2 + form.power * change / form.split
+        return PeriodForm(
+            position=(1 + MOTION_SHARE) * form.position,
+            velocity=(1 + MOTION_SHARE) * velocity * ROUNDING_ROOM,
+            power=form.power,
+            torque=(1 - TORQUE_SHARE) * form.torque,
+            energy=form.energy * float(np.exp(-self.relative_rate * T)) / ROUNDING_ROOM - uneven,
+            acceleration=taken * ROUNDING_ROOM + within,
+            change=within * swing**2 * self.max_ratio * ROUNDING_ROOM + uneven,
+        )
 
     def lags(self) -> Array:
         """Return φ_i, zero for a law without a stiffness of its own, shape (k,)."""
@@ -140,6 +182,36 @@ class RatioSet:
                 )
             )
         return bounds
+
+
+class PeriodForm(NamedTuple):
+    """What a form of the forces says of mean and moment of k' over a period, in terms of its start.
+
+        (a0 + a1 λ − a2 λ²) |(mean, moment) of k'|² + 2π ms(ẋᵀk') ≤ b ms(x) + c ms(ẋ) + e λ |v|²
+
+    The means of x and ẋ are those at the mean acceleration. The left factor must be positive on the whole range.
+
+    Attributes
+    ----------
+    position, velocity, power
+        b, c and π.
+    torque, energy, acceleration
+        a0, a1 and a2.
+    change
+        e.
+    """
+
+    position: float
+    velocity: float
+    power: float
+    torque: float
+    energy: float
+    acceleration: float
+    change: float
+
+    def factor(self, ratio: float) -> float:
+        """Return a0 + a1 λ − a2 λ², which is least at one end of a range."""
+        return self.torque + self.energy * ratio - self.acceleration * ratio**2
 
 
 class Multipliers(NamedTuple):
@@ -202,7 +274,7 @@ def signal_rows(loop: ReducedLoop, ratios: RatioSet, arithmetic: Arithmetic = FL
     """Return the signals of a loop, in floats or balls."""
     full, matrix, number = loop.full, arithmetic.matrix, arithmetic.number
     n_outputs, n_states = loop.C.shape
-    n_forces = 2 if len(ratios.stiffness) else 0
+    n_forces = 2 if ratios.has_forces else 0
     n_change, n_robust = int(ratios.intersample), int(full.has_slope)
     sizes = [n_states, n_outputs, n_forces, n_change, n_robust]
     ends = np.cumsum(sizes)
@@ -273,6 +345,40 @@ def constraint_forms(
     return error, forces, change, slope
 
 
+def period_form_polynomial(rows: Rows, ratios: RatioSet, form: ForceForm, arithmetic: Arithmetic = FLOATS) -> list[Array]:
+    """Return right less left side of a `PeriodForm`, times λ, as a polynomial in λ.
+
+    With k0 and k1 mean and moment of k', c the moment of the acceleration by which E changes, and T' = T/√12,
+
+        ms(ẋᵀk') = (ẋ + λ (v + k0) T/2) k0 − T' λ v k1 + T' c k0.
+    """
+    number, bounds, T = arithmetic.number, ratios.period_form(form), arithmetic.number(ratios.period)
+    zero = 0 * rows.position
+    known, added = (
+        np.concatenate([rows.position, rows.velocity, zero]),
+        np.concatenate([zero, zero, rows.acceleration * T**2]),
+    )
+    weights = arithmetic.matrix(MEAN_SQUARES[0]) * number(bounds.position)
+    weights = weights + arithmetic.matrix(MEAN_SQUARES[1]) * (number(bounds.velocity) / T**2)
+    mixed = product(known.T, product(weights, added))
+    mean, moment = rows.forces[:1], rows.forces[1:]
+    moment_time = T / number(12.0).sqrt() if arithmetic is not FLOATS else T / 12**0.5
+    constant = product((rows.velocity / T).T, mean)
+    if len(rows.change):
+        constant = constant + moment_time * product(rows.change.T, mean)
+    factor = product(rows.acceleration.T, mean) * (T / 2) - moment_time * product(rows.v.T, moment)
+    squares, power = square(rows.forces), number(bounds.power)
+    return [
+        0 * squares,
+        product(known.T, product(weights, known)) - power * (constant + constant.T) - number(bounds.torque) * squares,
+        mixed + mixed.T
+        - power * (factor + factor.T)
+        - number(bounds.energy) * squares
+        + number(bounds.change) * square(rows.v),
+        product(added.T, product(weights, added)) + number(bounds.acceleration) * squares,
+    ]
+
+
 class LyapunovMatrices(NamedTuple):
     """Matrices of a Lyapunov function V = Σ xᵀ (P0⊗I + (P1 + Q1)⊗J) x.
 
@@ -336,6 +442,8 @@ def decrease(
     # that of the change within a period holds times λ already
     weighted = [(1, multipliers.error, error), (0, multipliers.change, change), (1, multipliers.slope, slope)]
     weighted += [(1, weight, form) for weight, form in zip(multipliers.forces.tolist(), forces, strict=True)]
+    if ratios.form is not None:
+        weighted.append((0, 1.0, period_form_polynomial(rows, ratios, ratios.form, arithmetic)))
     for degree, weight, coefficients in weighted:
         for i, form in enumerate(coefficients):
             forms[degree + i] = forms[degree + i] - number(weight) * form

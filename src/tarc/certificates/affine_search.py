@@ -1,6 +1,7 @@
 """Search for a Lyapunov function that is affine in the inertia, by semidefinite programs on a few ratios."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -9,10 +10,13 @@ from tarc.certificates.affine_form import (
     LyapunovMatrices,
     Multipliers,
     RatioSet,
+    Rows,
     constraint_forms,
     decrease,
+    period_form_polynomial,
     signal_rows,
 )
+from tarc.certificates.force_form import ForcePoints
 from tarc.certificates.reduced_loop import ReducedLoop
 from tarc.core.types import Array
 from tarc.numerics import sdp
@@ -40,14 +44,19 @@ SOLVER_OPTIONS: tuple[dict[str, float], ...] = (
     {"static_regularization_constant": 1e-7},
 )
 """Settings of the solver, tried in turn; the states are scaled already."""
+N_COEFFICIENTS = 5
+"""Number of coefficients of a form of the forces."""
+MIN_FACTOR = 0.01
+"""Least factor of the squared torque in a form over a period, as a share of that of the form."""
 S_ROOM = 1e-9
 """Share of the norm of S that is added to its diagonal."""
 
 
 class AffineCandidate(NamedTuple):
-    """A Lyapunov function that a solver found, and the loop in whose states it is."""
+    """A Lyapunov function that a solver found, the loop in whose states it is, and what it tolerates."""
 
     loop: ReducedLoop
+    ratios: RatioSet
     matrices: LyapunovMatrices
     multipliers: Multipliers
 
@@ -57,6 +66,7 @@ def find_affine(
     ratios: RatioSet,
     on_program: Callable[[], object] = lambda: None,
     max_programs: int = MAX_PROGRAMS,
+    forces: ForcePoints | None = None,
 ) -> AffineCandidate | None:
     """Return a Lyapunov function that decreases at all tested ratios; None where none was found.
 
@@ -73,6 +83,8 @@ def find_affine(
         Called after each program, to show progress.
     max_programs
         Largest number of programs.
+    forces
+        Points that a form of the forces must cover, which is found as well.
     """
     if not np.isfinite(ratios.condition) or not np.all(np.isfinite(ratios.force_bounds())):
         return None
@@ -81,11 +93,11 @@ def find_affine(
     grid = np.geomspace(low, high, N_TESTED_RATIOS)
     best, n_failed = None, 0
     for _ in range(max_programs):
-        candidate, margin = _solve(loop, ratios, points)
+        candidate, margin = _solve(loop, ratios, points, forces)
         on_program()
         if candidate is None:
             return best
-        decreases = _least_decreases(candidate, ratios, grid)
+        decreases = _least_decreases(candidate, grid)
         if decreases.min() > 0:
             if best is not None or margin > 1e-2:
                 return candidate
@@ -100,9 +112,9 @@ def find_affine(
     return best
 
 
-def _least_decreases(candidate: AffineCandidate, ratios: RatioSet, grid: Array) -> Array:
+def _least_decreases(candidate: AffineCandidate, grid: Array) -> Array:
     """Return the least eigenvalue of F(λ)/λ at some ratios, its diagonal scaled to one."""
-    forms = decrease(candidate.loop, ratios, candidate.matrices, candidate.multipliers, growth=1.0)
+    forms = decrease(*candidate[:4], growth=1.0)
     values = np.array([evaluate(forms, ratio) / ratio for ratio in grid])
     diagonals = np.diagonal(values, axis1=1, axis2=2)
     scale = np.maximum(np.abs(diagonals), 1e-300) ** -0.5
@@ -123,7 +135,9 @@ def _rescaled(candidate: AffineCandidate, ratio: float) -> ReducedLoop:
     return candidate.loop.transformed((vectors * np.sqrt(values)).T, vectors / np.sqrt(values))
 
 
-def _solve(loop: ReducedLoop, ratios: RatioSet, points: list[float]) -> tuple[AffineCandidate | None, float]:
+def _solve(
+    loop: ReducedLoop, ratios: RatioSet, points: list[float], forces_to_cover: ForcePoints | None = None
+) -> tuple[AffineCandidate | None, float]:
     """Return the Lyapunov function with the largest least decrease at some ratios, and that decrease."""
     import cvxpy as cp
 
@@ -134,7 +148,8 @@ def _solve(loop: ReducedLoop, ratios: RatioSet, points: list[float]) -> tuple[Af
     zero = cp.Constant(np.zeros((n_states, n_states)))
     P0, P1, S, Q1, R, S0 = (zero if variable is None else variable for variable in variables)
     margin = cp.Variable()
-    rows = signal_rows(loop, ratios)
+    unknown = None if forces_to_cover is None else _UnknownForm(forces_to_cover, ratios)
+    rows = signal_rows(loop, ratios if unknown is None else unknown.ratios)
     error, forces, change, slope = constraint_forms(rows, loop, ratios)
     signals = [(0, error), *((0, form) for form in forces), (1, change), (0, slope)]
     signals = [(degree, form) for degree, form in signals if form]
@@ -157,12 +172,17 @@ def _solve(loop: ReducedLoop, ratios: RatioSet, points: list[float]) -> tuple[Af
         for i, (degree, coefficients) in enumerate(signals):
             form = evaluate(coefficients, ratio) / ratio**degree
             drop = drop - weights[i] * (form * scale * scale[:, None] / inputs**2)
+        if unknown is not None:
+            drop = drop - unknown.at(ratio, rows, scale * scale[:, None] / inputs**2)
         constraints.append(_symmetric(drop) >> margin * np.diag(strictness))
+    constraints += [] if unknown is None else unknown.constraints()
     used = [variable for variable in variables if variable is not None]
     values = _values(cp.Problem(cp.Maximize(margin), constraints), weights, margin, *used)
     if values is None:
         return None, 0.0
     weight_values, margin_value, *found = values
+    if unknown is not None:
+        ratios = unknown.found(1 / inputs**2)
     solved = iter(found)
     P0_value, P1_value, S_value, Q1_value, R_value, S0_value = (
         np.zeros((n_states, n_states)) if variable is None else next(solved) for variable in variables
@@ -177,7 +197,40 @@ def _solve(loop: ReducedLoop, ratios: RatioSet, points: list[float]) -> tuple[Af
     )
     weight_values = np.maximum(weight_values, 1e-12) / inputs**2
     multipliers = _named_weights(weight_values, len(forces), bool(change), bool(slope))
-    return AffineCandidate(loop, matrices, multipliers), float(margin_value)
+    return AffineCandidate(loop, ratios, matrices, multipliers), float(margin_value)
+
+
+class _UnknownForm:
+    """A form of the forces whose coefficients are variables of the program, in their units."""
+
+    def __init__(self, points: ForcePoints, ratios: RatioSet):
+        import cvxpy as cp
+
+        self.points, self.ratios = points, replace(ratios, form=points.unit_form(0))
+        self.variables = cp.Variable(N_COEFFICIENTS, nonneg=True)
+        self.units = [points.unit_form(i) for i in range(N_COEFFICIENTS)]
+
+    def at(self, ratio: float, rows: Rows, scale: Array) -> "cp.Expression":
+        """Return right less left side of the form over a period at a ratio."""
+        polynomials = (period_form_polynomial(rows, self.ratios, unit) for unit in self.units)
+        parts = [evaluate(polynomial, ratio) / ratio * scale for polynomial in polynomials]
+        return sum(self.variables[i] * part for i, part in enumerate(parts))
+
+    def constraints(self) -> list["cp.Constraint"]:
+        """Return what the form must satisfy: it covers the active points, and bounds the torques over a period."""
+        constraints = []
+        for index in self.points.active:
+            parts = self.points.forms(index)
+            constraints.append(sum(self.variables[i] * part for i, part in enumerate(parts)) >> 0)
+        for ratio in (self.ratios.min_ratio, self.ratios.max_ratio):
+            factors = np.array([self.ratios.period_form(unit).factor(ratio) for unit in self.units])
+            constraints.append(factors @ self.variables >= MIN_FACTOR * self.variables[0])
+        return constraints
+
+    def found(self, factor: float) -> RatioSet:
+        """Return the ratios with the form of the solution times a factor, enlarged to cover all points."""
+        values = np.asarray(self.variables.value, dtype=float)
+        return replace(self.ratios, form=self.points.covering(factor * values))
 
 
 def _has_two_parts(ratios: RatioSet) -> bool:

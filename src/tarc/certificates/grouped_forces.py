@@ -178,6 +178,7 @@ def cover_groups(cover: AffineCover, bounds: Sequence[GroupBound]) -> AffineCove
         lead_times=lead_times,
         stiffness=np.hypot(stiffness, damping / lead_times) if lead_times.all() else np.array([stiffness]),
         shares=np.full(len(lead_times), ACCELERATION_SHARE),
+        form=None,
     )
     proof = find_proof(cover.proof.loop.full.loop, ratios)
     return None if proof is None else replace(cover, proof=proof)

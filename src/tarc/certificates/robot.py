@@ -170,6 +170,7 @@ def strengthen_robot(
     channels: Sequence[Channel] | None = None,
     points: RobotPoints | None = None,
     on_program: Callable[[], object] = lambda: None,
+    use_power: bool = True,
 ) -> Certificate[RobotEvidence]:
     """Return the better of a robot certificate and one by a Lyapunov function affine in the inertia.
 
@@ -177,7 +178,8 @@ def strengthen_robot(
 
         ‖k‖² ≤ κ_θ² (‖x‖² + θ² ‖ẋ‖²),    κ_θ = sup ‖E⁻¹[H, C/θ]‖ = sup ‖M̂^−½ [G, D/θ] M̂^−½‖,
 
-    which holds no M⁻¹. It must cover ratios, rate and κ_θ that are `SEARCH_MARGIN` larger than all that were found.
+    which holds no M⁻¹. Where such norms do not suffice, a form α0 |k|² + α1 kᵀEk + 2π ẋᵀk ≤ β |x|² + γ |ẋ|² of all points
+    takes their place, which is found with the Lyapunov function. It must cover ratios, rate and κ_θ that are `SEARCH_MARGIN` larger than all that were found.
 
     It takes seconds. So it is left out for a law that is refuted or certified. It is also left out for one that is
     unstable at a constant ratio of that range. It needs a workspace with a speed, and the same loop on each joint.
@@ -190,6 +192,8 @@ def strengthen_robot(
         As in `certify_robot`.
     on_program
         Called after each semidefinite program, to show progress.
+    use_power
+        Try the form where norms do not suffice, which takes as long again.
     """
     evidence = certificate.evidence
     if certificate.verdict != Verdict.INCONCLUSIVE or evidence.ball is None or workspace.speed is None:
@@ -208,7 +212,8 @@ def strengthen_robot(
     found = [robot.max_rate_point(), robot.max_relative_rate_point()]
     rate_points = tuple(point for point in found if point is not None)
     known = evidence.uncertainty()
-    cover = cover_robot(channel, evidence.slope, spread, robot.sampled, rate_points, known, on_program)
+    options = {"use_power": use_power}
+    cover = cover_robot(channel, evidence.slope, spread, robot.sampled, rate_points, known, on_program, **options)
     if cover is None:
         return certificate
     evidence = replace(evidence, affine=cover)

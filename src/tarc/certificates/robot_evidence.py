@@ -166,11 +166,13 @@ class AffineCover:
         covered = [values.min() / ratios.min_ratio, ratios.max_ratio / values.max()]
         needed = [(point.rate(nominal), ratios.rate) for point in self.rate_points]
         needed += [(point.relative_rate(), ratios.relative_rate) for point in self.rate_points]
+        if ratios.form is not None:
+            covered.append(1 + ratios.form.margin(points))
         for power, lead_time, stiffness in zip(ratios.powers, ratios.lead_times, ratios.stiffness, strict=True):
             needed.append((float(points.force_norms(float(lead_time), float(power)).max()), float(stiffness)))
-        if not len(ratios.stiffness):
+        if not ratios.has_forces:
             needed.append((float(points.force_norms(0.0).max()), NEGLIGIBLE_STIFFNESS))
-        if 0.0 in ratios.lead_times or not len(ratios.stiffness):  # a bound without a lead time leaves the damping out
+        if 0.0 in ratios.lead_times or not ratios.has_forces:  # a bound without a lead time leaves the damping out
             needed.append((float(np.abs(points.damping).max()), NEGLIGIBLE_STIFFNESS))
         if any(value > limit for value, limit in needed):
             return -1.0

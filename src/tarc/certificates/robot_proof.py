@@ -19,6 +19,7 @@ from tarc.analysis.workspace import Workspace
 from tarc.analysis.workspace_boxes import Matrices, angles_that_matter, as_polynomials, in_angles, workspace_boxes
 from tarc.certificates.affine import AffineProof
 from tarc.certificates.base import EVERY_POSTURE, Certificate, Verdict
+from tarc.certificates.force_form import ForceForm
 from tarc.certificates.grouped_forces import GroupBound, cover_groups, group_bounds
 from tarc.certificates.robot_evidence import AffineCover, MaxRatePoint, RobotEvidence, linearised_point
 from tarc.certificates.varying_ratio import Ball
@@ -125,6 +126,7 @@ def prove_robot(
 
         1/ρmax ⪯ J ⪯ 1/ρmin,    ±J̇ ⪯ rate,    ±J̇ ⪯ relative rate · J,
         ‖E^−p [H, C/θ]‖ ≤ κ:  [J^{2−2p}, K/κ; Kᵀ/κ, I] ⪰ 0,
+        α0 |k|² + α1 kᵀEk + 2π ẋᵀk ≤ β |x|² + γ |ẋ|²:  see `tarc.certificates.force_form`,
         ‖[E − ρ0 I, H/η, C/(η θ)]‖ ≤ δ:  [2 ρ0 J − I, (ρ0² − δ²)^½ J, K/η; ·, I, 0; ·, 0, I] ⪰ 0.
 
     All but p = 0 are affine in M, G and D. So a robot with and one without its payload stand for every payload between.
@@ -252,11 +254,13 @@ class _Prover:
             yield self._ratios(ratios.min_ratio, ratios.max_ratio)
             yield self._rate(ratios.rate, relative=False)
             yield self._rate(ratios.relative_rate, relative=True)
-            if not len(ratios.stiffness):
+            if not ratios.has_forces:
                 yield self._forces("no stiffness", NEGLIGIBLE_STIFFNESS, 0.0, 1.0)
             elif self._corners(TANGENTS[0]).count() > MAX_CORNERS:
                 yield from self._forces_by_groups(cover)
                 return
+            if ratios.form is not None:
+                yield self._form(ratios.form)
             for i, stiffness in enumerate(ratios.stiffness):
                 power, lead_time = float(ratios.powers[i]), float(ratios.lead_times[i])
                 yield self._forces("forces", float(stiffness), lead_time, power)
@@ -316,6 +320,29 @@ class _Prover:
 
         return self._prove_forces(name, words, lead_time, fixed, with_forces, degree=2 if power else 4)
 
+    def _form(self, form: ForceForm) -> ProvenPart:
+        """Prove α0 |k|² + α1 kᵀEk + 2π ẋᵀk ≤ β |x|² + γ |ẋ|² for k = −R y, with β |x|² + γ |ẋ|² = |y|².
+
+        With W the last columns of γ^−½ R it is [I + π (W + Wᵀ), α0^½ Rᵀ, α1^½ Rᵀ; ·, I, 0; ·, 0, J] ⪰ 0.
+        """
+        words = f"α0 = {form.torque:.3g}, α1 = {form.energy:.3g}, π = {form.power:.3g} 1/s, "
+        words += f"β = {form.position:.4g} 1/s⁴, γ = {form.velocity:.4g} 1/s²"
+        n = self.workspace.n_joints
+
+        def fixed(J: Array) -> Array:
+            matrix = np.zeros((len(J), 4 * n, 4 * n))
+            matrix[:, 3 * n :, 3 * n :] = np.eye(n) - J
+            return matrix
+
+        def with_forces(K: Array) -> Array:
+            R, k = K / form.position**0.5, len(K)
+            work = np.zeros((k, 4 * n, 4 * n))
+            work[:, n : 2 * n, : 2 * n] = form.power / form.velocity**0.5 * R
+            parts = np.concatenate([form.torque**0.5 * R, form.energy**0.5 * R], axis=1).transpose(0, 2, 1)
+            return _symmetric(parts, 0, 2 * n, 4 * n) - work - work.transpose(0, 2, 1)
+
+        return self._prove_forces("forces", words, form.lead_time, fixed, with_forces, degree=2)
+
     def _forces_by_groups(self, cover: AffineCover) -> Iterator[ProvenPart]:
         """Prove the forces by groups, with a Lyapunov function that covers their sum."""
         corners, before = self._corners(TANGENTS[0]), self.evidence
@@ -336,8 +363,9 @@ class _Prover:
                 return
         self.evidence = before
         limits = ", ".join(f"{stiffness:.4g}" for stiffness in cover.proof.ratios.stiffness)
+        limits = f"up to {limits} 1/s²" if limits else "within their form"
         reason = f"{corners.count()} corners of the motions are too many, and no Lyapunov function covers their"
-        yield ProvenPart("forces", f"up to {limits} 1/s²", 0.0, 0, f"{reason} bounds by groups; search decides")
+        yield ProvenPart("forces", limits, 0.0, 0, f"{reason} bounds by groups; search decides")
 
     def _prove_groups(self, bounds: Sequence[GroupBound]) -> tuple[list[ProvenPart], list[GroupBound] | None]:
         """Prove the bounds of groups of forces; return larger ones as well where a posture is above one."""

@@ -394,7 +394,7 @@ def _certified_law(
         certificate = certify_robot(law, problem.plants, problem.workspace, **sampling)
         if certificate.certified:
             return certificate
-        return strengthen_robot(certificate, law, problem.plants, problem.workspace, **sampling)
+        return strengthen_robot(certificate, law, problem.plants, problem.workspace, **sampling, use_power=False)
 
     def build(best: Candidate) -> tuple[TDC | TARC, tuple[Adaptation, float] | None]:
         return _build_law(problem, {"inertia": best.inertia_scale * selection.shape}, best)
