@@ -254,7 +254,7 @@ def affine_proof(proof, T, slope):
     ]
     form = of["form"] and [arb(of["form"][x]) for x in FORM]
     ranges = [x > 0 for x in (low, centre, *scales)] + [x >= 0 for x in [*numbers, *itertools.chain(*bounds)]]
-    ranges += [x >= 0 for x in form or []] + [inside and not bounds and of["form"]["split"] > 0] * bool(form)
+    ranges += [x >= 0 for x in form] + [inside and not bounds and of["form"]["split"] > 0] if form else []
     fits = (
         0 < turned < 3
         and of["period"] == T

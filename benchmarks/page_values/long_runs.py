@@ -161,6 +161,17 @@ def three_questions() -> dict[str, Value]:
 
 
 @long_source
+def certificate_losses() -> dict[str, Value]:
+    """Certify arms with parts of the certificate left out."""
+    from benchmarks import certificate_losses as benchmark
+
+    columns = {name: list(benchmark.losses(name)) for name in benchmark.NAMES}
+    rows = zip(*columns.values(), strict=True)
+    cells = [(row[0].left_out, *(f"{loss.share:.2f}" for loss in row)) for row in rows]
+    return {"shares": table(["left out", *columns], cells)}
+
+
+@long_source
 def attacks() -> dict[str, Value]:
     """Attack the loops of eight arms with the designs of two revisions, beyond what is certified as well."""
     from benchmarks import attacks as benchmark

@@ -50,7 +50,7 @@ def test_margin_is_the_growth_that_the_form_covers():
 
 
 def period_of(rng, period):
-    """One period of ẍ = E(t)(v + k), k = −G(t) x − D(t) ẋ, by 400 short steps: its forms, and what they must satisfy."""
+    """One period of ẍ = E(t)(v + k), k = −G(t) x − D(t) ẋ, by short steps: its form and its moments."""
     n, steps = 2, 400
     times = (np.arange(steps) + 0.5) * period / steps
     J0, dJ = np.diag(np.exp(rng.uniform(-1, 3, n))), rng.standard_normal((n, n)) * rng.choice([0.0, 3.0])
@@ -153,9 +153,8 @@ def verdicts():
     law = make_tdc(window=6, natural_frequency=59.0, synchronised=True, inertia=INERTIA)
     plants = [ROUGH, ROUGH.with_parameters({"payload": 2.0})]
     ball = certify_robot(law, plants, WORKSPACE, samples=30)
-    options = {"samples": 30}
-    norms = strengthen_robot(ball, law, plants, WORKSPACE, **options, use_power=False)
-    return norms, strengthen_robot(ball, law, plants, WORKSPACE, **options), law, plants
+    norms = strengthen_robot(ball, law, plants, WORKSPACE, samples=30, use_power=False)
+    return norms, strengthen_robot(ball, law, plants, WORKSPACE, samples=30), law, plants
 
 
 @pytest.mark.slow
@@ -196,6 +195,7 @@ def test_no_motion_of_the_robot_breaks_the_form_or_the_loop(verdicts):
         for _ in range(400)
     ]
     samples = uncertainty_samples(law.M, points)
+    assert samples.friction is not None
     for share in (0.0, 0.4, 1.0):
         rubbed = replace(samples, damping=samples.damping + share * samples.friction)
         assert form.values(rubbed).max() < 1 / 1.05

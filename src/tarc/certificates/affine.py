@@ -369,9 +369,7 @@ def spectral_radii(loop: UncertainLoop, min_ratio: float, max_ratio: float) -> t
     return ratios, np.array([np.max(np.abs(np.linalg.eigvals(loop.closed_loop(ratio)[0]))) for ratio in ratios])
 
 
-def _output_scales(
-    loop: UncertainLoop, ratios: RatioSet, lag_periods: int, forces: ForcePoints | None = None
-) -> Array:
+def _output_scales(loop: UncertainLoop, ratios: RatioSet, lag_periods: int, forces: ForcePoints | None = None) -> Array:
     """Return factors on v, q, q̇ T and a lag, by which errors count as the accelerations they cause."""
     scales = [1.0]
     stiffness = max([loop.half_slope.item(), *ratios.stiffness.tolist()])

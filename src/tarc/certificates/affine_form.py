@@ -345,7 +345,9 @@ def constraint_forms(
     return error, forces, change, slope
 
 
-def period_form_polynomial(rows: Rows, ratios: RatioSet, form: ForceForm, arithmetic: Arithmetic = FLOATS) -> list[Array]:
+def period_form_polynomial(
+    rows: Rows, ratios: RatioSet, form: ForceForm, arithmetic: Arithmetic = FLOATS
+) -> list[Array]:
     """Return right less left side of a `PeriodForm`, times λ, as a polynomial in λ.
 
     With k0 and k1 mean and moment of k', c the moment of the acceleration by which E changes, and T' = T/√12,
@@ -371,7 +373,8 @@ def period_form_polynomial(rows: Rows, ratios: RatioSet, form: ForceForm, arithm
     return [
         0 * squares,
         product(known.T, product(weights, known)) - power * (constant + constant.T) - number(bounds.torque) * squares,
-        mixed + mixed.T
+        mixed
+        + mixed.T
         - power * (factor + factor.T)
         - number(bounds.energy) * squares
         + number(bounds.change) * square(rows.v),

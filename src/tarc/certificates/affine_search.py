@@ -155,8 +155,7 @@ def _solve(
     signals = [(degree, form) for degree, form in signals if form]
     weights = cp.Variable(len(signals), nonneg=True)
     inputs = INPUT_SIZE / max(float(np.linalg.norm(loop.B, 2)), 1e-300)
-    n_rows = rows.state.shape[1]
-    is_state = np.arange(n_rows) < n_states
+    is_state = np.arange(rows.state.shape[1]) < n_states
     scale, strictness = np.where(is_state, 1.0, inputs), np.where(is_state, 1.0, INPUT_STRICTNESS)
     state = rows.state * scale
     constraints = [S - P1 >> 0, S + P1 >> 0, cp.trace(P0 + P1 + Q1) == n_states]
@@ -181,8 +180,7 @@ def _solve(
     if values is None:
         return None, 0.0
     weight_values, margin_value, *found = values
-    if unknown is not None:
-        ratios = unknown.found(1 / inputs**2)
+    ratios = ratios if unknown is None else unknown.found(1 / inputs**2)
     solved = iter(found)
     P0_value, P1_value, S_value, Q1_value, R_value, S0_value = (
         np.zeros((n_states, n_states)) if variable is None else next(solved) for variable in variables
@@ -214,7 +212,10 @@ class _UnknownForm:
         """Return right less left side of the form over a period at a ratio."""
         polynomials = (period_form_polynomial(rows, self.ratios, unit) for unit in self.units)
         parts = [evaluate(polynomial, ratio) / ratio * scale for polynomial in polynomials]
-        return sum(self.variables[i] * part for i, part in enumerate(parts))
+        total = self.variables[0] * parts[0]
+        for i in range(1, N_COEFFICIENTS):
+            total = total + self.variables[i] * parts[i]
+        return total
 
     def constraints(self) -> list["cp.Constraint"]:
         """Return what the form must satisfy: it covers the active points, and bounds the torques over a period."""

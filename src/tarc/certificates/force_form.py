@@ -72,9 +72,7 @@ class ForceForm:
         Forces are k = −E⁻¹(H x + C ẋ), and E⁻¹H grows by the share.
         """
         factor = 1 + share
-        return replace(
-            self, torque=factor**2 * self.torque, energy=factor**3 * self.energy, power=factor * self.power
-        )
+        return replace(self, torque=factor**2 * self.torque, energy=factor**3 * self.energy, power=factor * self.power)
 
     def loosened(self, factor: float) -> "ForceForm":
         """Return the form with β and γ times a factor."""
@@ -200,7 +198,9 @@ class ForcePoints:
         )
         values = np.linalg.eigvalsh(samples.inertia)
         self.units = FormUnits(
-            float(stiffness.max()), max(float(damping.max()), 1e-6 * float(stiffness.max())), float((values.min() * values.max()) ** 0.5)
+            float(stiffness.max()),
+            max(float(damping.max()), 1e-6 * float(stiffness.max())),
+            float((values.min() * values.max()) ** 0.5),
         )
         weights = np.repeat([self.units.stiffness, self.units.damping], n)
         self.torques = self.torques / weights

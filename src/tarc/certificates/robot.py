@@ -178,8 +178,9 @@ def strengthen_robot(
 
         ‖k‖² ≤ κ_θ² (‖x‖² + θ² ‖ẋ‖²),    κ_θ = sup ‖E⁻¹[H, C/θ]‖ = sup ‖M̂^−½ [G, D/θ] M̂^−½‖,
 
-    which holds no M⁻¹. Where such norms do not suffice, a form α0 |k|² + α1 kᵀEk + 2π ẋᵀk ≤ β |x|² + γ |ẋ|² of all points
-    takes their place, which is found with the Lyapunov function. It must cover ratios, rate and κ_θ that are `SEARCH_MARGIN` larger than all that were found.
+    which holds no M⁻¹. Where such norms do not suffice, a form that also knows the power of stiffness and damping takes
+    their place, see `tarc.certificates.force_form`. It must cover ratios, rate and forces that are larger than all that
+    were found by `SEARCH_MARGIN`.
 
     It takes seconds. So it is left out for a law that is refuted or certified. It is also left out for one that is
     unstable at a constant ratio of that range. It needs a workspace with a speed, and the same loop on each joint.
