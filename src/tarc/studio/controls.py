@@ -9,6 +9,9 @@ from tarc.studio.design_state import CONTROLS, LAWS, PRESETS, RIVALS, Control
 from tarc.studio.session import Session
 
 SIGNIFICANT_DIGITS = 3
+SLIDER_PERIOD = 0.04
+"""Shortest time between two values that a slider sends [s]."""
+EMIT_VALUE = "(event) => emit(event.target.value)"
 
 
 def slider_position(control: Control, value: float) -> float:
@@ -38,31 +41,35 @@ class ControlRow:
             self._number = ui.number(value=value, format="%.4g", on_change=self._on_number)
             self._number.props(f'dense borderless debounce=300 aria-label="{label}, exact value"')
             self._number.classes("control-number").mark(f"{control.name}-number")
-            self._slider = ui.slider(
-                min=slider_position(control, control.low),
-                max=slider_position(control, control.high),
-                step=control.step,
-                value=slider_position(control, value),
-                on_change=self._on_slider,
-            )
-            self._slider.props(f'dense aria-label="{label}"').classes("control-slider").mark(control.name)
+            self._slider = ui.element("input").classes("control-slider").mark(control.name)
+            low, high = slider_position(control, control.low), slider_position(control, control.high)
+            self._slider.props(f'type=range min={low:.6g} max={high:.6g} step={control.step} aria-label="{label}"')
+            self._slider.on("input", self._on_slider, throttle=SLIDER_PERIOD, js_handler=EMIT_VALUE)
+        self._position = math.nan
+        self._shown = math.nan
+        self.sync()
 
     def sync(self) -> None:
         """Show the value of the present design."""
         value = getattr(self._session.state, self._control.name)
+        self.row.set_visibility(not self._control.adaptive or self._session.state.law == "TARC")
+        if value == self._shown:
+            return
+        self._shown = value
         self._is_syncing = True
         self._number.set_value(value)
-        position = slider_position(self._control, value)
-        if slider_value(self._control, self._slider.value) != value:
-            self._slider.set_value(position)
-        self._slider.props(f'aria-valuetext="{value:.4g} {self._control.unit}"')
+        if math.isnan(self._position) or slider_value(self._control, self._position) != value:
+            self._position = slider_position(self._control, value)
+            self._slider.props["value"] = f"{self._position:.6g}"
+        self._slider.props["aria-valuetext"] = f"{value:.4g} {self._control.unit}"
+        self._slider.update()
         self._is_syncing = False
-        self.row.set_visibility(not self._control.adaptive or self._session.state.law == "TARC")
 
-    def _on_slider(self, event: events.ValueChangeEventArguments) -> None:
-        if not self._is_syncing and event.value is not None:
-            value = slider_value(self._control, event.value)
-            self._session.change(self._control.name, **{self._control.name: value})
+    def _on_slider(self, event: events.GenericEventArguments) -> None:
+        self._position = float(event.args)
+        self._slider.props["value"] = event.args
+        value = slider_value(self._control, self._position)
+        self._session.change(self._control.name, **{self._control.name: value})
 
     def _on_number(self, event: events.ValueChangeEventArguments) -> None:
         if not self._is_syncing and event.value is not None:

@@ -1,5 +1,6 @@
 """The design that the page shows: one frozen state, to and from the URL and a scenario, with undo and redo."""
 
+import time
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Self
 from urllib.parse import parse_qsl, urlencode
@@ -13,6 +14,10 @@ LAWS = ("TARC", "TDC")
 """Laws that the page shapes."""
 RIVALS = ("TDC", "TARC", "PID", "IntelligentPID", "ADRC")
 """Laws to compare with."""
+MAX_STATES = 200
+"""States that can be undone."""
+MERGE_PAUSE = 1.0
+"""Longest pause between two moves of a slider that are undone together [s]."""
 OBSERVER_SPEED = 5.0
 """Observer bandwidth of ADRC over its natural frequency."""
 
@@ -261,22 +266,19 @@ class History:
     _past: list[DesignState] = field(default_factory=list)
     _future: list[DesignState] = field(default_factory=list)
     _merge_key: str = ""
-
-    MAX_STATES = 200
+    _merge_time: float = 0.0
 
     def move(self, state: DesignState, merge_key: str = "") -> None:
-        """Make a state the present one; moves in sequence with the same key, as of one slider, are undone at once."""
+        """Make a state the present one; moves with the same key soon after each other, as of a slider, are one."""
         if state == self.state:
             return
-        if not merge_key or merge_key != self._merge_key:
-            self._past = [*self._past, self.state][-self.MAX_STATES :]
+        now = time.monotonic()
+        if not merge_key or merge_key != self._merge_key or now > self._merge_time + MERGE_PAUSE:
+            self._past = [*self._past, self.state][-MAX_STATES:]
         self._merge_key = merge_key
+        self._merge_time = now
         self._future = []
         self.state = state
-
-    def end_move(self) -> None:
-        """End a sequence of moves of one slider."""
-        self._merge_key = ""
 
     @property
     def can_undo(self) -> bool:

@@ -18,6 +18,11 @@ DOT_STABLE = "#008c6e"
 DOT_UNSTABLE = "#c62828"
 RATIO_NAMES = ("smallest ratio", "mean ratio", "largest ratio")
 DASHES = ("dot", "solid", "dash")
+CIRCLE = "M 9,0 C 9,5 5,9 0,9 C -5,9 -9,5 -9,0 C -9,-5 -5,-9 0,-9 C 5,-9 9,-5 9,0 Z"
+"""Outline of the dot [pixels]; a shape of type circle has no negative ends on a logarithmic axis."""
+MAX_ZOOM_OUT = 20.0
+"""Largest ordinate over the smallest peak of a completed run."""
+MIN_RANGE = 1e-9
 RANGES = {control.name: (control.low, control.high) for control in CONTROLS}
 
 
@@ -73,28 +78,26 @@ def map_figure(state: DesignState, analysis: LoopAnalysis, facts: RobotFacts) ->
             "y": [state.inertia_share],
             "mode": "markers",
             "name": "design",
-            "marker": {"size": 16, "color": dot_colour(analysis), "line": {"color": "white", "width": 2}},
+            "marker": {"size": 12, "color": dot_colour(analysis)},
             "showlegend": False,
             "hovertemplate": "ωn %{x:.3g} rad/s<br>share %{y:.3g}<extra>design</extra>",
         },
     ]
     dot = {
-        "type": "circle",
+        "type": "path",
+        "path": CIRCLE,
         "xsizemode": "pixel",
         "ysizemode": "pixel",
         "xanchor": state.natural_frequency,
         "yanchor": state.inertia_share,
-        "x0": -9,
-        "x1": 9,
-        "y0": -9,
-        "y1": 9,
-        "fillcolor": "rgba(0,0,0,0.01)",
-        "line": {"width": 0},
-        "editable": True,
+        "fillcolor": dot_colour(analysis),
+        "line": {"color": "white", "width": 2},
     }
     x_axis = _axis("natural frequency [rad/s]", type="log", range=_log_range("natural_frequency"), fixedrange=True)
     y_axis = _axis("inertia share M̂ / mean inertia", type="log", range=_log_range("inertia_share"), fixedrange=True)
-    return _figure(data, x_axis, y_axis, shapes=[dot])
+    figure = _figure(data, x_axis, y_axis, shapes=[dot])
+    figure["config"]["edits"] = {"shapePosition": True}
+    return figure
 
 
 def dot_colour(analysis: LoopAnalysis) -> str:
@@ -179,17 +182,19 @@ def curves_figure(pair: RunPair, quantity: str, joint: str) -> dict[str, Any]:
     suffix = "" if quantity == "gain" else f", {joint}" if joint else ", norm"
     y_axis = _axis(titles[quantity] + suffix)
     if quantity != "gain":
-        y_axis["range"] = _range_of_design(pair, quantity, joint)
+        y_axis["range"] = _range(pair, quantity, joint)
     return _figure(data, _axis("time [s]"), y_axis)
 
 
-def _range_of_design(pair: RunPair, quantity: str, joint: str) -> list[float] | None:
-    """Return a range of the ordinate that holds the design, and of the rival what is not far above; None for any."""
-    peaks = []
+def _range(pair: RunPair, quantity: str, joint: str) -> list[float]:
+    """Return a range of the ordinate that holds the better run, and of the other what is not far above."""
+    peaks = {}
     for curves in (pair.design, pair.rival):
         values = curves.errors if quantity == "error" else curves.torques
         column = values[:, curves.joints.index(joint)] if joint in curves.joints else np.linalg.norm(values, axis=1)
         finite = np.abs(column[np.isfinite(column)])
-        peaks.append(float(finite.max()) if finite.size else 0.0)
-    top = 1.1 * min(max(peaks), 10 * max(peaks[0], 1e-12))
+        peaks[curves.has_completed, curves.name] = float(finite.max(initial=0.0))
+    calm = [peak for (has_completed, _), peak in peaks.items() if has_completed]
+    top = max(peaks.values()) if not calm else min(max(peaks.values()), MAX_ZOOM_OUT * min(calm))
+    top = 1.1 * max(top, MIN_RANGE)
     return [-top if joint else 0.0, top]

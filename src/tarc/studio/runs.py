@@ -37,8 +37,8 @@ class Curves:
         Switching gain ĉ [rad/s²], shape (k,); None for a law without.
     measures
         Of the run after `METRICS_START`, as `tarc.simulation.Run.metrics`; empty for one that diverged before.
-    status
-        How the run ended, in words.
+    status, has_completed
+        How the run ended, in words, and whether at its end.
     run
         The run itself.
     """
@@ -51,6 +51,7 @@ class Curves:
     gain: Array | None
     measures: dict[str, float]
     status: str
+    has_completed: bool
     run: Run
 
 
@@ -112,5 +113,6 @@ def run_curves(content: dict[str, Any]) -> Curves:
         gain=data["gain"].values[::step] if "gain" in data else None,
         measures={key: float(np.asarray(value)) for key, value in run.metrics_or_none(scenario.metrics_start).items()},
         status=str(run.status),
+        has_completed=run.status.completed,
         run=run,
     )

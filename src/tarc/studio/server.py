@@ -1,11 +1,12 @@
 """Start the page on a port of this machine."""
 
 import socket
+import warnings
 from pathlib import Path
 
 from nicegui import app, ui
 
-from tarc.core.errors import InvalidParameter
+from tarc.core.errors import DesignWarning, InvalidParameter
 from tarc.studio.design_state import DesignState
 from tarc.studio.page import add_pages
 from tarc.studio.robots import Robots
@@ -31,6 +32,7 @@ def serve(scenario: str | Path | None, host: str = "127.0.0.1", port: int | None
     ScenarioError, InvalidParameter
         For a scenario that cannot be read, and a port that is taken.
     """
+    warnings.filterwarnings("ignore", category=DesignWarning)  # the page says it
     robots = Robots()
     state, notes = (DesignState(), []) if scenario is None else robots.add_scenario(scenario)
     chosen = free_port(host, port)
