@@ -12,7 +12,7 @@ import pytest
 import xarray as xr
 
 import tarc.study.store as store_module
-from tarc.core.errors import InvalidParameter
+from tarc.core.errors import EngineWarning, InvalidParameter
 from tarc.scenario.model import Scenario
 from tarc.simulation.integration import Integration
 from tarc.study import execution, scheduling
@@ -249,7 +249,9 @@ def test_a_study_goes_on_with_the_engine_that_has_begun(tmp_path, monkeypatch):
         with pytest.raises(KeyboardInterrupt):
             study(16).run(folder, jobs=1)
     monkeypatch.setattr(execution, "SHORT_STUDY", 0)  # a study so long would run in machine code from the start
-    data = study(16).run(folder, jobs=1).data
+    monkeypatch.setattr(execution, "LONG_REMAINDER", 0)
+    with pytest.warns(EngineWarning, match="goes on in the virtual machine, which has begun it"):
+        data = study(16).run(folder, jobs=1).data
     assert data.attrs["engines"] == {"TDC": "virtual machine", "PID": "virtual machine"}
 
 

@@ -43,6 +43,9 @@ ENGINES = ("auto", VIRTUAL_MACHINE, COMPILED, LANES, MUJOCO)
 SHORT_STUDY = 2e5
 """Control periods of all runs below which ``auto`` takes the virtual machine, since compiling takes as long."""
 
+LONG_REMAINDER = 1e7
+"""Control periods that are left from which a study that the virtual machine has begun is worth another folder."""
+
 REFUSALS = (UnsupportedLaw, MissingTool, CompilationError)
 """Why a law does not run in machine code."""
 
@@ -113,6 +116,15 @@ def _engine_to_go_on(store: Store, study: "Study", integration: Integration, eng
                 "the last digits",
                 "engine",
             ) from None
+        scenario = study.undrawn_scenario
+        left = (store.runs - store.n_finished) * scenario.duration / scenario.period
+        if VIRTUAL_MACHINE in begun.values() and left > LONG_REMAINDER:
+            warnings.warn(
+                f"{store.folder} goes on in the virtual machine, which has begun it; if that takes too long, run the "
+                "study into a new folder, in machine code",
+                EngineWarning,
+                stacklevel=2,
+            )
     engines = engine_names(built, study.law_names)
     if store.n_finished:
         engines = {law: ", ".join(dict.fromkeys([begun.get(law, name), name])) for law, name in engines.items()}
