@@ -150,6 +150,18 @@ def test_more_runs_keep_the_first_ones(finished, tmp_path):
     assert Study.load(folder / "study.yaml").runs == 27
 
 
+def test_fewer_runs_than_a_stopped_study_has(finished, tmp_path, monkeypatch):
+    folder = tmp_path / "own.study"
+    with monkeypatch.context() as patch:
+        Interrupted(patch, KeyboardInterrupt(), 1)
+        with pytest.raises(KeyboardInterrupt):
+            study().run(folder, jobs=1)
+    fewer = study(runs=12).run(folder, jobs=1)
+    assert fewer.data["run"].values.tolist() == list(range(12))
+    same(fewer.data, finished.data.isel(run=slice(0, 12)))
+    assert study().run(folder, jobs=1).is_complete
+
+
 def test_a_full_disk_keeps_what_is_there_and_says_how_to_go_on(tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         Interrupted(patch, OSError(errno.ENOSPC, "No space left on device"), 2)

@@ -116,9 +116,10 @@ class Store:
         return int(np.sum(self.finished_rows()))
 
     def pending(self, draws: Draws) -> Iterator[Chunk]:
-        """Return what is left to run, chunk by chunk."""
+        """Return what is left to run, chunk by chunk; of a study of fewer runs than are stored, its own runs."""
+        runs = min(self.runs, len(draws.values))
         for number, finished in enumerate(self.finished_rows()):
-            start, stop = number * self.rows + int(finished), min((number + 1) * self.rows, self.runs)
+            start, stop = number * self.rows + int(finished), min((number + 1) * self.rows, runs)
             if start < stop:
                 indices = np.arange(start, stop)
                 yield Chunk(number, indices, draws.values[start:stop], run_seeds(draws.seed, indices))
