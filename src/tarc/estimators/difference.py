@@ -1,6 +1,7 @@
 """Backward differences, plain and with a first-order low-pass filter."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -77,7 +78,7 @@ class FilteredDifference(Estimator):
         """Return 2: velocity and acceleration."""
         return 2
 
-    @property
+    @cached_property
     def pole(self) -> float:
         """Return the filter's pole p = exp(−ω_c T)."""
         return float(np.exp(-self.cutoff * self.sampling_period))

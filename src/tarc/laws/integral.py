@@ -33,9 +33,9 @@ def integrate(
     Where a limit cuts the torque, z approaches the applied torque with the time constant 1/g. The rate is zero once the
     law has given up. With g = 0 there is no integral: an unused sum would add a pole at one to the linearised loop.
     """
-    if not anti_windup_gain:
+    if not ops.symbolic(anti_windup_gain) and not anti_windup_gain:
         return 0 * tracking.error
-    limited = np.linalg.inv(law.M) @ (tracking.past_torque - state.torque_command[:, -1])
+    limited = law.M_inverse @ (tracking.past_torque - state.torque_command[:, -1])
     new = state.integral + law.period * (
         ops.where_or_zero(ops.logical_not(tracking.fault), rate) + anti_windup_gain * limited
     )

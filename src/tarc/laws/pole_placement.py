@@ -83,6 +83,17 @@ class PolePlacement(Law):
             )
         return check.positive_definite("inertia", self.inertia, self.n_joints)
 
+    @cached_property
+    def M_inverse(self) -> np.ndarray:
+        """Return the inverse of the constant M̂, shape (n, n).
+
+        Raises
+        ------
+        UnsupportedLaw
+            For M̂(q), which changes with the posture.
+        """
+        return np.linalg.inv(self.M)
+
     @property
     def accepts_nominal_inertia(self) -> bool:
         """Return whether the inertia may be a `NominalInertia`."""

@@ -74,6 +74,11 @@ class SuperTwisting(PolePlacement):
         """Return the gain of ∫ sgn s [rad/s³ or m/s³]."""
         return self.switch_gain * self.disturbance_rate
 
+    @cached_property
+    def anti_windup_gain(self) -> float:
+        """Return the largest element of Λ, the rate at which the integral follows the applied torque [1/s]."""
+        return float(np.max(np.diag(self.slope)))
+
     def initial_state(self, torque: np.ndarray) -> IntegralState:
         """Return the integral that gives the torque already applied."""
         return start(self, torque)
@@ -82,8 +87,7 @@ class SuperTwisting(PolePlacement):
         """Evaluate τ = M̂ (q̈ᵈ − Λ (v̂ − q̇ᵈ) − k1 |s|^½ sgn s + z)."""
         s = tracking.error_rate + self.slope @ tracking.error
         size = ops.maximum(abs(s), self.boundary_layer)
-        anti_windup_gain = float(np.max(np.diag(self.slope)))
-        z = integrate(self, state, tracking, -self.k2 * s / size, anti_windup_gain)
+        z = integrate(self, state, tracking, -self.k2 * s / size, self.anti_windup_gain)
         u = tracking.acceleration_reference - self.slope @ tracking.error_rate - self.k1 * s / size**0.5 + z
         torque = self.M @ u
         return remember(state, z, torque), torque, {"integral": z, "surface": s}

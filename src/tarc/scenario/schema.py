@@ -78,7 +78,8 @@ class Parameter:
         return _words(self.allowed)
 
 
-def parameters(kind: Any) -> dict[str, Parameter]:
+@cache
+def parameters(kind: Any) -> Mapping[str, Parameter]:
     """Return the parameters that a scenario may give to a kind: a class, or a function such as a robot from a file."""
     hints = typing.get_type_hints(kind)
     if not is_dataclass(kind):
@@ -95,7 +96,7 @@ def parameters(kind: Any) -> dict[str, Parameter]:
     }
 
 
-def parameters_of_law(kind: str) -> dict[str, Parameter]:
+def parameters_of_law(kind: str) -> Mapping[str, Parameter]:
     """Return the parameters of a law of tarc.laws, or of one from a user's own file.
 
     Raises

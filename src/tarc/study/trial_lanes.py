@@ -1,7 +1,8 @@
 """Trials of one scenario side by side in machine code: one compilation for all gains of a law."""
 
+import copy
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -122,7 +123,9 @@ class TrialLanes:
 
     def _case(self, law: Law) -> LoopCase:
         if _can_be_padded(law) and len(law.estimator.sums) <= self._samples:
-            law = replace(law, estimator=PaddedWindow.from_estimator(law.estimator, self._samples))
+            padded = copy.copy(law)  # with all that it has computed, which the constructor would do again
+            object.__setattr__(padded, "estimator", PaddedWindow.from_estimator(law.estimator, self._samples))
+            law = padded
         return self._case_of(law)
 
 
