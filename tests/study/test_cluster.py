@@ -23,7 +23,12 @@ from tarc.core.types import Array
 from tarc.study import scheduling
 from tarc.study.cluster import local_cluster
 
-pytestmark = pytest.mark.slow
+pytestmark = [
+    pytest.mark.slow,
+    # Dask leaves a socket open where the port of its dashboard is taken
+    pytest.mark.filterwarnings("ignore:unclosed <socket:ResourceWarning"),
+    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
+]
 ROOT = Path(__file__).resolve().parents[2]
 RUNS, SIZE = 512, 32
 

@@ -3,6 +3,7 @@
 import hashlib
 import logging
 import pickle
+import sys
 import threading
 import time
 import warnings
@@ -45,16 +46,27 @@ IGNORE_INTERRUPT = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 """Run in each local worker: Ctrl-C reaches all processes of a terminal, and the first one ends the workers."""
 
 
+FORK_SERVER_MODULES = ["distributed.nanny", "distributed.worker", "tarc.study.execution"]
+"""Modules that local workers need, imported once."""
+
+
 @contextmanager
 def local_cluster(n_workers: int, notify: Callable[[str], object]) -> "Iterator[Client]":
     """Start worker processes on this machine, one thread each, and end them in the end.
 
-    A worker that dies is started again by its nanny.
+    A worker that dies is started again by its nanny. On Linux the processes are forks of one that has imported what
+    they need, so that each starts in a tenth of a second.
     """
     import dask.config
     from distributed import Client, LocalCluster
+    from distributed.utils import get_mp_context
 
-    with dask.config.set({"distributed.worker.profile.enabled": False}):
+    settings: dict[str, Any] = {"distributed.worker.profile.enabled": False}
+    if sys.platform == "linux":
+        settings["distributed.worker.multiprocessing-method"] = "forkserver"
+    with dask.config.set(settings):
+        if sys.platform == "linux":
+            get_mp_context().set_forkserver_preload(FORK_SERVER_MODULES)
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "Port .* is already in use")  # the message has the one that is taken
             cluster = LocalCluster(
