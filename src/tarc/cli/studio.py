@@ -7,7 +7,9 @@ import typer
 Scenario = Annotated[
     str | None, typer.Argument(help="A YAML file, or the name of a shipped scenario. Default: a two-link arm.")
 ]
-Host = Annotated[str, typer.Option(help="Address to listen on.")]
+Host = Annotated[
+    str, typer.Option(help="Address to listen on. Any but that of this machine needs the token of the printed URL.")
+]
 Port = Annotated[int | None, typer.Option(min=1, max=65535, help="Port to listen on. Default: a free one.")]
 Open = Annotated[bool, typer.Option("--open/--no-open", help="Open a browser.")]
 

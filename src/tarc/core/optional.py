@@ -25,7 +25,7 @@ EXTRAS = {
     "ros2": (*_CLI, "mcap", "mcap_ros2", "cyclonedds", "rosbags"),
     "ship": ("fmpy", "ziglang"),
     "sim": _SIM,
-    "studio": (*_CLI, "nicegui"),
+    "studio": (*_CLI, "collada", "nicegui", "trimesh"),
     "study": (*_CLI, "bokeh", "dask", "distributed", "optuna", "zarr"),
     "view": (*_SIM, "collada", "trimesh", "viser"),
 }

@@ -6,19 +6,22 @@ from pathlib import Path
 from fastapi import Request
 from nicegui import Client, events, ui
 
+from tarc.studio.access import SessionFolders
 from tarc.studio.controls import ControlPanel
 from tarc.studio.design_state import DesignState
 from tarc.studio.loop_panel import CertificatePanel, LoopPanel
 from tarc.studio.robots import Robots
 from tarc.studio.run_panel import RunPanel
+from tarc.studio.scene_panel import ScenePanel
 from tarc.studio.session import Session
+from tarc.studio.upload_panel import UploadPanel
 
 STYLE = (Path(__file__).parent / "studio.css").read_text(encoding="utf-8")
 MAX_NOTES = 6
 """Notes of a scenario that are shown."""
 
 
-def add_pages(robots: Robots, start: DesignState, notes: list[str]) -> None:
+def add_pages(robots: Robots, start: DesignState, notes: list[str], folders: SessionFolders) -> None:
     """Register the page.
 
     Parameters
@@ -29,6 +32,8 @@ def add_pages(robots: Robots, start: DesignState, notes: list[str]) -> None:
         The design of a session whose URL says nothing else.
     notes
         What the page left out of the scenario of that design.
+    folders
+        Of the sessions.
     """
 
     @ui.page("/", title="tarc studio")
@@ -37,15 +42,17 @@ def add_pages(robots: Robots, start: DesignState, notes: list[str]) -> None:
         if state.robot not in robots.labels:
             unknown = [*unknown, f"robot={state.robot}: not offered here"]
             state = state.with_changes(robot=start.robot)
-        session = Session(robots, state, [*notes, *unknown])
+        session = Session(robots.copy(), state, [*notes, *unknown])
+        folder = folders.create()
         client.on_delete(session.close)
+        client.on_delete(lambda: folders.remove(folder))
         ui.add_css(STYLE)
-        build_page(session)
+        build_page(session, folder)
         await client.connected()
         session.start()
 
 
-def build_page(session: Session) -> None:
+def build_page(session: Session, folder: Path) -> None:
     """Build the page of a session."""
     ui.colors(primary="#0072b2")
     dark = ui.dark_mode(None)
@@ -58,23 +65,25 @@ def build_page(session: Session) -> None:
         icon_button("contrast", "Light or dark", lambda: _switch_theme(dark))
     panels = ui.tab_panels(tabs, value=design_tab).classes("w-full studio-panels")
     with panels, ui.tab_panel(design_tab).classes("p-0"):
-        build_design_tab(session)
+        build_design_tab(session, folder)
     follow_in_url(session)
     ui.keyboard(on_key=lambda event: _on_key(event, session), ignore=[])
     if session.notes:
         ui.notify("Left out: " + "; ".join(session.notes[:MAX_NOTES]), timeout=12000, close_button="Close")
 
 
-def build_design_tab(session: Session) -> None:
+def build_design_tab(session: Session, folder: Path) -> None:
     """Build the left, middle and right columns."""
-    with ui.element("main").classes("columns"):
+    with ui.element("div").classes("columns"):
         with ui.element("section").classes("pane").props('aria-label="Design"'):
             ControlPanel(session)
+            UploadPanel(session, folder)
         with ui.element("section").classes("pane").props('aria-label="Loop and certificates"'):
             LoopPanel(session)
             CertificatePanel(session)
         with ui.element("section").classes("pane").props('aria-label="Runs"'):
             RunPanel(session)
+            ScenePanel(session)
 
 
 class HistoryButtons:

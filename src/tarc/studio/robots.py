@@ -29,6 +29,13 @@ class Robots:
         self.labels = dict(SHIPPED)
         self._contents: dict[str, dict[str, Any]] = {}
 
+    def copy(self) -> "Robots":
+        """Return the same robots for a session, which adds its own."""
+        robots = Robots()
+        robots.labels = dict(self.labels)
+        robots._contents = dict(self._contents)
+        return robots
+
     def content(self, name: str) -> dict[str, Any]:
         """Return robot, reference and duration as the content of a scenario.
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from nicegui import app, ui
 
 from tarc.core.errors import DesignWarning, InvalidParameter
+from tarc.studio.access import Guard, SessionFolders, new_token
 from tarc.studio.design_state import DesignState
 from tarc.studio.page import add_pages
 from tarc.studio.robots import Robots
@@ -23,7 +24,7 @@ def serve(scenario: str | Path | None, host: str = "127.0.0.1", port: int | None
     scenario
         A YAML file or the name of a shipped scenario to start from; None for a two-link arm.
     host, port
-        Where to listen; None for a free port.
+        Where to listen; None for a free port. On another address than this machine's own, the URL has a token.
     show
         Open a browser.
 
@@ -36,12 +37,17 @@ def serve(scenario: str | Path | None, host: str = "127.0.0.1", port: int | None
     robots = Robots()
     state, notes = (DesignState(), []) if scenario is None else robots.add_scenario(scenario)
     chosen = free_port(host, port)
-    add_pages(robots, state, notes)
-    app.on_startup(lambda: print(f"tarc studio: http://{host}:{chosen}/  (Ctrl+C stops it)", flush=True))
+    token = new_token(host)
+    folders = SessionFolders()
+    app.add_middleware(Guard, token=token)
+    app.on_shutdown(folders.close)
+    add_pages(robots, state, notes, folders)
+    path = "/" if token is None else f"/?token={token}"
+    app.on_startup(lambda: print(f"tarc studio: http://{host}:{chosen}{path}  (Ctrl+C stops it)", flush=True))
     ui.run(
         host=host,
         port=chosen,
-        show=show,
+        show=path if show else False,
         reload=False,
         title="tarc studio",
         show_welcome_message=False,

@@ -33,12 +33,16 @@ class UploadedRobot:
         For `tarc.plants.load_robot`; it names no file outside its folder.
     joint_names
         Of the joints that a law drives.
+    offsets, amplitudes
+        Middle and amplitude of a small motion within the joints' ranges [rad or m].
     warnings
         What was replaced, or taken as unknown.
     """
 
     file: Path
     joint_names: tuple[str, ...]
+    offsets: tuple[float, ...]
+    amplitudes: tuple[float, ...]
     warnings: tuple[str, ...]
 
 
@@ -99,7 +103,8 @@ def read_upload(
         shutil.rmtree(target)
         raise RobotFileError(answer["error"].replace(f"{target}/", "").replace(str(target), "the upload"))
     _remove_oldest(folder)
-    return UploadedRobot(target / answer["file"], tuple(answer["joint_names"]), tuple(answer["warnings"]))
+    lists = {key: tuple(answer[key]) for key in ("joint_names", "offsets", "amplitudes", "warnings")}
+    return UploadedRobot(target / answer["file"], **lists)
 
 
 def _read(request: Mapping[str, Any], incoming: Path, limits: UploadLimits) -> dict[str, Any]:

@@ -7,11 +7,20 @@ from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+import numpy as np
+
 from tarc.core.errors import InvalidParameter, RobotFileError
+from tarc.core.types import Array
+from tarc.plants.base import Plant
 from tarc.plants.geometry import robot_geometry
 from tarc.plants.load import load_robot
 from tarc.studio.upload_files import UploadLimits, unpack
 from tarc.studio.upload_xml import check_robot_files
+
+MAX_ANGLE = 0.4
+"""Largest amplitude of a joint that turns [rad]."""
+MAX_SLIDE = 0.1
+"""Largest amplitude of a joint that slides [m]."""
 
 
 def main() -> None:
@@ -47,13 +56,26 @@ def read_robot(request: Mapping[str, Any], limits: UploadLimits) -> dict[str, An
         warnings.simplefilter("always")
         plant = load_robot(folder / path, **request["options"])
     plant.inertia(plant.home)
-    geometry = robot_geometry(plant)
+    robot_geometry(plant)
+    offsets, amplitudes = small_motion(plant)
     return {
         "file": str(path),
         "joint_names": list(plant.joint_names),
-        "n_shapes": len(geometry.shapes),
+        "offsets": offsets.tolist(),
+        "amplitudes": amplitudes.tolist(),
         "warnings": [str(warning.message) for warning in caught],
     }
+
+
+def small_motion(plant: Plant) -> tuple[Array, Array]:
+    """Return middle and amplitude of a motion about the home posture, within 90 % of each joint's range.
+
+    a = min(A, 0.3 (q_max − q_min)),    c = clip(q_home, q_min + a/0.9, q_max − a/0.9)
+    """
+    low, high = plant.position_limits.T
+    largest = np.where([unit == "rad" for unit in plant.units], MAX_ANGLE, MAX_SLIDE)
+    amplitudes = np.minimum(largest, 0.3 * (high - low))
+    return np.clip(plant.home, low + amplitudes / 0.9, high - amplitudes / 0.9), amplitudes
 
 
 def _choose(robots: list[PurePosixPath], file: str | None) -> PurePosixPath:
