@@ -38,7 +38,9 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     folder = tmp_path_factory.mktemp("server")
     log = folder / "log.txt"
     source = str(Path(__file__).parents[2] / "src")
-    environment = {**os.environ, "PYTHONPATH": source, "TMPDIR": str(folder)}
+    # NiceGUI behaves otherwise where it sees a test around it
+    inherited = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST")}
+    environment = {**inherited, "PYTHONPATH": source, "TMPDIR": str(folder)}
     with log.open("w") as out:
         command = [sys.executable, "-m", "tarc", "studio", "--no-open", "--port", str(port)]
         process = subprocess.Popen(command, stdout=out, stderr=subprocess.STDOUT, env=environment, cwd=folder)
