@@ -35,8 +35,11 @@ SCENARIO = {
 
 
 def make_study(draws=None, runs=6):
+    scenario = SCENARIO
+    if "sensor.resolution" in (draws or {}):
+        scenario = {**SCENARIO, "sensor": {"resolution": 1e-4, "noise": 1e-5}}
     keys = {"robot.payload": {"uniform": [0.0, 1.0]}, "sensor.noise": {"log_uniform": [1e-6, 1e-5]}, **(draws or {})}
-    return Study.parse({"scenario": SCENARIO, "runs": runs, "draws": keys})
+    return Study.parse({"scenario": scenario, "runs": runs, "draws": keys})
 
 
 def run(engine, study):
@@ -63,6 +66,9 @@ def check_equal(ours, theirs, rtol=1e-6):
         {"law.natural_frequency": {"uniform": [12.0, 16.0]}, "law.boundary_layer": {"uniform": [0.01, 0.02]}},
         {"sensor.bits": {"choice": [15, 17]}, "computation_delay": {"choice": [0, 1]}},
         {"reference.amplitude.0": {"uniform": [0.1, 0.3]}, "initial_velocity": {"uniform": [0.0, 0.1]}},
+        {"sensor.delay": {"choice": [0.0, 0.4, 1.0]}, "estimator.window": {"choice": [0.008, 0.012]}},
+        {"law.natural_frequency": {"choice": [12.0, 15.0]}, "jitter": {"choice": [0.0, 0.3]}},
+        {"sensor.delay": {"uniform": [0.1, 0.9]}, "sensor.resolution": {"uniform": [1e-4, 2e-4]}},
     ],
     ids=lambda draws: " ".join(draws) or "robot",
 )
@@ -71,6 +77,7 @@ def test_results_are_those_of_the_virtual_machine(draws):
     cases = Cases(study)
     engine = CompiledEngine(cases, METHOD, study.law_names)
     check_equal(run(engine, study), run(Simulator(cases, METHOD), study))
+    assert engine.n_left == 0  # to the virtual machine
 
 
 @pytest.mark.slow

@@ -188,7 +188,7 @@ class Encoder(Component, System):
         """Fraction of a period by which a sample is older than its whole periods, one number or one per joint."""
         return np.maximum(np.asarray(self.delay, dtype=float) - self._whole_delay, 0.0)
 
-    @property
+    @cached_property
     def _has_fraction(self) -> bool:
         return bool(np.any(self._fraction > SAME_INSTANT)) or self.timing_jitter > 0
 

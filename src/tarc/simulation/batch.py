@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Iterable, Sequence
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -25,6 +26,8 @@ TRIAL_PERIODS = 25
 """Periods in which a loop with symbols is compared with one that was built with its numbers."""
 TOLERANCE = 1e-9
 """Largest difference there, over one more than the number."""
+DRAWN_BEFORE = ("noise", "dropout", "packet_loss")
+"""Parameters of the encoder that are drawn beforehand, and so are no part of a traced loop."""
 PLANT = "plant"
 """First element of the path of a plant's parameter."""
 
@@ -75,10 +78,7 @@ class BatchLoop:
     Raises
     ------
     UnsupportedLaw
-        For parts that are traced with numbers alone where numbers vary, for loops of different structure, and for a
-        law that has no C.
-    MissingTool, CompilationError
-        Without a C compiler, and where it fails.
+        For parts that are traced with numbers alone where numbers vary, and for loops of different structure.
     """
 
     def __init__(
@@ -105,9 +105,21 @@ class BatchLoop:
         self._numbers = [_Parts(case) for case in cases]
         self._varying_masks = self._varying()
         self._masks = dict(self._varying_masks)
-        function = self._traced(cases)
+        self._function_of_loop = self._traced(cases)
         self.lanes = processor_lanes() if lanes is None else lanes
-        self.machine = LaneLoop(function, self._places(), len(self._packed_sums), self.lanes)
+
+    @cached_property
+    def machine(self) -> LaneLoop:
+        """The loop in machine code, compiled when it is first needed.
+
+        Raises
+        ------
+        UnsupportedLaw
+            For a law that has no C.
+        MissingTool, CompilationError
+            Without a C compiler, and where it fails.
+        """
+        return LaneLoop(self._function_of_loop, self._places(), len(self._packed_sums), self.lanes)
 
     @property
     def varying(self) -> list[str]:
@@ -200,10 +212,11 @@ class BatchLoop:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", FutureWarning)  # of CasADi, where NumPy is handed a symbol
                 inputs, results = expressions(step, self._state, value, name="period")
-        except TRACE_ERRORS:
-            if not is_checked or not masks:
-                raise
-            return None
+        except TRACE_ERRORS as error:
+            if masks and is_checked:
+                return None
+            message, _, _ = str(error).partition("\n")
+            raise UnsupportedLaw(f"compiled: the loop cannot be traced: {message}") from error
         next_state, output = (ca.densify(result) for result in results)
         outputs = [next_state, output[:-1], output[-1]]
         return ca.Function("period", inputs, outputs, ["x", "u"], ["next", "torque", "bounded"], {"cse": True})
@@ -301,7 +314,29 @@ class BatchLoop:
         changed = [one for path, our, their in pairs for one in changes(our, their, path)]
         base = self._base.parameters
         changed += [((PLANT, name), base[name], value) for name, value in case.parameters.items()]
-        return all(self._may_differ(*one) for one in changed)
+        return all(self._may_differ(*one) for one in changed) and self._has_same_structure(case, pairs, changed)
+
+    def _has_same_structure(
+        self,
+        case: LoopCase,
+        pairs: Sequence[tuple[Path, object, object]],
+        changed: Sequence[tuple[Path, object, object]],
+    ) -> bool:
+        """Return whether what a case computes from changed numbers has the same counts as in the first example."""
+        if bool(case.jitter) != bool(self._base.jitter):
+            return False
+        method, period = self._integration, case.controller.law.period
+        if case.drive is not self._base.drive and case.drive is not None and self._base.drive is not None:
+            ours, theirs = (one.segments(method.substeps, period) for one in (self._base.drive, case.drive))
+            if ours != theirs:
+                return False
+        structure = self._numbers[0].structure
+        for path, _, part in pairs:
+            if any(one[: len(path)] == path and one[-1] not in DRAWN_BEFORE for one, _, _ in changed):
+                theirs = Numbers(part).structure
+                if any(structure.get((*path, *inner), one) != one for inner, one in theirs.items()):
+                    return False
+        return True
 
     def _may_differ(self, path: Path, ours: object, theirs: object) -> bool:
         """Return whether values of two cases are equal but for what varies between the examples."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from tarc.control.digital_controller import DigitalController
 from tarc.core import validation as check
+from tarc.core.errors import UnsupportedLaw
 from tarc.core.types import Array
 from tarc.core.validation import Numbers
 from tarc.plants.base import Plant
@@ -155,6 +156,8 @@ class BatchInputs:
         # an example is sampled once more, so that what is random shows even with one
         examples = [case.sample(substeps, duration, seed) for seed, case in enumerate([*cases, cases[0]], start=1)]
         blocks = [_blocks(example) for example in examples]
+        if any(block.keys() != blocks[0].keys() for block in blocks):
+            raise UnsupportedLaw("compiled: some of the runs have jitter or a schedule, and others have none")
         self._sensor_draws = [_is_random(case) for case in cases]
         self.shapes = {name: shape for name, (shape, _) in blocks[0].items()}
         self.shared: list[str] = []

@@ -29,16 +29,10 @@ class Numbers:
         Counts, names and shapes, by path; loops that differ in them are different loops.
     """
 
-    def __init__(self, part: object, *, is_declared: bool = False):
+    def __init__(self, part: object):
         self.values: dict[Path, Array] = {}
         self.structure: dict[Path, object] = {}
-        self._is_declared = is_declared
         self._walk(part, ())
-
-    @classmethod
-    def declared(cls, part: object) -> "Numbers":
-        """Return the numbers in the fields of a part, without what it computed from them."""
-        return cls(part, is_declared=True)
 
     def _walk(self, value: object, path: Path) -> None:
         numbers = _as_numbers(value)
@@ -56,7 +50,7 @@ class Numbers:
                 self._walk(np.asarray(numbers, dtype=float), (*path, "parameters", name))
         else:
             self.structure[path] = type(value).__name__
-            for key, child in _children(value, self._is_declared).items():
+            for key, child in _children(value).items():
                 self._walk(child, (*path, key))
 
 
@@ -72,7 +66,7 @@ def _as_numbers(value: object) -> Array | None:
     return None
 
 
-def _children(value: object, is_declared: bool = False) -> Mapping[Any, object]:
+def _children(value: object) -> Mapping[Any, object]:
     """Return what a part consists of, by attribute, key or index."""
     if isinstance(value, dict):
         return value
@@ -80,8 +74,6 @@ def _children(value: object, is_declared: bool = False) -> Mapping[Any, object]:
         return dict(enumerate(value))
     if isinstance(value, ca.SX | ca.MX | ca.DM | ca.Function) or callable(value):
         return {}
-    if is_declared and is_dataclass(value):
-        return {one.name: getattr(value, one.name) for one in fields(value)}
     return (
         {name: child for name, child in sorted(vars(value).items()) if name not in DERIVED} if _has_vars(value) else {}
     )

@@ -15,7 +15,6 @@ from tarc.simulation.batch import BatchLoop, BatchResult
 from tarc.simulation.batch_inputs import LoopCase, RunInputs
 from tarc.simulation.integration import Integration
 from tarc.simulation.simulator import with_limits
-from tarc.simulation.varying import Numbers
 from tarc.study.cases import Case, Cases
 from tarc.study.distributions import Choice
 from tarc.study.engines import ChunkResult, Simulator
@@ -26,8 +25,8 @@ LANES = "lanes"
 EXAMPLES = 4
 """Rows of values from which is seen what varies from run to run."""
 
-Structure = tuple[object, ...]
-"""What of a case is no number: cases that differ in it are different loops."""
+Structure = tuple[float, ...]
+"""Choices that make loops of their own, such as numbers of bits."""
 
 
 @dataclass
@@ -59,6 +58,11 @@ class CompiledEngine:
     lanes
         Runs side by side; None for as many as a vector of this processor holds.
 
+    Attributes
+    ----------
+    n_left
+        Count of runs, of one law each, that were left to the virtual machine.
+
     Raises
     ------
     UnsupportedLaw
@@ -80,12 +84,15 @@ class CompiledEngine:
         self._integration = integration
         self._loops: dict[tuple[str, Structure], BatchLoop] = {}
         self._nominal_laws: dict[str, Law] = {}
+        self._structural: set[int] = set()
+        self.n_left = 0
         for law in laws:
             self.add(law)
 
     def add(self, law: str) -> None:
         """Compile one more law; it raises what the class raises."""
-        self._loop(law, self._examples(None)[0])
+        self._find_structural(law)
+        _ = self._loop(law, self.cases.typical_row).machine
         self.laws.append(law)
 
     def run(self, indices: Array, values: Array, seeds: Array) -> ChunkResult:
@@ -96,11 +103,12 @@ class CompiledEngine:
         for place, (row, seed) in enumerate(zip(values, seeds, strict=True)):
             case = self.cases.build(row)
             self._keep_applied(result, place, shape, case)
-            groups.setdefault(self._structure(case), []).append(_Run(place, case, int(seed)))
+            groups.setdefault(self._structure(row), []).append(_Run(place, case, int(seed)))
         left = []
         for group in groups.values():
             for start in range(0, len(group), self.lanes):
                 left += self._side_by_side(group[start : start + self.lanes], values, result, shape)
+        self.n_left += len(left)
         self._by_virtual_machine(left, indices, values, seeds, result, shape)
         return result
 
@@ -112,7 +120,11 @@ class CompiledEngine:
         for run in runs:
             run.loops = {law: self._loop_case(run.case, law) for law in self.laws}
         for number, law in enumerate(self.laws):
-            loop = self._loop(law, runs[0].case)
+            try:
+                loop = self._loop(law, values[runs[0].place])
+            except UnsupportedLaw:  # for these choices alone; the others have their loop
+                left += [(run.place, law) for run in runs]
+                continue
             covered = [run for run in runs if loop.covers(run.loops[law])]
             left += [(run.place, law) for run in runs if run not in covered]
             if not covered:
@@ -172,50 +184,50 @@ class CompiledEngine:
             case.initial_torque,
         )
 
-    def _structure(self, case: Case) -> Structure:
-        """Return what of a case is no number, as far as it may differ from the scenario's."""
-        setup, nominal = case.setup, self.cases.nominal
-        pairs = [
-            (setup.sensor, nominal.sensor),
-            (setup.torque_limits, nominal.torque_limits),
-            (setup.drive, nominal.drive),
-            *((setup.laws[name], nominal.laws[name]) for name in self.cases.law_names),
-        ]
-        method = self._integration
-        segments = None if setup.drive is None else setup.drive.segments(method.substeps, self.cases.scenario.period)
-        drawn = tuple(
-            None if part is of_scenario else tuple(Numbers.declared(part).structure.items())
-            for part, of_scenario in pairs
-        )
-        return (*drawn, case.computation_delay, bool(case.jitter), None if segments is None else tuple(segments))
-
-    def _loop(self, law: str, case: Case) -> BatchLoop:
-        """Return the loop of a law in machine code, for cases of the structure of one."""
-        structure = self._structure(case)
-        key = law, structure
+    def _loop(self, law: str, row: Array) -> BatchLoop:
+        """Return the loop of a law in machine code, for runs with the structural choices of a row."""
+        key = law, self._structure(row)
         if key not in self._loops:
-            examples = [one for one in self._examples(case) if self._structure(one) == structure] or [case]
-            scenario = self.cases.scenario
-            self._loops[key] = BatchLoop(
-                [self._loop_case(one, law) for one in examples],
-                self._integration,
-                scenario.duration,
-                metrics_start=scenario.metrics_start,
-                divergence_threshold=scenario.divergence_threshold,
-                lanes=self.lanes,
-            )
+            self._loops[key] = self._traced(law, self._examples(row))
         return self._loops[key]
 
-    def _examples(self, case: Case | None) -> list[Case]:
-        """Return cases that depend on the study alone, with the choices of one where there is one."""
+    def _structure(self, row: Array) -> Structure:
+        """Return the choices of a row that make loops of their own."""
+        return tuple(float(row[column]) for column in sorted(self._structural))
+
+    def _traced(self, law: str, rows: Array) -> BatchLoop:
+        """Trace the loop of a law for runs like those of some rows."""
+        scenario = self.cases.scenario
+        return BatchLoop(
+            [self._loop_case(self.cases.build(row), law) for row in rows],
+            self._integration,
+            scenario.duration,
+            metrics_start=scenario.metrics_start,
+            divergence_threshold=scenario.divergence_threshold,
+            lanes=self.lanes,
+        )
+
+    def _find_structural(self, law: str) -> None:
+        """Find the choices whose values are no arguments of one loop, such as numbers of bits."""
+        for column, one in enumerate(self.cases.distributions):
+            if not isinstance(one, Choice) or column in self._structural:
+                continue
+            values = sorted({float(value) for value in one.values})
+            rows = np.tile(self.cases.typical_row, (len(values), 1))
+            rows[:, column] = values
+            try:
+                self._traced(law, rows)
+            except UnsupportedLaw:
+                self._structural.add(column)
+
+    def _examples(self, row: Array) -> Array:
+        """Return rows that depend on the study alone, but for the structural choices, which are those of a row."""
         distributions = self.cases.distributions
         probabilities = np.random.default_rng(0).uniform(0.05, 0.95, (EXAMPLES, len(distributions)))
-        columns = [one.quantile(column) for one, column in zip(distributions, probabilities.T, strict=True)]
-        for number, (key, one) in enumerate(zip(self.cases.keys, distributions, strict=True)):
-            if case is not None and isinstance(one, Choice):
-                applied = np.asarray(case.applied[key.name], dtype=float)
-                columns[number] = np.full(EXAMPLES, np.ravel(applied[~np.isnan(applied)])[0])
-        return [self.cases.build(row) for row in np.array(columns).T]
+        rows = np.array([one.quantile(column) for one, column in zip(distributions, probabilities.T, strict=True)]).T
+        for column in self._structural:
+            rows[:, column] = row[column]
+        return rows
 
 
 def _keep(result: ChunkResult, shape: tuple[int, int], places: Sequence[int], law: int, batch: BatchResult) -> None:
