@@ -42,7 +42,7 @@ DRAWS = {
 }
 
 
-def study(runs=20, **changes):
+def study(runs=12, **changes):
     return Study.parse({"scenario": SCENARIO, "draws": DRAWS, "runs": runs, "sampling": "sobol", **changes})
 
 
@@ -77,9 +77,9 @@ def test_a_run_of_a_study_is_the_run_of_its_scenario(finished):
 
 def test_the_dataset_has_all_that_a_reader_needs(finished):
     data = xr.open_zarr(finished.folder / "results.zarr", chunks=None, consolidated=False)
-    assert data.sizes == {"run": 20, "law": 2}
+    assert data.sizes == {"run": 12, "law": 2}
     assert data["law"].values.tolist() == ["TDC", "PID"]
-    assert data["run"].values.tolist() == list(range(20))
+    assert data["run"].values.tolist() == list(range(12))
     assert data["completed"].dtype == bool
     assert data["completed"].values.all()
     np.testing.assert_array_equal(data["end_time"], 0.12)
@@ -132,22 +132,22 @@ def test_a_killed_study_goes_on_and_runs_nothing_twice(finished, tmp_path, monke
 
     monkeypatch.setattr(Simulator, "run", counted)
     result = study().run(folder)
-    assert ran == list(range(8, 20))
+    assert ran == list(range(8, 12))
     assert result.is_complete
     same(result.data, finished.data)
     study().run(folder)
-    assert ran == list(range(8, 20))
+    assert ran == list(range(8, 12))
 
 
 def test_more_runs_keep_the_first_ones(finished, tmp_path):
     folder = tmp_path / "grown.study"
     shutil.copytree(finished.folder, folder)
-    grown = study(runs=27).run(folder)
-    assert grown.data["run"].values.tolist() == list(range(27))
-    same(grown.data.isel(run=slice(0, 20)), finished.data)
-    whole = study(runs=27).run(tmp_path / "whole.study")
+    grown = study(runs=18).run(folder)
+    assert grown.data["run"].values.tolist() == list(range(18))
+    same(grown.data.isel(run=slice(0, 12)), finished.data)
+    whole = study(runs=18).run(tmp_path / "whole.study")
     same(grown.data, whole.data)
-    assert Study.load(folder / "study.yaml").runs == 27
+    assert Study.load(folder / "study.yaml").runs == 18
 
 
 def test_fewer_runs_than_a_stopped_study_has(finished, tmp_path, monkeypatch):
@@ -164,8 +164,8 @@ def test_fewer_runs_than_a_stopped_study_has(finished, tmp_path, monkeypatch):
 
 def test_a_full_disk_keeps_what_is_there_and_says_how_to_go_on(tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
-        Interrupted(patch, OSError(errno.ENOSPC, "No space left on device"), 2)
-        with pytest.raises(InvalidParameter, match=r"No space left on device; 16 of 20 runs are kept. To go on, free"):
+        Interrupted(patch, OSError(errno.ENOSPC, "No space left on device"), 1)
+        with pytest.raises(InvalidParameter, match=r"No space left on device; 8 of 12 runs are kept. To go on, free"):
             study().run(tmp_path / "own.study")
     assert study().run(tmp_path / "own.study").is_complete
 
@@ -259,11 +259,11 @@ def test_a_study_goes_on_with_the_engine_that_has_begun(tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         Interrupted(patch, KeyboardInterrupt(), 1)
         with pytest.raises(KeyboardInterrupt):
-            study(16).run(folder, jobs=1)
+            study().run(folder, jobs=1)
     monkeypatch.setattr(execution, "SHORT_STUDY", 0)  # a study so long would run in machine code from the start
     monkeypatch.setattr(execution, "LONG_REMAINDER", 0)
     with pytest.warns(EngineWarning, match="goes on in the virtual machine, which has begun it"):
-        data = study(16).run(folder, jobs=1).data
+        data = study().run(folder, jobs=1).data
     assert data.attrs["engines"] == {"TDC": "virtual machine", "PID": "virtual machine"}
 
 
@@ -320,3 +320,15 @@ def test_a_value_that_a_part_refuses_is_found_before_the_first_run(tmp_path):
     with pytest.raises(InvalidParameter, match=r"sensor.noise: got -"):
         study(200, draws=negative).run(tmp_path / "own.study", jobs=1)
     assert StudyResult.open(tmp_path / "own.study").data.sizes["run"] == 0
+
+
+def test_another_number_of_runs_of_a_latin_hypercube_says_why_it_is_refused(tmp_path):
+    folder = tmp_path / "own.study"
+    study(8, sampling="latin_hypercube").run(folder, jobs=1)
+    with pytest.raises(InvalidParameter, match=r"this study with 8 runs, and a Latin hypercube of 9 has other draws"):
+        study(9, sampling="latin_hypercube").run(folder, jobs=1)
+
+
+def test_fewer_runs_than_the_folder_has_are_refused(finished):
+    with pytest.raises(InvalidParameter, match=r"this study with 12 runs, more than 10; give at least as many"):
+        study(10).run(finished.folder)

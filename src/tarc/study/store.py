@@ -306,12 +306,27 @@ def _check_same_study(store: Store, study: "Study") -> None:
             "differ; choose another folder, or continue with that version",
             "out",
         )
-    if store.attribute("content_hash") != study.content_hash:
+    if store.attribute("content_hash") == study.content_hash:
+        if study.runs < store.runs:
+            raise InvalidParameter(
+                f"--out: {folder} has this study with {store.runs} runs, more than {study.runs}; give at least as many, "
+                "or choose another folder",
+                "out",
+            )
+        return
+    if not study.is_extendable and study.model_copy(update={"runs": store.runs}).content_hash == store.attribute(
+        "content_hash"
+    ):
         raise InvalidParameter(
-            f"--out: {folder} has another study in it (see its {CONTENT}), or a file that the study names has "
-            "changed; choose another folder, or remove that one",
+            f"--out: {folder} has this study with {store.runs} runs, and a Latin hypercube of {study.runs} has other "
+            "draws; choose another folder, or the sampling sobol or independent, which more runs extend",
             "out",
         )
+    raise InvalidParameter(
+        f"--out: {folder} has another study in it (see its {CONTENT}), or a file that the study names has "
+        "changed; choose another folder, or remove that one",
+        "out",
+    )
 
 
 def _write_index(group: zarr.Group, runs: int) -> None:
