@@ -330,5 +330,5 @@ def test_another_number_of_runs_of_a_latin_hypercube_says_why_it_is_refused(tmp_
 
 
 def test_fewer_runs_than_the_folder_has_are_refused(finished):
-    with pytest.raises(InvalidParameter, match=r"this study with 12 runs, more than 10; give at least as many"):
+    with pytest.raises(InvalidParameter, match=r"this study with 12 runs, more than 10; give as many"):
         study(10).run(finished.folder)

@@ -309,7 +309,7 @@ def _check_same_study(store: Store, study: "Study") -> None:
     if store.attribute("content_hash") == study.content_hash:
         if study.runs < store.runs:
             raise InvalidParameter(
-                f"--out: {folder} has this study with {store.runs} runs, more than {study.runs}; give at least as many, "
+                f"--out: {folder} has this study with {store.runs} runs, more than {study.runs}; give as many, "
                 "or choose another folder",
                 "out",
             )
