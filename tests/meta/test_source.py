@@ -45,7 +45,10 @@ NEEDS_OPTUNA = {
 NEEDS_XARRAY = {
     ("tarc.scenario.model", "tarc.simulation.simulator"),  # what certifies and simulates nothing needs no xarray
 }
-INSIDE_FUNCTIONS = PLOT_METHODS | NEEDS_EXTRA | NEEDS_NUMPY | NEEDS_OPTUNA | NEEDS_XARRAY
+NEEDS_STUDIES = {
+    ("tarc.studio.study_tab", "tarc.studio.study_runs"),  # the page opens before the libraries of studies are there
+}
+INSIDE_FUNCTIONS = NEEDS_STUDIES | PLOT_METHODS | NEEDS_EXTRA | NEEDS_NUMPY | NEEDS_OPTUNA | NEEDS_XARRAY
 """Imports of the package inside functions outside `tarc.cli`, which has them so that ``--help`` is fast."""
 
 BLANKET_HANDLERS = {

@@ -11,6 +11,7 @@ _ROBOTS = ("mujoco",)
 _SIM = (*_ROBOTS, "flint", "h5netcdf", "h5py", "xarray")
 _CLI = (*_SIM, *_CERTIFY, *_PLOT, "pydantic", "rich", "ruamel.yaml", "typer")
 
+_STUDY = (*_CLI, "bokeh", "dask", "distributed", "optuna", "zarr")
 _IK = (*_CLI, "daqp", "mink")
 
 EXTRAS = {
@@ -25,8 +26,8 @@ EXTRAS = {
     "ros2": (*_CLI, "mcap", "mcap_ros2", "cyclonedds", "rosbags"),
     "ship": ("fmpy", "ziglang"),
     "sim": _SIM,
-    "studio": (*_CLI, "collada", "nicegui", "trimesh"),
-    "study": (*_CLI, "bokeh", "dask", "distributed", "optuna", "zarr"),
+    "studio": (*_STUDY, "collada", "nicegui", "trimesh"),
+    "study": _STUDY,
     "view": (*_SIM, "collada", "trimesh", "viser"),
 }
 """Modules that each extra of ``pyproject.toml`` installs."""

@@ -1,34 +1,12 @@
-"""The certificates of a design, in a process of their own that the next move of a slider ends."""
+"""The certificates of a design as the page shows them."""
 
-import asyncio
-import multiprocessing
-import os
 from dataclasses import dataclass
-from multiprocessing.connection import Connection
 from typing import Any
 
 from tarc.certificates.base import Certificate, Verdict, describe
-from tarc.core.errors import (
-    InvalidParameter,
-    NoStableRatio,
-    NotConverged,
-    NotLinearisable,
-    RobotFileError,
-    ScenarioError,
-    UnsupportedLaw,
-)
 from tarc.scenario.model import Scenario
+from tarc.studio.jobs import Sender
 
-DESIGN_ERRORS = (
-    InvalidParameter,
-    NoStableRatio,
-    NotConverged,
-    NotLinearisable,
-    RobotFileError,
-    ScenarioError,
-    UnsupportedLaw,
-)
-"""Errors of a design that the page shows."""
 LABELS = {
     "robot": "Robot",
     "known_inertia": "Robot, known M̂(q)",
@@ -43,7 +21,6 @@ LABELS = {
     "nominal": "Nominal loop",
 }
 """What the page calls the kinds of certificates."""
-METHODS = ("forkserver", "spawn")
 
 
 @dataclass(frozen=True)
@@ -104,45 +81,6 @@ def _row(certificate: Certificate, suggestion: str) -> CertificateRow:
     return CertificateRow(certificate.kind, certificate.verdict, certificate.margin, reason, certificate.claim)
 
 
-def _certify_and_send(content: dict[str, Any], connection: Connection) -> None:
-    """Send the rows, or the message of an error."""
-    try:
-        connection.send(certificate_rows(content))
-    except DESIGN_ERRORS as error:
-        connection.send(str(error))
-    connection.close()
-
-
-class CertificateJob:
-    """Certificates of one design, being computed in a process."""
-
-    def __init__(self, content: dict[str, Any]) -> None:
-        context = process_context()
-        self._receiver, sender = context.Pipe(duplex=False)
-        self._process = context.Process(target=_certify_and_send, args=(content, sender), daemon=True)
-        self._process.start()
-        sender.close()
-
-    async def result(self) -> list[CertificateRow] | str | None:
-        """Return the rows; a message for a design without certificates; None for a job that was cancelled."""
-        try:
-            return await asyncio.get_running_loop().run_in_executor(None, self._receiver.recv)
-        except (EOFError, OSError):
-            return None
-        finally:
-            self._process.join(timeout=1)
-
-    def cancel(self) -> None:
-        """End the process at once."""
-        if self._process.is_alive():
-            self._process.kill()
-
-
-def process_context() -> Any:
-    """Return the context of new processes: copies of one that has imported all, where the system has that."""
-    available = multiprocessing.get_all_start_methods()
-    context = multiprocessing.get_context(next(method for method in METHODS if method in available))
-    if context.get_start_method() == "forkserver":
-        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-        context.set_forkserver_preload(["tarc.studio.certifying"])
-    return context
+def send_certificates(send: Sender, content: dict[str, Any]) -> None:
+    """Send the rows of a scenario's first law, for a `Job`."""
+    send(certificate_rows(content))

@@ -9,6 +9,8 @@ from tarc.studio.analysis import LoopAnalysis, RobotFacts
 from tarc.studio.design_state import CONTROLS, DesignState
 from tarc.studio.runs import RunPair
 
+EMPTY: dict[str, Any] = {"data": [], "layout": {"paper_bgcolor": "rgba(0,0,0,0)"}, "config": {"displayModeBar": False}}
+"""A figure before its first result."""
 GRID = "rgba(128,128,128,0.25)"
 STABLE = "rgba(0,140,110,0.30)"
 STABLE_AT_MEAN = "rgba(0,114,178,0.15)"
@@ -198,3 +200,45 @@ def _range(pair: RunPair, quantity: str, joint: str) -> list[float]:
     top = max(peaks.values()) if not calm else min(max(peaks.values()), MAX_ZOOM_OUT * min(calm))
     top = 1.1 * max(top, MIN_RANGE)
     return [-top if joint else 0.0, top]
+
+
+def cloud_figure(
+    x: Array, y: Array, completed: Array, kinds: list[str], titles: tuple[str, str], is_logarithmic: bool
+) -> dict[str, Any]:
+    """Return a measure of the runs of a study over a drawn value; runs that diverged are crosses at the top.
+
+    Parameters
+    ----------
+    x
+        Drawn value of each run, shape (k,).
+    y, completed
+        Measure, and whether the run came to its end, of the design and its rival, shape (k, 2).
+    kinds
+        Kinds of the two laws.
+    titles
+        Of the axes.
+    is_logarithmic
+        Whether the drawn value has a logarithmic axis.
+    """
+    is_shown = completed & np.isfinite(y) & (y > 0)
+    top = float(2 * y[is_shown].max()) if is_shown.any() else 1.0
+    data = []
+    for column, (kind, role, colour) in enumerate(zip(kinds, ("", " (rival)"), (DESIGN, RIVAL), strict=True)):
+        for chosen, symbol, suffix in ((is_shown[:, column], "circle", ""), (~is_shown[:, column], "x", ", diverged")):
+            if not chosen.any():
+                continue
+            values = y[chosen, column] if symbol == "circle" else np.full(chosen.sum(), top)
+            data.append(
+                {
+                    "x": x[chosen].tolist(),
+                    "y": values.tolist(),
+                    "customdata": np.flatnonzero(chosen).tolist(),
+                    "type": "scattergl",
+                    "mode": "markers",
+                    "name": f"{kind}{role}{suffix}",
+                    "marker": {"size": 6, "color": colour, "opacity": 0.6, "symbol": symbol},
+                    "hovertemplate": "run %{customdata}<br>%{x:.4g}<br>%{y:.4g}<extra></extra>",
+                }
+            )
+    x_type = "log" if is_logarithmic else "linear"
+    return _figure(data, _axis(titles[0], type=x_type), _axis(titles[1], type="log"))

@@ -5,7 +5,7 @@ import math
 from nicegui import events, ui
 
 from tarc.studio.design_state import CONTROLS
-from tarc.studio.figures import gain_figure, map_figure
+from tarc.studio.figures import EMPTY, gain_figure, map_figure
 from tarc.studio.session import Session
 
 VERDICT_ICONS = {"certified": "check_circle", "refuted": "cancel", "inconclusive": "help"}
@@ -20,7 +20,7 @@ class LoopPanel:
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        self._map = ui.plotly({"data": [], "layout": {}, "config": {}}).classes("w-full map")
+        self._map = ui.plotly(EMPTY).classes("w-full map")
         self._map.props(
             'tabindex=0 role=application aria-label="Stability map. The arrow keys move the design: '
             'left and right its natural frequency, up and down its inertia share."'
@@ -28,7 +28,7 @@ class LoopPanel:
         self._map.on("plotly_relayout", self._on_drag)
         self._map.on("keydown", self._on_key, ["key"])
         self._summary = ui.element("dl").classes("numbers").props('aria-live=polite aria-label="Numbers of the loop"')
-        self._gain = ui.plotly({"data": [], "layout": {}, "config": {}}).classes("w-full gain")
+        self._gain = ui.plotly(EMPTY).classes("w-full gain")
         self._gain.props('role=img aria-label="Loop gain over frequency"')
         session.listen("loop", self.update)
 

@@ -9,11 +9,13 @@ from nicegui import Client, events, ui
 from tarc.studio.access import SessionFolders
 from tarc.studio.controls import ControlPanel
 from tarc.studio.design_state import DesignState
+from tarc.studio.export_menu import ExportMenu
 from tarc.studio.loop_panel import CertificatePanel, LoopPanel
 from tarc.studio.robots import Robots
 from tarc.studio.run_panel import RunPanel
 from tarc.studio.scene_panel import ScenePanel
 from tarc.studio.session import Session
+from tarc.studio.study_tab import StudyTab
 from tarc.studio.upload_panel import UploadPanel
 
 STYLE = (Path(__file__).parent / "studio.css").read_text(encoding="utf-8")
@@ -60,12 +62,16 @@ def build_page(session: Session, folder: Path) -> None:
         ui.label("tarc studio").classes("studio-title").props("role=heading aria-level=1")
         with ui.tabs().props("dense no-caps inline-label") as tabs:
             design_tab = ui.tab("Design")
+            study_tab = ui.tab("Study")
         ui.space()
+        ExportMenu(session)
         HistoryButtons(session)
         icon_button("contrast", "Light or dark", lambda: _switch_theme(dark))
-    panels = ui.tab_panels(tabs, value=design_tab).classes("w-full studio-panels")
+    panels = ui.tab_panels(tabs, value=design_tab).classes("w-full studio-panels").props("keep-alive")
     with panels, ui.tab_panel(design_tab).classes("p-0"):
         build_design_tab(session, folder)
+    with panels, ui.tab_panel(study_tab).classes("p-0"):
+        StudyTab(session)
     follow_in_url(session)
     ui.keyboard(on_key=lambda event: _on_key(event, session), ignore=[])
     if session.notes:

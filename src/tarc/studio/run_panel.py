@@ -2,7 +2,7 @@
 
 from nicegui import ui
 
-from tarc.studio.figures import curves_figure
+from tarc.studio.figures import EMPTY, curves_figure
 from tarc.studio.session import Session
 
 ALL_JOINTS = "norm over all joints"
@@ -24,7 +24,7 @@ class RunPanel:
         self._joint.props('dense outlined options-dense aria-label="Joint of the curves"').classes("w-full")
         self._plots = {}
         for quantity in ("error", "torque", "gain"):
-            plot = ui.plotly({"data": [], "layout": {}, "config": {}}).classes("w-full curve").mark(quantity)
+            plot = ui.plotly(EMPTY).classes("w-full curve").mark(quantity)
             self._plots[quantity] = plot.props(f'role=img aria-label="{quantity} over time, design and rival"')
         self._measures = ui.element("div").classes("measures").props("aria-live=polite").mark("measures")
         session.listen("runs", self.update)

@@ -101,7 +101,11 @@ def run_curves(content: dict[str, Any]) -> Curves:
     scenario = Scenario.parse(content)
     setup = scenario.build()
     name, law = next(iter(setup.laws.items()))
-    run = scenario.run_law(law, setup, progress=False)
+    return curves_of(scenario.run_law(law, setup, progress=False), name, scenario.metrics_start)
+
+
+def curves_of(run: Run, name: str, start_time: float) -> Curves:
+    """Return what the page draws of a run, with its measures after a start time."""
     data = run.data
     step = max(1, -(-data.sizes["time"] // MAX_POINTS))
     return Curves(
@@ -111,7 +115,7 @@ def run_curves(content: dict[str, Any]) -> Curves:
         errors=(data["position"].values - data["reference"].values)[::step],
         torques=data["torque"].values[::step],
         gain=data["gain"].values[::step] if "gain" in data else None,
-        measures={key: float(np.asarray(value)) for key, value in run.metrics_or_none(scenario.metrics_start).items()},
+        measures={key: float(np.asarray(value)) for key, value in run.metrics_or_none(start_time).items()},
         status=str(run.status),
         has_completed=run.status.completed,
         run=run,

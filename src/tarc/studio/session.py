@@ -3,14 +3,17 @@
 import asyncio
 import time
 from collections.abc import Awaitable, Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, TypeVar
 
-from nicegui import background_tasks, run
+from nicegui import background_tasks
 
 from tarc.studio.analysis import LoopAnalysis, RobotFacts, analyse_loop, robot_facts
-from tarc.studio.certifying import DESIGN_ERRORS, CertificateJob, CertificateRow
+from tarc.studio.certifying import CertificateRow, send_certificates
 from tarc.studio.design_state import DesignState, History
+from tarc.studio.jobs import DESIGN_ERRORS, Job, JobError
 from tarc.studio.robots import Robots
 from tarc.studio.runs import RunPair, run_pair
 
@@ -20,6 +23,8 @@ RUN_PAUSE = 0.05
 """Pause after the last move before the runs start [s]."""
 MAX_FACTS = 32
 """Robots and payloads whose facts a session keeps."""
+
+_COMPUTING = ThreadPoolExecutor(max_workers=4, thread_name_prefix="studio")
 
 T = TypeVar("T")
 Listener = Callable[[], object]
@@ -69,9 +74,10 @@ class Session:
         self.notes = notes
         self.results = Results()
         self._listeners: dict[str, list[Listener]] = {"state": [], "loop": [], "runs": [], "certificates": []}
+        self._at_end: list[Listener] = []
         self._facts: dict[tuple[str, float], RobotFacts] = {}
         self._simulated: tuple[DesignState, RunPair] | None = None
-        self._job: CertificateJob | None = None
+        self._job: Job | None = None
         self._moved = {name: asyncio.Event() for name in ("loop", "runs", "certificates")}
         self._tasks: list[asyncio.Task] = []
 
@@ -90,8 +96,14 @@ class Session:
         self._tasks = [background_tasks.create(self._follow(name, step)) for name, step in steps.items()]
         self._announce_move()
 
+    def at_end(self, listener: Listener) -> None:
+        """Call a function when the page is closed."""
+        self._at_end.append(listener)
+
     def close(self) -> None:
         """End all that is being computed."""
+        for listener in self._at_end:
+            listener()
         for task in self._tasks:
             task.cancel()
         if self._job is not None:
@@ -170,17 +182,21 @@ class Session:
         self._tell("runs")
 
     async def _update_certificates(self, state: DesignState) -> None:
-        self._job = job = CertificateJob(state.to_content(self.robots.content(state.robot)))
-        rows = await job.result()
-        if state != self.state or rows is None:
+        self._job = Job(send_certificates, state.to_content(self.robots.content(state.robot)))
+        rows: list[CertificateRow] | None = None
+        problem = ""
+        try:
+            async for message in self._job.results():
+                rows = message
+        except JobError as error:
+            problem = str(error)
+        if state != self.state or (rows is None and not problem):
             return
-        if isinstance(rows, str):
-            self.results.certificate_problem = rows
-        else:
-            self.results.certificates = rows
+        self.results.certificates = rows
+        self.results.certificate_problem = problem
         self._tell("certificates")
 
 
 async def in_thread(function: Callable[..., T], *arguments: Any) -> T:
     """Return what a function computes in a thread, so that the page stays responsive."""
-    return await run.io_bound(function, *arguments)
+    return await asyncio.get_running_loop().run_in_executor(_COMPUTING, partial(function, *arguments))

@@ -1,0 +1,97 @@
+"""Files of a design: figures, the run, the scenario, and the law in C or as an FMU, by the package's own writers."""
+
+import io
+import tempfile
+import zipfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from tarc.export import export_c, export_fmu
+from tarc.scenario.model import Scenario
+from tarc.studio.design_state import DesignState
+from tarc.studio.robots import Robots
+from tarc.studio.runs import RunPair
+
+DPI = 200
+
+
+def figure_file(pair: RunPair, suffix: str) -> bytes:
+    """Return the figure of both runs as PNG or PDF."""
+    figure = pair.design.run.plot(others={pair.rival.name: pair.rival.run})
+    stream = io.BytesIO()
+    figure.savefig(stream, format=suffix, dpi=DPI)
+    return stream.getvalue()
+
+
+def run_file(pair: RunPair) -> bytes:
+    """Return the run of the design as netCDF."""
+    with tempfile.TemporaryDirectory() as folder:
+        return pair.design.run.save(Path(folder) / "run.nc").read_bytes()
+
+
+def scenario_file(state: DesignState, robots: Robots) -> bytes:
+    """Return the design with its rival as a scenario in YAML, with the whole duration of the robot's motion."""
+    base = robots.content(state.robot)
+    content = state.to_content(base)
+    return Scenario.parse(content | {"law": [content["law"], state.rival_content(base)["law"]]}).to_yaml().encode()
+
+
+def law_files(state: DesignState, robots: Robots) -> bytes:
+    """Return the law as a C99 project in a ZIP archive."""
+    law, options = _law_to_export(state, robots)
+    with tempfile.TemporaryDirectory() as place:
+        written = export_c(law, Path(place) / "law", name="law", **options)
+        stream = io.BytesIO()
+        with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+            for file in sorted(written.folder.rglob("*")):
+                archive.write(file, file.relative_to(place))
+        return stream.getvalue()
+
+
+def fmu_file(state: DesignState, robots: Robots) -> bytes:
+    """Return the law as an FMU.
+
+    Raises
+    ------
+    MissingTool
+        Without a compiler or the headers of FMI, which come with the extra ``ship``.
+    """
+    law, options = _law_to_export(state, robots)
+    with tempfile.TemporaryDirectory() as place:
+        return export_fmu(law, Path(place) / "law.fmu", name="law", **options).file.read_bytes()
+
+
+def _law_to_export(state: DesignState, robots: Robots) -> tuple[Any, dict[str, Any]]:
+    """Return the law with the robot's torque limits, and the options of its export."""
+    setup = Scenario.parse(state.to_content(robots.content(state.robot))).build()
+    name, law = next(iter(setup.laws.items()))
+    if law.torque_limit is None and setup.plant.torque_limits is not None:
+        law = replace(law, torque_limit=setup.plant.torque_limits)
+    content = Scenario.parse(state.to_content(robots.content(state.robot))).model_dump(
+        mode="json", exclude_defaults=True
+    )
+    options = {
+        "torque_limits": setup.torque_limits,
+        "joint_names": tuple(setup.plant.joint_names),
+        "scenario": {"law": name, "content": content},
+        "commands": setup.plant.torque_units,
+    }
+    return law, options
+
+
+def writers(state: DesignState, robots: Robots, pair: RunPair | None) -> dict[str, tuple[str, Callable[[], bytes]]]:
+    """Return what can be exported, by label: name of the file and the function that makes its content."""
+    files: dict[str, tuple[str, Callable[[], bytes]]] = {
+        "Scenario (YAML)": ("design.yaml", lambda: scenario_file(state, robots)),
+        "Law in C (ZIP)": ("law.zip", lambda: law_files(state, robots)),
+        "Law as FMU": ("law.fmu", lambda: fmu_file(state, robots)),
+    }
+    if pair is not None:
+        files |= {
+            "Run (netCDF)": ("run.nc", lambda: run_file(pair)),
+            "Figure (PNG)": ("runs.png", lambda: figure_file(pair, "png")),
+            "Figure (PDF)": ("runs.pdf", lambda: figure_file(pair, "pdf")),
+        }
+    return files

@@ -1,0 +1,112 @@
+"""Processes that compute for the page, and that the next move ends."""
+
+import asyncio
+import multiprocessing
+import os
+from collections.abc import AsyncIterator, Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from multiprocessing.connection import Connection
+from typing import Any
+
+from tarc.core.errors import (
+    ClusterError,
+    CompilationError,
+    InvalidParameter,
+    MissingTool,
+    NoStableRatio,
+    NotConverged,
+    NotLinearisable,
+    RobotFileError,
+    ScenarioError,
+    UnsupportedLaw,
+)
+
+DESIGN_ERRORS = (
+    ClusterError,
+    CompilationError,
+    InvalidParameter,
+    MissingTool,
+    NoStableRatio,
+    NotConverged,
+    NotLinearisable,
+    RobotFileError,
+    ScenarioError,
+    UnsupportedLaw,
+)
+"""Errors of a design that the page shows."""
+METHODS = ("forkserver", "spawn")
+PRELOADED = ["tarc.studio.certifying"]
+"""Modules that the process has imported of which others are copies."""
+
+_WAITING = ThreadPoolExecutor(max_workers=64, thread_name_prefix="studio-job")
+
+Sender = Callable[[object], None]
+
+
+class JobError(Exception):
+    """An error of a design in another process, with its message."""
+
+
+class Job:
+    """A function that runs in a process of its own and sends results.
+
+    Parameters
+    ----------
+    function
+        A function of a module; its first argument sends a result.
+    arguments
+        The others.
+    """
+
+    def __init__(self, function: Callable[..., None], *arguments: Any) -> None:
+        context = process_context()
+        self._receiver, sender = context.Pipe(duplex=False)
+        self._process = context.Process(target=_run_and_send, args=(function, arguments, sender), daemon=True)
+        self._process.start()
+        sender.close()
+
+    async def results(self) -> AsyncIterator[Any]:
+        """Yield what the function sends, until it is done or cancelled.
+
+        Raises
+        ------
+        JobError
+            For an error of the design.
+        """
+        loop = asyncio.get_running_loop()
+        try:
+            while True:
+                message = await loop.run_in_executor(_WAITING, self._receiver.recv)
+                if isinstance(message, JobError):
+                    raise message
+                yield message
+        except (EOFError, OSError):
+            return
+        finally:
+            self.cancel()
+
+    def cancel(self) -> None:
+        """End the process at once."""
+        if self._process.is_alive():
+            self._process.kill()
+
+
+def _run_and_send(function: Callable[..., None], arguments: tuple[Any, ...], connection: Connection) -> None:
+    try:
+        function(connection.send, *arguments)
+    except DESIGN_ERRORS as error:
+        connection.send(JobError(str(error)))
+    finally:
+        connection.close()
+
+
+@cache
+def process_context() -> Any:
+    """Return the context of new processes: copies of one that has imported all, where the system has that."""
+    available = multiprocessing.get_all_start_methods()
+    context = multiprocessing.get_context(next(method for method in METHODS if method in available))
+    if context.get_start_method() == "forkserver":
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+        context.set_forkserver_preload(PRELOADED)
+    return context

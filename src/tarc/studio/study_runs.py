@@ -1,0 +1,92 @@
+"""A study of the design and its rival on drawn robots, in chunks as they finish."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tarc.core.types import Array
+from tarc.studio.design_state import DesignState
+from tarc.studio.jobs import Sender
+from tarc.studio.robots import Robots
+from tarc.studio.runs import METRICS_START, RunPair, curves_of, short_base
+from tarc.study.cases import Cases
+from tarc.study.draws import run_seeds
+from tarc.study.engines import Simulator
+from tarc.study.execution import build_engine, choose_study_integration
+from tarc.study.specification import Study
+
+CHUNK = 40
+"""Runs that are shown at once."""
+FRICTION = (0.5, 2.0)
+"""Drawn friction over that of the robot."""
+NOISE = (1e-6, 1e-4)
+"""Drawn noise of the encoders [rad or m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class StudyChunk:
+    """Some finished runs.
+
+    Attributes
+    ----------
+    runs
+        Their numbers, shape (k,).
+    values
+        Drawn values, shape (k, keys).
+    measures
+        Each of shape (k, 2): of the design and its rival; nan for a run without.
+    completed
+        Shape (k, 2).
+    """
+
+    runs: Array
+    values: Array
+    measures: dict[str, Array]
+    completed: Array
+
+
+def study_content(state: DesignState, robots: Robots, runs: int) -> dict[str, Any]:
+    """Return the study of a design: payload, viscous friction and noise of the encoders are drawn."""
+    base = short_base(robots.content(state.robot))
+    scenario = state.to_content(base)
+    draws: dict[str, Any] = {"sensor.noise": {"log_uniform": list(NOISE)}}
+    for number, part in enumerate(scenario["disturbance"]):
+        if part["kind"] == "Payload" and part["mass"]:
+            draws[f"disturbance.{number}.mass"] = {"uniform": [0.0, 2 * float(part["mass"])]}
+    viscous = scenario["robot"].get("viscous")
+    named = {"robot.viscous": viscous} if isinstance(viscous, int | float) else {}
+    if isinstance(viscous, list):
+        named = {f"robot.viscous.{joint}": value for joint, value in enumerate(viscous)}
+    for key, value in named.items():
+        if value:
+            draws[key] = {"uniform": [factor * float(value) for factor in FRICTION]}
+    design, rival = scenario["law"], state.rival_content(base)["law"]
+    laws = [{**design, "label": "design"}, {**rival, "label": "rival"}]
+    return {"scenario": scenario, "laws": laws, "runs": runs, "sampling": "sobol", "draws": draws}
+
+
+def send_study(send: Sender, content: dict[str, Any]) -> None:
+    """Run a study and send each `StudyChunk`, for a `Job`."""
+    study = Study.parse(content)
+    draws = study.draw()
+    integration = choose_study_integration(Cases(study), draws)
+    engine = build_engine(study, integration, "auto")
+    for start in range(0, study.runs, CHUNK):
+        runs = np.arange(start, min(start + CHUNK, study.runs))
+        result = engine.run(runs, draws.values[runs], draws.seeds[runs])
+        send(StudyChunk(runs, draws.values[runs], result.measures, result.completed))
+
+
+def replay(content: dict[str, Any], run: int) -> RunPair:
+    """Simulate one run of a study again, with its trajectories."""
+    study = Study.parse(content)
+    draws = study.draw()
+    cases = Cases(study)
+    simulator = Simulator(cases, choose_study_integration(cases, draws))
+    seed = int(run_seeds(draws.seed, np.array([run]))[0])
+    curves = [
+        curves_of(simulator.trace(draws.values[run], seed, law), f"{law}, run {run}", METRICS_START)
+        for law in study.law_names
+    ]
+    return RunPair(*curves)
