@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from tarc.core.errors import EngineWarning, UnsupportedLaw
+from tarc.core.errors import CompilationError, EngineWarning, UnsupportedLaw
+from tarc.core.lane_loop import LaneLoop
 from tarc.simulation.integration import Integration
 from tarc.study import execution
 from tarc.study.cases import Cases
@@ -106,3 +107,18 @@ def test_without_a_compiler_the_virtual_machine_takes_over(monkeypatch, tmp_path
         engine = execution.build_engine(make_study(), METHOD, "auto")
     assert engine.name == "virtual machine"
     assert len(caught) == 1
+
+
+@pytest.mark.slow
+def test_without_vector_types_runs_are_one_by_one(monkeypatch):
+    def only_single(self, function, places, n_sums, lanes):
+        if lanes > 1:
+            raise CompilationError("no vector types")
+        start(self, function, places, n_sums, lanes)
+
+    start = LaneLoop.__init__
+    monkeypatch.setattr(LaneLoop, "__init__", only_single)
+    study = make_study()
+    engine = CompiledEngine(Cases(study), METHOD, study.law_names)
+    assert engine.name == "compiled"
+    assert np.all(run(engine, study).completed)

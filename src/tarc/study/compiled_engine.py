@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tarc.control.digital_controller import DigitalController
-from tarc.core.errors import UnsupportedLaw
+from tarc.core.errors import CompilationError, UnsupportedLaw
 from tarc.core.lane_loop import processor_lanes
 from tarc.core.types import Array
 from tarc.laws.base import Law
@@ -90,9 +90,19 @@ class CompiledEngine:
             self.add(law)
 
     def add(self, law: str) -> None:
-        """Compile one more law; it raises what the class raises."""
+        """Compile one more law; it raises what the class raises.
+
+        A compiler without vector types compiles the first law once more, for one run at a time.
+        """
         self._find_structural(law)
-        _ = self._loop(law, self.cases.typical_row).machine
+        try:
+            _ = self._loop(law, self.cases.typical_row).machine
+        except CompilationError:
+            if self.lanes == 1 or self.laws:
+                raise
+            self.lanes, self.name = 1, COMPILED
+            self._loops.clear()
+            _ = self._loop(law, self.cases.typical_row).machine
         self.laws.append(law)
 
     def run(self, indices: Array, values: Array, seeds: Array) -> ChunkResult:
