@@ -76,7 +76,8 @@ def test_a_run_of_a_study_is_the_run_of_its_scenario(finished):
 
 
 def test_the_dataset_has_all_that_a_reader_needs(finished):
-    data = xr.open_zarr(finished.folder / "results.zarr", chunks=None, consolidated=False)
+    data = xr.open_zarr(finished.folder / "results.zarr")
+    assert set(data.data_vars) == set(finished.data.data_vars)
     assert data.sizes == {"run": 12, "law": 2}
     assert data["law"].values.tolist() == ["TDC", "PID"]
     assert data["run"].values.tolist() == list(range(12))
@@ -145,6 +146,7 @@ def test_more_runs_keep_the_first_ones(finished, tmp_path):
     grown = study(runs=18).run(folder)
     assert grown.data["run"].values.tolist() == list(range(18))
     same(grown.data.isel(run=slice(0, 12)), finished.data)
+    same(xr.open_zarr(folder / "results.zarr"), grown.data)
     whole = study(runs=18).run(tmp_path / "whole.study")
     same(grown.data, whole.data)
     assert Study.load(folder / "study.yaml").runs == 18

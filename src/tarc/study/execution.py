@@ -75,6 +75,7 @@ def run_study(
             recipe = EngineRecipe(study, integration, compiled_laws(built), 1 if engine == COMPILED else None)
             bar = Progress(f"running {study.name}", store.runs, progress, unit="runs")
             _run_pending(store, draws, built, recipe, jobs, scheduler, bar)
+        store.consolidate()
         write_traces(study, draws, integration, store)
     return StudyResult.open(place)
 

@@ -163,6 +163,12 @@ class Store:
                 if name not in ("run", "law"):
                     array.resize((runs, *array.shape[1:]))
             _write_index(self.group, runs)
+        self.consolidate()
+
+    def consolidate(self) -> None:
+        """Put the description of all arrays into one file, from which readers of Zarr open the dataset at once."""
+        with self._writing():
+            zarr.consolidate_metadata(str(self.folder / RESULTS), zarr_format=2)
 
     def _array(self, name: str, n_dimensions: int) -> zarr.Array[Any]:
         """Return the array of a variable, made where there is none."""
@@ -281,7 +287,7 @@ def _opened_group(folder: Path, mode: Literal["r", "r+"]) -> zarr.Group:
     """Open the dataset of a study, or refuse one that is damaged."""
     path = folder / RESULTS
     try:
-        group = zarr.open_group(path, mode=mode)
+        group = zarr.open_group(path, mode=mode, use_consolidated=False)
     except (OSError, ValueError, KeyError) as error:
         raise InvalidParameter(
             f"study: {path} cannot be read ({error}); remove {folder} and begin anew", "out"
