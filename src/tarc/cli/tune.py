@@ -142,13 +142,18 @@ def tune(
     options |= {"storage": storage, "failures": failures}
     fronts: dict[str, TuningFront] = {}
     scores: dict[str, float] = {}
-    if both:
-        fronts = tune_fronts(names, training, limits, **options)
-        found = {name: found_front.pick(pick).law for name, found_front in fronts.items()}
-    else:
-        tuned = tune_all(names, training, limits, **options)
-        found = {name: law for name, (law, _) in tuned.items()}
-        scores = {name: score for name, (_, score) in tuned.items()}
+    try:
+        if both:
+            fronts = tune_fronts(names, training, limits, **options)
+            found = {name: found_front.pick(pick).law for name, found_front in fronts.items()}
+        else:
+            tuned = tune_all(names, training, limits, **options)
+            found = {name: law for name, (law, _) in tuned.items()}
+            scores = {name: score for name, (_, score) in tuned.items()}
+    except KeyboardInterrupt:
+        hint = f"the same command goes on from {storage}" if storage else "with --storage FILE a search goes on"
+        print(f"stopped; {hint}", file=sys.stderr)
+        raise typer.Exit(130) from None
     for name, reason in failures.items():
         print(f"{name}: none. {reason}")
     if not found:

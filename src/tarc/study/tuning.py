@@ -3,9 +3,10 @@
 import hashlib
 import json
 import os
+import signal
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from multiprocessing import get_context
@@ -548,7 +549,7 @@ def _in_rounds(
     count = check.integer("jobs", min(os.cpu_count() or 1, len(names)) if jobs is None else jobs, 1)
     results: dict[str, T] = {}
     with (
-        ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool,
+        ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_end_at_interrupt) as pool,
         Progress(f"tuning {total} laws, {options.trials} trials each", total, progress) as bar,
     ):
         for group in rounds:
@@ -557,19 +558,33 @@ def _in_rounds(
                 base = spaces[name].extends
                 starts = starts_of(results[base]) if base in results else [_own_law(scenarios[0])]
                 futures[pool.submit(work, (name, spaces[name], contents, list(limits), options, starts))] = name
-            for future in as_completed(futures):
-                try:
-                    results[futures[future]] = future.result()
-                except (UnsupportedLaw, NotConverged) as error:
-                    if failures is None:
-                        raise
-                    failures[futures[future]] = str(error)
-                except BrokenProcessPool:
-                    raise InvalidParameter(
-                        "jobs: a process was killed, perhaps for lack of memory; use fewer jobs"
-                    ) from None
-                bar.advance()
+            try:
+                for future in as_completed(futures):
+                    name = futures[future]
+                    _collect(name, future, results, failures)
+                    bar.advance()
+            except (KeyboardInterrupt, InvalidParameter, UnsupportedLaw, NotConverged):
+                # without the laws that no process has begun
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
     return results
+
+
+def _end_at_interrupt() -> None:
+    """Let Ctrl-C end a process at once; its storage loses nothing."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def _collect(name: str, future: Future[T], results: dict[str, T], failures: dict[str, str] | None) -> None:
+    """Keep the result of a law, or the reason why there is none."""
+    try:
+        results[name] = future.result()
+    except (UnsupportedLaw, NotConverged) as error:
+        if failures is None:
+            raise
+        failures[name] = str(error)
+    except BrokenProcessPool:
+        raise InvalidParameter("jobs: a process was killed, perhaps for lack of memory; use fewer jobs") from None
 
 
 def _rounds(names: Sequence[str], spaces: Mapping[str, SearchSpace]) -> list[list[str]]:
