@@ -5,9 +5,11 @@ import pytest
 
 import tarc
 from tarc.estimators import Algebraic
+from tarc.laws.pole_placement import PolePlacement
 from tarc.study import SearchSpace, default_search_spaces
-from tarc.study.trial_lanes import PaddedWindow
-from tarc.study.trial_runs import TrialScenario
+from tarc.study.trial_lanes import PaddedWindow, longest_window, pad_window
+from tarc.study.trial_runs import TrialScenario, shared_loop
+from tarc.study.trial_slopes import SharedSlopes
 from tarc.study.trials import Trials
 
 SHORT = ["duration=1.0", "metrics_start=0.3"]
@@ -79,7 +81,7 @@ def test_companions_do_not_matter():
     assert trial.run_all(laws[:-1][::-1])[::-1] == together[:-1]
 
 
-@pytest.mark.parametrize(("law", "settings"), [("pid", []), ("tdc", ["native=false"])])
+@pytest.mark.parametrize(("law", "settings"), [("fuzzy", []), ("tdc", ["native=false"])])
 def test_what_has_no_common_machine_code_runs_one_by_one(law, settings):
     trial, space, _ = trials_of("train_masses", law, settings)
     assert trial._lanes is None
@@ -103,3 +105,33 @@ def test_examples_differ_in_every_gain():
     drawn = space.examples()
     assert [one["estimator.window"] for one in drawn[:2]] == [0.002, 0.03]
     assert len({one["a"] for one in drawn}) == len(drawn)
+
+
+@pytest.mark.parametrize("law", ["tdc", "tarc", "tdc-kalman", "pid"])
+def test_one_function_linearises_all_gains(law):
+    trial, space, _ = trials_of("train_masses", law)
+    laws = laws_within(space, trial, 9)
+    drawn = [trial.build_law(space.law(values, 1e-3)) for values in space.examples()]
+    examples = [one for one in drawn if isinstance(one, PolePlacement)]
+    samples = longest_window(examples)
+    slopes = SharedSlopes([pad_window(one, samples) for one in examples])
+    for one in laws:
+        assert isinstance(one, PolePlacement)
+        channel = slopes.channel(pad_window(one, samples))
+        loop = shared_loop(one)
+        assert channel is not None
+        assert loop is not None
+        for ratio in (0.02, 0.1, 0.5):
+            ours, theirs = (np.sort(np.abs(np.linalg.eigvals(part.state_matrix(ratio)))) for part in (channel, loop[0]))
+            np.testing.assert_allclose(ours[-3:], theirs[-3:], atol=1e-9)
+
+
+def test_another_structure_is_not_linearised_by_the_function():
+    trial, space, _ = trials_of("train_masses", "tdc")
+    laws = laws_within(space, trial, 4)
+    first, *_ = plain = [one for one in laws if isinstance(one, PolePlacement)]
+    slopes = SharedSlopes([pad_window(one, 31) for one in plain])
+    assert slopes.channel(first) is None  # its own window
+    slower = trial.build_law({**space.law(space.middle, 1e-3), "delay": 3e-3})
+    assert isinstance(slower, PolePlacement)
+    assert slopes.channel(pad_window(slower, 31)) is None

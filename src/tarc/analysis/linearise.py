@@ -224,6 +224,27 @@ def _linearise(law: PolePlacement, gain: float, joints: tuple[int, ...]) -> Chan
     return Channel(F=F, G=G, H=H, C=M_inverse @ C, D=M_inverse @ D, E=M_inverse @ E, period=law.period, joints=joints)
 
 
+def parametric_channel(law: PolePlacement, symbolic: PolePlacement, parameters: ca.SX) -> Callable[[Array], Channel]:
+    """Return a function from numbers of a law to its loop, traced once for all of them.
+
+    Parameters
+    ----------
+    law
+        The law of one joint with M̂ = 1 and without a model, as `decoupled_channels` linearises it.
+    symbolic
+        The same law with symbols in place of some numbers.
+    parameters
+        These symbols, shape (p, 1).
+    """
+    slopes = _slopes_at_rest(law, 0.0, symbolic=symbolic, parameters=parameters)
+
+    def channel(values: Array) -> Channel:
+        F, G, H, C, D, E = _required_slopes(law, *slopes(np.zeros(law.n_joints), values))
+        return Channel(F=F, G=G, H=H, C=C, D=D, E=E, period=law.period, joints=(0,))
+
+    return channel
+
+
 def _required_slopes(law: Law, J: Array, n_states: int) -> tuple[Array, Array, Array, Array, Array, Array]:
     """Return F, G, H, C, D, E out of the slopes of a law, without the states that do not matter."""
     n = law.n_joints
@@ -239,11 +260,18 @@ def _required_slopes(law: Law, J: Array, n_states: int) -> tuple[Array, Array, A
     return F, inputs[:, :n], inputs[:, n:], outputs, direct[:, :n], direct[:, n:]
 
 
-def _slopes_at_rest(law: Law, gain: float, anywhere: bool = False) -> Callable[[Array], tuple[Array, int]]:
+def _slopes_at_rest(
+    law: Law,
+    gain: float,
+    anywhere: bool = False,
+    *,
+    symbolic: Law | None = None,
+    parameters: ca.SX | None = None,
+) -> Callable[..., tuple[Array, int]]:
     """Return a function to the slopes of (x⁺, τ) over (x, q, w) at rest in a posture, and the number of states x.
 
     The acceleration reference enters the auxiliary input as Δu does, so its columns are those of w. Unless it is for
-    ``anywhere``, the posture is zero.
+    ``anywhere``, the posture is zero. With the law in symbols, the function takes the numbers for the parameters too.
     """
     controller = DigitalController(Encoder(), law)
     n, zero = law.n_joints, np.zeros(law.n_joints)
@@ -261,17 +289,19 @@ def _slopes_at_rest(law: Law, gain: float, anywhere: bool = False) -> Callable[[
     reference = ca.SX.sym("r", n) if anywhere else zero
     symbolic_state = rebuild(state, [symbols.get(i, value) for i, value in enumerate(values)])
     value = ControllerInput(position, zero, reference, zero, acceleration, zero)
-    next_state, output = controller.step(symbolic_state, value)
+    stepping = controller if symbolic is None else DigitalController(Encoder(), symbolic)
+    next_state, output = stepping.step(symbolic_state, value)
     x = ca.vertcat(*(_column(symbol) for symbol in symbols.values())) if symbols else ca.SX(0, 1)
     rows = [_column(leaf) for i, leaf in enumerate(leaves(next_state)) if i in symbols]
     slopes = ca.jacobian(ca.vertcat(*rows, output.torque), ca.vertcat(x, position, acceleration))
     inputs = [x, position, acceleration, *([reference] if anywhere else [])]
+    inputs += [] if parameters is None else [parameters]
     evaluate = ca.Function("slopes", inputs, [slopes], {"cse": True})
 
-    def at(posture: Array) -> tuple[Array, int]:
+    def at(posture: Array, *numbers: Array) -> tuple[Array, int]:
         present = leaves(controller.init(posture)) if anywhere else values
         x_at_rest = pack(tuple(present[i] for i in varying))
-        return np.array(evaluate(x_at_rest, posture, zero, *([posture] if anywhere else []))), len(x_at_rest)
+        return np.array(evaluate(x_at_rest, posture, zero, *([posture] if anywhere else []), *numbers)), len(x_at_rest)
 
     return at
 

@@ -3,6 +3,7 @@
 import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -102,7 +103,7 @@ class TrialLanes:
         seed: int,
     ):
         self._case_of = case_of
-        self._samples = max((len(law.estimator.sums) for law in examples if _can_be_padded(law)), default=0)
+        self._samples = longest_window(examples)
         cases = [self._case(law) for law in examples]
         self._loop = BatchLoop(
             cases,
@@ -122,16 +123,34 @@ class TrialLanes:
         return covered, self._loop.run([cases[place] for place in covered], [self._inputs] * len(covered))
 
     def _case(self, law: Law) -> LoopCase:
-        if _can_be_padded(law) and len(law.estimator.sums) <= self._samples:
-            padded = copy.copy(law)  # with all that it has computed, which the constructor would do again
-            object.__setattr__(padded, "estimator", PaddedWindow.from_estimator(law.estimator, self._samples))
-            law = padded
-        return self._case_of(law)
+        return self._case_of(pad_window(law, self._samples))
 
 
-def _can_be_padded(law: Law) -> bool:
-    """Return whether nothing in a law depends on its window but the weights; who knows of a user's law."""
-    return isinstance(law.estimator, Algebraic) and law.estimator.max_derivative == 2 and not is_from_file(law)
+def longest_window(laws: Sequence[Law]) -> int:
+    """Return the number of samples of the longest window that can be padded; zero for none."""
+    estimators = [estimator for law in laws if (estimator := _window_of(law)) is not None]
+    return max((len(estimator.sums) for estimator in estimators), default=0)
+
+
+L = TypeVar("L", bound=Law)
+
+
+def pad_window(law: L, samples: int) -> L:
+    """Return a law with a window of so many samples, with all that it has computed; or itself where that cannot be."""
+    estimator = _window_of(law)
+    if estimator is None or len(estimator.sums) > samples:
+        return law
+    padded = copy.copy(law)
+    object.__setattr__(padded, "estimator", PaddedWindow.from_estimator(estimator, samples))
+    return padded
+
+
+def _window_of(law: Law) -> Algebraic | None:
+    """Return the estimator of a law in which nothing depends on the window but its weights; None for a user's law."""
+    estimator = law.estimator
+    if not isinstance(estimator, Algebraic) or estimator.max_derivative != 2 or is_from_file(law):
+        return None
+    return estimator
 
 
 def lanes_or_none(make: Callable[[], TrialLanes]) -> TrialLanes | None:

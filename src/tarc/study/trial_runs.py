@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
@@ -297,14 +297,19 @@ class TrialScenario:
         return record, monitor.divergence_index
 
 
+def has_shared_loop(law: Law) -> TypeGuard[PolePlacement]:
+    """Return whether all joints of a law share a loop, whose linearisation does not depend on the posture."""
+    if not isinstance(law, PolePlacement) or not joints_share_loop(law):
+        return False
+    return not law.has_model or isinstance(law.inertia, NominalInertia)
+
+
 def shared_loop(law: Law) -> Sequence[Channel] | None:
     """Return the linearised loop that all joints of a law share, without computation delay; None where there is none.
 
     It does not depend on M̂ and on the torque limits.
     """
-    if not isinstance(law, PolePlacement) or not joints_share_loop(law):
-        return None
-    if law.has_model and not isinstance(law.inertia, NominalInertia):
+    if not has_shared_loop(law):
         return None
     try:
         return decoupled_channels(law)

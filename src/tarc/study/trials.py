@@ -11,7 +11,9 @@ from tarc.core.errors import NotLinearisable, UnsupportedLaw
 from tarc.laws.base import Law
 from tarc.scenario.model import Scenario
 from tarc.study.robust_margin import RobustMargin
-from tarc.study.trial_runs import TrialRun, TrialScenario, shared_loop
+from tarc.study.trial_lanes import longest_window, pad_window
+from tarc.study.trial_runs import TrialRun, TrialScenario, has_shared_loop, shared_loop
+from tarc.study.trial_slopes import SharedSlopes
 
 INSTABILITY = 10.0
 """Added to the objective of a loop that is unstable at rest in a posture of the reference."""
@@ -121,6 +123,9 @@ class Trials:
     ):
         self.scenarios = [TrialScenario(scenario, examples) for scenario in scenarios]
         self.min_margin = min_margin
+        self._examples = examples
+        self._samples = 0
+        self._slopes: dict[float, SharedSlopes | None] = {}
         self._margins = [] if min_margin is None else [_margin_in(scenario) for scenario in self.scenarios]
 
     def evaluate(self, parts: Sequence[dict[str, Any]], run_unstable: bool) -> list[TrialOutcome]:
@@ -181,10 +186,23 @@ class Trials:
         for scenario, law in zip(self.scenarios, laws, strict=True):
             key = law.period, repr(law.estimator)
             if key not in shared:
-                shared[key] = shared_loop(law)
+                shared[key] = self._loop(scenario, law)
             loops, delay = shared[key], scenario.scenario.computation_delay
             found.append(None if loops is None else [loop.with_delay(delay) for loop in loops])
         return found
+
+    def _loop(self, scenario: TrialScenario, law: Law) -> Sequence[Channel] | None:
+        """Return the loop that the joints of a law share, by the function of all trials where it covers the law."""
+        if law.period not in self._slopes:
+            laws = [example for part in self._examples if (example := scenario.build_law(part)) is not None]
+            self._samples = longest_window(laws)
+            self._slopes[law.period] = _slopes_or_none([pad_window(example, self._samples) for example in laws])
+        slopes = self._slopes[law.period]
+        if slopes is not None and has_shared_loop(law):
+            channel = slopes.channel(pad_window(law, self._samples))
+            if channel is not None:
+                return [channel]
+        return shared_loop(law)
 
     def _margin(self, laws: Sequence[Law], channels: Sequence[Sequence[Channel] | None]) -> float | None:
         """Return the smallest margin; minus one for a law that has no linearisation."""
@@ -195,6 +213,17 @@ class Trials:
             return min(margin.of(law, loops) for margin, law, loops in pairs)
         except (UnsupportedLaw, NotLinearisable):
             return -1.0
+
+
+def _slopes_or_none(laws: Sequence[Law]) -> SharedSlopes | None:
+    """Return what linearises laws like some examples, or None where each is traced by itself."""
+    examples = [law for law in laws if has_shared_loop(law)]
+    if len(examples) < 2:
+        return None
+    try:
+        return SharedSlopes(examples)
+    except (UnsupportedLaw, NotLinearisable):
+        return None
 
 
 def _with_runs(outcome: TrialOutcome, runs: Sequence[TrialRun]) -> TrialOutcome:
