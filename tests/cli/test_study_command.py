@@ -66,8 +66,8 @@ def test_as_json_with_another_folder_and_number_of_runs(folder):
 def test_ctrl_c_says_what_is_kept_and_how_to_go_on(folder, monkeypatch):
     write = store_module.Store._mark
 
-    def mark(store, number, rows):
-        write(store, number, rows)
+    def mark(store, start, stop):
+        write(store, start, stop)
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:

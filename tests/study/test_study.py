@@ -105,11 +105,11 @@ class Interrupted:
     def __init__(self, monkeypatch, error, chunks):
         self.left, self.error, write = chunks, error, store_module.Store._mark
 
-        def mark(store, number, rows):
+        def mark(store, start, stop):
             self.left -= 1
             if self.left < 0:
                 raise self.error
-            write(store, number, rows)
+            write(store, start, stop)
 
         monkeypatch.setattr(store_module.Store, "_mark", mark)
 
@@ -158,9 +158,9 @@ def test_fewer_runs_than_a_stopped_study_has(finished, tmp_path, monkeypatch):
         Interrupted(patch, KeyboardInterrupt(), 1)
         with pytest.raises(KeyboardInterrupt):
             study().run(folder, jobs=1)
-    fewer = study(runs=12).run(folder, jobs=1)
-    assert fewer.data["run"].values.tolist() == list(range(12))
-    same(fewer.data, finished.data.isel(run=slice(0, 12)))
+    fewer = study(runs=10).run(folder, jobs=1)
+    assert fewer.data["run"].values.tolist() == list(range(10))
+    same(fewer.data, finished.data.isel(run=slice(0, 10)))
     assert study().run(folder, jobs=1).is_complete
 
 
@@ -269,7 +269,7 @@ def test_a_study_goes_on_with_the_engine_that_has_begun(tmp_path, monkeypatch):
     assert data.attrs["engines"] == {"TDC": "virtual machine", "PID": "virtual machine"}
 
 
-@pytest.mark.parametrize("damage", ["marks", "attributes", "mark"])
+@pytest.mark.parametrize("damage", ["marks", "attributes", "hole"])
 def test_a_damaged_folder_is_run_again_or_refused(finished, tmp_path, damage):
     folder = tmp_path / "damaged.study"
     shutil.copytree(finished.folder, folder)
@@ -281,7 +281,7 @@ def test_a_damaged_folder_is_run_again_or_refused(finished, tmp_path, damage):
     if damage == "marks":
         shutil.rmtree(folder / "done")
     else:
-        (folder / "done" / "000001").write_text("", encoding="ascii")
+        (folder / "done" / "00000000-00000008").rename(folder / "done" / "00000002-00000005")
     result = study().run(folder, jobs=1)
     same(result.data, finished.data)
 
@@ -292,7 +292,7 @@ def test_a_process_that_is_killed_and_several_processes_give_the_same_bits(tmp_p
     code = f"from tarc.study import Study; Study.parse({content!r}).run('killed.study', jobs=1)"
     folder = tmp_path / "killed.study"
     with subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path) as process:
-        while process.poll() is None and len(list(folder.glob("done/[0-9]*[0-9]"))) < 4:
+        while process.poll() is None and len(list(folder.glob("done/*-*"))) < 4:
             time.sleep(0.01)
         process.kill()
     own = Study.parse(content)
@@ -331,6 +331,23 @@ def test_another_number_of_runs_of_a_latin_hypercube_says_why_it_is_refused(tmp_
         study(9, sampling="latin_hypercube").run(folder, jobs=1)
 
 
-def test_fewer_runs_than_the_folder_has_are_refused(finished):
-    with pytest.raises(InvalidParameter, match=r"this study with 12 runs, more than 10; give as many"):
-        study(10).run(finished.folder)
+def test_many_more_runs_are_stored_in_larger_chunks(finished, tmp_path, monkeypatch):
+    folder = tmp_path / "grown.study"
+    shutil.copytree(finished.folder, folder)
+    monkeypatch.setattr(store_module, "MAX_CHUNKS", 1)
+    grown = study(runs=19).run(folder, jobs=1)
+    assert grown.data.attrs["chunk"] == 32
+    assert xr.open_zarr(folder / "results.zarr")["rms_error"].encoding["chunks"] == (32, 2)
+    same(grown.data.isel(run=slice(0, 12)), finished.data)
+    assert sorted(path.name for path in (folder / "done").iterdir())[-1] == "00000012-00000019"
+    assert not list(folder.glob(".results*"))
+    # a kill between the two steps of the swap leaves the former dataset, and one before them a partial one
+    (folder / "results.zarr").rename(folder / ".results.zarr.old")
+    (folder / ".results.zarr.part").mkdir()
+    same(study(runs=19).run(folder, jobs=1).data, grown.data)
+
+
+def test_a_kill_while_the_folder_is_made_is_no_harm(finished, tmp_path):
+    folder = tmp_path / "own.study"
+    (folder / ".results.zarr.part").mkdir(parents=True)
+    same(study().run(folder, jobs=1).data, finished.data)

@@ -1,6 +1,7 @@
 """Run a study: integration and engines chosen once, then chunk by chunk into its folder."""
 
 import platform
+import sys
 import warnings
 from collections.abc import Sequence
 from contextlib import closing
@@ -70,10 +71,12 @@ def run_study(
         warnings.simplefilter("ignore", DesignWarning)  # the results show it
         warnings.simplefilter("ignore", JointLimitWarning)
         integration = stored_integration(store, study, draws)
-        if store.n_finished < store.runs:
+        if store.n_pending(draws):
+            bar = Progress(f"running {study.name}", store.runs, progress, unit="runs")
+            if bar.show:
+                print("preparing: a loop that is new here is compiled first, which takes some seconds", file=sys.stderr)
             built = _engine_to_go_on(store, study, integration, engine)
             recipe = EngineRecipe(study, integration, compiled_laws(built), 1 if engine == COMPILED else None)
-            bar = Progress(f"running {study.name}", store.runs, progress, unit="runs")
             _run_pending(store, draws, built, recipe, jobs, scheduler, bar)
         store.consolidate()
         write_traces(study, draws, integration, store)
@@ -93,7 +96,7 @@ def _run_pending(
     finished = store.n_finished
     with progress as bar:
         bar.advance(finished)
-        pending, left = store.pending(draws), store.runs - finished
+        pending, left = store.pending(draws), store.n_pending(draws)
         results = run_chunks(engine, recipe, pending, left, jobs=jobs, scheduler=scheduler, advance=bar.advance)
         with closing(results):
             for chunk, result in results:

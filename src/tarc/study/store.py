@@ -5,6 +5,7 @@ from tarc.core.optional import require
 require("study", "a study", "zarr")
 
 import errno
+import shutil
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -35,6 +36,10 @@ CONTENT = "study.yaml"
 MARKS = "done"
 TRACES = "traces"
 LOCK = ".lock"
+PARTIAL = f".{RESULTS}.part"
+"""Dataset that is not complete yet."""
+FORMER = f".{RESULTS}.old"
+"""Dataset with smaller chunks, until the one with larger chunks has taken its place."""
 
 FEWEST_ROWS = 8
 """Rows of the smallest chunk."""
@@ -101,28 +106,34 @@ class Store:
         except OSError:  # a file system without locks
             return
 
-    def finished_rows(self) -> Array:
-        """Return the number of finished runs of each chunk, (chunks,)."""
-        finished = np.zeros(-(-self.runs // self.rows), dtype=int)
-        for mark in (self.folder / MARKS).glob("*"):
-            if mark.name.isdigit() and int(mark.name) < len(finished):
-                text = mark.read_text(encoding="ascii")
-                finished[int(mark.name)] = int(text) if text.isdigit() else 0
+    def is_finished(self) -> Array:
+        """Return whether each run is finished, (runs,)."""
+        finished = np.zeros(self.runs, dtype=bool)
+        for mark in (self.folder / MARKS).glob("*-*"):
+            start, _, stop = mark.name.partition("-")
+            if start.isdigit() and stop.isdigit():
+                finished[int(start) : int(stop)] = True
         return finished
 
     @property
     def n_finished(self) -> int:
         """Number of finished runs."""
-        return int(np.sum(self.finished_rows()))
+        return int(np.sum(self.is_finished()))
+
+    def n_pending(self, draws: Draws) -> int:
+        """Return the number of runs of `pending`."""
+        return int(np.sum(~self.is_finished()[: len(draws.values)]))
 
     def pending(self, draws: Draws) -> Iterator[Chunk]:
         """Return what is left to run, chunk by chunk; of a study of fewer runs than are stored, its own runs."""
-        runs = min(self.runs, len(draws.values))
-        for number, finished in enumerate(self.finished_rows()):
-            start, stop = number * self.rows + int(finished), min((number + 1) * self.rows, runs)
-            if start < stop:
-                indices = np.arange(start, stop)
-                yield Chunk(number, indices, draws.values[start:stop], run_seeds(draws.seed, indices))
+        is_left = ~self.is_finished()[: len(draws.values)]
+        number = 0
+        for first in range(0, len(is_left), self.rows):
+            places = first + np.flatnonzero(is_left[first : first + self.rows])
+            for indices in np.split(places, 1 + np.flatnonzero(np.diff(places) > 1)):
+                if len(indices):
+                    yield Chunk(number, indices, draws.values[indices], run_seeds(draws.seed, indices))
+                    number += 1
 
     def write(self, chunk: Chunk, keys: tuple[str, ...], result: "ChunkResult") -> None:
         """Store the results of a chunk, and mark it as finished.
@@ -143,7 +154,7 @@ class Store:
                 self._array(f"drawn:{key}", 1)[region] = chunk.values[:, column]
             for key, block in result.applied.items():
                 self._array(f"applied:{key}", block.ndim)[region] = block
-            self._mark(chunk.number, region.stop - chunk.number * self.rows)
+            self._mark(region.start, region.stop)
 
     def set_attributes(self, **attributes: object) -> None:
         """Store attributes of the dataset."""
@@ -155,14 +166,21 @@ class Store:
         return self.group.attrs.get(name)
 
     def extend(self, runs: int) -> None:
-        """Make place for more runs."""
+        """Make place for more runs, in larger chunks where they are many more."""
         with self._writing():
-            self.group.attrs["runs"] = self.runs = runs
-            self._arrays.clear()
-            for name, array in self.group.arrays():
-                if name not in ("run", "law"):
-                    array.resize((runs, *array.shape[1:]))
-            _write_index(self.group, runs)
+            if rows_per_chunk(runs) == self.rows:
+                for name, array in self.group.arrays():
+                    if name not in ("run", "law"):
+                        array.resize((runs, *array.shape[1:]))
+                self.group.attrs["runs"] = runs
+                _write_index(self.group, runs)
+            else:
+                _copied(self, runs)
+                _swap(self.folder)
+        self.group = _opened_group(self.folder, "r+")
+        self.runs = runs
+        self.rows = int(_attribute(self.group, "chunk"))
+        self._arrays.clear()
         self.consolidate()
 
     def consolidate(self) -> None:
@@ -195,12 +213,9 @@ class Store:
             attributes={**_description(name), "_ARRAY_DIMENSIONS": ["run", "law"][:n_dimensions]},
         )
 
-    def _mark(self, number: int, rows: int) -> None:
-        """Mark the first rows of a chunk as finished."""
-        mark = self.folder / MARKS / f"{number:06d}"
-        part = mark.with_suffix(".part")
-        part.write_text(str(rows), encoding="ascii")
-        part.replace(mark)
+    def _mark(self, start: int, stop: int) -> None:
+        """Mark runs as finished."""
+        (self.folder / MARKS / f"{start:08d}-{stop:08d}").touch()
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
@@ -225,6 +240,7 @@ def open_store(folder: Path, study: "Study") -> Store:
     InvalidParameter
         For a folder of another study or version, and one that cannot be written.
     """
+    _recover(folder)
     if (folder / RESULTS).exists():
         store = Store(folder, _opened_group(folder, "r+"))
         _check_same_study(store, study)
@@ -235,14 +251,13 @@ def open_store(folder: Path, study: "Study") -> Store:
             store.extend(study.runs)
             study.save(folder / CONTENT)
         return store
-    if folder.is_dir() and any(folder.iterdir()):
+    partial = folder / PARTIAL
+    if folder.is_dir() and any(folder.iterdir()) and not partial.exists():
         raise InvalidParameter(
             f"--out: {folder} has files in it and no study; choose a folder that is empty or does not exist", "out"
         )
     for part in (folder, folder / MARKS, folder / TRACES):
         make_folder("--out", part)
-    study.save(folder / CONTENT)
-    partial = folder / f".{RESULTS}.part"
     try:
         group = zarr.open_group(partial, mode="w", zarr_format=2)
         group.attrs.update(
@@ -260,6 +275,7 @@ def open_store(folder: Path, study: "Study") -> Store:
         empty = Store(folder, group)
         for name, n_dimensions in (("completed", 2), ("end_time", 2), ("seed", 1)):
             empty._array(name, n_dimensions)
+        study.save(folder / CONTENT)
         partial.rename(folder / RESULTS)
     except OSError as error:
         raise InvalidParameter(
@@ -313,12 +329,6 @@ def _check_same_study(store: Store, study: "Study") -> None:
             "out",
         )
     if store.attribute("content_hash") == study.content_hash:
-        if study.runs < store.runs:
-            raise InvalidParameter(
-                f"--out: {folder} has this study with {store.runs} runs, more than {study.runs}; give as many, "
-                "or choose another folder",
-                "out",
-            )
         return
     if not study.is_extendable and study.model_copy(update={"runs": store.runs}).content_hash == store.attribute(
         "content_hash"
@@ -333,6 +343,34 @@ def _check_same_study(store: Store, study: "Study") -> None:
         "changed; choose another folder, or remove that one",
         "out",
     )
+
+
+def _copied(store: Store, runs: int) -> None:
+    """Write a dataset for more runs, in chunks for them, with all that a store has."""
+    group = zarr.open_group(store.folder / PARTIAL, mode="w", zarr_format=2)
+    group.attrs.update({**dict(store.group.attrs), "runs": runs, "chunk": rows_per_chunk(runs)})
+    _write_index(group, runs)
+    copy = Store(store.folder, group)
+    for name, array in store.group.arrays():
+        if name not in ("run", "law"):
+            copy._array(name, array.ndim)[: store.runs] = array[:]
+
+
+def _swap(folder: Path) -> None:
+    """Put the new dataset in the place of the former one."""
+    (folder / RESULTS).rename(folder / FORMER)
+    (folder / PARTIAL).rename(folder / RESULTS)
+    shutil.rmtree(folder / FORMER)
+
+
+def _recover(folder: Path) -> None:
+    """Finish what a kill between the steps of `_swap` has left."""
+    if not (folder / FORMER).exists():
+        return
+    if (folder / RESULTS).exists():
+        shutil.rmtree(folder / FORMER)
+    else:
+        (folder / FORMER).rename(folder / RESULTS)
 
 
 def _write_index(group: zarr.Group, runs: int) -> None:

@@ -15,7 +15,7 @@ from tarc.core.types import Array
 from tarc.simulation.quantities import MEASURES
 from tarc.simulation.run import Run
 from tarc.study.report import write_report
-from tarc.study.store import RESULTS, TRACES, Store, read_store
+from tarc.study.store import RESULTS, TRACES, read_store
 from tarc.study.summary import StudySummary, summarise
 
 
@@ -51,7 +51,7 @@ class StudyResult:
         place = Path(folder)
         store = read_store(place)
         data = xr.open_zarr(place / RESULTS, chunks=None, consolidated=False)
-        rows = _finished_runs(store)
+        rows = np.flatnonzero(store.is_finished())
         if len(rows) < store.runs:
             data = data.isel(run=rows)
         return cls(place, store.runs, data[sorted(map(str, data.data_vars), key=_place)])
@@ -178,14 +178,6 @@ class StudyResult:
                 "run",
             )
         return Run.load(path)
-
-
-def _finished_runs(store: Store) -> Array:
-    """Return the numbers of the finished runs."""
-    counts = store.finished_rows()
-    starts = np.arange(len(counts)) * store.rows
-    ranges = [np.arange(start, start + count) for start, count in zip(starts, counts, strict=True)]
-    return np.concatenate(ranges) if ranges else np.zeros(0, dtype=int)
 
 
 def _place(name: str) -> tuple[int, str]:
