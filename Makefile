@@ -39,8 +39,9 @@ bench-export: .venv/dev ## exported C: bits, step time, size; the loop on the ma
 	$(BIN)/python -m benchmarks.runtime
 	$(BIN)/python -m benchmarks.ros2
 
-bench-studies: .venv/dev ## studies: a control period beside C by hand, two cores, a robot from a file
+bench-studies: .venv/dev ## studies: a control period beside C by hand; from the command to the report
 	$(BIN)/python -m benchmarks.studies
+	$(BIN)/python -m benchmarks.studies_scaling
 
 compare: .venv/dev ## all laws in ten scenarios
 	$(BIN)/python -m benchmarks.comparison

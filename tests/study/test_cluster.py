@@ -150,7 +150,7 @@ def test_workers_by_hand_one_killed_another_late(cluster, tmp_path, truth):
     found, messages = study(FakeEngine(run_time=2e-3, kill_once=tmp_path / "killed"), scheduler=cluster.address)
     assert equal(found, truth)
     assert (tmp_path / "killed").exists()
-    assert messages[0].startswith(f"cluster {cluster.address}; dashboard: ")
+    assert messages[0].startswith(f"cluster {cluster.address}; dashboard: http://")
 
 
 def test_scheduler_killed_and_started_again(cluster, truth):

@@ -100,6 +100,7 @@ def remote_cluster(address: str, notify: Callable[[str], object]) -> "Iterator[C
             "scheduler",
         )
     from distributed import Client
+    from distributed.utils import silence_logging_cmgr
 
     try:
         client = Client(address, timeout=CONNECT_TIMEOUT, name="tarc-study")
@@ -109,8 +110,10 @@ def remote_cluster(address: str, notify: Callable[[str], object]) -> "Iterator[C
             "with `dask scheduler`, or leave the scheduler out to use this machine"
         ) from None
     try:
+        client.scheduler_info()  # asks for the dashboard's port
         notify(f"cluster {address}; dashboard: {client.dashboard_link}")
-        yield client
+        with silence_logging_cmgr(logging.CRITICAL):  # what matters comes as an error
+            yield client
     finally:
         client.close(timeout=2)
 
