@@ -8,7 +8,7 @@ LOCAL := -e . --no-deps --no-build-isolation
 
 COMPILE := pip compile pyproject.toml --universal --generate-hashes --no-header --no-annotate
 
-.PHONY: help demo test test-all lint bench bench-design bench-export bench-studies compare figures numbers numbers-all docs docs-check lock clean
+.PHONY: help demo test test-all lint bench bench-design bench-export bench-studies compare claims figures numbers numbers-all docs docs-check lock clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1 - \2/p' $(MAKEFILE_LIST) | awk -F ' - ' '{printf "%-22s%s\n", $$1, $$2}'
@@ -45,6 +45,9 @@ bench-studies: .venv/dev ## studies: a control period beside C by hand; from the
 
 compare: .venv/dev ## all laws in ten scenarios
 	$(BIN)/python -m benchmarks.comparison
+
+claims: .venv/dev ## laws against TDC over draws of robot, load, friction, noise and gains, in hours; resumes
+	$(BIN)/python -m benchmarks.claims
 
 figures: .venv/dev ## draw the figures of the documentation again
 	$(BIN)/python docs/images/make.py
