@@ -35,12 +35,12 @@ SCENARIO = {
 }
 
 
-def make_study(draws=None, runs=6):
+def make_study(draws=None, runs=6, **more):
     scenario = SCENARIO
     if "sensor.resolution" in (draws or {}):
         scenario = {**SCENARIO, "sensor": {"resolution": 1e-4, "noise": 1e-5}}
     keys = {"robot.payload": {"uniform": [0.0, 1.0]}, "sensor.noise": {"log_uniform": [1e-6, 1e-5]}, **(draws or {})}
-    return Study.parse({"scenario": scenario, "runs": runs, "draws": keys})
+    return Study.parse({"scenario": scenario, "runs": runs, "draws": keys, **more})
 
 
 def run(engine, study):
@@ -79,6 +79,16 @@ def test_results_are_those_of_the_virtual_machine(draws):
     engine = CompiledEngine(cases, METHOD, study.law_names)
     check_equal(run(engine, study), run(Simulator(cases, METHOD), study))
     assert engine.n_left == 0  # to the virtual machine
+
+
+@pytest.mark.slow
+def test_a_model_in_the_law_knows_the_drawn_robot():
+    laws = [{"kind": "ComputedTorque", "model": "robot", "natural_frequency": 12.0}, TARC]
+    study = make_study({"law.0.natural_frequency": {"uniform": [10.0, 12.0]}}, laws=laws, known=["robot.payload"])
+    cases = Cases(study)
+    engine = CompiledEngine(cases, METHOD, study.law_names)
+    check_equal(run(engine, study), run(Simulator(cases, METHOD), study))
+    assert engine.n_left == 0
 
 
 @pytest.mark.slow

@@ -20,7 +20,7 @@ from tarc.simulation.measure_sums import MeasureSums, Sums
 from tarc.simulation.sampled_inputs import InitialConditions, SampledInputs
 from tarc.simulation.varying import Numbers, Path, at, changes, differing, numbers_at, replaced, with_symbols
 
-TRACE_ERRORS = (RuntimeError, ValueError, TypeError, AttributeError, NotImplementedError, IndexError, UnsupportedLaw)
+TRACE_ERRORS = (RuntimeError, ValueError, TypeError, AttributeError, NotImplementedError, LookupError, UnsupportedLaw)
 """What a part raises that decides by the value of a symbol."""
 TRIAL_PERIODS = 25
 """Periods in which a loop with symbols is compared with one that was built with its numbers."""

@@ -10,12 +10,17 @@ import numpy as np
 
 from tarc.core.types import Array
 from tarc.plants.base import Plant
+from tarc.plants.symbolic import SymbolicPlant
 
 Path = tuple[str | int, ...]
 """Attributes, keys and indices from a part to one of its numbers."""
 
 DERIVED = ("_functions", "_calls")
 """Attributes of plants that hold functions and no numbers."""
+
+
+PLACES = ("_arrays", "_parameters")
+"""Attributes in which plants keep their parameters by name."""
 
 
 class Numbers:
@@ -46,12 +51,18 @@ class Numbers:
             self.structure[path] = value
         elif isinstance(value, Plant):
             self.structure[path] = type(value).__name__
-            for name, numbers in value.parameters.items():
-                self._walk(np.asarray(numbers, dtype=float), (*path, "parameters", name))
+            for inner, numbers in _parameters(value):
+                self._walk(numbers, (*path, *inner))
         else:
             self.structure[path] = type(value).__name__
             for key, child in _children(value).items():
                 self._walk(child, (*path, key))
+
+
+def _parameters(plant: Plant) -> list[tuple[Path, Array]]:
+    """Return the parameters of a plant that is part of a law, and where the plant keeps them."""
+    place = next((name for name in PLACES if hasattr(plant, name)), "parameters")
+    return [((place, name), np.asarray(value, dtype=float)) for name, value in plant.parameters.items()]
 
 
 def _as_numbers(value: object) -> Array | None:
@@ -102,6 +113,8 @@ def replaced(part: Any, values: Mapping[Path, object]) -> Any:
         items = [children.get(i, item) for i, item in enumerate(part)]
         return type(part)(*items) if hasattr(part, "_fields") else type(part)(items)
     changed = copy.copy(part)
+    if isinstance(part, SymbolicPlant):
+        vars(changed)["_functions"] = part._functions  # their inputs include the parameters
     for name, child in children.items():
         vars(changed)[str(name)] = child
     return changed
@@ -121,6 +134,9 @@ def changes(ours: object, theirs: object, path: Path = ()) -> list[tuple[Path, o
         return []
     if type(ours) is not type(theirs):
         return [(path, ours, theirs)]
+    if isinstance(ours, Plant) and isinstance(theirs, Plant):
+        pairs = zip(_parameters(ours), _parameters(theirs), strict=True)
+        return [((*path, *place), our, their) for (place, our), (_, their) in pairs]
     if is_dataclass(ours):
         names = [one.name for one in fields(ours)]
         return [one for name in names for one in changes(getattr(ours, name), getattr(theirs, name), (*path, name))]

@@ -1,12 +1,13 @@
 """Engine of studies in machine code: all laws on the same draws and the same noise, several runs side by side."""
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from tarc.control.digital_controller import DigitalController
-from tarc.core.errors import CompilationError, UnsupportedLaw
+from tarc.core.errors import CompilationError, EngineWarning, UnsupportedLaw
 from tarc.core.lane_loop import processor_lanes
 from tarc.core.types import Array
 from tarc.laws.base import Law
@@ -118,6 +119,13 @@ class CompiledEngine:
         for group in groups.values():
             for start in range(0, len(group), self.lanes):
                 left += self._side_by_side(group[start : start + self.lanes], values, result, shape)
+        if left and not self.n_left:
+            warnings.warn(
+                "lanes: some runs have numbers or choices that are no arguments of the compiled loop; they are "
+                "simulated in the virtual machine",
+                EngineWarning,
+                stacklevel=2,
+            )
         self.n_left += len(left)
         self._by_virtual_machine(left, indices, values, seeds, result, shape)
         return result
@@ -145,6 +153,8 @@ class CompiledEngine:
             inputs = [run.inputs for run in covered if run.inputs is not None]
             batch = loop.run([run.loops[law] for run in covered], inputs)
             _keep(result, shape, [run.place for run in covered], number, batch)
+        for run in runs:  # a chunk may have thousands
+            run.inputs, run.loops = None, {}
         return left
 
     def _by_virtual_machine(
