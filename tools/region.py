@@ -11,7 +11,7 @@ def terms(p):
     """Return what the weights multiply in V⁺ ≤ ϱ V + g: of the forces, and of f, n, r and δ."""
     of, bounds, T = p["ratios"], p["bounds"], arb(p["ratios"]["period"])
     high, turned, swing = arb(of["max_ratio"]), *uneven(of)
-    drift = arb(bounds["change"]) / arb(3).sqrt() + arb(bounds["torque"])
+    drift = arb(bounds["held"]) / arb(3).sqrt() + arb(bounds["torque"])
     forces = []
     for lead, kappa, share in zip(of["lead_times"], of["stiffness"], of["shares"], strict=True):
         reach = T / arb.pi() * ((2 * T / arb.pi()) ** 2 + arb(lead) ** 2).sqrt()
@@ -111,7 +111,7 @@ def region(e, witness):
             x * (arb(tube["error"]) ** 2 + (arb(y) * tube["error_rate"]) ** 2).sqrt()
             for x, y in zip(of["stiffness"], of["lead_times"], strict=True)
         ]
-        force = arb(bounds["change"]) + bounds["torque"] + (min(reach, key=float) if reach else 0)
+        force = arb(bounds["held"]) + bounds["torque"] + (min(reach, key=float) if reach else 0)
         sag, slope = high * (v + force) * T**2 / 8, high * (swing * v + 2 * force) * T / 2
         return value.sqrt() * gain(position) + sag, value.sqrt() * gain(velocity) / T + slope
 

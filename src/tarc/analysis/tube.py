@@ -1,6 +1,6 @@
 """What a robot and a reference do in a tube of states about the reference."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -13,6 +13,7 @@ from tarc.analysis.workspace import Workspace
 from tarc.analysis.worst_points import inertia_rates, max_rate_point, sample_points
 from tarc.core.errors import InvalidParameter
 from tarc.core.types import Array
+from tarc.laws.tde import TDE
 from tarc.plants.base import Plant
 from tarc.plants.symbolic import SymbolicPlant
 from tarc.signals.references import Reference
@@ -21,6 +22,12 @@ STEPS_PER_PERIOD = 4
 """Samples of the reference in a period, between which its torque is taken as even."""
 LEAD_FACTORS = 0.5, 1.0, 2.0
 """Lead times θ over that at which damping counts as much as stiffness."""
+
+
+ModelStiffness = Callable[[Array], Array]
+"""A function of k positions (n, k) to the stiffness of a law's model at rest, (k, n, n)."""
+MotionTorque = Callable[[Array, Array, Array], Array]
+"""A function of q, q̇ and q̈ of k motions, each (n, k), to torques (n, k)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,7 +43,7 @@ class TubeBounds:
     lead_times, stiffness
         θ [s], and for each the largest ‖M̂^−½ [∂(M q̈ᵈ + N)/∂q, (∂N/∂q̇)/θ] M̂^−½‖ [1/s²], each (k,).
     rest_stiffness
-        The largest ‖M̂^−½ (∂N/∂q) M̂^−½‖ at rest [1/s²].
+        The largest ‖M̂^−½ (∂N/∂q) M̂^−½‖ at rest [1/s²], of N less what a law's model gives at the first position.
     """
 
     min_ratio: float
@@ -49,7 +56,13 @@ class TubeBounds:
 
 
 def tube_bounds(
-    plants: Sequence[Plant], nominal: Array, workspace: Workspace, *, samples: int, seed: int
+    plants: Sequence[Plant],
+    nominal: Array,
+    workspace: Workspace,
+    *,
+    samples: int,
+    seed: int,
+    model_stiffness: ModelStiffness | None = None,
 ) -> TubeBounds:
     """Return the largest values in a tube, from samples and local search.
 
@@ -65,6 +78,8 @@ def tube_bounds(
         A box of postures with the speeds of the tube and the accelerations of the reference.
     samples, seed
         Number of sampled postures, and the seed.
+    model_stiffness
+        Stiffness at rest that a law's model takes from the robot's; None for none.
     """
     spread = inertia_spread(plants, nominal, workspace, samples=samples, seed=seed)
     fastest = [max_rate_point(plants, of, workspace, samples, seed) for of in (nominal, None)]
@@ -79,8 +94,11 @@ def tube_bounds(
     def norms(some: Sequence[OperatingPoint], lead_time: float) -> Array:
         return torque_norms(nominal, some, lead_time)
 
-    stillest = worst_points(resting, lambda some: norms(some, 0.0), workspace, units)
-    rest_stiffness = float(norms(stillest, 0.0).max())
+    def rest_norms(some: Sequence[OperatingPoint]) -> Array:
+        return torque_norms(nominal, some, 0.0, model_stiffness)
+
+    stillest = worst_points(resting, rest_norms, workspace, units)
+    rest_stiffness = float(rest_norms(stillest).max())
     stiffness, damping = float(norms(points, 0.0).max()), float((norms(points, 1e-9) * 1e-9).max())
     middle = min(damping / max(stiffness, 1e-9), 1.0)
     lead_times = np.array([factor * max(middle, 1e-3) for factor in LEAD_FACTORS])
@@ -104,8 +122,16 @@ def _rates(nominal: Array, point: OperatingPoint, speed: Array) -> float:
     return float(inertia_rates(nominal, slopes[None], speed)[0])
 
 
-def torque_norms(nominal: Array, points: Sequence[OperatingPoint], lead_time: float) -> Array:
-    """Return ‖M̂^−½ [G, D/θ] M̂^−½‖ at k points [1/s²], shape (k,), with viscous friction; without D for θ = 0."""
+def torque_norms(
+    nominal: Array,
+    points: Sequence[OperatingPoint],
+    lead_time: float,
+    model_stiffness: ModelStiffness | None = None,
+) -> Array:
+    """Return ‖M̂^−½ [G, D/θ] M̂^−½‖ at k points [1/s²], shape (k,), with viscous friction; without D for θ = 0.
+
+    G is less the stiffness of a model, where that is given.
+    """
     n = len(nominal)
     M, D, G = np.empty((3, len(points), n, n))
     groups: dict[int, list[int]] = {}
@@ -114,6 +140,8 @@ def torque_norms(nominal: Array, points: Sequence[OperatingPoint], lead_time: fl
     for places in groups.values():
         q, v, a = np.array([points[i][1:] for i in places]).transpose(1, 2, 0)
         M[places], D[places], G[places] = points[places[0]].plant.linearised_at(q, v, a)
+    if model_stiffness is not None:
+        G = G - model_stiffness(np.array([point.position for point in points]).T)
     return to_nominal_coordinates(nominal, np.broadcast_to(nominal, M.shape), D, G).force_norms(lead_time)
 
 
@@ -127,10 +155,10 @@ class ReferenceBounds:
         Range of the positions [rad or m], each (n,).
     speed, acceleration
         Largest of each joint, (n,).
-    torque_rate
-        Largest ‖M̂^−½ dτ*/dt‖ [rad kg^½ m/s³].
+    torque_rate, command_rate
+        Largest ‖M̂^−½ dτ*/dt‖ and ‖M̂^−½ d(τ* − f)/dt‖ [rad kg^½ m/s³], f the feed-forward; equal without one.
     start_torque
-        Largest ‖M̂^−½ (N(qᵈ, 0) − τ*)‖ at the start [rad kg^½ m/s²], without friction.
+        Largest ‖M̂^−½ (N(qᵈ, 0) − f(qᵈ, 0, 0) − τ* + f)‖ at the start [rad kg^½ m/s²], without friction.
     start_velocity
         q̇ᵈ at the start, (n,).
     """
@@ -140,12 +168,18 @@ class ReferenceBounds:
     speed: Array
     acceleration: Array
     torque_rate: float
+    command_rate: float
     start_torque: float
     start_velocity: Array
 
 
 def reference_bounds(
-    plants: Sequence[Plant], inverse_root: Array, reference: Reference, duration: float, period: float
+    plants: Sequence[Plant],
+    inverse_root: Array,
+    reference: Reference,
+    duration: float,
+    period: float,
+    forward: MotionTorque | None = None,
 ) -> ReferenceBounds:
     """Return what a reference asks of robots, from samples at quarters of a period.
 
@@ -157,21 +191,28 @@ def reference_bounds(
         M̂^−½, shape (n, n).
     reference, duration, period
         The motion, its duration [s] and T [s].
+    forward
+        Feed-forward f of the law; None for none.
     """
     step = period / STEPS_PER_PERIOD
     q, v, a = reference.sample(np.arange(0, duration + step, step))
-    rates, starts = [], []
+    known, known_at_rest = 0 * q, 0 * q[:, 0]
+    if forward is not None:
+        known, known_at_rest = forward(q, v, a), forward(q[:, :1], 0 * v[:, :1], 0 * a[:, :1])[:, 0]
+    rates, command_rates, starts = [], [], []
     for plant in plants:
-        torque = inverse_root @ torques_along(plant, q, v, a)
-        rates.append(float(np.linalg.norm(np.diff(torque, axis=1), axis=0).max()) / step)
-        held = inverse_root @ np.asarray(plant.holding_torque(q[:, 0]))
-        starts.append(float(np.linalg.norm(held - torque[:, 0])))
+        torque = torques_along(plant, q, v, a)
+        for found, part in ((rates, torque), (command_rates, torque - known)):
+            found.append(float(np.linalg.norm(np.diff(inverse_root @ part, axis=1), axis=0).max()) / step)
+        held = np.asarray(plant.holding_torque(q[:, 0])) - known_at_rest
+        starts.append(float(np.linalg.norm(inverse_root @ (held - torque[:, 0] + known[:, 0]))))
     return ReferenceBounds(
         low=q.min(axis=1),
         high=q.max(axis=1),
         speed=np.abs(v).max(axis=1),
         acceleration=np.abs(a).max(axis=1),
         torque_rate=max(rates),
+        command_rate=max(command_rates),
         start_torque=max(starts),
         start_velocity=v[:, 0],
     )
@@ -187,3 +228,17 @@ def torques_along(plant: Plant, q: Array, v: Array, a: Array) -> Array:
     bias = plant.evaluate("bias", position, velocity, parameters=smooth)
     torque = plant.evaluate("inertia", position) @ acceleration + bias
     return np.array(ca.Function("torque", [position, velocity, acceleration], [torque])(q, v, a))
+
+
+def feedforward_along(law: TDE) -> tuple[MotionTorque, ModelStiffness]:
+    """Return the feed-forward of a law with a constant M̂ along motions, and its stiffness ∂f(q, 0, 0)/∂q at rest."""
+    n = law.n_joints
+    q, v, a = (ca.SX.sym(name, n) for name in ("q", "v", "a"))
+    torque = ca.densify(law.model_terms(q, q, v, a)[1])
+    along = ca.Function("feedforward", [q, v, a], [torque])
+    slope = ca.Function("slope", [q], [ca.densify(ca.jacobian(law.model_terms(q, q, 0 * q, 0 * q)[1], q))])
+
+    def stiffness(positions: Array) -> Array:
+        return np.array(slope(positions)).reshape(n, positions.shape[1], n).transpose(1, 0, 2)
+
+    return lambda *motion: np.array(along(*motion)), stiffness

@@ -10,7 +10,7 @@ import numpy as np
 from tarc.analysis.inertia_ratio import as_plants
 from tarc.analysis.linearise import decoupled_channels, initial_responses, joints_share_loop, refuse_nominal_inertia
 from tarc.analysis.operating_points import matrix_roots
-from tarc.analysis.tube import ReferenceBounds, TubeBounds, reference_bounds, tube_bounds
+from tarc.analysis.tube import ReferenceBounds, TubeBounds, feedforward_along, reference_bounds, tube_bounds
 from tarc.analysis.uncertain_loop import UncertainLoop
 from tarc.analysis.workspace import Workspace
 from tarc.certificates.affine_form import LyapunovMatrices, RatioSet
@@ -224,7 +224,7 @@ class RegionProof:
         v = root * self._gain(self.loop.C[0]) + abs(self.loop.noise_gain.item()) * bounds.noise
         robust = self.loop.half_slope * (self.tube.error + bounds.noise)
         v += abs(self.loop.residual_gain.item()) * (bounds.residual + robust)
-        force = bounds.change + bounds.torque
+        force = bounds.held + bounds.torque
         if len(self.ratios.stiffness):
             reach = np.hypot(self.tube.error, self.ratios.lead_times * self.tube.error_rate)
             force += float((self.ratios.stiffness * reach).min())
@@ -317,14 +317,15 @@ def certify_region(
 
     where G̃ and D̃ are means of ∂(M q̈ᵈ + N)/∂q and ∂N/∂q̇ between (qᵈ, q̇ᵈ) and (q, q̇). As long as (e, ė) stays in a
     tube, their norms are at most those found over the tube. The law is linear in positions and torques, and its memory
-    in errors is that of τ − τ*. So V = Σ xᵀ (P0⊗I + P1⊗M̂^−½ M(q) M̂^−½) x of the whole state, the window and the past
+    in errors is that of τ − τ*, both without feed-forward. So V = Σ xᵀ (P0⊗I + P1⊗M̂^−½ M(q) M̂^−½) x of the whole state, the window and the past
     torque included, obeys V⁺ ≤ ϱ V + g in the tube. A level of V in the tube is never left if g ≤ (1 − ϱ) of it.
 
     Parameters
     ----------
     law
-        A `tarc.laws.TDC` or `TARC` with a constant M̂, no feed-forward and gains that all joints share. The robust term
-        of TARC, whose ``max_gain`` must be given, may have any slope up to its bound at any time.
+        A `tarc.laws.TDC` or `TARC` with a constant M̂ and gains that all joints share. The robust term of TARC, whose
+        ``max_gain`` must be given, may have any slope up to its bound at any time. Feed-forward takes what it knows from
+        the torque that the reference needs.
     plant
         The robot in symbols, or several, one of which it is throughout.
     reference, duration
@@ -353,7 +354,7 @@ def certify_region(
     Raises
     ------
     UnsupportedLaw
-        For another law, M̂(q), feed-forward, a torque limit, and gains that differ between the joints.
+        For another law, M̂(q), a torque limit, and gains that differ between the joints.
     InvalidParameter
         For numbers out of range or of joints that differ, and a robot that is not in symbols.
     NotLinearisable
@@ -374,21 +375,30 @@ def certify_region(
     root, inverse_root = matrix_roots(nominal)
     units = np.sqrt(np.diag(np.linalg.inv(nominal)))
     size = float((limit / units).min())
-    motion = reference_bounds(plants, inverse_root, reference, duration, law.period)
+    forward, model_stiffness = (None, None) if law.feedforward is None else feedforward_along(law)
+    motion = reference_bounds(plants, inverse_root, reference, duration, law.period, forward)
+    disturbed = law.period * largest_norm(inverse_root, check.vector("torque_rate", torque_rate, n, 0))
     room, residuals = 1 + MARGIN, reference_residuals(law, reference, duration)
     bounds = InputBounds(
         noise=largest_norm(root, check.vector("measurement_error", measurement_error, n, 0)),
         residual=room * float(np.linalg.norm(root @ residuals, axis=0).max()),
-        change=room * law.period * motion.torque_rate
-        + law.period * largest_norm(inverse_root, check.vector("torque_rate", torque_rate, n, 0)),
+        change=room * law.period * motion.command_rate + disturbed,
+        held=room * law.period * motion.torque_rate + disturbed,
         torque=largest_norm(inverse_root, _checked_friction(plants, friction)),
     )
     loop = tracking_loop(law, computation_delay)
     best = None
     for factor in RATE_FACTORS:
         tube = TubeSize(size, factor * float(law.K1[0, 0]) ** 0.5 * size)
-        robot = tube_bounds(plants, nominal, tube_workspace(motion, tube, units), samples=samples, seed=seed)
-        start = room * robot.rest_stiffness, motion.start_torque, float(np.linalg.norm(root @ motion.start_velocity))
+        space = tube_workspace(motion, tube, units)
+        options = {"samples": samples, "seed": seed}
+        robot = tube_bounds(plants, nominal, space, **options, model_stiffness=model_stiffness)
+        start_torque = motion.start_torque
+        if model_stiffness is not None:  # the model's torque at the start is that of the measured position
+            known = model_stiffness(space.sample(samples, seed).T)
+            largest = np.linalg.norm(inverse_root @ known @ inverse_root, 2, axis=(1, 2)).max()
+            start_torque += room * float(largest) * bounds.noise
+        start = room * robot.rest_stiffness, start_torque, float(np.linalg.norm(root @ motion.start_velocity))
         proofs = _proofs(loop, _ratio_set(robot, law.period), bounds, tube, start)
         proofs = [proof for proof in proofs if proof.margin() > 0]
         if proofs:
@@ -404,14 +414,19 @@ def certify_region(
     return _certificate(law, evidence, samples)
 
 
+def dry_friction(plant: Plant) -> Array:
+    """Return the dry friction of a robot [N m or N], shape (n,); zero for one that is not in symbols."""
+    n = plant.n_joints
+    names = plant.dry_friction if isinstance(plant, SymbolicPlant) else ()
+    values = [np.broadcast_to(np.abs(np.asarray(plant.parameters[name], dtype=float)), n) for name in names]
+    return np.sum(values, axis=0) if values else np.zeros(n)
+
+
 def _checked_friction(plants: Sequence[Plant], friction: Numbers) -> Array:
     """Return the friction (n,), or refuse one below the dry friction of the robots."""
-    n = plants[0].n_joints
-    limits = check.vector("friction", friction, n, 0)
+    limits = check.vector("friction", friction, plants[0].n_joints, 0)
     for plant in plants:
-        names = plant.dry_friction if isinstance(plant, SymbolicPlant) else ()
-        values = [np.broadcast_to(np.abs(np.asarray(plant.parameters[name], dtype=float)), n) for name in names]
-        dry = np.sum(values, axis=0) if values else np.zeros(n)
+        dry = dry_friction(plant)
         if np.any(dry > limits * (1 + 1e-9)):
             raise InvalidParameter(
                 f"friction: got {limits.tolist()}; {plant.label} has dry friction of {dry.tolist()} N m or N, which "
@@ -433,9 +448,12 @@ def _supported(law: Law) -> TDC | TARC:
         raise UnsupportedLaw("law: nothing bounds the gain of its robust term; give max_gain")
     refuse_nominal_inertia(law, "the certificate of a region")
     refuse_oracle(law.estimator)
-    if law.feedforward is not None or law.torque_limit is not None or law.actuation_delay:
+    if law.torque_limit is not None or law.actuation_delay:
+        raise UnsupportedLaw("law: certify_region does not cover a torque limit and an actuation delay; leave them out")
+    if law.estimates_reference and not law.synchronised:
         raise UnsupportedLaw(
-            "law: certify_region does not cover feed-forward, a torque limit and an actuation delay; leave them out"
+            "law: the window of its reference starts at the robot's position, and a literal law takes the acceleration of "
+            "robot and reference at different times; give feedforward.same_window=False or synchronised=True"
         )
     if not joints_share_loop(law):
         raise UnsupportedLaw(
@@ -465,7 +483,7 @@ def tracking_loop(law: TDC | TARC, computation_delay: int) -> TrackingLoop:
         noise_gain=channel.D - half * channel.E,
         residual_gain=channel.E,
         outputs=unit[:2],
-        starts=np.column_stack([unit[0], unit[1], window, torque]),
+        starts=np.column_stack([unit[0] - window * law.estimates_reference, unit[1], window, torque]),
         half_slope=half,
         period=law.period,
     )
@@ -474,10 +492,13 @@ def tracking_loop(law: TDC | TARC, computation_delay: int) -> TrackingLoop:
 def reference_residuals(law: TDC | TARC, reference: Reference, duration: float) -> Array:
     """Return r = q̈ᵈ − â + K2 (q̇ᵈ − v̂) at each period, (n, k), with the law's estimates of the reference itself.
 
-    The window is full of the first position at the start. A literal law takes the acceleration one delay before.
+    It is zero where the law takes q̇ᵈ and q̈ᵈ of its feedback from the same window. The window is full of the first
+    position at the start. A literal law takes the acceleration one delay before.
     """
     steps = np.arange(round(duration / law.period) + 1)
     q, v, a = reference.sample(steps * law.period)
+    if law.estimates_reference:
+        return 0 * q
     state, velocity, acceleration = law.estimator.init(q[:, 0]), np.empty_like(q), np.empty_like(q)
     for k in steps:
         state, estimate = law.estimator.step(state, q[:, k])

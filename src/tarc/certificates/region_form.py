@@ -91,7 +91,9 @@ class InputBounds:
     residual
         ‖r‖, what the law's derivatives of the reference lack [rad kg^½ m/s²].
     change
-        ‖v*(t) − v*(s)‖ over a period, s ≤ t [rad kg^½ m/s²], reached at a steady rate.
+        Change of v* over a period [rad kg^½ m/s²], with v* the command along the reference: without feed-forward.
+    held
+        ‖M̂^−½ (τ*(t) − τ*(s))‖ over a period, s ≤ t [rad kg^½ m/s²], reached at a steady rate; feed-forward is held.
     torque
         Norm of any further torque M̂^−½ τ [rad kg^½ m/s²], such as dry friction, which may change at any time.
     """
@@ -99,12 +101,13 @@ class InputBounds:
     noise: float
     residual: float
     change: float
+    held: float
     torque: float
 
     @property
     def drift(self) -> float:
-        """Root mean square over a period of what differs from the v* of its start."""
-        return self.change / 3**0.5 + self.torque
+        """Root mean square over a period of what differs from the τ* of its start."""
+        return self.held / 3**0.5 + self.torque
 
 
 class RegionWeights(NamedTuple):

@@ -59,6 +59,20 @@ ProveTime = Annotated[
         help="Time of --prove for each law. What is left then is printed, and the same command goes on.",
     ),
 ]
+Region = Annotated[
+    str,
+    typer.Option(
+        metavar="NUMBERS",
+        help="Certify the nonlinear robot along the reference instead: from which errors each law recovers, without an "
+        "error above this \\[rad or m], one number or one per joint.",
+    ),
+]
+TorqueRate = Annotated[
+    str,
+    typer.Option(
+        metavar="NUMBERS", help="With --region: largest rate of a disturbing torque \\[N m/s or N/s]. Default: 0."
+    ),
+]
 Samples = Annotated[int, typer.Option(help="Number of sampled postures, before the local search for worse ones.")]
 
 
@@ -75,6 +89,8 @@ def certify(
     quick: Quick = False,
     prove: Prove = False,
     prove_time: ProveTime = 600.0,
+    region: Region = "",
+    torque_rate: TorqueRate = "",
     as_json: Json = False,
     figures: Figures = True,
 ) -> None:
@@ -92,6 +108,9 @@ def certify(
     A verdict says on how many sampled postures it rests. With --prove it says
     for every posture, or which share of them is proven in --prove-time.
 
+    --region 0.1 certifies how large an error each law recovers from, with a
+    bound that the errors never exceed and one below which they end.
+
     Example: tarc certify ur5e --set law.synchronised=true --set law.inertia.fraction=0.5
     """
     from tarc.cli.tables import certify as tables
@@ -99,6 +118,9 @@ def certify(
 
     loaded = Scenario.load(scenario, set_ or [], law=law)
     folder = make_folder("--out", out or Path("runs") / file_stem(loaded.name))
+    if region:
+        certify_regions(loaded, folder, region, torque_rate, as_json=as_json, figures=figures)
+        return
     certifications = loaded.certify(
         tube=tube,
         full_range=full_range,
@@ -124,6 +146,31 @@ def certify(
         )
     else:
         tables.print_suggestions(loaded, certifications, files, commands)
+
+
+def certify_regions(
+    scenario: "Scenario", folder: Path, region: str, torque_rate: str, *, as_json: bool, figures: bool
+) -> None:
+    """Certify regions of attraction, print them, and write certificates and figures."""
+    from tarc.cli.tables import certify as tables
+
+    rate = numbers_of("--torque-rate", torque_rate)
+    max_error = numbers_of("--region", region)
+    assert max_error is not None
+    regions = scenario.certify_regions(max_error, torque_rate=0.0 if rate is None else rate)
+    files = []
+    for name, certificate in regions.items():
+        files.append(folder / f"{file_stem(name)}-region.json")
+        with writing("--out", files[-1]):
+            files[-1].write_text(json.dumps({certificate.kind: certificate.to_dict()}), encoding="utf-8")
+        if figures:
+            files.append(folder / f"{file_stem(name)}-region.png")
+            with drawing_figures(), writing("--out", files[-1]):
+                certificate.plot().savefig(files[-1], dpi=110)
+    if as_json:
+        print(json.dumps(tables.region_summary(scenario, regions, files), indent=2, allow_nan=False))
+    else:
+        tables.print_regions(scenario, regions, files)
 
 
 def prove_postures(certifications: "CertifiedLaws", time_limit: float, *, quiet: bool) -> None:

@@ -123,7 +123,7 @@ class TDE(PolePlacement):
         return self.has_model or self.feedforward is not None
 
     @property
-    def _estimates_reference(self) -> bool:
+    def estimates_reference(self) -> bool:
         """Whether the feedback takes q̇ᵈ and q̈ᵈ from the law's estimator; the oracle has no delay to match."""
         forward = self.feedforward
         return forward is not None and forward.same_window and not isinstance(self.estimator, TrueDerivatives)
@@ -189,12 +189,12 @@ class TDE(PolePlacement):
 
     def model_at_rest(self, position: Vector, torque: Vector) -> tuple[Tree, Vector, Vector]:
         """Return M̂(q), empty where it is constant, ĥ + f at rest, and the command that gives a torque there."""
-        inertia, model_torque = self._model(position, position, 0 * position, 0 * position)
+        inertia, model_torque = self.model_terms(position, position, 0 * position, 0 * position)
         return inertia, model_torque, self._command(inertia, torque - model_torque)
 
     def with_model_state(self, state: LawState, inertia: Tree, model_torque: Vector, command: np.ndarray) -> LawState:
         """Return a state at rest with what `model_at_rest` gave as the model's part of it."""
-        reference = self.estimator.init(state.position) if self._estimates_reference else ()
+        reference = self.estimator.init(state.position) if self.estimates_reference else ()
         return state._replace(control=ModelState(inertia, model_torque, self.initial_state(command), reference))
 
     def torque_command(self, state: Tree, tracking: ControlInput) -> tuple[Tree, Vector, dict[str, Vector]]:
@@ -207,7 +207,7 @@ class TDE(PolePlacement):
             return self.control(state, tracking)
         command = self._command(state.inertia, tracking.past_torque - state.model_torque)
         references = tracking.reference, tracking.velocity_reference, tracking.acceleration_reference
-        inertia, model_torque = self._model(tracking.estimate.position, *references)
+        inertia, model_torque = self.model_terms(tracking.estimate.position, *references)
         estimator, tracking = self._windowed(state.reference, tracking)
         control, command, signals = self.control(state.control, tracking._replace(past_torque=command))
         torque = (inertia @ command if self.has_model else command) + model_torque
@@ -221,7 +221,7 @@ class TDE(PolePlacement):
         command = ops.solve(inertia, torque) if self.has_model else torque
         return ops.where_or_zero(ops.all_finite(command), command)
 
-    def _model(
+    def model_terms(
         self, position: Vector, reference: Vector, velocity_reference: Vector, acceleration_reference: Vector
     ) -> tuple[Tree, Vector]:
         """Return M̂(q), empty where it is constant, and ĥ(q, q̇ᵈ) + f."""
@@ -235,13 +235,13 @@ class TDE(PolePlacement):
         torque = torque + forward.forces(reference, velocity_reference)
         if forward.inertia:
             torque = torque + forward.robot.evaluate("inertia", reference) @ acceleration_reference
-            if not self._estimates_reference:  # else the feedback's own M̂ q̈ᵈ cancels with M̂ â_h
+            if not self.estimates_reference:  # else the feedback's own M̂ q̈ᵈ cancels with M̂ â_h
                 torque = torque - self.inertia_at(reference) @ acceleration_reference
         return inertia, torque
 
     def _windowed(self, state: Tree, tracking: ControlInput) -> tuple[Tree, ControlInput]:
         """Return the tracking with q̇ᵈ and q̈ᵈ as the law's estimator sees them, where that is chosen."""
-        if not self._estimates_reference:
+        if not self.estimates_reference:
             return state, tracking
         next_state, estimate = self.estimator.step(state, tracking.reference)
         return next_state, tracking._replace(

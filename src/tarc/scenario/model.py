@@ -1,7 +1,7 @@
 """The YAML file that describes a run: robot, law, estimator, reference, sensor, disturbance, duration, seed."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
 from pathlib import Path
@@ -15,6 +15,7 @@ from tarc.analysis.workspace import Workspace
 from tarc.certificates.base import Certificate, Verdict
 from tarc.certificates.known_inertia import certify_known_inertia
 from tarc.certificates.known_inertia_evidence import KnownInertiaEvidence
+from tarc.certificates.region import RegionEvidence, certify_region, dry_friction
 from tarc.certification import LawCertification, certify_law
 from tarc.control.watch import Watch
 from tarc.core import validation as check
@@ -218,6 +219,24 @@ class CertifiedLaws(dict[str, LawCertification]):
             if certification.verdict.certified:
                 proven = certification.proven(self.plants, self.workspace, time_limit=time_limit, progress=progress)
                 self[name] = proven
+
+
+NOISE_DEVIATIONS = 5
+"""Standard deviations of an encoder's noise up to which a measured position may be off."""
+
+
+class CertifiedRegions(dict[str, Certificate[RegionEvidence]]):
+    """Certificates of regions of attraction by the name of the law, and the laws that none covers.
+
+    Attributes
+    ----------
+    skipped
+        Reasons by name.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.skipped: dict[str, str] = {}
 
 
 class Scenario(BaseModel):
@@ -564,6 +583,63 @@ class Scenario(BaseModel):
         if not certificates and not certificates.known_inertia:
             raise UnsupportedLaw(f"law: no certificate applies to any. {' '.join(certificates.skipped.values())}")
         return certificates
+
+    def certify_regions(
+        self, max_error: Numbers, *, torque_rate: Numbers = 0.0, samples: int = 500, progress: bool | None = None
+    ) -> "CertifiedRegions":
+        """Certify from which errors each law recovers on the nonlinear robot along the reference, by name.
+
+        The robot is that with one of the scenario's payloads throughout. Its dry friction counts as a torque that
+        changes at any time, and a measured position is off by half a step of the encoder and `NOISE_DEVIATIONS` of its
+        noise.
+
+        Parameters
+        ----------
+        max_error
+            Largest error that may ever occur [rad or m], one number or one per joint.
+        torque_rate
+            Largest rate of a disturbing torque [N m/s or N/s], one number or one per joint.
+        samples
+            Number of sampled states of the tube.
+        progress
+            Show a progress bar when it takes more than two seconds; None for when standard error is a terminal.
+
+        Raises
+        ------
+        UnsupportedLaw, NotLinearisable
+            Where none of the laws is covered.
+        InvalidParameter
+            For numbers out of range, and a robot that is not in symbols.
+        """
+        setup = self.build()
+        plants = [plant for start, plant in scheduled_plants(setup.plant, setup.events) if start < self.duration]
+        sensor, n = setup.sensor, setup.plant.n_joints
+        measured = np.zeros(n) + sensor.step_size / 2 + NOISE_DEVIATIONS * np.asarray(sensor.noise)
+        friction = np.max([dry_friction(plant) for plant in plants], axis=0)
+        regions = CertifiedRegions()
+        with Progress("region of attraction", len(setup.laws), progress) as bar:
+            for name, law in setup.laws.items():
+                try:
+                    regions[name] = certify_region(
+                        replace(law, torque_limit=None),
+                        plants,
+                        setup.reference,
+                        self.duration,
+                        max_error=max_error,
+                        measurement_error=measured,
+                        torque_rate=torque_rate,
+                        friction=friction,
+                        computation_delay=self.computation_delay,
+                        samples=samples,
+                    )
+                except (UnsupportedLaw, NotLinearisable) as error:
+                    if len(setup.laws) == 1:
+                        raise
+                    regions.skipped[name] = str(error)
+                bar.advance()
+        if not regions:
+            raise UnsupportedLaw(f"law: certify_region covers none. {' '.join(regions.skipped.values())}")
+        return regions
 
     def watch(
         self,

@@ -13,7 +13,7 @@ from tarc.certificates.base import Certificate
 from tarc.certification import LawCertification
 from tarc.cli.tables.console import VERDICT_COLOURS, WIDE, print_written
 from tarc.core.formatting import format_vector
-from tarc.scenario.model import CertifiedLaws, Scenario
+from tarc.scenario.model import CertifiedLaws, CertifiedRegions, Scenario
 
 CERTIFICATES = {
     "robot": "this robot, in all postures of the workspace",
@@ -196,3 +196,43 @@ def print_suggestions(
         parts = ", ".join(scenario.not_certified)
         console.print(f"[yellow]in the scenario, and covered by no certificate: {escape(parts)}[/]", highlight=False)
     print_written(console, files)
+
+
+def print_regions(scenario: Scenario, regions: CertifiedRegions, files: list[Path]) -> None:
+    """Print from which errors each law recovers, what they never exceed and where they end."""
+    console = Console(width=None if Console().is_terminal else WIDE)
+    heads = "law", "verdict", "recovers from", "never exceeds", "ends below", "decay rate \\[1/s]"
+    table = Table(*heads, title=escape("Largest errors of single joints [rad or m]"), title_justify="left")
+    for name, certificate in regions.items():
+        evidence, verdict = certificate.evidence, certificate.verdict
+        cells = [""] * 4
+        if certificate.certified and evidence.proof is not None:
+            errors = evidence.start_errors, evidence.tube_errors, evidence.final_errors
+            cells = [f"({format_vector(part, digits=3)})" for part in errors] + [f"{evidence.proof.decay_rate:.3g}"]
+        table.add_row(escape(name), f"[{VERDICT_COLOURS[verdict]}]{verdict}[/]", *cells)
+    console.print(table)
+    for name, reason in regions.skipped.items():
+        console.print(f"{name}: {reason}", markup=False, highlight=False)
+    if any(not certificate.certified for certificate in regions.values()):
+        console.print("Inconclusive: try a larger or a smaller --region, a shorter window or another M̂.")
+    if scenario.not_certified:
+        console.print(f"Not covered: {', '.join(scenario.not_certified)}.", highlight=False)
+    console.print("The robot in the tube rests on samples and local search; tarc verify lists all that is assumed.")
+    print_written(console, files)
+
+
+def region_summary(scenario: Scenario, regions: CertifiedRegions, files: list[Path]) -> dict[str, Any]:
+    """Return the same as plain data, ready for JSON."""
+
+    def summary(certificate: Certificate[Any]) -> dict[str, Any]:
+        evidence = certificate.evidence
+        errors = {name: getattr(evidence, name).tolist() for name in ("start_errors", "tube_errors", "final_errors")}
+        return _summary(certificate) | (errors if certificate.certified else {})
+
+    return {
+        "name": scenario.name,
+        "regions": {name: summary(certificate) for name, certificate in regions.items()},
+        "skipped": regions.skipped,
+        "not_certified": scenario.not_certified,
+        "files": [str(file) for file in files],
+    }
