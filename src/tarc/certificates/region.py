@@ -317,15 +317,16 @@ def certify_region(
 
     where G̃ and D̃ are means of ∂(M q̈ᵈ + N)/∂q and ∂N/∂q̇ between (qᵈ, q̇ᵈ) and (q, q̇). As long as (e, ė) stays in a
     tube, their norms are at most those found over the tube. The law is linear in positions and torques, and its memory
-    in errors is that of τ − τ*, both without feed-forward. So V = Σ xᵀ (P0⊗I + P1⊗M̂^−½ M(q) M̂^−½) x of the whole state, the window and the past
-    torque included, obeys V⁺ ≤ ϱ V + g in the tube. A level of V in the tube is never left if g ≤ (1 − ϱ) of it.
+    in errors is that of τ − τ*, both without feed-forward. So V = Σ xᵀ (P0⊗I + P1⊗M̂^−½ M(q) M̂^−½) x of the whole
+    state, the window and the past torque included, obeys V⁺ ≤ ϱ V + g in the tube. A level of V in the tube is never
+    left if g ≤ (1 − ϱ) of it.
 
     Parameters
     ----------
     law
         A `tarc.laws.TDC` or `TARC` with a constant M̂ and gains that all joints share. The robust term of TARC, whose
-        ``max_gain`` must be given, may have any slope up to its bound at any time. Feed-forward takes what it knows from
-        the torque that the reference needs.
+        ``max_gain`` must be given, may have any slope up to its bound at any time. Feed-forward takes what it knows
+        from the torque that the reference needs.
     plant
         The robot in symbols, or several, one of which it is throughout.
     reference, duration
@@ -363,12 +364,7 @@ def certify_region(
     law = _supported(law)
     plants = as_plants(plant)
     n = law.n_joints
-    for robot in plants:
-        robot.require_fully_driven("certify_region")
-        if robot.n_joints != n or reference.n_joints != n:
-            raise InvalidParameter(
-                f"plant, reference: they have {robot.n_joints} and {reference.n_joints} joints, the law {n}"
-            )
+    _check_joints(plants, reference, n)
     duration = check.number("duration", duration, 0, strict=True)
     limit = check.vector("max_error", max_error, n, 0, strict=True)
     nominal = law.M
@@ -395,9 +391,8 @@ def certify_region(
         robot = tube_bounds(plants, nominal, space, **options, model_stiffness=model_stiffness)
         start_torque = motion.start_torque
         if model_stiffness is not None:  # the model's torque at the start is that of the measured position
-            known = model_stiffness(space.sample(samples, seed).T)
-            largest = np.linalg.norm(inverse_root @ known @ inverse_root, 2, axis=(1, 2)).max()
-            start_torque += room * float(largest) * bounds.noise
+            known = inverse_root @ model_stiffness(space.sample(samples, seed).T) @ inverse_root
+            start_torque += room * float(np.linalg.norm(known, 2, axis=(1, 2)).max()) * bounds.noise
         start = room * robot.rest_stiffness, start_torque, float(np.linalg.norm(root @ motion.start_velocity))
         proofs = _proofs(loop, _ratio_set(robot, law.period), bounds, tube, start)
         proofs = [proof for proof in proofs if proof.margin() > 0]
@@ -412,6 +407,16 @@ def certify_region(
         final_error=best.final_error * (1 + SIZE_ROOM) if best else float("inf"),
     )
     return _certificate(law, evidence, samples)
+
+
+def _check_joints(plants: Sequence[Plant], reference: Reference, n: int) -> None:
+    """Refuse robots and a reference of other joints than the law's."""
+    for robot in plants:
+        robot.require_fully_driven("certify_region")
+        if robot.n_joints != n or reference.n_joints != n:
+            raise InvalidParameter(
+                f"plant, reference: they have {robot.n_joints} and {reference.n_joints} joints, the law {n}"
+            )
 
 
 def dry_friction(plant: Plant) -> Array:
@@ -452,8 +457,8 @@ def _supported(law: Law) -> TDC | TARC:
         raise UnsupportedLaw("law: certify_region does not cover a torque limit and an actuation delay; leave them out")
     if law.estimates_reference and not law.synchronised:
         raise UnsupportedLaw(
-            "law: the window of its reference starts at the robot's position, and a literal law takes the acceleration of "
-            "robot and reference at different times; give feedforward.same_window=False or synchronised=True"
+            "law: the window of its reference starts at the robot's position, and a literal law takes the acceleration "
+            "of robot and reference at different times; give feedforward.same_window=False or synchronised=True"
         )
     if not joints_share_loop(law):
         raise UnsupportedLaw(
