@@ -74,7 +74,7 @@ def losses(name: str) -> Iterator[Loss]:
         return low
 
     yield Loss("nothing", greatest(ratios))
-    yield Loss(f"the margin of {SEARCH_MARGIN:.0%}", greatest(exact))
+    yield Loss(f"the margin of {100 * SEARCH_MARGIN:.0f} %", greatest(exact))
     yield Loss("viscous friction", greatest(smooth))
     yield Loss("rates of the inertia", greatest(still))
     yield Loss("stiffness and damping", greatest(free))

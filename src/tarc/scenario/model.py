@@ -590,7 +590,7 @@ class Scenario(BaseModel):
         """Certify from which errors each law recovers on the nonlinear robot along the reference, by name.
 
         The robot is that with one of the scenario's payloads throughout. Its dry friction counts as a torque that
-        changes at any time, and a measured position is off by half a step of the encoder and `NOISE_DEVIATIONS` of its
+        changes at any time. A measured position is off by half a step of the encoder and `NOISE_DEVIATIONS` of its
         noise.
 
         Parameters
