@@ -154,14 +154,14 @@ def large_store(folder: Path, runs: int) -> list[Row]:
     """Write and open the store of a million runs with made-up results."""
     del runs
     study = Study.parse({**CONTENT, "runs": LARGE_STORE, "sampling": "independent"})
-    store = open_store(folder / "large", study)
     rng, begin = np.random.default_rng(0), time.perf_counter()
     draws = study.draw()
-    for chunk in store.pending(draws):
-        shape = len(chunk.indices), 1
-        measures = {f"measure_{number}": rng.random(shape) for number in range(MEASURES)}
-        applied = {key: chunk.values[:, column] for column, key in enumerate(draws.keys)}
-        store.write(chunk, draws.keys, ChunkResult(measures, np.ones(shape, bool), np.full(shape, 10.0), applied))
+    with open_store(folder / "large", study) as store:
+        for chunk in store.pending(draws):
+            shape = len(chunk.indices), 1
+            measures = {f"measure_{number}": rng.random(shape) for number in range(MEASURES)}
+            applied = {key: chunk.values[:, column] for column, key in enumerate(draws.keys)}
+            store.write(chunk, draws.keys, ChunkResult(measures, np.ones(shape, bool), np.full(shape, 10.0), applied))
     written = time.perf_counter() - begin
     code = (
         "import time; from tarc.study import StudyResult; begin = time.perf_counter();"
