@@ -66,8 +66,10 @@ class LoopCase:
             plant or self.plant, self.controller, integration.substeps, integration.integrator, self.drive
         )
 
-    def sample(self, substeps: int, duration: float, seed: int) -> SampledInputs:
-        """Sample all inputs of a run."""
+    def sample(
+        self, substeps: int, duration: float, seed: int, reference_samples: tuple[Array, Array, Array] | None = None
+    ) -> SampledInputs:
+        """Sample all inputs of a run, but for those of the reference where they are known."""
         law, sensor = self.controller.law, self.controller.sensor
         return sample_inputs(
             self.actual_plant,
@@ -79,6 +81,7 @@ class LoopCase:
             substeps,
             seed,
             self.jitter,
+            reference_samples,
         )
 
     def initial(self, inputs: SampledInputs) -> InitialConditions:
@@ -188,7 +191,8 @@ class BatchInputs:
         if set(self.own) <= FROM_SENSOR:
             sampled = self._with_noise(case, seed)
         else:
-            sampled = case.sample(self._substeps, self._duration, seed)
+            shared = None if {*REFERENCE, "period"} & set(self.own) else self._first.reference
+            sampled = case.sample(self._substeps, self._duration, seed, shared)
         blocks = _blocks(sampled, self.own)
         own = [blocks[name][1] for name in self.own]
         return RunInputs(np.concatenate(own) if own else np.zeros((0, self.n_periods)), sampled, sampled.times)

@@ -102,8 +102,11 @@ def sample_inputs(
     substeps: int,
     seed: int,
     jitter: float = 0.0,
+    reference_samples: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
 ) -> SampledInputs:
     """Sample reference, noise, disturbances and schedules over the run.
+
+    ``reference_samples`` are those of the reference at the same instants, where they are known.
 
     With jitter J the instants are t_k = (k + J U_k) T, with independent U_k of uniform distribution in [0, 1], U_0 = 0.
 
@@ -140,7 +143,7 @@ def sample_inputs(
         schedules[name] = values
     return SampledInputs(
         times,
-        reference.sample(times),
+        reference.sample(times) if reference_samples is None else reference_samples,
         sensor.sample_noise(n, n_periods, noise_rng),
         torque.reshape(n, n_periods, substeps),
         schedules,
