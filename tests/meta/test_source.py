@@ -46,6 +46,7 @@ NEEDS_XARRAY = {
     ("tarc.scenario.model", "tarc.simulation.simulator"),  # what certifies and simulates nothing needs no xarray
 }
 NEEDS_STUDIES = {
+    ("tarc.studio.live_tab", "tarc.studio.live_runs"),
     ("tarc.studio.study_tab", "tarc.studio.study_runs"),  # the page opens before the libraries of studies are there
 }
 INSIDE_FUNCTIONS = NEEDS_STUDIES | PLOT_METHODS | NEEDS_EXTRA | NEEDS_NUMPY | NEEDS_OPTUNA | NEEDS_XARRAY

@@ -15,7 +15,6 @@ from tarc.core.errors import InvalidParameter
 
 if TYPE_CHECKING:
     from tarc.export import Export, ExportReport
-    from tarc.scenario.model import Scenario
 
 FORMATS = ("c", "fmu", "ros2")
 
@@ -109,6 +108,7 @@ def export(
     Example: tarc export ros2 ur5e --law TARC -o build/arm_controller --name arm
     """
     from tarc.export import export_c, export_ros2
+    from tarc.scenario.deployment import law_of
     from tarc.scenario.loader import relative_files
     from tarc.scenario.model import Scenario
     from tarc.scenario.user_law import is_user_law
@@ -145,9 +145,9 @@ def export(
         options["realtime"] = realtime
         written = export_c(built, folder, commands=units, **options)
     if as_json:
-        print(json.dumps({"folder": str(written.folder), "files": [str(file) for file in written.files]}, indent=2))
-        return
-    _print_written(written, chosen, certificate is not None)
+        _print_json(written)
+    else:
+        _print_written(written, chosen, certificate is not None)
 
 
 def _check_format(kind: str, firmware: bool, realtime: bool, real: str, watch: bool, parts: bool) -> None:
@@ -178,6 +178,7 @@ def verify_export(folder: ExportFolder, cc: Compiler = "", steps: Steps = 100_00
     """
     from tarc.export import verify_export as verify
     from tarc.export.verification import read_law_yaml
+    from tarc.scenario.deployment import law_of
     from tarc.scenario.loader import resolve_files
     from tarc.scenario.model import Scenario
 
@@ -193,26 +194,6 @@ def verify_export(folder: ExportFolder, cc: Compiler = "", steps: Steps = 100_00
         _print_report(report)
     if not report.passed:
         raise typer.Exit(1)
-
-
-def law_of(scenario: "Scenario", name: str) -> tuple[str, Any, Any, tuple[str, ...]]:
-    """Return name, law, torque limits and joint names of a law in a scenario; the first without a name.
-
-    Raises
-    ------
-    InvalidParameter
-        For a name that is not there.
-    """
-    setup = scenario.build()
-    chosen = name or next(iter(setup.laws))
-    if chosen not in setup.laws:
-        raise InvalidParameter(f"--law: got {name!r}; the scenario has {', '.join(setup.laws)}")
-    law = setup.laws[chosen]
-    if law.torque_limit is None and setup.plant.torque_limits is not None:
-        from dataclasses import replace
-
-        law = replace(law, torque_limit=setup.plant.torque_limits)
-    return chosen, law, setup.torque_limits, tuple(setup.plant.joint_names)
 
 
 def stored_certificate(scenario: Path, law: str) -> dict[str, Any] | None:
@@ -232,6 +213,11 @@ def stored_certificate(scenario: Path, law: str) -> dict[str, Any] | None:
         except (OSError, ValueError, KeyError, TypeError):
             continue
     return None
+
+
+def _print_json(written: "Export") -> None:
+    """Print what was written as JSON."""
+    print(json.dumps({"folder": str(written.folder), "files": [str(file) for file in written.files]}, indent=2))
 
 
 def _print_written(written: "Export", law: str, is_judged: bool) -> None:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from tarc.cli.export import check_efforts, law_of
+from tarc.cli.export import check_efforts
 from tarc.cli.options import Json, ScenarioName, Set, numbers_of
 from tarc.cli.run_live import finish
 
@@ -54,6 +54,7 @@ def run(
     from tarc.runtime.dds import DdsRobot
     from tarc.runtime.online import OnlineReference
     from tarc.runtime.real_time import real_time
+    from tarc.scenario.deployment import law_of
     from tarc.scenario.model import Scenario
 
     loaded = Scenario.load(scenario, set_ or [])

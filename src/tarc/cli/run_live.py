@@ -5,19 +5,18 @@ import subprocess
 import sys
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tarc.cli.export import law_of, stored_certificate
+from tarc.cli.export import stored_certificate
 from tarc.cli.options import FullRange, Json, ScenarioName, Set, Speed, Tube, file_stem, numbers_of
 from tarc.core.errors import InvalidParameter
 from tarc.core.files import make_folder
 
 if TYPE_CHECKING:
-    from tarc.runtime import LiveRun, Robot, SafetyLimits, StartUp
+    from tarc.runtime import LiveRun
     from tarc.runtime.log import Log
-    from tarc.scenario.model import Scenario, Setup
 
 RobotName = Annotated[
     str,
@@ -92,6 +91,8 @@ def run_live(
     Example: tarc run-live ur5e --robot mujoco --duration 5
     """
     from tarc.runtime import run_live as run
+    from tarc.runtime.scenario_parts import scenario_robot, start_up
+    from tarc.scenario.deployment import law_of
     from tarc.scenario.model import Scenario
     from tarc.scenario.user_law import is_user_law
 
@@ -105,7 +106,7 @@ def run_live(
     target = log or Path(folder or ".") / f"{file_stem(chosen)}-live.nc"
     limits = _limits(setup, interface, error_limit, speed_limit, max_step, torque_rate)
     with ExitStack() as stack:
-        machine = stack.enter_context(_robot(robot, loaded, setup, built.period, priority))
+        machine = stack.enter_context(scenario_robot(robot, loaded, setup, built.period, priority))
         display = stack.enter_context(_Display(not as_json))
         result = run(
             built,
@@ -113,7 +114,7 @@ def run_live(
             setup.reference,
             loaded.duration if duration is None else duration,
             limits=limits,
-            start_up=_start_up(loaded, setup, machine, push, ramp_speed),
+            start_up=start_up(loaded, setup, machine, push, ramp_speed),
             watchdog=watchdog,
             overrun=overrun,
             watch=loaded.watch(chosen, tube=tube, full_range=full_range, speed=numbers_of("--speed", speed)),
@@ -167,69 +168,17 @@ class _Display:
                 self._process.wait()
 
 
-def _robot(name: str, scenario: "Scenario", setup: "Setup", period: float, priority: int) -> "Robot":
-    """Return the robot of ``--robot``.
-
-    Raises
-    ------
-    InvalidParameter
-        For another text, and a robot that does not answer.
-    """
-    import numpy as np
-
-    from tarc.runtime import MujocoRobot, udp_robot
-
-    if name.startswith("udp:"):
-        return udp_robot(name)
-    if name not in ("mujoco", "mujoco:udp"):
-        raise InvalidParameter(f"--robot: got {name!r}; needs mujoco, mujoco:udp or udp://host:port")
-    n = setup.plant.n_joints
-    start = scenario.initial_position
-    bits, span = setup.sensor.bits, 2 * np.pi if setup.sensor.span is None else setup.sensor.span
-    step = setup.sensor.resolution if bits is None else np.asarray(span) / 2.0 ** np.asarray(bits)
-    return MujocoRobot(
-        setup.simulated,
-        period,
-        position=setup.reference.sample([0.0])[0][:, 0] if start is None else start,
-        udp=0 if name == "mujoco:udp" else None,
-        substeps=scenario.substeps or 1,
-        step_size=np.broadcast_to(0.0 if step is None else step, (n,)),
-        noise=setup.sensor.noise,
-        seed=scenario.seed,
-        priority=priority,
-    )
-
-
-def _limits(setup: "Setup", interface: Any, error: str, speed: str, max_step: str, torque_rate: str) -> "SafetyLimits":
+def _limits(
+    setup: "Setup", interface: "TorqueLimits | None", error: str, speed: str, max_step: str, torque_rate: str
+) -> "SafetyLimits":
     """Return the limits of the options, of the scenario's interface and of the robot's file."""
-    import numpy as np
+    from tarc.runtime.scenario_parts import safety_limits
 
-    from tarc.runtime import SafetyLimits
-
-    rate = numbers_of("--torque-rate", torque_rate)
-    speeds = setup.plant.velocity_limits
-    own = numbers_of("--speed-limit", speed)
-    return SafetyLimits(
-        torque=None if interface is None else interface.magnitude,
-        torque_rate=interface.rate if rate is None and interface is not None else rate,
+    return safety_limits(
+        setup,
+        interface,
         error=numbers_of("--error-limit", error),
-        speed=speeds if own is None and np.any(np.isfinite(speeds)) else own,
+        speed=numbers_of("--speed-limit", speed),
         max_step=numbers_of("--max-step", max_step),
+        torque_rate=numbers_of("--torque-rate", torque_rate),
     )
-
-
-def _start_up(scenario: "Scenario", setup: "Setup", robot: "Robot", push: float, ramp_speed: float) -> "StartUp":
-    """Return the start-up: a push with the robot's inertia, and its torque at rest where the robot reports none."""
-    import numpy as np
-
-    from tarc.runtime import Push, StartUp
-
-    plant = setup.plant
-    place = setup.reference.sample([0.0])[0][:, 0]
-    holding = None
-    if robot.applied_torque is None or not np.all(np.isfinite(robot.applied_torque)):
-        given = scenario.initial_torque
-        holding = plant.holding_torque(plant.coordinates(place)) if isinstance(given, str) else given
-    inertia = plant.inertia(place) if plant.is_fully_driven else None
-    test = Push(share=push, inertia=inertia) if push else None
-    return StartUp(holding_torque=holding, push=test, ramp_speed=ramp_speed)

@@ -4,11 +4,11 @@ import io
 import tempfile
 import zipfile
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from tarc.export import export_c, export_fmu
+from tarc.scenario.deployment import law_of
 from tarc.scenario.model import Scenario
 from tarc.studio.design_state import DesignState
 from tarc.studio.robots import Robots
@@ -65,18 +65,14 @@ def fmu_file(state: DesignState, robots: Robots) -> bytes:
 
 def _law_to_export(state: DesignState, robots: Robots) -> tuple[Any, dict[str, Any]]:
     """Return the law with the robot's torque limits, and the options of its export."""
-    setup = Scenario.parse(state.to_content(robots.content(state.robot))).build()
-    name, law = next(iter(setup.laws.items()))
-    if law.torque_limit is None and setup.plant.torque_limits is not None:
-        law = replace(law, torque_limit=setup.plant.torque_limits)
-    content = Scenario.parse(state.to_content(robots.content(state.robot))).model_dump(
-        mode="json", exclude_defaults=True
-    )
+    scenario = Scenario.parse(state.to_content(robots.content(state.robot)))
+    name, law, limits, joints = law_of(scenario)
+    content = scenario.model_dump(mode="json", exclude_defaults=True)
     options = {
-        "torque_limits": setup.torque_limits,
-        "joint_names": tuple(setup.plant.joint_names),
+        "torque_limits": limits,
+        "joint_names": joints,
         "scenario": {"law": name, "content": content},
-        "commands": setup.plant.torque_units,
+        "commands": scenario.build_plant().torque_units,
     }
     return law, options
 

@@ -242,3 +242,9 @@ def cloud_figure(
             )
     x_type = "log" if is_logarithmic else "linear"
     return _figure(data, _axis(titles[0], type=x_type), _axis(titles[1], type="log"))
+
+
+def live_figure(title: str) -> dict[str, Any]:
+    """Return an empty curve over time, to which measured values are added."""
+    line = {"x": [], "y": [], "mode": "lines", "line": {"color": DESIGN, "width": 1.4}, "name": title}
+    return _figure([line], _axis("time [s]"), _axis(title), showlegend=False)

@@ -3,6 +3,7 @@
 import asyncio
 import multiprocessing
 import os
+import signal
 from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
@@ -85,6 +86,11 @@ class Job:
             return
         finally:
             self.cancel()
+
+    def interrupt(self) -> None:
+        """Ask the function to end, as Ctrl-C does."""
+        if self._process.is_alive() and self._process.pid is not None:
+            os.kill(self._process.pid, signal.SIGINT)
 
     def cancel(self) -> None:
         """End the process at once."""

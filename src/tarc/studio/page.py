@@ -10,6 +10,7 @@ from tarc.studio.access import SessionFolders
 from tarc.studio.controls import ControlPanel
 from tarc.studio.design_state import DesignState
 from tarc.studio.export_menu import ExportMenu
+from tarc.studio.live_tab import LiveTab
 from tarc.studio.loop_panel import CertificatePanel, LoopPanel
 from tarc.studio.robots import Robots
 from tarc.studio.run_panel import RunPanel
@@ -63,6 +64,7 @@ def build_page(session: Session, folder: Path) -> None:
         with ui.tabs().props("dense no-caps inline-label") as tabs:
             design_tab = ui.tab("Design")
             study_tab = ui.tab("Study")
+            live_tab = ui.tab("Live")
         ui.space()
         ExportMenu(session)
         HistoryButtons(session)
@@ -72,6 +74,8 @@ def build_page(session: Session, folder: Path) -> None:
         build_design_tab(session, folder)
     with panels, ui.tab_panel(study_tab).classes("p-0"):
         StudyTab(session)
+    with panels, ui.tab_panel(live_tab).classes("p-0"):
+        LiveTab(session)
     follow_in_url(session)
     ui.keyboard(on_key=lambda event: _on_key(event, session), ignore=[])
     if session.notes:

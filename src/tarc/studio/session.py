@@ -74,6 +74,7 @@ class Session:
         self.notes = notes
         self.results = Results()
         self._listeners: dict[str, list[Listener]] = {"state": [], "loop": [], "runs": [], "certificates": []}
+        self._is_closed = False
         self._at_end: list[Listener] = []
         self._facts: dict[tuple[str, float], RobotFacts] = {}
         self._simulated: tuple[DesignState, RunPair] | None = None
@@ -91,7 +92,9 @@ class Session:
         self._listeners[topic].append(listener)
 
     def start(self) -> None:
-        """Start computing."""
+        """Start computing, unless the page was closed before it was there."""
+        if self._is_closed:
+            return
         steps = {"loop": self._update_loop, "runs": self._update_runs, "certificates": self._update_certificates}
         self._tasks = [background_tasks.create(self._follow(name, step)) for name, step in steps.items()]
         self._announce_move()
@@ -102,6 +105,7 @@ class Session:
 
     def close(self) -> None:
         """End all that is being computed."""
+        self._is_closed = True
         for listener in self._at_end:
             listener()
         for task in self._tasks:
@@ -142,6 +146,8 @@ class Session:
             event.set()
 
     def _tell(self, topic: str) -> None:
+        if self._is_closed:
+            return
         for listener in self._listeners[topic]:
             listener()
 

@@ -1,0 +1,158 @@
+"""The loop on a robot, in a process of its own, and what the page reads of it."""
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tarc.core.errors import InvalidParameter
+from tarc.core.types import Array
+from tarc.runtime import DdsRobot, OnlineReference, Robot, run_live
+from tarc.runtime.log import Log
+from tarc.runtime.ring import Ring
+from tarc.runtime.scenario_parts import safety_limits, scenario_robot, start_up
+from tarc.scenario.deployment import law_of
+from tarc.scenario.model import Scenario, Setup
+from tarc.studio.jobs import Sender
+
+WATCHDOG = 0.05
+"""Longest time without a sample of a robot [s]."""
+SIMULATED_WATCHDOG = 1.0
+"""The same of a simulated one, which shares the computer with the page [s]."""
+PHASES = ("hold", "push", "ramp", "track", "stop", "safe stop")
+
+
+@dataclass(frozen=True)
+class LiveLog:
+    """Where a loop writes its rows."""
+
+    folder: str
+
+
+@dataclass(frozen=True)
+class LiveEnd:
+    """How a run on a robot ended.
+
+    Attributes
+    ----------
+    text
+        Why, with missed periods.
+    is_safe_stop
+        Whether it ended in a safe stop.
+    """
+
+    text: str
+    is_safe_stop: bool
+
+
+def send_live(send: Sender, content: dict[str, Any], connection: str, address: str, duration: float) -> None:
+    """Run a scenario's first law on a robot, for a `Job`; send a `LiveLog`, then a `LiveEnd`.
+
+    An interrupt lets the robot come to rest.
+
+    Raises
+    ------
+    InvalidParameter
+        For a robot that does not answer, and one without torque limits that is not simulated.
+    """
+    scenario = Scenario.parse(content)
+    _, law, interface, names = law_of(scenario)
+    setup = scenario.build()
+    if any(unit not in ("N m", "N") for unit in setup.plant.torque_units):
+        raise InvalidParameter("robot: its joints take positions, and the loop writes torques")
+
+    def announce(log: Log) -> None:
+        send(LiveLog(str(log.folder)))
+
+    with _robot(connection, address, scenario, setup, law.period) as robot:
+        is_online, is_simulated = isinstance(robot, DdsRobot), connection.startswith("mujoco")
+        reference = robot.reference if is_online and robot.reference is not None else setup.reference
+        result = run_live(
+            law,
+            robot,
+            reference,
+            duration,
+            limits=safety_limits(setup, interface),
+            start_up=None if is_online else start_up(scenario, setup, robot, push=0.0 if is_simulated else 0.2),
+            allow_unlimited_torque=is_simulated,
+            watchdog=SIMULATED_WATCHDOG if is_simulated else WATCHDOG,
+            priority=0,
+            joint_names=names,
+            units=setup.plant.units,
+            label=setup.plant.label,
+            on_log=announce,
+        )
+    send(LiveEnd(f"{result.ended}; {result.overruns} of {result.n_periods} periods missed", result.is_safe_stop))
+
+
+@contextmanager
+def _robot(connection: str, address: str, scenario: Scenario, setup: Setup, period: float) -> Iterator[Robot]:
+    """Open a robot and close it."""
+    if connection == "dds":
+        with DdsRobot(
+            tuple(setup.plant.joint_names), controller=address or "effort_controller", period=period
+        ) as robot:
+            robot.reference = OnlineReference(position=robot.newest)
+            yield robot
+        return
+    name = f"udp://{address.removeprefix('udp://')}" if connection == "udp" else connection
+    with scenario_robot(name, scenario, setup, period) as robot:
+        yield robot
+
+
+@dataclass(frozen=True, eq=False)
+class LiveRows:
+    """Rows since the last look.
+
+    Attributes
+    ----------
+    times
+        [s], shape (k,).
+    errors, torques
+        Norm over the joints, shape (k,).
+    lateness
+        How late each period began [µs], shape (k,); nan for a missed one.
+    phase
+        Of the newest row, in words.
+    """
+
+    times: Array
+    errors: Array
+    torques: Array
+    lateness: Array
+    phase: str
+
+
+class LiveReader:
+    """Reads the rows of a loop out of the memory that both map; the loop never waits.
+
+    Raises
+    ------
+    FileNotFoundError
+        For a run that is over already.
+    """
+
+    def __init__(self, log: LiveLog) -> None:
+        folder = Path(log.folder)
+        head = json.loads((folder / "header.json").read_text(encoding="utf-8"))
+        self._places = {part["name"]: slice(part["start"], part["start"] + part["size"]) for part in head["variables"]}
+        self._period = float(head["period"])
+        self._ring = Ring(folder / "ring", "r")
+
+    def read(self) -> LiveRows | None:
+        """Return the rows since the last call; None for none."""
+        rows = self._ring.read()
+        if not len(rows):
+            return None
+        errors = rows[:, self._places["measured_position"]] - rows[:, self._places["reference"]]
+        return LiveRows(
+            times=rows[:, 0] * self._period,
+            errors=np.linalg.norm(errors, axis=1),
+            torques=np.linalg.norm(rows[:, self._places["torque"]], axis=1),
+            lateness=1e6 * rows[:, self._places["lateness"]].ravel(),
+            phase=PHASES[int(rows[-1, self._places["phase"]][0])],
+        )
