@@ -144,10 +144,7 @@ def export(
         options |= {"firmware": firmware, "parts": parts, "reference": loaded.build().reference if parts else None}
         options["realtime"] = realtime
         written = export_c(built, folder, commands=units, **options)
-    if as_json:
-        _print_json(written)
-    else:
-        _print_written(written, chosen, certificate is not None)
+    _print_written(written, chosen, certificate is not None, as_json)
 
 
 def _check_format(kind: str, firmware: bool, realtime: bool, real: str, watch: bool, parts: bool) -> None:
@@ -215,14 +212,12 @@ def stored_certificate(scenario: Path, law: str) -> dict[str, Any] | None:
     return None
 
 
-def _print_json(written: "Export") -> None:
-    """Print what was written as JSON."""
-    print(json.dumps({"folder": str(written.folder), "files": [str(file) for file in written.files]}, indent=2))
-
-
-def _print_written(written: "Export", law: str, is_judged: bool) -> None:
+def _print_written(written: "Export", law: str, is_judged: bool, as_json: bool) -> None:
     from rich.console import Console
 
+    if as_json:
+        print(json.dumps({"folder": str(written.folder), "files": [str(file) for file in written.files]}, indent=2))
+        return
     console = Console(width=None if Console().is_terminal else 100)
     console.print(f"{law} as C99 in {written.folder}, numbers are {written.real}:", highlight=False)
     for file in written.files:
