@@ -89,7 +89,7 @@ class ControlPanel:
             self._rival = self._choice("Rival", {name: name for name in RIVALS}, state.rival, "rival")
         with ui.row().classes("gap-1").props('role=group aria-label="Presets"'):
             for name, changes in PRESETS.items():
-                ui.button(name, on_click=self._preset(changes)).props("dense outline no-caps size=sm")
+                ui.button(name, on_click=self._preset(changes), color=None).props("dense outline no-caps size=sm")
         self._rows = [ControlRow(session, control) for control in CONTROLS]
         with ui.row().classes("gap-4"):
             self._model = ui.checkbox("Model known, M̂(q)", value=state.model_known, on_change=self._set("model_known"))

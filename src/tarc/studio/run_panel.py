@@ -40,7 +40,8 @@ class RunPanel:
         joint = self._joint.value if self._joint.value in pair.design.joints else ""
         for quantity, plot in self._plots.items():
             plot.update_figure(curves_figure(pair, quantity, joint))
-        self._plots["gain"].set_visibility(pair.design.gain is not None or pair.rival.gain is not None)
+        has_gain = pair.design.gain is not None or pair.rival.gain is not None
+        self._plots["gain"].classes(add="" if has_gain else "absent", remove="absent" if has_gain else "")
         self._measures.clear()
         with self._measures:
             for text in ("", pair.design.name, pair.rival.name):
