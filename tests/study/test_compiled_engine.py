@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from tarc.core.errors import CompilationError, EngineWarning, UnsupportedLaw
+from tarc.core.errors import CompilationError, EngineWarning, InvalidParameter, UnsupportedLaw
 from tarc.core.lane_loop import LaneLoop
 from tarc.simulation.integration import Integration
 from tarc.study import execution
 from tarc.study.cases import Cases
 from tarc.study.compiled_engine import CompiledEngine
+from tarc.study.direct_draws import DirectDraws
 from tarc.study.engines import Simulator
 from tarc.study.specification import Study
 
@@ -35,11 +36,13 @@ SCENARIO = {
 }
 
 
-def make_study(draws=None, runs=6, **more):
+def make_study(draws=None, runs=6, *, draws_noise=True, **more):
     scenario = SCENARIO
     if "sensor.resolution" in (draws or {}):
         scenario = {**SCENARIO, "sensor": {"resolution": 1e-4, "noise": 1e-5}}
     keys = {"robot.payload": {"uniform": [0.0, 1.0]}, "sensor.noise": {"log_uniform": [1e-6, 1e-5]}, **(draws or {})}
+    if not draws_noise:
+        del keys["sensor.noise"]
     return Study.parse({"scenario": scenario, "runs": runs, "draws": keys, **more})
 
 
@@ -79,6 +82,24 @@ def test_results_are_those_of_the_virtual_machine(draws):
     engine = CompiledEngine(cases, METHOD, study.law_names)
     check_equal(run(engine, study), run(Simulator(cases, METHOD), study))
     assert engine.n_left == 0  # to the virtual machine
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("key", ["robot.viscous", "robot.viscous.1", "sensor.noise.0"])
+def test_numbers_of_the_robot_need_no_parts(key):
+    """Handed to the loop directly, they give the bits of runs whose parts are built."""
+    study = make_study({key: {"uniform": [1e-6, 1e-5]}}, draws_noise=key.startswith("robot"))
+    engine, built = (CompiledEngine(Cases(study), METHOD, study.law_names) for _ in range(2))
+    assert engine._direct is not None
+    built._direct = None
+    ours, theirs = run(engine, study), run(built, study)
+    check_equal(ours, theirs, rtol=0)
+
+
+def test_refused_values_of_the_robot():
+    study = make_study({"robot.coulomb": {"uniform": [-0.5, 1.0]}})
+    with pytest.raises(InvalidParameter, match="coulomb"):
+        DirectDraws(Cases(study)).runs(study.draw().values)
 
 
 @pytest.mark.slow

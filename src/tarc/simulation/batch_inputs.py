@@ -16,6 +16,7 @@ from tarc.plants.base import Plant
 from tarc.plants.symbolic import SymbolicPlant
 from tarc.signals.drive import Drive
 from tarc.signals.references import Reference
+from tarc.signals.sensors import Encoder
 from tarc.simulation.closed_loop import ClosedLoop
 from tarc.simulation.integration import Integration
 from tarc.simulation.sampled_inputs import (
@@ -48,6 +49,11 @@ class LoopCase:
     initial_velocity: Numbers = 0.0
     initial_torque: Numbers | str = 0.0
     plant_parameters: dict[str, Any] = field(default_factory=dict)
+
+    def with_numbers(self, parameters: dict[str, Any], sensor: Encoder) -> "LoopCase":
+        """Return the same case with other parameters of the plant, and another encoder."""
+        controller = replace(self.controller, sensor=sensor)
+        return replace(self, controller=controller, plant_parameters=parameters)
 
     @property
     def actual_plant(self) -> SymbolicPlant:

@@ -100,6 +100,11 @@ class Cases:
         if any(key.section in ("robot", "gearbox") for key in self.keys) and not self.plant_is_rebuilt:
             self.plant_is_rebuilt = not self._shares_equations()
 
+    @property
+    def has_known(self) -> bool:
+        """Return whether the laws are built with some of the drawn values."""
+        return bool(self._known)
+
     def build(self, row: Array) -> Case:
         """Return the case of a row of drawn values, (keys,).
 

@@ -17,7 +17,9 @@ from tarc.simulation.batch_inputs import LoopCase, RunInputs
 from tarc.simulation.integration import Integration
 from tarc.simulation.simulator import with_limits
 from tarc.study.cases import Case, Cases
+from tarc.study.direct_draws import DirectDraws, DirectRun
 from tarc.study.distributions import Choice
+from tarc.study.drawn_keys import NUMBERS
 from tarc.study.engines import ChunkResult, Simulator
 
 COMPILED = "compiled"
@@ -32,10 +34,10 @@ Structure = tuple[float, ...]
 
 @dataclass
 class _Run:
-    """A run that waits for its lane: its number in the chunk, its case, its seed, and its inputs once sampled."""
+    """A run that waits for its lane: its number in the chunk, its parts, its seed, and its inputs once sampled."""
 
     place: int
-    case: Case
+    parts: Case | DirectRun
     seed: int
     loops: dict[str, LoopCase] = field(default_factory=dict)
     inputs: RunInputs | None = None
@@ -85,6 +87,8 @@ class CompiledEngine:
         self._integration = integration
         self._loops: dict[tuple[str, Structure], BatchLoop] = {}
         self._nominal_laws: dict[str, Law] = {}
+        self._nominal_cases: dict[str, LoopCase] = {}
+        self._direct = DirectDraws(cases) if DirectDraws.is_possible(cases) else None
         self._structural: set[int] = set()
         self.n_left = 0
         for law in laws:
@@ -111,10 +115,11 @@ class CompiledEngine:
         shape = len(indices), len(self.laws)
         result = ChunkResult({}, np.zeros(shape, dtype=bool), np.full(shape, np.nan), {})
         groups: dict[Structure, list[_Run]] = {}
+        direct = self._direct.runs(values) if self._direct and len(values) else []
         for place, (row, seed) in enumerate(zip(values, seeds, strict=True)):
-            case = self.cases.build(row)
-            self._keep_applied(result, place, shape, case)
-            groups.setdefault(self._structure(row), []).append(_Run(place, case, int(seed)))
+            parts = direct[place] if direct else self.cases.build(row)
+            self._keep_applied(result, place, shape, parts)
+            groups.setdefault(self._structure(row), []).append(_Run(place, parts, int(seed)))
         left = []
         for group in groups.values():
             for start in range(0, len(group), self.lanes):
@@ -136,14 +141,14 @@ class CompiledEngine:
         """Run all laws of some runs of the same structure; return number and law of those that are not covered."""
         left = []
         for run in runs:
-            run.loops = {law: self._loop_case(run.case, law) for law in self.laws}
+            run.loops = {law: self._loop_of(run.parts, law) for law in self.laws}
         for number, law in enumerate(self.laws):
             try:
                 loop = self._loop(law, values[runs[0].place])
             except UnsupportedLaw:  # for these choices alone; the others have their loop
                 left += [(run.place, law) for run in runs]
                 continue
-            covered = [run for run in runs if loop.covers(run.loops[law])]
+            covered = [run for run in runs if self._direct or loop.covers(run.loops[law])]
             left += [(run.place, law) for run in runs if run not in covered]
             if not covered:
                 continue
@@ -175,13 +180,27 @@ class CompiledEngine:
             batch = BatchResult(measures, one.completed[:, 0], one.end_time[:, 0])
             _keep(result, shape, [place], self.laws.index(law), batch)
 
-    def _keep_applied(self, result: ChunkResult, place: int, shape: tuple[int, int], case: Case) -> None:
+    def _keep_applied(self, result: ChunkResult, place: int, shape: tuple[int, int], case: Case | DirectRun) -> None:
         """Keep the values that were read back of a run."""
         places = [self.cases.law_names.index(name) for name in self.laws]
         for key, value in case.applied.items():
             is_of_law = np.ndim(value) == 1
             column = result.applied.setdefault(key, np.full(shape if is_of_law else shape[:1], np.nan))
             column[place] = np.asarray(value)[places] if is_of_law else value
+
+    def _loop_of(self, parts: Case | DirectRun, law: str) -> LoopCase:
+        """Return the loop of one law in a run."""
+        if isinstance(parts, Case):
+            return self._loop_case(parts, law)
+        return self._nominal_case(law).with_numbers(parts.parameters, parts.sensor)
+
+    def _nominal_case(self, law: str) -> LoopCase:
+        """Return the loop of one law in the scenario as written."""
+        if law not in self._nominal_cases:
+            scenario, nominal = self.cases.scenario, self.cases.nominal
+            more = {name: getattr(scenario, name) for name in NUMBERS}
+            self._nominal_cases[law] = self._loop_case(Case(nominal, **more, applied={}), law)
+        return self._nominal_cases[law]
 
     def _loop_case(self, case: Case, law: str) -> LoopCase:
         """Return the loop of one law in a case."""
