@@ -136,7 +136,7 @@ L = TypeVar("L", bound=Law)
 
 
 def pad_window(law: L, samples: int) -> L:
-    """Return a law with a window of so many samples, with all that it has computed; or itself where that cannot be."""
+    """Return a law with a window of this length, and all that it has computed; or itself where that cannot be."""
     estimator = _window_of(law)
     if estimator is None or len(estimator.sums) > samples:
         return law
