@@ -122,6 +122,22 @@ def test_two_processes_give_the_same_bits(on_two_processes, truth):
     assert equal(found, truth)
 
 
+def test_a_script_is_not_run_again_in_the_processes(tmp_path):
+    """It needs no ``if __name__ == "__main__"``."""
+    script = tmp_path / "script.py"
+    lines = [
+        "import study_engines",
+        "from tarc.study import scheduling",
+        "scheduling.SERIAL_TIME = 0.0",
+        "print(len(dict(study_engines.run(study_engines.FakeEngine(), 256, 32, jobs=2))))",
+    ]
+    script.write_text("\n".join(lines), encoding="utf-8")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT / "src"), str(ROOT / "tests")])}
+    command = [sys.executable, str(script)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, timeout=100)
+    assert done.stdout == "8\n", done.stderr
+
+
 def test_a_killed_process_costs_a_second_try(on_two_processes, tmp_path, truth):
     (tmp_path / "killed").touch()
     engine = FakeEngine(run_time=2e-3, kill_once=tmp_path / "killed")

@@ -64,7 +64,7 @@ def local_cluster(n_workers: int, notify: Callable[[str], object]) -> "Iterator[
     settings: dict[str, Any] = {"distributed.worker.profile.enabled": False}
     if sys.platform == "linux":
         settings["distributed.worker.multiprocessing-method"] = "forkserver"
-    with dask.config.set(settings):
+    with dask.config.set(settings), _main_module_hidden():
         if sys.platform == "linux":
             get_mp_context().set_forkserver_preload(FORK_SERVER_MODULES)
         with warnings.catch_warnings():
@@ -81,6 +81,19 @@ def local_cluster(n_workers: int, notify: Callable[[str], object]) -> "Iterator[
             if is_installed("bokeh"):
                 notify(f"{n_workers} processes; dashboard: {client.dashboard_link}")
             yield client
+
+
+@contextmanager
+def _main_module_hidden() -> Iterator[None]:
+    """Keep new processes from importing the user's script, of which they need nothing: it would run there again."""
+    main = sys.modules["__main__"]
+    names = [name for name in ("__file__", "__spec__") if name in vars(main)]
+    hidden = {name: vars(main).pop(name) for name in names}
+    main.__spec__ = None
+    try:
+        yield
+    finally:
+        vars(main).update(hidden)
 
 
 @contextmanager

@@ -234,6 +234,8 @@ class Study(BaseModel):
             For a folder that cannot be written or has another study in it, and a draw that does not reach its part.
         KeyboardInterrupt
             For Ctrl-C; what was finished is kept, and the same call continues.
+        ClusterError
+            When the scheduler does not answer or is lost, and when runs kill one worker after another.
         """
         return run_study(self, folder, engine=engine, jobs=jobs, scheduler=scheduler, progress=progress)
 
