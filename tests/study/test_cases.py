@@ -212,3 +212,12 @@ def test_a_gearbox_is_drawn_by_its_parameters():
     np.testing.assert_array_equal(case.setup.simulated.parameters["gearbox_stiffness"], [4500.0, 4500.0])
     assert case.setup.simulated.parameters["viscous"][0] == 0.7
     assert case.setup.plant.parameters["viscous"][0] == 0.7
+
+
+def test_the_model_in_a_law_is_drawn_apart_from_the_robot():
+    law = {"kind": "TDC", "inertia": {"model": {"payload": 1.0}, "fraction": 0.1}, "natural_frequency": 15.0}
+    case = built("law.inertia.model.payload", law=law)
+    model = case.setup.laws["TDC"].inertia.model
+    assert model.parameters["payload"] == case.applied["law.inertia.model.payload"][0] == 0.7
+    assert case.setup.simulated.parameters["payload"] == 0.0
+    assert built("law.inertia.fraction", law=law).setup.laws["TDC"].inertia.fraction == 0.7

@@ -130,6 +130,7 @@ def test_a_wrong_study_is_refused(changes, message):
         ({"scenario": "two_link_payload"}, r"draws: missing"),
         ({"scenario": "two_link_payload", "draws": PAYLOAD, "runs": "many"}, r"runs: got 'many'; needs a whole number"),
         ({"draws": PAYLOAD}, r"scenario: got None"),
+        ({"robot": {}, "law": {}}, r"this is a scenario; a study names it under scenario: .*tarc study --example"),
     ],
 )
 def test_wrong_keys_are_refused(content, message):

@@ -9,6 +9,7 @@ import numpy as np
 
 from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter
+from tarc.plants.base import Plant
 from tarc.scenario.model import Scenario
 from tarc.scenario.schema import Component, parameters
 
@@ -284,7 +285,7 @@ def value_at(current: object, path: Sequence[str | int]) -> float:
     Parameters
     ----------
     current
-        A number, numbers in a list or array, or a mapping. One number stands for all joints.
+        A number, numbers in a list or array, a mapping, or an object with attributes. One number stands for all joints.
     path
         Steps: indices of lists, and keys of mappings.
     """
@@ -292,7 +293,8 @@ def value_at(current: object, path: Sequence[str | int]) -> float:
         if isinstance(current, Mapping):
             current = current.get(step)
         elif isinstance(step, str):
-            current = getattr(current, step, None)
+            known = current.parameters if isinstance(current, Plant) else {}
+            current = known[step] if step in known else getattr(current, step, None)
         elif np.ndim(current):  # type: ignore[arg-type]
             current = current[step] if step < len(current) else None  # type: ignore[index,arg-type]
     if current is None or isinstance(current, str | Mapping):

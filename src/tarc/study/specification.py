@@ -100,6 +100,12 @@ class Study(BaseModel):
         if not isinstance(content, dict):
             kind = type(content).__name__
             raise ScenarioError(f"{label}: got {kind}; needs keys and values, such as scenario: and draws:")
+        if "scenario" not in content and "robot" in content:
+            raise ScenarioError(
+                f"{label}: this is a scenario; a study names it under scenario: and what varies under draws:. "
+                "`tarc study --example > study.yaml` writes one to start from",
+                "scenario",
+            )
         place = Path.cwd() if folder is None else folder
         content = {**content, "scenario": _scenario_content(content.get("scenario"), place)}
         if content.get("laws"):
