@@ -104,8 +104,6 @@ def run_live(
     setup = loaded.build()
     if any(unit not in ("N m", "N") for unit in setup.plant.torque_units):
         raise InvalidParameter("robot: its joints take positions, and run-live writes torques; give actuators: torque")
-    folder = None if log else make_folder("--log", Path("runs") / file_stem(loaded.name))
-    target = log or Path(folder or ".") / f"{file_stem(chosen)}-live.nc"
     limits = _limits(setup, interface, error_limit, speed_limit, max_step, torque_rate)
     with ExitStack() as stack:
         machine = stack.enter_context(scenario_robot(robot, loaded, setup, built.period, priority))
@@ -122,7 +120,7 @@ def run_live(
             watch=loaded.watch(chosen, tube=tube, full_range=full_range, speed=numbers_of("--speed", speed)),
             priority=priority,
             allow_unlimited_torque=unlimited_torque,
-            log=target,
+            log=log or _log_file(loaded.name, chosen),
             joint_names=names,
             units=setup.plant.units,
             label=setup.plant.label,
@@ -184,3 +182,8 @@ def _limits(
         max_step=numbers_of("--max-step", max_step),
         torque_rate=numbers_of("--torque-rate", torque_rate),
     )
+
+
+def _log_file(scenario: str, law: str) -> Path:
+    """Return the file of the log in a folder in runs/, named after scenario and law."""
+    return make_folder("--log", Path("runs") / file_stem(scenario)) / f"{file_stem(law)}-live.nc"
