@@ -171,6 +171,11 @@ def law_pages() -> None:
         subprocess.run([sys.executable, "-m", module], cwd=ROOT, check=True)
 
 
+def run_script(name: str) -> None:
+    """Run a script beside this one."""
+    subprocess.run([sys.executable, str(IMAGES / name)], check=True)
+
+
 FIGURES: dict[str, Callable[[], None]] = {
     "demo": demo,
     "animation": animation,
@@ -183,11 +188,12 @@ FIGURES: dict[str, Callable[[], None]] = {
     ),
     "first-run": lambda: run_page("start/first-run.md", "tracking.png"),
     "claims": lambda: run_page("explanation/claims.md", "gain_moves.png"),
+    "studio": lambda: run_script("studio.py"),
     "tightness": tightness,
     "laws": law_pages,
     "tuning": tuning,
 }
-LONG = {"laws", "animation"}
+LONG = {"laws", "animation", "studio"}
 
 
 def main() -> None:
