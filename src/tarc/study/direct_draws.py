@@ -30,8 +30,8 @@ class DirectRun:
 class DirectDraws:
     """Puts drawn values into the parameters of the scenario's robot and its encoder.
 
-    The parts of the first run, and of those with the least and the greatest value of each key, are built and must have
-    the same numbers. The inertia matrices of all runs must be positive definite.
+    Some runs are built too, and must have the same numbers. These are the first one, and those with the least and the
+    greatest value of each key. The inertia matrices of all runs must be positive definite.
 
     Parameters
     ----------
