@@ -75,6 +75,7 @@ LONG_EXAMPLES = {
     "compare_laws",
     "design_robot",
     "fmu_loop",
+    "how_sure",
     "largest_error",
     "literal_or_synchronised",
     "my_law",
