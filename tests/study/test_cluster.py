@@ -223,9 +223,3 @@ def test_worker_without_the_package(cluster, late):
         cluster.wait_for("Register worker")
     with pytest.raises(InvalidParameter, match=r"cannot import the package .* pip install 'tarc-control\[study\]'"):
         study(FakeEngine(), scheduler=cluster.address)
-
-
-def test_an_address_where_nobody_answers(monkeypatch):
-    monkeypatch.setattr("tarc.study.cluster.CONNECT_TIMEOUT", 0.3)
-    with pytest.raises(ClusterError, match=r"no answer from tcp://127\.0\.0\.1:9 in 0\.3 s .*`dask scheduler`"):
-        list(study_engines.run(FakeEngine(), 8, 8, scheduler="tcp://127.0.0.1:9"))

@@ -1,11 +1,14 @@
+import re
+import socket
+
 import numpy as np
 import pytest
 
 import study_engines
 from study_engines import FakeEngine, Recipe
-from tarc.core.errors import InvalidParameter, MissingTool
+from tarc.core.errors import ClusterError, InvalidParameter, MissingTool
 from tarc.study import scheduling
-from tarc.study.scheduling import run_chunks
+from tarc.study.scheduling import check_place, run_chunks
 from tarc.study.software import check_same_software, software
 
 
@@ -67,6 +70,17 @@ def test_versions_that_differ_are_named_with_the_worker():
         check_same_software("tcp://w", {**ours, "numpy": "1.0"}, ours)
 
 
-def test_an_address_without_protocol():
-    with pytest.raises(InvalidParameter, match=r"got '10\.0\.0\.5:8786'; needs an address such as tcp://"):
-        list(study_engines.run(FakeEngine(), 8, 8, scheduler="10.0.0.5:8786"))
+@pytest.mark.parametrize(
+    "address", ["10.0.0.5:8786", "tcp://10.0.0.5", "tcp://10.0.0.5:many", "http://10.0.0.5:8786", "tcp://:8786"]
+)
+def test_what_is_no_address(address):
+    with pytest.raises(InvalidParameter, match=rf"got '{re.escape(address)}'; needs an address such as tcp://"):
+        check_place(None, address)
+
+
+def test_an_address_where_nobody_listens():
+    with socket.socket() as reserved:  # and does not listen
+        reserved.bind(("127.0.0.1", 0))
+        address = f"tcp://127.0.0.1:{reserved.getsockname()[1]}"
+        with pytest.raises(ClusterError, match=f"no answer from {address} .*refused.*`dask scheduler`"):
+            check_place(None, address)

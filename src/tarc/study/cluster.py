@@ -3,6 +3,7 @@
 import hashlib
 import logging
 import pickle
+import socket
 import sys
 import threading
 import time
@@ -14,6 +15,7 @@ from itertools import count
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, cast
+from urllib.parse import urlsplit
 from uuid import uuid4
 
 from tarc.core.codegen import receive_libraries, used_libraries
@@ -29,6 +31,9 @@ if TYPE_CHECKING:
 
 CONNECT_TIMEOUT = 10.0
 """Time in which a scheduler must answer [s]."""
+
+PROTOCOLS = ("tcp", "tls", "ucx", "ws", "wss")
+"""Protocols of addresses."""
 
 CHECK_INTERVAL = 1.0
 """Time between two looks at the cluster while no part finishes [s]."""
@@ -96,32 +101,55 @@ def _main_module_hidden() -> Iterator[None]:
         vars(main).update(hidden)
 
 
-@contextmanager
-def remote_cluster(address: str, notify: Callable[[str], object]) -> "Iterator[Client]":
-    """Connect to a Dask scheduler.
+def check_scheduler(address: str) -> None:
+    """Check that something listens at an address.
 
     Raises
     ------
     InvalidParameter
         For something that is no address.
     ClusterError
-        When nothing answers at the address.
+        When nothing listens there.
     """
-    if "://" not in address:
+    parts = urlsplit(address)
+    try:
+        place = parts.hostname or "", parts.port or 0
+    except ValueError:  # of the port
+        place = "", 0
+    if parts.scheme not in PROTOCOLS or not all(place):
         raise InvalidParameter(
             f"scheduler: got {address!r}; needs an address such as tcp://10.0.0.5:8786, which `dask scheduler` prints",
             "scheduler",
         )
+    try:
+        socket.create_connection(place, CONNECT_TIMEOUT).close()
+    except OSError as error:
+        raise _no_answer(address, error) from None
+
+
+def _no_answer(address: str, error: OSError) -> ClusterError:
+    return ClusterError(
+        f"scheduler: no answer from {address} ({error}); check the address, start one with `dask scheduler`, or leave "
+        "the scheduler out to use this machine"
+    )
+
+
+@contextmanager
+def remote_cluster(address: str, notify: Callable[[str], object]) -> "Iterator[Client]":
+    """Connect to a Dask scheduler.
+
+    Raises
+    ------
+    ClusterError
+        When what listens at the address is no scheduler.
+    """
     from distributed import Client
     from distributed.utils import silence_logging_cmgr
 
     try:
         client = Client(address, timeout=CONNECT_TIMEOUT, name="tarc-study")
-    except (OSError, ValueError) as error:  # ValueError: a protocol or port that Dask does not know
-        raise ClusterError(
-            f"scheduler: no answer from {address} in {CONNECT_TIMEOUT:g} s ({error}); check the address, start one "
-            "with `dask scheduler`, or leave the scheduler out to use this machine"
-        ) from None
+    except OSError as error:
+        raise _no_answer(address, error) from None
     try:
         client.scheduler_info()  # asks for the dashboard's port
         notify(f"cluster {address}; dashboard: {client.dashboard_link}")

@@ -31,7 +31,7 @@ from tarc.study.cases import Cases
 from tarc.study.compiled_engine import COMPILED, LANES, CompiledEngine
 from tarc.study.draws import Draws, run_seeds
 from tarc.study.engines import MUJOCO, VIRTUAL_MACHINE, Engine, SideBySide, Simulator
-from tarc.study.scheduling import run_chunks
+from tarc.study.scheduling import check_place, run_chunks
 from tarc.study.store import TRACES, Store, open_store
 from tarc.study.study_result import StudyResult
 
@@ -65,6 +65,7 @@ def run_study(
 ) -> StudyResult:
     """Run what is left of a study into a folder; the parameters are those of `Study.run`."""
     check_engine(engine)
+    check_place(jobs, scheduler)
     place = Path("runs") / f"{study.name}.study" if folder is None else Path(folder)
     draws = study.draw()
     with open_store(place, study) as store, warnings.catch_warnings():

@@ -11,7 +11,7 @@ from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter
 from tarc.core.optional import is_installed, require
 from tarc.study.chunks import Chunk, ChunkCollector, ChunkQueue, Pace
-from tarc.study.cluster import local_cluster, remote_cluster, run_parts, send_libraries
+from tarc.study.cluster import check_scheduler, local_cluster, remote_cluster, run_parts, send_libraries
 from tarc.study.engines import ChunkResult, Engine
 
 SERIAL_TIME = 4.0
@@ -66,6 +66,22 @@ def run_chunks(
     MissingTool
         For several jobs or a scheduler without Dask.
     """
+    check_place(jobs, scheduler)
+    return _run(engine, recipe, ChunkQueue(chunks, n_runs), jobs, scheduler, advance or _nothing, notify or _to_stderr)
+
+
+def check_place(jobs: int | None, scheduler: str) -> None:
+    """Check where a study is to run, before anything else is done for it.
+
+    Raises
+    ------
+    InvalidParameter
+        For ``jobs`` below one, ``jobs`` beside a scheduler, and something that is no address.
+    ClusterError
+        When nothing listens at the address.
+    MissingTool
+        For several jobs or a scheduler without Dask.
+    """
     if jobs is not None:
         check.integer("jobs", jobs, 1)
         if scheduler:
@@ -75,9 +91,9 @@ def run_chunks(
             )
     if scheduler:
         require("study", "a scheduler", "dask", "distributed")
+        check_scheduler(scheduler)
     elif jobs is not None and jobs > 1:
         require("study", "more than one job", "dask", "distributed")
-    return _run(engine, recipe, ChunkQueue(chunks, n_runs), jobs, scheduler, advance or _nothing, notify or _to_stderr)
 
 
 def _run(
