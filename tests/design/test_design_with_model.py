@@ -8,6 +8,7 @@ import pytest
 import tarc
 from slow_cases import slow
 from tarc import plants
+from tarc.analysis.operating_points import SEARCH_MARGIN
 from tarc.certificates import certify_known_inertia
 from tarc.core.errors import InvalidParameter
 from tarc.design import DesignRequirements, design_controller, predict_design_error, stress_test, try_design
@@ -50,6 +51,22 @@ def test_ratios_of_every_robot_within_the_intervals_lie_between_those_of_the_end
         assert ratios.max() <= at_ends.max() * (1 + 1e-9)
 
 
+def test_ratios_of_every_arm_within_the_lengths_lie_within_the_margin_of_those_of_the_ends():
+    given = DesignRequirements(payload=(0.0, 2.0), model="inertia", length_error=0.1)
+    ends = uncertain_robots([ARM, ARM.with_parameters({"payload": 2.0})], given)
+    assert len(ends) == 18
+    random = np.random.default_rng(1)
+    for _ in range(60):
+        posture = np.array([0.0, random.uniform(-np.pi, np.pi)])
+        M = ARM.inertia(posture)
+        at_ends = np.array([np.linalg.eigvals(np.linalg.solve(robot.inertia(posture), M)).real for robot in ends])
+        factors = random.uniform(0.9, 1.1, 2)
+        inside = ARM.with_parameters({"payload": random.uniform(0, 2), "lengths": factors, "centres": factors})
+        ratios = np.linalg.eigvals(np.linalg.solve(inside.inertia(posture), M)).real
+        assert at_ends.min() * (1 - 1e-9) <= ratios.min()
+        assert ratios.max() <= at_ends.max() * (1 + SEARCH_MARGIN)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -67,6 +84,7 @@ def test_requirements_refuse_what_no_model_is(options, message):
     ("plant", "options", "message"),
     [
         (ARM, {"speed": np.inf}, "speed: model='known' needs the largest joint speed"),
+        (UR5E, {"length_error": 0.1, "torque_limits": 100.0}, "length_error: .* has no parameter lengths"),
         (ARM, {"armature_error": 0.2}, "armature_error: .* has no parameter armature"),
         (UR5E, {"torque_limits": None}, "friction_width: missing"),
     ],

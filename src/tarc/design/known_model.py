@@ -27,36 +27,60 @@ PAYLOAD_SHARES = 0.0, 0.25, 0.5
 """Payloads of the model that are tried, between the smallest and the largest."""
 N_POSTURES = 100
 """Sampled postures at which the spread is compared."""
+MAX_LINKS = 3
+"""Largest number of links whose lengths may be uncertain."""
+FIELDS = {"armature": "armature_error", "masses": "mass_error", "lengths": "length_error"}
+"""Requirement by the parameter of the robot for which it is an interval."""
 FRICTION = "coulomb", "viscous"
 """Friction parameters of a robot that a design can take as known."""
 
 
 def uncertain_robots(plants: Sequence[Plant], requirements: DesignRequirements) -> tuple[Plant, ...]:
-    """Return the robots at the ends of all intervals: payload, rotor inertia and masses of the links.
+    """Return the robots at the ends of all intervals: payload, rotor inertia, masses and lengths of the links.
 
-    M is linear in each of them and grows with it. So the eigenvalues of M⁻¹M̂ of every robot within the intervals lie
-    between those of the ends. Each link may have an error of its own.
+    M is linear in payload, rotor inertia and masses, and grows with them. So for robots within these intervals the
+    eigenvalues of M⁻¹M̂ lie between those of the ends, and each link may have an error of its own.
+
+    In lengths M is a convex polynomial of degree two, since xᵀMx sums squares of speeds that are affine in them. So the
+    smallest eigenvalue of M⁻¹M̂ is at an end, with an error of each link of its own. The largest may lie between. So the
+    middle of each interval counts as well. The rest, and stiffness and damping between, are left to the certificate's
+    margin. The centre of mass of a link moves with its length.
 
     Raises
     ------
     InvalidParameter
-        For an interval of a parameter that the robot does not have.
+        For an interval of a parameter that the robot does not have, and for lengths of too many links.
     """
     shares = {"armature": requirements.armature_error, "masses": requirements.mass_error}
     shares = {name: share for name, share in shares.items() if share}
-    for name in shares:
+    lengths = {"lengths": requirements.length_error} if requirements.length_error else {}
+    for name in [*shares, *lengths]:
         if name not in plants[0].parameters:
-            field = "mass_error" if name == "masses" else "armature_error"
-            raise InvalidParameter(
-                f"{field}: {plants[0].label} has no parameter {name}; leave it out, or use a robot from a file", field
-            )
+            field = FIELDS[name]
+            hint = "; a file fixes them" if name == "lengths" else ", or use a robot from a file"
+            raise InvalidParameter(f"{field}: {plants[0].label} has no parameter {name}; leave it out{hint}", field)
     corners = list(product(*[(1 - share, 1 + share) for share in shares.values()]))
     robots = []
     for plant in plants:
         for factors in corners:
             values = {name: f * np.asarray(plant.parameters[name]) for name, f in zip(shares, factors, strict=True)}
-            robots.append(plant.with_parameters(values) if values else plant)
+            robots += _with_lengths(plant.with_parameters(values) if values else plant, requirements.length_error)
     return tuple(robots)
+
+
+def _with_lengths(plant: Plant, share: float) -> list[Plant]:
+    """Return a planar arm with each link shorter, as it is and longer by a share; the arm alone for none."""
+    if not share:
+        return [plant]
+    n = plant.n_joints
+    if n > MAX_LINKS:
+        raise InvalidParameter(
+            f"length_error: got an arm of {n} links, whose lengths have {3**n} combinations; needs at most {MAX_LINKS}",
+            "length_error",
+        )
+    lengths, centres = (np.broadcast_to(np.asarray(plant.parameters[name]), n) for name in ("lengths", "centres"))
+    factors = [np.array(row) for row in product((1 - share, 1.0, 1 + share), repeat=n)]
+    return [plant.with_parameters({"lengths": row * lengths, "centres": row * centres}) for row in factors]
 
 
 @dataclass(frozen=True, eq=False)

@@ -76,6 +76,9 @@ class DesignRequirements:
         For a model: share by which the true rotor inertia may differ from the file's, such as 0.2 for 20 %.
     mass_error
         For a model: share by which the true mass and inertia of each link may differ from the file's.
+    length_error
+        For a model: share by which the true length of each link of a planar arm may differ. Its centre of mass moves
+        with it.
     friction_error
         For a known model: share by which the true friction may be larger than that of the law.
     friction_width
@@ -114,6 +117,7 @@ class DesignRequirements:
     model: str = "none"
     armature_error: float = 0.0
     mass_error: float = 0.0
+    length_error: float = 0.0
     friction_error: float = 0.3
     friction_width: "Numbers | None" = None
     law: str = "TARC"
@@ -133,7 +137,7 @@ class DesignRequirements:
             raise InvalidParameter(f"payload: got {low:g} to {high:g} kg; needs the smallest first")
         object.__setattr__(self, "payload", (low, high))
         check.one_of("model", self.model, MODELS)
-        for name in ("armature_error", "mass_error", "friction_error"):
+        for name in ("armature_error", "mass_error", "length_error", "friction_error"):
             share = check.number(name, getattr(self, name), 0)
             if not share < 1:
                 raise InvalidParameter(

@@ -164,9 +164,10 @@ class Design:
     def _intervals(self) -> str:
         """Return for which robots a law with a model is certified."""
         given = self.requirements
+        lengths = f" and lengths within {100 * given.length_error:.3g} %" if given.length_error else ""
         return (
             f"This certificate is for rotor inertias within {100 * given.armature_error:.3g} % of the file "
-            f"and masses within {100 * given.mass_error:.3g} %; tarc certify has those of the file"
+            f"and masses within {100 * given.mass_error:.3g} %{lengths}; tarc certify has those of the file"
         )
 
     def save(
