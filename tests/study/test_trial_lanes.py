@@ -51,7 +51,7 @@ def test_a_padded_window_estimates_the_same():
     ("name", "law"),
     [
         ("train_masses", "tdc"),
-        ("train_masses", "tdc-sync"),
+        pytest.param("train_masses", "tdc-sync", marks=pytest.mark.slow),
         pytest.param("train_two_link", "tarc", marks=pytest.mark.slow),
         pytest.param("train_two_link", "tdc-kalman", marks=pytest.mark.slow),
         pytest.param("train_two_link", "adrc", marks=pytest.mark.slow),

@@ -78,6 +78,7 @@ def test_a_trial_ends_with_its_first_failure():
     assert min(early.growth_rates) > 0
 
 
+@pytest.mark.slow
 def test_the_growth_rate_is_that_of_the_warning():
     for gains in random_gains(6, seed=1):
         part = SPACE.law(gains, 1e-3)
