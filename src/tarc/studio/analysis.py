@@ -185,7 +185,7 @@ def _weights(natural_frequencies: Array, damping_ratio: float) -> Array:
 
 def _crossing_ratios(response: Array) -> Array:
     """Return the ratios ρ = 1/G at which G is real and positive between the angles; nan elsewhere, shape (k, m − 1)."""
-    imag, real = response.imag, response.real
+    imag, real = np.imag(response), np.real(response)
     left, right = imag[:, :-1], imag[:, 1:]
     with np.errstate(divide="ignore", invalid="ignore"):
         part = left / (left - right)
@@ -278,6 +278,7 @@ def analyse_loop(state: DesignState, facts: RobotFacts, computation_delay: int =
         low = high = state.inertia_share
     ratios = low, float(np.sqrt(low * high)), high
     radii = np.abs(np.linalg.eigvals(np.array([channel.state_matrix(ratio) for ratio in ratios]))).max(axis=1)
+    is_stable = [bool(radius < 1 - CIRCLE_TOLERANCE) for radius in radii]
     weights = _weights(np.array([state.natural_frequency]), state.damping_ratio)
     response = loop.combine(loop.response, weights)[0]
     gains = np.abs(response) * np.array(ratios)[:, None]
@@ -288,7 +289,7 @@ def analyse_loop(state: DesignState, facts: RobotFacts, computation_delay: int =
         map=stability_map(state, computation_delay),
         stable=stable,
         ratios=ratios,
-        is_stable=tuple(bool(radius < 1 - CIRCLE_TOLERANCE) for radius in radii),
+        is_stable=(is_stable[0], is_stable[1], is_stable[2]),
         torque_noise=_torque_noise(state, facts, channel, ratios[1]),
         frequencies=frequencies,
         loop_gains=gains,

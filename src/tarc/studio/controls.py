@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 from nicegui import events, ui
 
@@ -73,7 +74,8 @@ class ControlRow:
 
     def _on_number(self, event: events.ValueChangeEventArguments) -> None:
         if not self._is_syncing and event.value is not None:
-            self._session.change(**{self._control.name: float(event.value)})
+            changes: dict[str, Any] = {self._control.name: float(event.value)}
+            self._session.change(**changes)
 
 
 class ControlPanel:
@@ -124,5 +126,5 @@ class ControlPanel:
 
         return set_value
 
-    def _preset(self, changes: dict[str, object]) -> Callable[[], None]:
+    def _preset(self, changes: dict[str, Any]) -> Callable[[], None]:
         return lambda: self._session.change(**changes)

@@ -69,15 +69,17 @@ def send_live(send: Sender, content: dict[str, Any], connection: str, address: s
         send(LiveLog(str(log.folder)))
 
     with _robot(connection, address, scenario, setup, law.period) as robot:
-        is_online, is_simulated = isinstance(robot, DdsRobot), connection.startswith("mujoco")
-        reference = robot.reference if is_online and robot.reference is not None else setup.reference
+        is_simulated = connection.startswith("mujoco")
+        online = robot.reference if isinstance(robot, DdsRobot) else None
         result = run_live(
             law,
             robot,
-            reference,
+            setup.reference if online is None else online,
             duration,
             limits=safety_limits(setup, interface),
-            start_up=None if is_online else start_up(scenario, setup, robot, push=0.0 if is_simulated else 0.2),
+            start_up=None
+            if online is not None
+            else start_up(scenario, setup, robot, push=0.0 if is_simulated else 0.2),
             allow_unlimited_torque=is_simulated,
             watchdog=SIMULATED_WATCHDOG if is_simulated else WATCHDOG,
             priority=0,
