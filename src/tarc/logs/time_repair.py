@@ -22,8 +22,9 @@ PERIOD_DIGITS = 3
 MAX_CLOCK_ERROR = 5e-4
 """Largest relative difference between the clocks of robot and recorder."""
 REST_ROWS = 21
+"""Number of rows about one that tell whether its encoders are still."""
 MAX_REPEATS = 0.5
-"""Share of so many rows about one that may repeat the one before, where a repeat at rest still means a stale sample."""
+"""Largest share of these that may repeat the row before, where a repeat at rest still means a stale sample."""
 N_COUNTS = 2
 """Repetitions of the count of ticks, each with the motion on the times of the one before."""
 N_SHIFTS = 3
