@@ -186,6 +186,14 @@ def test_the_folder_of_another_version_is_refused(finished, monkeypatch):
         study().run(finished.folder)
 
 
+def test_the_folder_of_another_layout_is_refused(finished, monkeypatch):
+    monkeypatch.setattr(store_module, "LAYOUT", 99)
+    with pytest.raises(InvalidParameter, match=r"has the layout \d+, and this version reads 99; choose another folder"):
+        study().run(finished.folder)
+    with pytest.raises(InvalidParameter, match=r"has the layout"):
+        StudyResult.open(finished.folder)
+
+
 def test_a_folder_with_other_files_is_refused(tmp_path):
     (tmp_path / "thesis.tex").write_text("", encoding="utf-8")
     with pytest.raises(InvalidParameter, match=r"has files in it and no study; choose a folder"):

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 
 RESULTS = "results.zarr"
 CONTENT = "study.yaml"
+LAYOUT = 2
+"""Number of the way in which arrays and marks are stored, one more with each change of it."""
 MARKS = "done"
 TRACES = "traces"
 LOCK = ".lock"
@@ -264,6 +266,7 @@ def open_store(folder: Path, study: "Study") -> Store:
             {
                 "title": f"study {study.name}",
                 "source": f"tarc-control {__version__}",
+                "layout": LAYOUT,
                 "study": study.to_yaml(folder),
                 "content_hash": study.content_hash,
                 "laws": study.law_names,
@@ -313,6 +316,13 @@ def _opened_group(folder: Path, mode: Literal["r", "r+"]) -> zarr.Group:
         raise InvalidParameter(
             f"study: {path} lacks the attributes {', '.join(missing)}, so that it is no study of `tarc study`, or "
             f"damaged; remove {folder} and begin anew",
+            "out",
+        )
+    layout = group.attrs.get("layout")
+    if layout != LAYOUT:
+        raise InvalidParameter(
+            f"study: {path} has the layout {layout}, and this version reads {LAYOUT}; choose another folder, or "
+            f"continue with {group.attrs['source']} as it was",
             "out",
         )
     return group
