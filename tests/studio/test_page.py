@@ -11,7 +11,7 @@ import urdf_text
 
 pytestmark = pytest.mark.slow
 
-READY = 90_000
+READY = 150_000
 """Longest wait for certificates on a loaded machine [ms]."""
 
 
