@@ -1,6 +1,6 @@
 """Linearised uncertainty of a robot over a workspace: inertia mismatch, stiffness, damping and their rates."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -23,6 +23,8 @@ SEARCH_MARGIN = 0.05
 
 Samples and search may miss the worst posture, so a verdict that rests on them must hold for that much more.
 """
+PART = 256
+"""Number of points of a part."""
 NORM_BATCH = 64
 """Number of points whose norms are computed at once."""
 N_TRIED_WEIGHTS = 25
@@ -174,8 +176,8 @@ class UncertaintySamples:
         stacks = [_stack(self.stiffness, damping, lead_time) for damping in self._dampings(period)]
         return np.max([_spectral_norms(stack) for stack in stacks], axis=0)
 
-    def at(self, places: Array) -> "UncertaintySamples":
-        """Return some of the points, by their numbers."""
+    def at(self, places: Array | slice) -> "UncertaintySamples":
+        """Return some of the points, by their numbers or as a slice."""
         return UncertaintySamples(
             self.inertia[places],
             self.stiffness[places],
@@ -183,6 +185,11 @@ class UncertaintySamples:
             held_stiffness=None if self.held_stiffness is None else self.held_stiffness[places],
             friction=None if self.friction is None else self.friction[places],
         )
+
+    def parts(self) -> Iterator["UncertaintySamples"]:
+        """Yield the points in parts whose matrices stay in the processor's cache."""
+        for start in range(0, len(self.inertia), PART):
+            yield self.at(slice(start, start + PART))
 
     def candidate_weights(self, centre: float, lead_time: float) -> list[float]:
         """Return weights η [1/s²] to try, in descending order; none without stiffness and damping.
@@ -201,7 +208,7 @@ class UncertaintySamples:
         factors = np.geomspace(100.0, 0.01, N_TRIED_WEIGHTS)
         weights = stiffest / centre * factors
         largest = self.decisive([centre], [lead_time], 0.0, 0.0)
-        radii = np.array([largest.joint_norms(centre, float(weight), lead_time).max() for weight in weights])
+        radii = np.array([largest.needed_radius(centre, float(weight), lead_time) for weight in weights])
         logs = np.interp([inertia_radius + share * spare for share in RADIUS_SHARES], radii, np.log(factors))
         return [stiffest / centre * float(np.exp(log)) for log in dict.fromkeys(logs)]
 

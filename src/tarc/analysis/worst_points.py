@@ -140,7 +140,9 @@ class SampledPoints:
         """
         fresh, fresh_uncertainty = self._fresh_points()
         candidates = [*self.points, *fresh]
-        values = function.norms(self.uncertainty | fresh_uncertainty)
+        values = np.concatenate(
+            [function.norms(part) for samples in (self.uncertainty, fresh_uncertainty) for part in samples.parts()]
+        )
         scale = max(float(values.max()), NEGLIGIBLE_STIFFNESS)
         is_moving = np.array([point.is_moving for point in candidates])
         starts = self._with_every_plant(self.points[:2])

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tarc.analysis.linearise import joints_share_loop
-from tarc.analysis.operating_points import SEARCH_MARGIN
+from tarc.analysis.operating_points import RADIUS_SHARES, SEARCH_MARGIN
 from tarc.certificates.robot import certify_robot
 from tarc.certificates.varying_ratio import Ball, widest_ball
 from tarc.certification import LawCertification
@@ -26,8 +26,9 @@ FREQUENCY_FACTORS = (1.0, 0.7, 0.5, 0.35, 0.25)
 MAX_TRIALS = 6
 """Most changes that are certified."""
 
-MIN_SPREAD_SHARE = (1 + SEARCH_MARGIN) ** 2
-"""Least spread that a loop must tolerate to be tried, over that of the robot: what the robot's certificate covers."""
+MIN_SPREAD_SHARE = (1 + SEARCH_MARGIN) ** 2 / (1 - RADIUS_SHARES[0])
+"""Least spread that a loop must tolerate to be tried, over that of the robot: what the robot's certificate covers, with
+the least share of the smallest ratio that it leaves to stiffness and damping."""
 
 
 def certifying_settings(scenario: Scenario, certified: CertifiedLaws, name: str) -> list[str]:
