@@ -16,6 +16,8 @@ PERIOD = 1e-3
 TARGET = Path(__file__).parents[1] / "docs" / "assets" / "widget-data.js"
 WINDOWS = (3, 5, 10, 20, 50)
 DEGREES = (1, 2, 3)
+DELAY_DIGITS = 9
+"""Digits of a delay [periods]: what is less is rounding."""
 FREQUENCIES = np.geomspace(10.0, 3000.0, 70)
 """Frequencies of the responses [rad/s]."""
 NATURAL_FREQUENCIES = np.geomspace(2.0, 100.0, 20)
@@ -58,7 +60,7 @@ def estimator(periods: int, degree: int, derivative: int) -> dict[str, Any]:
     return {
         "weights": rounded(one.weights(derivative)),
         "kernel": rounded(one.kernel(-places, derivative=derivative) * PERIOD),
-        "delay": float(f"{1e3 * abs(one.group_delay(derivative)):.3g}"),
+        "delay": round(float(f"{1e3 * abs(one.group_delay(derivative)):.3g}"), DELAY_DIGITS),
         "noise": float(f"{one.noise_gain(derivative):.3g}"),
         "gain": rounded(np.abs(response)),
     }

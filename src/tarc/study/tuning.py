@@ -327,7 +327,7 @@ def _search(
     if not pairs:
         raise InvalidParameter(f"scenarios: {space.fixed['kind']} cannot run in any of the scenarios")
     kept, kept_limits = [scenario for scenario, _ in pairs], [limit for _, limit in pairs]
-    require("study", "tune")
+    require("study", "tune", "optuna")
     import optuna
 
     from tarc.study.optuna_search import Search, SeededSampler, Workers, open_storage, open_study
