@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tarc.cli.options import Json
+from tarc.core.allocator import keep_freed_memory
 
 if TYPE_CHECKING:
     from tarc.study.specification import Study
@@ -112,6 +113,7 @@ def study(
         loaded = loaded.with_runs(runs)
     folder = out or Path("runs") / f"{loaded.name}.study"
     try:
+        keep_freed_memory()
         result = loaded.run(folder, engine=engine, jobs=jobs, scheduler=scheduler)
     except KeyboardInterrupt:
         print(tables.interruption(folder), file=sys.stderr)

@@ -27,8 +27,11 @@ MAX_TRIALS = 6
 """Most changes that are certified."""
 
 MIN_SPREAD_SHARE = (1 + SEARCH_MARGIN) ** 2 / (1 - RADIUS_SHARES[0])
-"""Least spread that a loop must tolerate to be tried, over that of the robot: what the robot's certificate covers, with
-the least share of the smallest ratio that it leaves to stiffness and damping."""
+"""Least spread that a loop must tolerate to be tried, over that of the robot.
+
+The robot's certificate covers more by the margin of the search. It leaves a least share of the smallest ratio to
+stiffness and damping.
+"""
 
 
 def certifying_settings(scenario: Scenario, certified: CertifiedLaws, name: str) -> list[str]:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tarc.core import validation as check
+from tarc.core.allocator import keep_freed_memory
 from tarc.core.errors import (
     CompilationError,
     DesignWarning,
@@ -197,6 +198,7 @@ class EngineRecipe:
         cases = Cases(self.study)
         if not self.compiled:
             return Simulator(cases, self.integration)
+        keep_freed_memory()
         return _joined(cases, self.integration, CompiledEngine(cases, self.integration, self.compiled, self.lanes))
 
 
