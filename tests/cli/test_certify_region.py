@@ -42,10 +42,10 @@ def test_region_of_a_scenario_as_text_and_json(tmp_path):
 
 
 def test_a_region_takes_noise_payload_and_friction_from_the_scenario(monkeypatch):
-    told = {}
+    given = {}
 
     def record(law, plants, reference, duration, **options):
-        told.update(options, plants=plants, law=law)
+        given.update(options, plants=plants, law=law)
         raise UnsupportedLaw("law: recorded")
 
     monkeypatch.setattr("tarc.scenario.model.certify_region", record)
@@ -61,7 +61,7 @@ def test_a_region_takes_noise_payload_and_friction_from_the_scenario(monkeypatch
     )
     with pytest.raises(UnsupportedLaw, match="recorded"):
         scenario.certify_regions(0.1, torque_rate=3.0)
-    assert told["friction"] == pytest.approx([0.5, 0.2])
-    assert told["measurement_error"] == pytest.approx(np.full(2, np.pi / 2**17 + 5e-5))
-    assert [float(plant.parameters["payload"]) for plant in told["plants"]] == [0.0, 2.0]
-    assert told["law"].torque_limit is None
+    assert given["friction"] == pytest.approx([0.5, 0.2])
+    assert given["measurement_error"] == pytest.approx(np.full(2, np.pi / 2**17 + 5e-5))
+    assert [float(plant.parameters["payload"]) for plant in given["plants"]] == [0.0, 2.0]
+    assert given["law"].torque_limit is None

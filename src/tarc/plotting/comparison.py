@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter
 
-from tarc.plotting.style import COLOURS, StyledFigure
+from tarc.plotting.style import COLOURS, StyledFigure, style_tradeoff
 
 if TYPE_CHECKING:
     from tarc.study.comparison import Comparison
@@ -34,18 +33,10 @@ def plane(comparison: "Comparison") -> Figure:
         for point, following in pairwise(front):
             corners += [(following[0], point[1]), following]
         axes.plot(*np.array(corners).T, color="0.6", lw=1, zorder=0, label="Pareto front")
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axis.set_major_formatter("{x:g}")
-        axis.set_minor_formatter(NullFormatter())
-    axes.tick_params(which="both", labelsize="small")
     axes.set_xlabel(f"torque variation [{comparison.columns['torque_variation'][2]}]")
     axes.set_ylabel(f"RMS error [{comparison.columns['rms_error'][2]}]")
     axes.set_title(comparison.scenario.name, fontsize="medium")
-    axes.legend(fontsize="small", loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False)
-    axes.grid(alpha=0.3, which="both")
+    style_tradeoff(axes)
     return figure
 
 

@@ -3,7 +3,9 @@
 from typing import Any
 
 from matplotlib import rc_context
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000"]
 """Okabe and Ito's palette, which colour-blind readers can distinguish."""
@@ -32,3 +34,16 @@ class StyledFigure(Figure):
         """Write a file, as matplotlib does."""
         with rc_context(STYLE):
             super().savefig(fname, **kwargs)
+
+
+def style_tradeoff(axes: Axes) -> None:
+    """Give axes of error over torque variation logarithmic scales, a grid, and a legend of what is drawn beside it."""
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter(NullFormatter())
+    axes.tick_params(which="both", labelsize="small")
+    axes.legend(fontsize="small", loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False)
+    axes.grid(alpha=0.3, which="both")

@@ -6,9 +6,8 @@ from itertools import pairwise
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter
 
-from tarc.plotting.style import COLOURS, StyledFigure
+from tarc.plotting.style import COLOURS, StyledFigure, style_tradeoff
 from tarc.study.front import TuningFront
 
 MARKERS = "osD^vP*X<>"
@@ -34,18 +33,10 @@ def front_figure(
     axes = figure.subplots()
     for i, (name, front) in enumerate(fronts.items()):
         _draw(axes, name, front, COLOURS[i % len(COLOURS)], MARKERS[i % len(MARKERS)], pick)
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axis.set_major_formatter("{x:g}")
-        axis.set_minor_formatter(NullFormatter())
-    axes.tick_params(which="both", labelsize="small")
     axes.set_xlabel(f"torque variation [{units[1]}]")
     axes.set_ylabel(f"RMS error [m{units[0]}]")
     axes.set_title(title, fontsize="medium")
-    axes.legend(fontsize="small", loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False)
-    axes.grid(alpha=0.3, which="both")
+    style_tradeoff(axes)
     return figure
 
 
