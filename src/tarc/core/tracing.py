@@ -6,13 +6,15 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from tarc.core.errors import InvalidParameter
+from tarc.core.errors import InvalidParameter, UnsupportedLaw
 from tarc.core.trees import leaves, names, rebuild
 from tarc.core.types import Array, Tree, Vector
 
 Step = Callable[[Tree, Tree], tuple[Tree, Tree]]
 """Pure function (state, value) -> (next state, output)."""
 
+TRACE_ERRORS = (RuntimeError, ValueError, TypeError, AttributeError, NotImplementedError, LookupError, UnsupportedLaw)
+"""What a part raises that decides by the value of a symbol."""
 BUFFER_PERIODS = 32
 """Periods between two copies of the recorded outputs; few, so that the arrays of a buffer stay in the fast cache."""
 

@@ -12,7 +12,7 @@ import numpy as np
 from tarc.control.controller import Controller
 from tarc.control.digital_controller import limited_step
 from tarc.core.errors import InvalidParameter, UnsupportedLaw
-from tarc.core.tracing import CompiledStep, expressions
+from tarc.core.tracing import TRACE_ERRORS, CompiledStep, expressions
 from tarc.core.types import Array
 from tarc.export.traced_law import TracedLaw
 from tarc.laws.base import Law
@@ -33,8 +33,6 @@ TRIAL_STEPS = 30
 TOLERANCE = 1e-9
 """Largest difference of a step with a changed parameter from that of the law built with it, over one more than the
 number. At the exported values no bit may differ."""
-TRACE_ERRORS = (RuntimeError, ValueError, TypeError, AttributeError, NotImplementedError, UnsupportedLaw)
-"""What a law raises that decides by the value of a symbol."""
 
 
 class Tunable(NamedTuple):

@@ -10,7 +10,7 @@ import numpy as np
 
 from tarc.core.errors import InvalidParameter, UnsupportedLaw
 from tarc.core.lane_loop import OWN, PARAMETER, SHARED, LaneLoop, LaneResult, aligned, processor_lanes
-from tarc.core.tracing import expressions
+from tarc.core.tracing import TRACE_ERRORS, expressions
 from tarc.core.trees import pack
 from tarc.core.types import Array, Tree, Vector
 from tarc.simulation.batch_inputs import REFERENCE, BatchInputs, LoopCase, RunInputs, initials
@@ -20,8 +20,6 @@ from tarc.simulation.measure_sums import MeasureSums, Sums
 from tarc.simulation.sampled_inputs import InitialConditions, SampledInputs
 from tarc.simulation.varying import Numbers, Path, at, changes, differing, numbers_at, replaced, with_symbols
 
-TRACE_ERRORS = (RuntimeError, ValueError, TypeError, AttributeError, NotImplementedError, LookupError, UnsupportedLaw)
-"""What a part raises that decides by the value of a symbol."""
 TRIAL_PERIODS = 25
 """Periods in which a loop with symbols is compared with one that was built with its numbers."""
 TOLERANCE = 1e-9

@@ -8,10 +8,10 @@ import numpy as np
 from tarc.analysis.linearise import Channel, decoupled_channels, parametric_channel
 from tarc.control.digital_controller import ControllerInput, DigitalController
 from tarc.core.errors import NotLinearisable, UnsupportedLaw
+from tarc.core.tracing import TRACE_ERRORS
 from tarc.core.types import Array
 from tarc.laws.pole_placement import PolePlacement
 from tarc.signals.sensors import Encoder
-from tarc.simulation.batch import TRACE_ERRORS
 from tarc.simulation.varying import Numbers, Path, differing, numbers_at, replaced, with_symbols
 
 COMPARED_RATIOS = (0.01, 0.1, 1.0)
