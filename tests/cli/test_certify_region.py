@@ -48,7 +48,7 @@ def test_a_region_takes_noise_payload_and_friction_from_the_scenario(monkeypatch
         given.update(options, plants=plants, law=law)
         raise UnsupportedLaw("law: recorded")
 
-    monkeypatch.setattr("tarc.scenario.model.certify_region", record)
+    monkeypatch.setattr("tarc.scenario.certified_regions.certify_region", record)
     robot = {"kind": "TwoLinkArm", "coulomb": [0.5, 0.2]}
     scenario = Scenario.parse(
         CONTENT

@@ -25,7 +25,8 @@ from tarc.cli.options import (
 from tarc.core.files import make_folder, writing
 
 if TYPE_CHECKING:
-    from tarc.scenario.model import CertifiedLaws, Scenario
+    from tarc.scenario.certified_laws import CertifiedLaws
+    from tarc.scenario.model import Scenario
 
 Acceleration = Annotated[
     str,

@@ -17,7 +17,7 @@ from tarc.core.files import make_folder
 if TYPE_CHECKING:
     from tarc.runtime import LiveRun, SafetyLimits
     from tarc.runtime.log import Log
-    from tarc.scenario.model import Setup
+    from tarc.scenario.parts import Setup
     from tarc.signals.torque_limits import TorqueLimits
 
 RobotName = Annotated[

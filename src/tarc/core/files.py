@@ -59,6 +59,20 @@ def file_in_folder(name: str, path: str | Path) -> Path:
     return file
 
 
+def save_text(name: str, path: str | Path, text: str) -> Path:
+    """Write a text in UTF-8 and return its file.
+
+    Raises
+    ------
+    InvalidParameter
+        For a folder that does not exist, and a file that cannot be written.
+    """
+    file = file_in_folder(name, path)
+    with writing(name, file):
+        file.write_text(text, encoding="utf-8")
+    return file
+
+
 def read_text(name: str, path: str | Path) -> str:
     """Return the text of a file.
 

@@ -17,7 +17,8 @@ from tarc.logs.findings import Finding, findings_of
 from tarc.logs.limit_cycles import LimitCycle, find_limit_cycles
 from tarc.logs.loop_checks import Assumption, LoopTiming, TorqueUse, check_assumptions, loop_timing, torque_use
 from tarc.logs.loop_log import LoopLog
-from tarc.scenario.model import Scenario, Setup
+from tarc.scenario.model import Scenario
+from tarc.scenario.parts import Setup
 from tarc.simulation.run import Run
 
 if TYPE_CHECKING:

@@ -10,7 +10,8 @@ from tarc.runtime.mujoco_robot import MujocoRobot
 from tarc.runtime.packet_robot import udp_robot
 from tarc.runtime.push import Push
 from tarc.runtime.robot import Robot
-from tarc.scenario.model import Scenario, Setup
+from tarc.scenario.model import Scenario
+from tarc.scenario.parts import Setup
 from tarc.signals.torque_limits import TorqueLimits
 
 

@@ -1,7 +1,6 @@
 """The YAML file that describes a run: robot, law, estimator, reference, sensor, disturbance, duration, seed."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
 from pathlib import Path
@@ -12,24 +11,17 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from tarc.analysis.watched import watch_workspace
 from tarc.analysis.workspace import Workspace
-from tarc.certificates.base import Certificate, Verdict
-from tarc.certificates.known_inertia import certify_known_inertia
-from tarc.certificates.known_inertia_evidence import KnownInertiaEvidence
-from tarc.certificates.region import RegionEvidence, certify_region, dry_friction
-from tarc.certification import LawCertification, certify_law
 from tarc.control.watch import Watch
 from tarc.core import validation as check
-from tarc.core.errors import InvalidParameter, NotLinearisable, ScenarioError, UnsupportedLaw
-from tarc.core.files import file_in_folder, writing
-from tarc.core.progress import Progress
-from tarc.core.types import Array
+from tarc.core.errors import InvalidParameter, ScenarioError
+from tarc.core.files import save_text
 from tarc.core.validation import Numbers
-from tarc.estimators.base import Estimator
 from tarc.laws.base import Law
-from tarc.laws.nominal_inertia import Feedforward, NominalInertia
 from tarc.plants.base import Plant
 from tarc.scenario.cartesian import CartesianWaypoints
-from tarc.scenario.known_model import model_terms
+from tarc.scenario.certified_laws import CertifiedLaws, certify_laws
+from tarc.scenario.certified_regions import CertifiedRegions, certify_regions
+from tarc.scenario.law_builder import build_law, build_laws
 from tarc.scenario.loader import (
     apply_setting,
     find_scenario,
@@ -39,204 +31,18 @@ from tarc.scenario.loader import (
     use_law,
     use_reference,
 )
+from tarc.scenario.parts import MeanInertia, Sections, Setup
 from tarc.scenario.schema import Component, check_component, scenario_error
-from tarc.scenario.user_law import check_user_law, is_from_file, law_name
+from tarc.scenario.user_law import law_name
 from tarc.scenario.yaml_text import write_yaml
-from tarc.signals.drive import Drive
 from tarc.signals.references import Reference
-from tarc.signals.sensors import Encoder
-from tarc.signals.torque_limits import TorqueLimits
-from tarc.simulation.sampled_inputs import Event, scheduled_plants
+from tarc.simulation.sampled_inputs import scheduled_plants
 
 if TYPE_CHECKING:
     from tarc.simulation.run import Run
 
 SENSOR_EFFECTS = ("delay", "dropout", "packet_loss", "stale", "timing_jitter")
 """Parameters of the encoder that no certificate covers."""
-POSTURES_OF_MEAN_INERTIA = 200
-"""Number of postures along the reference over which the inertia is averaged."""
-
-
-@dataclass(frozen=True)
-class Sections:
-    """The parts of a scenario, with their keys and types checked.
-
-    Attributes
-    ----------
-    robot, reference, sensor
-        Each as a component.
-    gearbox, torque_limits, drive
-        As components; None for none.
-    laws
-        Law and its estimator, by the law's name.
-    disturbances
-        Disturbances, payloads and schedules.
-    """
-
-    robot: Component
-    reference: Component
-    sensor: Component
-    gearbox: Component | None
-    torque_limits: Component | None
-    drive: Component | None
-    laws: dict[str, tuple[Component, Component]]
-    disturbances: list[Component]
-
-
-@dataclass(frozen=True, eq=False)
-class Setup:
-    """The constructed parts of a scenario, with the laws by name.
-
-    The plant is the robot that certificates count on. The simulated one is behind its gearbox, where it has one.
-    Further laws are made with its mean inertia by `Scenario.build_law`.
-    """
-
-    plant: Plant
-    simulated: Plant
-    reference: Reference
-    sensor: Encoder
-    torque_limits: TorqueLimits | None
-    drive: Drive | None
-    events: list[Event]
-    laws: dict[str, Any]
-    mean_inertia: "MeanInertia"
-
-
-class MeanInertia:
-    """The robot's mean inertia along the reference, computed once where a law needs it."""
-
-    def __init__(self, plant: Plant, reference: Reference, duration: float):
-        self._plant, self._reference, self._duration = plant, reference, duration
-
-    @cached_property
-    def matrix(self) -> Array:
-        """Return the mean inertia [kg m² or kg], shape (n, n).
-
-        Raises
-        ------
-        InvalidParameter
-            For a reference of another number of joints.
-        """
-        plant, reference = self._plant, self._reference
-        if reference.n_joints != plant.n_joints:
-            raise InvalidParameter(
-                f"reference: it has {reference.n_joints} joints, the robot {plant.n_joints} "
-                f"({', '.join(plant.joint_names)}); give one number per joint",
-                "reference",
-            )
-        postures = reference.sample(np.linspace(0, self._duration, POSTURES_OF_MEAN_INERTIA))[0]
-        return plant.mean_inertia(postures)
-
-
-EXPECTED_PROGRAMS = 4
-"""Semidefinite programs of a Lyapunov function that is affine in the inertia, for the progress bar."""
-
-
-class CertifiedLaws(dict[str, LawCertification]):
-    """Certifications of laws by name.
-
-    Attributes
-    ----------
-    setup
-        What the scenario built.
-    plants, workspace, samples
-        What they were certified for: the robot with each payload and schedule, postures and speeds, sampled postures.
-    skipped
-        Reasons by name of the laws to which no certificate applies.
-    known_inertia
-        Certificates of the laws with M̂(q), by name.
-    laws_with_model
-        These laws.
-    """
-
-    def __init__(self, setup: "Setup", plants: Sequence[Plant], workspace: Workspace, samples: int) -> None:
-        super().__init__()
-        self.setup = setup
-        self.plants = tuple(plants)
-        self.workspace = workspace
-        self.samples = samples
-        self.skipped: dict[str, str] = {}
-        self.known_inertia: dict[str, Certificate[KnownInertiaEvidence]] = {}
-        self.laws_with_model: dict[str, Law] = {}
-
-    def strengthen(self, progress: bool | None = None) -> dict[str, LawCertification]:
-        """Try a Lyapunov function affine in the inertia for each law that is not certified with a margin.
-
-        It takes seconds for each law. Where it is better, it replaces the certificate of the robot.
-
-        Parameters
-        ----------
-        progress
-            Show a progress bar when it takes more than two seconds; None for when standard error is a terminal.
-
-        Returns
-        -------
-        dict
-            The certifications that changed, by name; those of laws with M̂(q) change in ``known_inertia``.
-        """
-        changed = {}
-        n_laws = len(self) + len(self.known_inertia)
-        with Progress("affine Lyapunov function", EXPECTED_PROGRAMS * n_laws, progress) as bar:
-            for name, certification in self.items():
-                strengthened = certification.strengthened(
-                    self.plants, self.workspace, samples=self.samples, on_program=bar.advance
-                )
-                if strengthened is not certification:
-                    changed[name] = strengthened
-            for name, certificate in self.known_inertia.items():
-                evidence = certificate.evidence
-                if certificate.verdict == Verdict.INCONCLUSIVE and not evidence.computation_delay:
-                    self.known_inertia[name] = certify_known_inertia(
-                        self.laws_with_model[name],
-                        self.plants,
-                        self.workspace,
-                        samples=self.samples,
-                        on_program=bar.advance,
-                    )
-        self.update(changed)
-        return changed
-
-    def prove(self, time_limit: float = 600.0, progress: bool | None = None) -> None:
-        """Prove the certificate of each law that is certified for every posture, by `LawCertification.proven`.
-
-        Those of laws with M̂(q) rest on samples and search.
-
-        Parameters
-        ----------
-        time_limit
-            Time for each law after which its proof stops as it is [s].
-        progress
-            Show progress bars when it takes more than two seconds; None for when standard error is a terminal.
-
-        Raises
-        ------
-        InvalidParameter
-            For a robot whose equations are no trigonometric polynomials, as with joints that slide.
-        KeyboardInterrupt
-            For Ctrl-C; what was proven is kept.
-        """
-        for name, certification in self.items():
-            if certification.verdict.certified:
-                proven = certification.proven(self.plants, self.workspace, time_limit=time_limit, progress=progress)
-                self[name] = proven
-
-
-NOISE_DEVIATIONS = 5
-"""Standard deviations of an encoder's noise up to which a measured position may be off."""
-
-
-class CertifiedRegions(dict[str, Certificate[RegionEvidence]]):
-    """Certificates of regions of attraction by the name of the law, and the laws that none covers.
-
-    Attributes
-    ----------
-    skipped
-        Reasons by name.
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.skipped: dict[str, str] = {}
 
 
 class Scenario(BaseModel):
@@ -430,7 +236,7 @@ class Scenario(BaseModel):
         reference = self.build_reference(plant).for_run(plant.joint_names, self.duration)
         events = [part.build() for part in self.sections.disturbances]
         mean_inertia = MeanInertia(plant, reference, self.duration)
-        laws = self._build_laws(plant, mean_inertia)
+        laws = build_laws(self.sections.laws, self.period, plant, mean_inertia)
         gearbox, limits, drive = self.sections.gearbox, self.sections.torque_limits, self.sections.drive
         return Setup(
             plant,
@@ -464,16 +270,7 @@ class Scenario(BaseModel):
 
     def build_laws(self, plant: Plant, reference: Reference) -> dict[str, Any]:
         """Construct every law on this robot and reference, by name; laws with the same estimator share it."""
-        return self._build_laws(plant, MeanInertia(plant, reference, self.duration))
-
-    def _build_laws(self, plant: Plant, mean_inertia: MeanInertia) -> dict[str, Any]:
-        estimators: dict[int, Estimator] = {}
-        laws = {}
-        for name, (law, estimator) in self.sections.laws.items():
-            if id(estimator) not in estimators:
-                estimators[id(estimator)] = estimator.build(period=self.period)
-            laws[name] = self._build_law(law, estimators[id(estimator)], plant, mean_inertia)
-        return laws
+        return build_laws(self.sections.laws, self.period, plant, MeanInertia(plant, reference, self.duration))
 
     def build_law(self, part: dict[str, Any], setup: Setup) -> Law:
         """Construct another law, as the scenario would write it, on parts that are built already.
@@ -486,32 +283,7 @@ class Scenario(BaseModel):
         estimator = check_component("estimator", part.get("estimator", self.estimator), "law.estimator")
         options = {key: value for key, value in part.items() if key not in ("estimator", "label")}
         component = check_component("law", options)
-        return self._build_law(component, estimator.build(period=self.period), setup.plant, setup.mean_inertia)
-
-    def _build_law(self, part: Component, estimator: Estimator, plant: Plant, mean_inertia: MeanInertia) -> Law:
-        """Construct a law with its estimator, the robot's inertia or model and its torque limits."""
-        more: dict[str, Any] = {"period": self.period, "estimator": estimator}
-        inertia = part.options.get("inertia")
-        if isinstance(inertia, dict) and "model" in inertia:
-            more["inertia"] = model_terms(NominalInertia, inertia, f"{part.path}.inertia", plant)
-        elif isinstance(inertia, dict):
-            more["inertia"] = _fraction(inertia, part.path, mean_inertia)
-        elif isinstance(inertia, int | float):
-            more["inertia"] = np.full(plant.n_joints, inertia)
-        if part.options.get("model") is not None:
-            check.one_of(f"{part.path}.model", part.options["model"], ["robot"])
-            more["model"] = plant
-        if part.options.get("feedforward") is not None:
-            more["feedforward"] = model_terms(
-                Feedforward, part.options["feedforward"], f"{part.path}.feedforward", plant
-            )
-        limits = getattr(plant, "torque_limits", None)
-        if part.options.get("torque_limit") is None and limits is not None and np.any(np.isfinite(limits)):
-            more["torque_limit"] = limits
-        law = part.build(**more)
-        if is_from_file(law):
-            check_user_law(law, part.path)
-        return law
+        return build_law(component, estimator, self.period, setup.plant, setup.mean_inertia)
 
     def certify(
         self,
@@ -522,7 +294,7 @@ class Scenario(BaseModel):
         acceleration: Numbers | None = None,
         samples: int = 2000,
         progress: bool | None = None,
-    ) -> "CertifiedLaws":
+    ) -> CertifiedLaws:
         """Certify every law, by name, on the robot with each payload and schedule that it meets.
 
         A law to which no certificate applies is skipped; the result's ``skipped`` has its name and the reason. A law
@@ -552,41 +324,11 @@ class Scenario(BaseModel):
         """
         setup = self.build()
         workspace, plants = self.certified_region(setup, tube, full_range, speed, acceleration)
-        certificates = CertifiedLaws(setup, plants, workspace, samples)
-        with Progress("certifying", 9 * len(setup.laws), progress) as bar:
-            for name, law in setup.laws.items():
-                try:
-                    if isinstance(getattr(law, "inertia", None), NominalInertia):
-                        certificates.known_inertia[name] = certify_known_inertia(
-                            law,
-                            plants,
-                            workspace,
-                            computation_delay=self.computation_delay,
-                            samples=samples,
-                            quick=True,
-                        )
-                        certificates.laws_with_model[name] = law
-                        continue
-                    certificates[name] = certify_law(
-                        law,
-                        plants,
-                        workspace,
-                        computation_delay=self.computation_delay,
-                        samples=samples,
-                        others=tuple(certificates.values()),
-                        on_certificate=lambda _: bar.advance(),
-                    )
-                except (UnsupportedLaw, NotLinearisable) as error:
-                    if len(setup.laws) == 1:
-                        raise
-                    certificates.skipped[name] = str(error)
-        if not certificates and not certificates.known_inertia:
-            raise UnsupportedLaw(f"law: no certificate applies to any. {' '.join(certificates.skipped.values())}")
-        return certificates
+        return certify_laws(setup, plants, workspace, self.computation_delay, samples=samples, progress=progress)
 
     def certify_regions(
         self, max_error: Numbers, *, torque_rate: Numbers = 0.0, samples: int = 500, progress: bool | None = None
-    ) -> "CertifiedRegions":
+    ) -> CertifiedRegions:
         """Certify from which errors each law recovers on the nonlinear robot along the reference, by name.
 
         The robot is that with one of the scenario's payloads throughout. Its dry friction counts as a torque that
@@ -611,35 +353,15 @@ class Scenario(BaseModel):
         InvalidParameter
             For numbers out of range, and a robot that is not in symbols.
         """
-        setup = self.build()
-        plants = [plant for start, plant in scheduled_plants(setup.plant, setup.events) if start < self.duration]
-        sensor, n = setup.sensor, setup.plant.n_joints
-        measured = np.zeros(n) + sensor.step_size / 2 + NOISE_DEVIATIONS * np.asarray(sensor.noise)
-        friction = np.max([dry_friction(plant) for plant in plants], axis=0)
-        regions = CertifiedRegions()
-        with Progress("region of attraction", len(setup.laws), progress) as bar:
-            for name, law in setup.laws.items():
-                try:
-                    regions[name] = certify_region(
-                        replace(law, torque_limit=None),
-                        plants,
-                        setup.reference,
-                        self.duration,
-                        max_error=max_error,
-                        measurement_error=measured,
-                        torque_rate=torque_rate,
-                        friction=friction,
-                        computation_delay=self.computation_delay,
-                        samples=samples,
-                    )
-                except (UnsupportedLaw, NotLinearisable) as error:
-                    if len(setup.laws) == 1:
-                        raise
-                    regions.skipped[name] = str(error)
-                bar.advance()
-        if not regions:
-            raise UnsupportedLaw(f"law: certify_region covers none. {' '.join(regions.skipped.values())}")
-        return regions
+        return certify_regions(
+            self.build(),
+            self.duration,
+            self.computation_delay,
+            max_error=max_error,
+            torque_rate=torque_rate,
+            samples=samples,
+            progress=progress,
+        )
 
     def watch(
         self,
@@ -738,10 +460,7 @@ class Scenario(BaseModel):
         InvalidParameter
             For a folder that does not exist, and a file that cannot be written.
         """
-        target = file_in_folder("save", path)
-        with writing("save", target):
-            target.write_text(self.to_yaml(target.parent), encoding="utf-8")
-        return target
+        return save_text("save", path, self.to_yaml(Path(path).parent))
 
     def __repr__(self) -> str:
         robot = self.robot.get("file", self.robot.get("kind"))
@@ -752,17 +471,3 @@ class Scenario(BaseModel):
 
     def _repr_html_(self) -> str:
         return f"<p><b>{escape(self.name)}</b></p><pre>{escape(self.to_yaml())}</pre>"
-
-
-def _fraction(given: dict[str, Any], path: str, mean_inertia: MeanInertia) -> Array:
-    """Return the fraction of the robot's mean inertia along the reference."""
-    for key in given:
-        if key not in ("fraction", "diagonal"):
-            raise InvalidParameter(
-                f"{path}.inertia.{key}: unknown key; it has fraction and diagonal, or model and fraction."
-                f"{check.did_you_mean(str(key), ['fraction', 'diagonal', 'model'])}",
-                f"{path}.inertia.{key}",
-            )
-    fraction = check.number(f"{path}.inertia.fraction", given.get("fraction"), 0, strict=True)
-    mean = mean_inertia.matrix
-    return fraction * (np.diag(np.diag(mean)) if given.get("diagonal") else mean)

@@ -17,8 +17,9 @@ from tarc.core.errors import NoStableRatio
 from tarc.laws.pole_placement import PolePlacement
 from tarc.laws.tarc import TARC
 from tarc.laws.tde import TDE
+from tarc.scenario.certified_laws import CertifiedLaws
 from tarc.scenario.loader import apply_setting
-from tarc.scenario.model import CertifiedLaws, Scenario
+from tarc.scenario.model import Scenario
 
 FREQUENCY_FACTORS = (1.0, 0.7, 0.5, 0.35, 0.25)
 """Factors of the natural frequency that are tried, the smallest change first."""

@@ -10,7 +10,8 @@ from tarc.core.units import unit_for_joints
 from tarc.design.noise import measurement_deviation
 from tarc.estimators.algebraic import Algebraic
 from tarc.plants.base import Plant
-from tarc.scenario.model import POSTURES_OF_MEAN_INERTIA, Scenario
+from tarc.scenario.model import Scenario
+from tarc.scenario.parts import POSTURES_OF_MEAN_INERTIA
 from tarc.signals.sensors import Encoder
 from tarc.simulation.sampled_inputs import SampledInputs, sample_inputs, scheduled_plants
 

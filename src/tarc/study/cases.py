@@ -14,7 +14,8 @@ from tarc.plants.base import Plant
 from tarc.plants.gearbox import PREFIX
 from tarc.plants.symbolic import SymbolicPlant
 from tarc.scenario.cartesian import CartesianWaypoints
-from tarc.scenario.model import POSTURES_OF_MEAN_INERTIA, Scenario, Sections, Setup
+from tarc.scenario.model import Scenario
+from tarc.scenario.parts import POSTURES_OF_MEAN_INERTIA, Sections, Setup
 from tarc.scenario.schema import Component
 from tarc.signals.disturbances import ParameterSchedule
 from tarc.study.drawn_keys import NUMBERS, DrawnKey, components_of, find_key, replaced, value_at, with_value

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from tarc.core.files import file_in_folder, writing
+from tarc.core.files import file_in_folder, save_text
 from tarc.core.formatting import format_vector
 from tarc.scenario.yaml_text import read_yaml
 from tarc.simulation.quantities import MEASURES, measure_unit
@@ -67,10 +67,7 @@ def write_report(
     """
     target = file_in_folder("report", path)
     summary = summarise(data, reference=reference, limits=limits)
-    text = _page(data, summary, more)
-    with writing("report", target):
-        target.write_text(text, encoding="utf-8")
-    return target
+    return save_text("report", target, _page(data, summary, more))
 
 
 def _page(data: xr.Dataset, summary: StudySummary, more: Sequence[str]) -> str:

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter, ScenarioError
-from tarc.core.files import file_in_folder, writing
+from tarc.core.files import save_text
 from tarc.core.types import Array
 from tarc.scenario.loader import find_scenario, read_scenario, relative_files, resolve_files
 from tarc.scenario.model import Scenario
@@ -306,10 +306,7 @@ class Study(BaseModel):
         InvalidParameter
             For a folder that does not exist, and a file that cannot be written.
         """
-        target = file_in_folder("save", path)
-        with writing("save", target):
-            target.write_text(self.to_yaml(target.parent), encoding="utf-8")
-        return target
+        return save_text("save", path, self.to_yaml(Path(path).parent))
 
     @property
     def content_hash(self) -> str:

@@ -13,7 +13,9 @@ from tarc.certificates.base import Certificate
 from tarc.certification import LawCertification
 from tarc.cli.tables.console import VERDICT_COLOURS, WIDE, print_written
 from tarc.core.formatting import format_vector
-from tarc.scenario.model import CertifiedLaws, CertifiedRegions, Scenario
+from tarc.scenario.certified_laws import CertifiedLaws
+from tarc.scenario.certified_regions import CertifiedRegions
+from tarc.scenario.model import Scenario
 
 CERTIFICATES = {
     "robot": "this robot, in all postures of the workspace",
