@@ -26,6 +26,8 @@ PLOT_METHODS = {
     ("tarc.simulation.run", "tarc.plotting.viewer"),
     ("tarc.study.comparison", "tarc.plotting.comparison"),
     ("tarc.study.report", "tarc.plotting.study"),
+    ("tarc.study.report_measures", "tarc.plotting.study"),
+    ("tarc.study.report_searches", "tarc.plotting.study"),
 }
 """Imports that run upward; the contract in pyproject.toml lists the same."""
 

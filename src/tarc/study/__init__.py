@@ -12,7 +12,8 @@ from tarc.study.comparison import Comparison, compare, tuned_laws
 from tarc.study.front import FrontPoint, TuningFront
 from tarc.study.gains_file import load_gains
 from tarc.study.rare_events import RareProbability, SplittingLevel, rare_probability
-from tarc.study.report import rare_event_section, worst_case_section, write_report
+from tarc.study.report import write_report
+from tarc.study.report_searches import rare_event_section, worst_case_section
 from tarc.study.search_space import SearchSpace, user_search_space
 from tarc.study.sensitivity import Sensitivity, SobolIndices, estimate_sensitivity, sobol_indices
 from tarc.study.statistics import (

@@ -17,7 +17,7 @@ from tarc.study.engines import Simulator
 from tarc.study.loop_gradient import LoopGradient
 from tarc.study.objective import StudyObjective
 from tarc.study.rare_events import RareProbability, rare_probability
-from tarc.study.report import worst_case_section
+from tarc.study.report_searches import worst_case_section
 from tarc.study.sensitivity import SobolIndices, sobol_indices
 from tarc.study.specification import Study
 from tarc.study.study_result import StudyResult
