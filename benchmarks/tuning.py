@@ -13,9 +13,9 @@ import optuna
 
 from tarc import Scenario
 from tarc.study import SearchSpace, default_search_spaces
+from tarc.study.law_scores import objective
 from tarc.study.optuna_search import MAX_BATCH, SeededSampler
 from tarc.study.trials import Trials
-from tarc.study.tuning import objective
 
 SCENARIOS = ("train_two_link", "train_ur5e", "train_masses")
 LIMIT = 1e3

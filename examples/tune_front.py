@@ -6,11 +6,11 @@ The figure shows the front, and below it the error of the best linear controller
 
 import tarc
 from tarc.plotting.tuning import front_figure
-from tarc.study import default_search_spaces, torque_variation_budget, tune_front
+from tarc.study import TuningOptions, default_search_spaces, torque_variation_budget, tune_front
 
 scenario = tarc.Scenario.load("train_two_link", ["duration=2.0", "metrics_start=0.5"])
 limit = torque_variation_budget(scenario).total
-front = tune_front(default_search_spaces()["tdc"], [scenario], [limit], trials=90, margin=0.2)
+front = tune_front(default_search_spaces()["tdc"], [scenario], [limit], TuningOptions(trials=90, margin=0.2))
 for number, point in enumerate(front.points, 1):
     mark = "*" if point is front.knee else " "
     accuracy = f"{1e3 * point.rms_error:7.3f} mrad {point.torque_variation:8.0f} N m/s"

@@ -26,7 +26,7 @@ from tarc.plotting.runs import run_figure
 from tarc.plotting.style import COLOURS, STYLE
 from tarc.plotting.tuning import front_figure
 from tarc.signals import Encoder
-from tarc.study import torque_variation_budget, tune_fronts
+from tarc.study import TuningOptions, torque_variation_budget, tune_fronts
 
 IMAGES = Path(__file__).resolve().parent
 DOCS = IMAGES.parent
@@ -158,7 +158,9 @@ def tuning() -> None:
     """Search the fronts of two laws."""
     scenario = Scenario.load("train_two_link")
     limit = torque_variation_budget(scenario).total
-    fronts = tune_fronts(["tdc", "tarc"], [scenario], [limit], trials=400)
+    fronts = tune_fronts(
+        ["tdc", "tarc"], [scenario], [limit], TuningOptions(trials=400)
+    )
     draw(
         front_figure(fronts, scenario.name, ("rad", "N m/s")),
         "tuning_front.png",

@@ -42,7 +42,7 @@ NEEDS_NUMPY = {
     ("tarc.design.requirements", "tarc.signals.sensors"),
 }
 NEEDS_OPTUNA = {
-    ("tarc.study.tuning", "tarc.study.optuna_search"),
+    ("tarc.study.law_search", "tarc.study.optuna_search"),
 }
 NEEDS_XARRAY = {
     ("tarc.scenario.model", "tarc.simulation.simulator"),  # what certifies and simulates nothing needs no xarray

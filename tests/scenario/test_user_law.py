@@ -11,7 +11,7 @@ import tarc
 from tarc.core.errors import InvalidParameter, ScenarioError, UnsupportedLaw
 from tarc.scenario.schema import parameters_of_law
 from tarc.scenario.yaml_text import read_yaml
-from tarc.study import compare, load_gains, tune, user_search_space
+from tarc.study import TuningOptions, compare, load_gains, tune, user_search_space
 
 TARC = str(Path(sys.executable).parent / "tarc")
 SHORT = ["duration=0.5", "metrics_start=0.2"]
@@ -90,7 +90,7 @@ def test_is_tuned(folder):
     kind = arm(folder).laws["Plain"]["kind"]
     space = user_search_space(kind, {"push": (0.1, 10.0)})
     assert set(space.free) == {"inertia.fraction", "natural_frequency", "estimator.window", "push"}
-    law, _ = tune(space, [arm(folder)], [1e4], trials=2)
+    law, _ = tune(space, [arm(folder)], [1e4], TuningOptions(trials=2))
     assert 0.1 <= law["push"] <= 10.0
     with pytest.raises(InvalidParameter, match="Needy needs a range for strength, such as --range strength=0.1,10"):
         user_search_space(kind.replace("Plain", "Needy"), {})

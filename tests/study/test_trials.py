@@ -4,15 +4,13 @@ import numpy as np
 import pytest
 
 import tarc
-from tarc import TarcError
 from tarc.certificates import certify_varying_ratio
 from tarc.core.errors import NotConverged, UnsupportedLaw
-from tarc.study import SearchSpace, default_search_spaces, tune, tune_all, tune_front
-from tarc.study.front import FrontPoint, TuningFront, front_csv, is_on_front
+from tarc.study import SearchSpace, TuningOptions, default_search_spaces, tune, tune_all, tune_front
+from tarc.study.law_scores import FAILURE_SCORE, objective
 from tarc.study.robust_margin import RobustMargin
 from tarc.study.trial_runs import TrialScenario, shared_loop
 from tarc.study.trials import DIVERGED, NOT_CERTIFIED, REFUSED, UNSTABLE, Trials
-from tarc.study.tuning import FAILURE_SCORE, objective
 
 SPACE = SearchSpace(
     {"kind": "TDC", "estimator": {"kind": "Algebraic", "window": 0.010, "degree": 2}},
@@ -114,9 +112,9 @@ def test_the_margin_is_that_of_the_certificate():
 def test_only_certified_gains_are_chosen():
     """The same search without the margin chooses gains that have less."""
     one = scenario()
-    free, _ = tune(SPACE, [one], [LIMIT], trials=16, progress=False)
+    free, _ = tune(SPACE, [one], [LIMIT], TuningOptions(trials=16, progress=False))
     more = Trials([one]).margin_of(free) + 0.5
-    bound, score = tune(SPACE, [one], [LIMIT], trials=16, margin=more, progress=False)
+    bound, score = tune(SPACE, [one], [LIMIT], TuningOptions(trials=16, margin=more, progress=False))
     tried = Trials([one], more)
     assert tried.margin_of(bound) >= more
     assert score < FAILURE_SCORE - 10
@@ -127,13 +125,13 @@ def test_only_certified_gains_are_chosen():
 
 def test_a_law_without_the_certificate_is_said_to_have_none():
     with pytest.raises(UnsupportedLaw, match="margin"):
-        tune(default_search_spaces()["asmc-tde"], [scenario()], [LIMIT], trials=2, margin=0.0)
+        tune(default_search_spaces()["asmc-tde"], [scenario()], [LIMIT], TuningOptions(trials=2, margin=0.0))
     with pytest.raises(NotConverged, match="largest is"):
-        tune(SPACE, [scenario()], [LIMIT], trials=3, margin=50.0)
+        tune(SPACE, [scenario()], [LIMIT], TuningOptions(trials=3, margin=50.0))
 
 
 def test_a_front_is_of_stable_gains_that_no_others_beat():
-    front = tune_front(SPACE, [scenario()], [LIMIT], trials=24, progress=False)
+    front = tune_front(SPACE, [scenario()], [LIMIT], TuningOptions(trials=24, progress=False))
     errors = np.array([point.rms_error for point in front.points])
     variations = np.array([point.torque_variation for point in front.points])
     assert np.all(np.diff(errors) > 0)
@@ -143,43 +141,15 @@ def test_a_front_is_of_stable_gains_that_no_others_beat():
     assert all(point.least_error is None or point.least_error <= point.rms_error for point in front.points)
 
 
-def test_on_the_front_is_what_no_other_beats():
-    rng = np.random.default_rng(0)
-    errors, variations = rng.integers(0, 6, (2, 40)).astype(float)
-    pairs = list(zip(errors, variations, strict=True))
-    beaten = [
-        any((e <= error and v <= variation and (e, v) != (error, variation)) for e, v in pairs)
-        for error, variation in pairs
-    ]
-    chosen = is_on_front(errors, variations)
-    assert {pairs[i] for i in np.flatnonzero(chosen)} == {
-        pair for pair, lost in zip(pairs, beaten, strict=True) if not lost
-    }
-    assert len({pairs[i] for i in np.flatnonzero(chosen)}) == chosen.sum()
-
-
-def test_the_knee_of_a_hyperbola_is_its_middle():
-    points = [
-        FrontPoint({"kind": "TDC"}, {"a": x}, 1 / x**2 if x < 4 else 1 / (8 * x**0.5), x)
-        for x in (16.0, 8.0, 4.0, 2.0, 1.0)
-    ]
-    front = TuningFront(tuple(points), 5)
-    assert front.knee.torque_variation == 4.0
-    assert front.pick(1) is front.points[0]
-    assert front.pick("variation").torque_variation == 1.0
-    for wrong, words in ((6, "points 1 to 5"), ("elbow", "knee")):
-        with pytest.raises(TarcError, match=words):
-            front.pick(wrong)
-    assert front_csv({"x": front}).splitlines()[1] == "x,1,0.03125,16.0,,,16.0"
-
-
 @pytest.mark.slow
 def test_every_law_has_the_same_number_of_warm_starts(tmp_path):
     """A plain law starts at the scenario's law, one that extends it at its best."""
     from tarc.study.optuna_search import open_storage
 
     one = scenario()
-    found = tune_all(["tdc", "tarc"], [one], [LIMIT], trials=18, storage=tmp_path / "s", jobs=1, progress=False)
+    found = tune_all(
+        ["tdc", "tarc"], [one], [LIMIT], TuningOptions(trials=18, storage=tmp_path / "s", jobs=1, progress=False)
+    )
     import optuna
 
     storage = open_storage(tmp_path / "s")
@@ -190,5 +160,7 @@ def test_every_law_has_the_same_number_of_warm_starts(tmp_path):
         assert frequencies[:3] == [kept] * 3
         assert frequencies.count(kept) == 3
         kept = float(f"{study.best_params['natural_frequency']:.4g}")
-    again = tune_all(["tdc", "tarc"], [one], [LIMIT], trials=18, storage=tmp_path / "s", jobs=1, progress=False)
+    again = tune_all(
+        ["tdc", "tarc"], [one], [LIMIT], TuningOptions(trials=18, storage=tmp_path / "s", jobs=1, progress=False)
+    )
     assert again == found

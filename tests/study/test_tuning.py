@@ -10,8 +10,8 @@ import pytest
 import tarc
 from tarc import TarcError
 from tarc.scenario.yaml_text import read_yaml
-from tarc.study import SearchSpace, tune
-from tarc.study.tuning import FAILURE_SCORE, objective
+from tarc.study import SearchSpace, TuningOptions, tune
+from tarc.study.law_scores import FAILURE_SCORE, objective
 
 TARC = str(Path(sys.executable).parent / "tarc")
 SHORT = ["duration=1.0", "metrics_start=0.3"]
@@ -30,14 +30,14 @@ def test_finds_what_a_sweep_finds():
     one = training_scenario()
     limit = 1500.0
     sweep = [objective(one, TDC.law({"natural_frequency": b}, 1e-3), limit) for b in np.geomspace(3.0, 40.0, 40)]
-    law, score = tune(TDC, [one], [limit], trials=40, progress=False)
+    law, score = tune(TDC, [one], [limit], TuningOptions(trials=40, progress=False))
     assert score <= min(sweep) + 0.1
     assert objective(one, law, limit) == pytest.approx(score, abs=0.02)
 
 
 def test_is_the_same_every_time():
     one = training_scenario()
-    runs = [tune(TDC, [one], [1000.0], trials=6, seed=3, progress=False) for _ in range(2)]
+    runs = [tune(TDC, [one], [1000.0], TuningOptions(trials=6, seed=3, progress=False)) for _ in range(2)]
     assert runs[0] == runs[1]
 
 
@@ -45,7 +45,8 @@ def test_is_the_same_every_time():
 def test_the_limit_keeps_torque_variation_down():
     one = training_scenario()
     quiet, loud = (
-        tune(TDC, [one], [limit], trials=15, progress=False)[0]["natural_frequency"] for limit in (400.0, 1e6)
+        tune(TDC, [one], [limit], TuningOptions(trials=15, progress=False))[0]["natural_frequency"]
+        for limit in (400.0, 1e6)
     )
     assert quiet < loud
 
@@ -73,17 +74,20 @@ def test_scenarios_that_a_law_cannot_run_in_are_left_out():
         {"natural_frequency": (5.0, 20.0)},
     )
     law, score = tune(
-        model, [training_scenario(), training_scenario("train_ur5e")], [1e3, 1e3], trials=2, progress=False
+        model,
+        [training_scenario(), training_scenario("train_ur5e")],
+        [1e3, 1e3],
+        TuningOptions(trials=2, progress=False),
     )
     assert law["kind"] == "ProjectionARC"
     assert np.isfinite(score)
     with pytest.raises(TarcError, match="cannot run in any"):
-        tune(model, [training_scenario("train_ur5e")], [1e3], trials=2, progress=False)
+        tune(model, [training_scenario("train_ur5e")], [1e3], TuningOptions(trials=2, progress=False))
 
 
 def test_limits_must_match():
     with pytest.raises(TarcError, match="limits: got 2 for 1"):
-        tune(TDC, [training_scenario()], [1.0, 2.0], trials=1)
+        tune(TDC, [training_scenario()], [1.0, 2.0], TuningOptions(trials=1))
 
 
 @pytest.mark.slow

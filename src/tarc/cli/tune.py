@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from tarc.cli.options import Jobs, names_of, numbers_of
-from tarc.core.files import writing
+from tarc.core.files import save_text, writing
 
 if TYPE_CHECKING:
     from tarc.scenario.model import Scenario
@@ -128,7 +128,7 @@ def tune(
     """
     from tarc.core.errors import NotConverged
     from tarc.scenario.model import Scenario
-    from tarc.study import default_search_spaces, tune_all, tune_fronts
+    from tarc.study import TuningOptions, default_search_spaces, tune_all, tune_fronts
 
     both = check_objectives(objectives, pick)
     own = own_space(law, range_ or [])
@@ -138,17 +138,16 @@ def tune(
     training = [Scenario.load(name) for name in scenarios]
     limits = limits_of(budget, training)
     failures: dict[str, str] = {}
-    options: dict[str, Any] = {"trials": trials, "seed": seed, "jobs": jobs, "spaces": own, "margin": margin}
-    options |= {"storage": storage, "failures": failures}
+    options = TuningOptions(trials=trials, seed=seed, margin=margin, storage=storage, jobs=jobs)
     fronts: dict[str, TuningFront] = {}
     scores: dict[str, float] = {}
     try:
         if both:
-            fronts = tune_fronts(names, training, limits, **options)
-            found = {name: found_front.pick(pick).law for name, found_front in fronts.items()}
+            fronts = tune_fronts(names, training, limits, options, spaces=own, failures=failures)
+            best_laws = {name: points.pick(pick).law for name, points in fronts.items()}
         else:
-            tuned = tune_all(names, training, limits, **options)
-            found = {name: law for name, (law, _) in tuned.items()}
+            tuned = tune_all(names, training, limits, options, spaces=own, failures=failures)
+            best_laws = {name: law for name, (law, _) in tuned.items()}
             scores = {name: score for name, (_, score) in tuned.items()}
     except KeyboardInterrupt:
         hint = f"the same command goes on from {storage}" if storage else "with --storage FILE a search goes on"
@@ -156,13 +155,13 @@ def tune(
         raise typer.Exit(130) from None
     for name, reason in failures.items():
         print(f"{name}: none. {reason}")
-    if not found:
+    if not best_laws:
         raise NotConverged("tune: no law has gains that meet what is demanded; the reasons stand above")
-    _report(found, scores, fronts, training, limits, out)
+    _report(best_laws, scores, fronts, training, limits, out)
     if both:
         _write_front(fronts, training, front or Path("front.yaml"), pick)
     if best is not None:
-        _write_best(found, training[0], best)
+        _write_best(best_laws, training[0], best)
 
 
 def _report(
@@ -176,7 +175,7 @@ def _report(
     """Write the file of gains, and print each law's score or front."""
     from tarc.scenario.yaml_text import write_yaml
     from tarc.study.gains_file import relative_laws
-    from tarc.study.tuning import unstable_scenarios
+    from tarc.study.law_scores import unstable_scenarios
 
     command = shlex.join(["tarc", *sys.argv[1:]])
     unstable = {name: where for name, law in laws.items() if (where := unstable_scenarios(law, training))}
@@ -187,8 +186,7 @@ def _report(
         **({"unstable_at_rest": unstable} if unstable else {}),
         "laws": relative_laws(laws, out.parent),
     }
-    with writing("--out", out):
-        out.write_text(write_yaml(content), encoding="utf-8")
+    save_text("--out", out, write_yaml(content))
     if scores:
         _print_scores({name: (laws[name], score) for name, score in scores.items()}, unstable, training[0])
     for name, front in fronts.items():
@@ -241,14 +239,14 @@ def _write_front(fronts: "dict[str, TuningFront]", training: "list[Scenario]", f
     rows = front_rows(fronts)
     for row in rows:
         row["law"] = relative_laws({"law": row["law"]}, file.parent)["law"]
-    content = {"command": shlex.join(["tarc", *sys.argv[1:]]), "scenarios": [one.name for one in training]}
+    content = {"command": shlex.join(["tarc", *sys.argv[1:]]), "scenarios": [scenario.name for scenario in training]}
     text = front_csv(fronts) if file.suffix == ".csv" else write_yaml({**content, "points": rows})
     picture = file.with_suffix(".png")
     units = training[0].build_plant().units
     with writing("--front", file):
         file.write_text(text, encoding="utf-8")
         labels = unit_for_joints("rad", units), unit_for_joints("N m/s", units)
-        front_figure(fronts, ", ".join(one.name for one in training), labels, pick).savefig(picture, dpi=110)
+        front_figure(fronts, ", ".join(scenario.name for scenario in training), labels, pick).savefig(picture, dpi=110)
     print(f"written: {file}, {picture}")
 
 
@@ -263,7 +261,7 @@ def _print_scores(
     tuned: "dict[str, tuple[dict[str, Any], float]]", unstable: dict[str, list[str]], scenario: "Scenario"
 ) -> None:
     """Print each law's score and its distance from the best linear controller, the best law first."""
-    from tarc.study.tuning import optimum_distance
+    from tarc.study.law_scores import optimum_distance
 
     print(f"{'law':24} {'score':>8}  over the best linear controller in {scenario.name}: error, torque variation")
     for name, (law, score) in sorted(tuned.items(), key=lambda item: (item[0] in unstable, item[1][1])):
@@ -289,15 +287,15 @@ def own_space(law: str, ranges: list[str]) -> "dict[str, SearchSpace]":
         if ranges:
             raise InvalidParameter(f"--range: got {ranges[0]!r} without --law, whose gains it is for")
         return {}
-    found = {}
+    free = {}
     for text in ranges:
         key, _, ends = text.partition("=")
         numbers = numbers_of("--range", ends)
         if not isinstance(numbers, list) or len(numbers) != 2 or not 0 < numbers[0] < numbers[1]:
             raise InvalidParameter(f"--range: got {text!r}; needs KEY=LOW,HIGH with 0 < LOW < HIGH")
-        found[key.strip()] = (numbers[0], numbers[1])
+        free[key.strip()] = (numbers[0], numbers[1])
     kind = absolute_kind(law, Path.cwd()) if is_user_law(law) else law
-    return {law_name(kind): user_search_space(kind, found)}
+    return {law_name(kind): user_search_space(kind, free)}
 
 
 def limits_of(budget: str, training: list["Scenario"]) -> list[float]:

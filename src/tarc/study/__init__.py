@@ -28,6 +28,7 @@ from tarc.study.statistics import (
 )
 from tarc.study.summary import StudySummary, summarise
 from tarc.study.tuning import default_search_spaces, tune, tune_all, tune_front, tune_fronts
+from tarc.study.tuning_options import TuningOptions
 from tarc.study.worst_case import WorstPoint, search_worst_point
 
 if TYPE_CHECKING:
@@ -62,6 +63,7 @@ __all__ = [
     "StudySummary",
     "TorqueVariationBudget",
     "TuningFront",
+    "TuningOptions",
     "WorstCase",
     "WorstPoint",
     "compare",
