@@ -14,9 +14,8 @@ def tracking_at(error: Any, rate: Any, fault: bool = False) -> ControlInput:
     """Return what a law reads at this error and rate, known exactly, about a reference at rest in the origin."""
     error, rate = np.asarray(error, dtype=float), np.asarray(rate, dtype=float)
     zero = np.zeros(len(error))
-    return ControlInput(
-        Estimate(error, rate, zero, np.ones(len(error))), error, rate, zero, zero, np.array(float(fault)), zero, zero
-    )
+    estimate = Estimate(error, rate, zero, np.ones(len(error)))
+    return ControlInput(estimate, error, rate, zero, zero, np.array(float(fault)), zero, zero, np.ones(()))
 
 
 def simulate_double_integrator(

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.page_values.registry import Value, long_source, table
-from tarc import simulate
+from tarc import Feedforward, simulate
 from tarc.analysis import Workspace, best_inertia_shape
 from tarc.certificates import certify_region
 from tarc.core.types import Array
@@ -117,32 +117,60 @@ def arm_rows() -> list[tuple[str, ...]]:
     return [row(f"two-link arm, {name}", [arm], law, swing, rate, size=size, runs=100) for name, law, size in cases]
 
 
-def ur5e_rows() -> list[tuple[str, ...]]:
-    """Return the rows of the UR5e: with dry friction, and with a load between 0 and 5 kg."""
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """A UR5e under TDC: the loads [kg] and dry friction [N m] of the robot, M̂ over its best shape, natural frequency
+    [rad/s], R [rad], and the load of a model that is fed forward, None for no feed-forward.
+    """
+
+    label: str
+    loads: tuple[float, ...] = (0.0,)
+    friction: float = 0.0
+    fraction: float = 0.05
+    frequency: float = 20.0
+    synchronised: bool = False
+    size: float = 0.05
+    model_load: float | None = None
+
+
+CASES = (
+    Case(label="UR5e"),
+    Case(label="UR5e, 2 N m of dry friction", friction=2.0, frequency=40.0, size=0.1),
+    Case(label="UR5e, 0 to 5 kg, synchronised", loads=(0.0, 5.0), fraction=0.1, synchronised=True),
+    Case(label="UR5e with 1 kg that its feed-forward lacks", loads=(1.0,), model_load=0.0),
+    Case(
+        label="UR5e, 0 to 5 kg, synchronised, feed-forward with 2.5 kg",
+        loads=(0.0, 5.0),
+        fraction=0.1,
+        synchronised=True,
+        model_load=2.5,
+    ),
+)
+
+
+def ur5e_row(case: Case) -> tuple[str, ...]:
+    """Return the row of a UR5e."""
     home, change = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.3]), np.array([0.4, 0.3, -0.4, 0.3, 0.3, 0.5])
     motion = Quintic(points=np.array([home, home + change, home]), times=[0.0, 3.0, 6.0])
+
+    def robot(load: float, friction: float) -> Any:
+        return load_robot("ur5e", armature=0.1, viscous=1.0, coulomb=friction, payload=load)
+
+    robots = [robot(load, case.friction) for load in case.loads]
+    shape, _ = best_inertia_shape(robots, Workspace.from_reference(motion, 6.0, tube=case.size))
+    law = TDC(
+        inertia=case.fraction * shape,
+        natural_frequency=case.frequency,
+        period=1e-3,
+        estimator=Algebraic(window=0.006),
+        synchronised=case.synchronised,
+        feedforward=None if case.model_load is None else Feedforward(robot(case.model_load, 0.0)),
+    )
     rate = np.array([5.0, 5.0, 5.0, 1.0, 1.0, 1.0])
-    cases: list[tuple[str, tuple[float, ...], float, float, float, bool, float]] = [
-        ("UR5e", (0.0,), 0.0, 0.05, 20.0, False, 0.05),
-        ("UR5e, 2 N m of dry friction", (0.0,), 2.0, 0.05, 40.0, False, 0.1),
-        ("UR5e, 0 to 5 kg, synchronised", (0.0, 5.0), 0.0, 0.1, 20.0, True, 0.05),
-    ]
-    found = []
-    for label, loads, friction, fraction, frequency, synchronised, size in cases:
-        robots = [load_robot("ur5e", armature=0.1, viscous=1.0, coulomb=friction, payload=load) for load in loads]
-        shape, _ = best_inertia_shape(robots, Workspace.from_reference(motion, 6.0, tube=size))
-        law = TDC(
-            inertia=fraction * shape,
-            natural_frequency=frequency,
-            period=1e-3,
-            estimator=Algebraic(window=0.006),
-            synchronised=synchronised,
-        )
-        found.append(row(label, robots, law, motion, rate, size=size, runs=40, friction=friction))
-    return found
+    return row(case.label, robots, law, motion, rate, size=case.size, runs=40, friction=case.friction)
 
 
 @long_source
 def region() -> dict[str, Value]:
     """Errors from which a law recovers, certified and attacked."""
-    return {"attacked": table(HEADS, [*arm_rows(), *ur5e_rows()])}
+    return {"attacked": table(HEADS, [*arm_rows(), *map(ur5e_row, CASES)])}

@@ -16,7 +16,7 @@ def observer_error_matrix(law):
     state = law.example()[0].control
     zero = np.zeros(1)
     tracking = ControlInput(
-        law.estimator.step(law.estimator.init(zero), zero)[1], zero, zero, zero, zero, 0.0, zero, zero
+        law.estimator.step(law.estimator.init(zero), zero)[1], zero, zero, zero, zero, 0.0, zero, zero, 1.0
     )
     columns = [pack(law.control(unpack(state, column), tracking)[0]) for column in np.eye(3)]
     return np.array(columns).T
@@ -43,9 +43,8 @@ def test_prediction_is_exact():
     ahead = expm(generator * PERIOD) @ [*x, 1.5 / 0.5]
     missing = law.estimator.step(law.estimator.init(np.zeros(1)), np.full(1, np.nan))[1]
     zero = np.zeros(1)
-    memory, _, _ = law.control(
-        unpack(law.example()[0].control, x), ControlInput(missing, zero, zero, zero, np.full(1, 1.5), 0.0, zero, zero)
-    )
+    tracking = ControlInput(missing, zero, zero, zero, np.full(1, 1.5), 0.0, zero, zero, 1.0)
+    memory, _, _ = law.control(unpack(law.example()[0].control, x), tracking)
     np.testing.assert_allclose(pack(memory), ahead[:3], rtol=1e-12)
 
 

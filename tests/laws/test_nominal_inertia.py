@@ -270,6 +270,43 @@ def torques(law, change):
     return np.array(found)
 
 
+ESTIMATOR_NAMES = "algebraic", "filtered", "kalman", "high gain", "implicit"
+
+
+@pytest.mark.parametrize("estimator", ESTIMATOR_NAMES)
+@pytest.mark.parametrize("late", [0, 3])
+def test_an_initial_error_does_not_kick_the_window_of_the_reference(estimator, late):
+    """At rest off a reference at rest each torque adds −M̂ K1 e alone, also where the reference comes late."""
+    arm = plants.TwoLinkArm(payload=1.0)
+    law = make_law(TDC, 2, estimator, inertia=SMALL_INERTIA, feedforward=Feedforward(arm))
+    q, qd, applied, zero = np.array([0.4, 0.9]), np.array([0.1, 1.2]), np.array([3.0, -1.0]), np.zeros(2)
+    state = law.init(q, applied)
+    for _ in range(late):
+        state, output = law.step(state, LawInput(q, zero + np.nan, zero, zero))
+        np.testing.assert_allclose(output.torque, applied, rtol=1e-9)
+    forward = arm.gravity_torque(qd) - arm.gravity_torque(q)
+    for k in range(1, 5):
+        state, output = law.step(state, LawInput(q, qd, zero, zero))
+        np.testing.assert_allclose(output.torque, applied + forward - k * law.M @ law.K1 @ (q - qd), rtol=1e-9)
+
+
+@pytest.mark.parametrize("estimator", ESTIMATOR_NAMES)
+def test_a_constant_distance_from_a_moving_reference_adds_the_proportional_part(estimator):
+    """Torques of a robot that keeps its distance e, less those without one: they differ by k M̂ K1 e."""
+    arm = plants.TwoLinkArm(payload=1.0)
+    law = make_law(TDC, 2, estimator, inertia=SMALL_INERTIA, feedforward=Feedforward(arm))
+    distance, found = np.array([0.05, -0.02]), []
+    for offset in (distance, 0 * distance):
+        state, torques = law.init(SINUSOID.sample([0.0])[0][:, 0] + offset, np.array([1.0, 2.0])), []
+        first = state.control.model_torque
+        for q, v, a in zip(*(part.T for part in SINUSOID.sample(T * np.arange(12))), strict=True):
+            state, output = law.step(state, LawInput(q + offset, q, v, a))
+            torques.append(output.torque - output.signals["model_torque"] + first)
+        found.append(torques)
+    expected = -np.arange(1, 13)[:, None] * (law.M @ law.K1 @ distance)
+    np.testing.assert_allclose(np.subtract(*found), expected, rtol=1e-6, atol=1e-9)
+
+
 def test_exact_feedforward_follows_without_error():
     """With the robot as the model, a reference that the window fits exactly and no noise, no error is left."""
     arm = plants.TwoLinkArm(viscous=0.4)

@@ -54,7 +54,7 @@ ASSUMPTIONS = (
     "the given torque",
     "the disturbing torque is zero at the start, and changes no faster than given",
     "the robot starts at rest, held by the torque that the law takes as the past one; the window is full of the first "
-    "position",
+    "position, that of the reference of its first one",
     "no torque limit is reached and no sample is lost; the reference goes on as given until the duration ends",
 )
 """What a verdict takes for granted."""
@@ -455,11 +455,6 @@ def _supported(law: Law) -> TDC | TARC:
     refuse_oracle(law.estimator)
     if law.torque_limit is not None or law.actuation_delay:
         raise UnsupportedLaw("law: certify_region does not cover a torque limit and an actuation delay; leave them out")
-    if law.estimates_reference and not law.synchronised:
-        raise UnsupportedLaw(
-            "law: the window of its reference starts at the robot's position, and a literal law takes the acceleration "
-            "of robot and reference at different times; give feedforward.same_window=False or synchronised=True"
-        )
     if not joints_share_loop(law):
         raise UnsupportedLaw(
             "law: its gains differ between the joints; certify_region needs one natural frequency and damping ratio"
@@ -488,30 +483,31 @@ def tracking_loop(law: TDC | TARC, computation_delay: int) -> TrackingLoop:
         noise_gain=channel.D - half * channel.E,
         residual_gain=channel.E,
         outputs=unit[:2],
-        starts=np.column_stack([unit[0] - window * law.estimates_reference, unit[1], window, torque]),
+        starts=np.column_stack([unit[0], unit[1], window, torque]),
         half_slope=half,
         period=law.period,
     )
 
 
 def reference_residuals(law: TDC | TARC, reference: Reference, duration: float) -> Array:
-    """Return r = q̈ᵈ − â + K2 (q̇ᵈ − v̂) at each period, (n, k), with the law's estimates of the reference itself.
+    """Return r = a − â_h + K2 (v − v̂) at each period, (n, k), with v̂ and â the law's estimates of the reference.
 
-    It is zero where the law takes q̇ᵈ and q̈ᵈ of its feedback from the same window. The window is full of the first
-    position at the start. A literal law takes the acceleration one delay before.
+    The feedback takes v and a from the same window, or as the true q̇ᵈ and q̈ᵈ. The window is full of the first position
+    at the start. A literal law takes â one delay before, a synchronised one at once.
     """
     steps = np.arange(round(duration / law.period) + 1)
     q, v, a = reference.sample(steps * law.period)
-    if law.estimates_reference:
-        return 0 * q
     state, velocity, acceleration = law.estimator.init(q[:, 0]), np.empty_like(q), np.empty_like(q)
     for k in steps:
         state, estimate = law.estimator.step(state, q[:, k])
         velocity[:, k], acceleration[:, k] = estimate.velocity, estimate.acceleration
+    if law.estimates_reference:
+        v, a = velocity, acceleration
+    past = acceleration
     if not law.synchronised:
         delay = law.delay_periods
-        acceleration = np.concatenate([np.zeros((len(q), delay)), acceleration[:, :-delay]], axis=1)
-    return a - acceleration + law.K2 @ (v - velocity)
+        past = np.concatenate([np.zeros((len(q), delay)), acceleration[:, :-delay]], axis=1)
+    return a - past + law.K2 @ (v - velocity)
 
 
 def largest_norm(matrix: Array, limits: Array) -> float:

@@ -142,7 +142,7 @@ def _robust_slope(law: TDE) -> Array:
     _, estimate = law.estimator.step(law.estimator.init(zero), zero)
     columns = []
     for error in SMALL_ERROR * np.eye(law.n_joints):
-        tracking = ControlInput(estimate, error, zero, zero, zero, np.zeros(()), zero, zero)
+        tracking = ControlInput(estimate, error, zero, zero, zero, np.zeros(()), zero, zero, np.ones(()))
         columns.append(-law.robust(law.robust_init(), tracking)[1] / SMALL_ERROR)
     return np.column_stack(columns)
 

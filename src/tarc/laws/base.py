@@ -38,7 +38,8 @@ class LawOutput(NamedTuple):
 
 class ControlInput(NamedTuple):
     """Input of a law's equation: estimates, errors e1 and v̂ − q̇ᵈ, acceleration reference, torque that acted in the
-    period before, and whether the law has given up. Then the reference and its velocity.
+    period before, and whether the law has given up. Then the reference, its velocity, and whether it came with this
+    sample; where it did not, it is the last one, and at the start the position.
     """
 
     estimate: Estimate
@@ -49,6 +50,7 @@ class ControlInput(NamedTuple):
     fault: Vector
     reference: Vector
     velocity_reference: Vector
+    reference_ok: Vector
 
 
 class LawState(NamedTuple):
@@ -198,6 +200,7 @@ class Law(Component, System):
             fault,
             reference,
             velocity_reference,
+            reference_ok,
         )
         control_state, torque_command, signals = self._control(state.control, tracking)
         torque_ok = ops.logical_and(ops.all_finite(torque_command), ops.logical_not(fault))

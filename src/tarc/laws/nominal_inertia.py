@@ -203,8 +203,9 @@ class Feedforward(ModelTerms):
         Speed w [rad/s or m/s] of the smooth sign tanh(q̇ᵈ/w) of dry friction. Needed where the model has dry friction.
     same_window
         Estimate q̇ᵈ and q̈ᵈ of the feedback from samples of qᵈ by the law's own estimator. Then the delay of the window
-        is the same on both sides of each error, and f has M_m q̈ᵈ in full. The terms of the model keep the true q̇ᵈ and
-        q̈ᵈ. Switch it off for references that jump or are noisy. It has no effect with `TrueDerivatives`.
+        is the same on both sides of each error, and f has M_m q̈ᵈ in full. The window starts full of the first qᵈ. The
+        terms of the model keep the true q̇ᵈ and q̈ᵈ. Switch it off for references that jump or are noisy. It has no
+        effect with `TrueDerivatives`.
 
     Raises
     ------

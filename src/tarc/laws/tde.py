@@ -25,10 +25,18 @@ class TDEState(NamedTuple):
     robust: Tree
 
 
+class ReferenceState(NamedTuple):
+    """State of the estimator of qᵈ less the first one, the first qᵈ (n,), and whether it has come."""
+
+    estimator: Tree
+    first_reference: Vector
+    has_reference: Vector
+
+
 class ModelState(NamedTuple):
     """M̂(q), shape (n, n), and the model's torque (n,) of the period before, and the state of the law's own equation.
 
-    Then that of the reference's estimator. M̂ is empty where it is constant.
+    Then a `ReferenceState`, empty where q̇ᵈ and q̈ᵈ are not estimated. M̂ is empty where it is constant.
     """
 
     inertia: Tree
@@ -140,6 +148,10 @@ class TDE(PolePlacement):
         """Return whether N̂ is estimated; without it N̂ = 0."""
         return True
 
+    def linearisation_constants(self, gain: float) -> dict[str, float | None]:
+        """Return, in addition, that the first reference has come."""
+        return {**super().linearisation_constants(gain), "first_reference": None, "has_reference": 1.0}
+
     @abstractmethod
     def robust_init(self) -> Tree:
         """Return the state of the robust term before the first step."""
@@ -194,7 +206,9 @@ class TDE(PolePlacement):
 
     def with_model_state(self, state: LawState, inertia: Tree, model_torque: Vector, command: np.ndarray) -> LawState:
         """Return a state at rest with what `model_at_rest` gave as the model's part of it."""
-        reference = self.estimator.init(state.position) if self.estimates_reference else ()
+        reference = ()
+        if self.estimates_reference:
+            reference = ReferenceState(self.estimator.init(0 * state.position), state.position, np.zeros(()))
         return state._replace(control=ModelState(inertia, model_torque, self.initial_state(command), reference))
 
     def torque_command(self, state: Tree, tracking: ControlInput) -> tuple[Tree, Vector, dict[str, Vector]]:
@@ -240,11 +254,16 @@ class TDE(PolePlacement):
         return inertia, torque
 
     def _windowed(self, state: Tree, tracking: ControlInput) -> tuple[Tree, ControlInput]:
-        """Return the tracking with q̇ᵈ and q̈ᵈ as the law's estimator sees them, where that is chosen."""
+        """Return the tracking with q̇ᵈ and q̈ᵈ as the law's estimator sees them, where that is chosen.
+
+        Its window starts full of the first qᵈ, as that of the positions starts full of the first position.
+        """
         if not self.estimates_reference:
             return state, tracking
-        next_state, estimate = self.estimator.step(state, tracking.reference)
-        return next_state, tracking._replace(
+        first = ops.where(state.has_reference, state.first_reference, tracking.reference)
+        estimator, estimate = self.estimator.step(state.estimator, tracking.reference - first)
+        has_reference = ops.logical_or(state.has_reference, tracking.reference_ok)
+        return ReferenceState(estimator, first, has_reference), tracking._replace(
             error_rate=tracking.estimate.velocity - estimate.velocity,
             velocity_reference=estimate.velocity,
             acceleration_reference=estimate.acceleration,
