@@ -39,7 +39,7 @@ class LawOutput(NamedTuple):
 class ControlInput(NamedTuple):
     """Input of a law's equation: estimates, errors e1 and v̂ − q̇ᵈ, acceleration reference, torque that acted in the
     period before, and whether the law has given up. Then the reference, its velocity, and whether it came with this
-    sample; where it did not, it is the last one, and at the start the position.
+    sample. A reference that did not come is the last one, and the position before the first.
     """
 
     estimate: Estimate
