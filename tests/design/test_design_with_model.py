@@ -8,6 +8,7 @@ import pytest
 import tarc
 from slow_cases import slow
 from tarc import plants
+from tarc.analysis import Workspace
 from tarc.analysis.operating_points import SEARCH_MARGIN
 from tarc.certificates import certify_known_inertia
 from tarc.core.errors import InvalidParameter
@@ -21,6 +22,7 @@ from tarc.scenario.known_model import model_terms
 
 ARM = plants.TwoLinkArm(viscous=[0.5, 0.5])
 UR5E = plants.load_robot("ur5e", armature=0.1, viscous=1.0, coulomb=2.0)
+SPEEDS = Workspace.box([-np.pi] * 2, [np.pi] * 2, speed=1.0, acceleration=4.0)
 GIVEN = {"payload": (0.0, 2.0), "torque_limits": [100.0, 50.0], "samples": 60, "speed": 1.0}
 
 
@@ -30,7 +32,7 @@ def requirements(**options):
 
 def test_ratios_of_every_robot_within_the_intervals_lie_between_those_of_the_ends():
     given = DesignRequirements(payload=(0.0, 5.0), model="inertia", armature_error=0.2, mass_error=0.1)
-    ends = uncertain_robots([UR5E.with_parameters({"payload": mass}) for mass in (0.0, 5.0)], given)
+    ends = uncertain_robots([UR5E.with_parameters({"payload": mass}) for mass in (0.0, 5.0)], given, SPEEDS)
     assert len(ends) == 8
     nominal = UR5E.with_parameters({"payload": 1.0})
     random = np.random.default_rng(1)
@@ -53,7 +55,7 @@ def test_ratios_of_every_robot_within_the_intervals_lie_between_those_of_the_end
 
 def test_ratios_of_every_arm_within_the_lengths_lie_within_the_margin_of_those_of_the_ends():
     given = DesignRequirements(payload=(0.0, 2.0), model="inertia", length_error=0.1)
-    ends = uncertain_robots([ARM, ARM.with_parameters({"payload": 2.0})], given)
+    ends = uncertain_robots([ARM, ARM.with_parameters({"payload": 2.0})], given, SPEEDS)
     assert len(ends) == 18
     random = np.random.default_rng(1)
     for _ in range(60):
@@ -84,7 +86,7 @@ def test_requirements_refuse_what_no_model_is(options, message):
     ("plant", "options", "message"),
     [
         (ARM, {"speed": np.inf}, "speed: model='known' needs the largest joint speed"),
-        (UR5E, {"length_error": 0.1, "torque_limits": 100.0}, "length_error: .* has no parameter lengths"),
+        (plants.Pendulum(), {"length_error": 0.1, "torque_limits": 9.0}, "length_error: .* has no parameter lengths"),
         (ARM, {"armature_error": 0.2}, "armature_error: .* has no parameter armature"),
         (UR5E, {"torque_limits": None}, "friction_width: missing"),
     ],

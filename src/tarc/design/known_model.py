@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from tarc.analysis.workspace import Workspace
 from tarc.certificates.known_inertia import WorstKnownPoints, certify_known_inertia, known_ratios
 from tarc.certificates.known_inertia_evidence import KNOWN_PARTS, KnownInertiaEvidence
 from tarc.core.errors import InvalidParameter
 from tarc.design.affine_assessment import AffineAssessment, scaled_ratios
 from tarc.design.candidates import Candidate
 from tarc.design.choice import DesignChoice
+from tarc.design.link_lengths import robots_with_lengths
 from tarc.design.noise import measurement_deviation
 from tarc.design.problem import DesignProblem
 from tarc.design.requirements import DesignRequirements
@@ -27,60 +29,47 @@ PAYLOAD_SHARES = 0.0, 0.25, 0.5
 """Payloads of the model that are tried, between the smallest and the largest."""
 N_POSTURES = 100
 """Sampled postures at which the spread is compared."""
-MAX_LINKS = 3
-"""Largest number of links whose lengths may be uncertain."""
 FIELDS = {"armature": "armature_error", "masses": "mass_error", "lengths": "length_error"}
 """Requirement by the parameter of the robot for which it is an interval."""
 FRICTION = "coulomb", "viscous"
 """Friction parameters of a robot that a design can take as known."""
 
 
-def uncertain_robots(plants: Sequence[Plant], requirements: DesignRequirements) -> tuple[Plant, ...]:
+def uncertain_robots(
+    plants: Sequence[Plant], requirements: DesignRequirements, workspace: Workspace
+) -> tuple[Plant, ...]:
     """Return the robots at the ends of all intervals: payload, rotor inertia, masses and lengths of the links.
 
     M is linear in payload, rotor inertia and masses, and grows with them. So for robots within these intervals the
     eigenvalues of M⁻¹M̂ lie between those of the ends, and each link may have an error of its own.
 
-    In lengths M is a convex polynomial of degree two, since xᵀMx sums squares of speeds that are affine in them. So the
-    smallest eigenvalue of M⁻¹M̂ is at an end, with an error of each link of its own. The largest may lie between. So the
-    middle of each interval counts as well. The rest, and stiffness and damping between, are left to the certificate's
-    margin. The centre of mass of a link moves with its length.
+    In lengths M is a convex polynomial of degree two, see `robots_with_lengths`. What lies between is left to the
+    certificate's margin, and so are stiffness and damping.
 
     Raises
     ------
     InvalidParameter
-        For an interval of a parameter that the robot does not have, and for lengths of too many links.
+        For an interval of a parameter that the robot does not have, and for lengths of too many links or too uncertain.
     """
     shares = {"armature": requirements.armature_error, "masses": requirements.mass_error}
     shares = {name: share for name, share in shares.items() if share}
-    lengths = {"lengths": requirements.length_error} if requirements.length_error else {}
-    for name in [*shares, *lengths]:
-        if name not in plants[0].parameters:
-            field = FIELDS[name]
-            hint = "; a file fixes them" if name == "lengths" else ", or use a robot from a file"
-            raise InvalidParameter(f"{field}: {plants[0].label} has no parameter {name}; leave it out{hint}", field)
+    has_lengths = bool({"lengths", "length_factors"} & set(plants[0].parameters))
+    missing = [name for name in shares if name not in plants[0].parameters]
+    missing += ["lengths"] if requirements.length_error and not has_lengths else []
+    for name in missing:
+        raise InvalidParameter(
+            f"{FIELDS[name]}: {plants[0].label} has no parameter {name}; leave it out, or use a robot from a file",
+            FIELDS[name],
+        )
     corners = list(product(*[(1 - share, 1 + share) for share in shares.values()]))
     robots = []
     for plant in plants:
         for factors in corners:
             values = {name: f * np.asarray(plant.parameters[name]) for name, f in zip(shares, factors, strict=True)}
-            robots += _with_lengths(plant.with_parameters(values) if values else plant, requirements.length_error)
+            robots.append(plant.with_parameters(values) if values else plant)
+    if requirements.length_error:
+        robots = robots_with_lengths(robots, requirements.length_error, workspace, requirements.seed)
     return tuple(robots)
-
-
-def _with_lengths(plant: Plant, share: float) -> list[Plant]:
-    """Return a planar arm with each link shorter, as it is and longer by a share; the arm alone for none."""
-    if not share:
-        return [plant]
-    n = plant.n_joints
-    if n > MAX_LINKS:
-        raise InvalidParameter(
-            f"length_error: got an arm of {n} links, whose lengths have {3**n} combinations; needs at most {MAX_LINKS}",
-            "length_error",
-        )
-    lengths, centres = (np.broadcast_to(np.asarray(plant.parameters[name]), n) for name in ("lengths", "centres"))
-    factors = [np.array(row) for row in product((1 - share, 1.0, 1 + share), repeat=n)]
-    return [plant.with_parameters({"lengths": row * lengths, "centres": row * centres}) for row in factors]
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +113,6 @@ class KnownModel:
             speeds.
         """
         requirements, workspace = problem.requirements, problem.workspace
-        robots = uncertain_robots(problem.plants, requirements)
         terms = _terms(problem.plants[0], requirements)
         if workspace.speed is None or not np.all(np.isfinite(workspace.speed)):
             raise InvalidParameter(
@@ -132,6 +120,7 @@ class KnownModel:
                 "changes; give it, by --speed",
                 "speed",
             )
+        robots = uncertain_robots(problem.plants, requirements, workspace)
         postures = workspace.sample(N_POSTURES, requirements.seed)
         model = _best_model(problem.plants, robots, requirements, terms, postures)
         inertia = NominalInertia(model, 1.0, **terms)

@@ -77,8 +77,8 @@ class DesignRequirements:
     mass_error
         For a model: share by which the true mass and inertia of each link may differ from the file's.
     length_error
-        For a model: share by which the true length of each link of a planar arm may differ. Its centre of mass moves
-        with it.
+        For a model: share by which the true length of each link may differ. Its centre of mass and the joint after it
+        move with it; mass and inertia about the centre of mass stay.
     friction_error
         For a known model: share by which the true friction may be larger than that of the law.
     friction_width

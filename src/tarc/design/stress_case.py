@@ -144,7 +144,7 @@ class StressCase:
             plants.append(plants[0].with_parameters({"payload": self.payload}))
         samples = self.design.certificates["robot"].evidence.samples
         if self.law.has_model:
-            robots = uncertain_robots(plants, self.design.requirements)
+            robots = uncertain_robots(plants, self.design.requirements, self.workspace)
             return certify_known_inertia(
                 self.law, robots, self.workspace, computation_delay=self.delay, samples=samples
             )

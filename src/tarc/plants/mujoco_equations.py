@@ -35,7 +35,11 @@ ROUNDING = 1e-14
 
 
 def rigid_body_equations(
-    model: mujoco.MjModel, motion: tuple[ca.SX, ca.SX, ca.SX], masses: dict[int, ca.SX], inertias: dict[int, ca.SX]
+    model: mujoco.MjModel,
+    motion: tuple[ca.SX, ca.SX, ca.SX],
+    masses: dict[int, ca.SX],
+    inertias: dict[int, ca.SX],
+    lengths: Sequence[ca.SX],
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Return M(q) (n, n), N = C(q, q̇) q̇ + g(q) (n, 1) and M q̈ + N (n, 1) of a model of hinges and slides.
 
@@ -51,6 +55,9 @@ def rigid_body_equations(
         Mass [kg] of each body but the world, by its number.
     inertias
         Inertia of each of these bodies about its centre of mass, in the axes of its frame [kg m²], shape (3, 3).
+    lengths
+        Factor of the link of each joint, by which all places in it are farther from the joint: those of the joints
+        after it and of the centres of mass.
 
     Raises
     ------
@@ -61,11 +68,7 @@ def rigid_body_equations(
     ----------
     Featherstone, Rigid Body Dynamics Algorithms, 2008: composite rigid bodies and recursive Newton–Euler.
     """
-    bodies = {
-        body: shifted(Inertia(mass, ca.SX.zeros(3), inertias[body]), model.body_ipos[body])
-        for body, mass in masses.items()
-    }
-    links = _links(model, motion, bodies)
+    links = _links(model, motion, _scaled_bodies(model, masses, inertias, lengths), lengths)
     unaccelerated = [replace(link, acceleration=ca.SX(0)) for link in links]
     return inertia_matrix(links), _torques(model, unaccelerated), _torques(model, links)
 
@@ -98,15 +101,39 @@ def rigid_body_regressor(
     return ca.jacobian(_torques(model, links), symbols), values
 
 
+def _scaled_bodies(
+    model: mujoco.MjModel, masses: dict[int, ca.SX], inertias: dict[int, ca.SX], lengths: Sequence[ca.SX]
+) -> dict[int, Inertia]:
+    """Return the inertias of bodies about the origins of their frames, with links of other lengths."""
+    bodies, joints = {}, {0: WORLD}
+    for body in range(1, model.nbody):
+        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        joints[body] = first + count - 1 if count else joints[int(model.body_parentid[body])]
+        centre = _length(lengths, joints[body]) * model.body_ipos[body]
+        bodies[body] = shifted(Inertia(masses[body], ca.SX.zeros(3), inertias[body]), centre)
+    return bodies
+
+
+def _length(lengths: Sequence[ca.SX], link: int) -> ca.SX:
+    """Return the factor of a link; one for the world."""
+    return ca.SX(1) if link == WORLD or not lengths else lengths[link]
+
+
 def _torques(model: mujoco.MjModel, links: list[Link]) -> ca.SX:
     """Return M q̈ + C q̇ + g of links under the gravity of the model."""
     return joint_torques(links, ca.SX(-model.opt.gravity))
 
 
-def _links(model: mujoco.MjModel, motion: tuple[ca.SX, ca.SX, ca.SX], bodies: dict[int, Inertia]) -> list[Link]:
+def _links(
+    model: mujoco.MjModel,
+    motion: tuple[ca.SX, ca.SX, ca.SX],
+    bodies: dict[int, Inertia],
+    lengths: Sequence[ca.SX] = (),
+) -> list[Link]:
     """Return a link for each joint, parents first, with inertia moved towards the world as far as that goes.
 
-    The motion is position, velocity and acceleration. The inertia of a body is about the origin of its frame.
+    The motion is position, velocity and acceleration. The inertia of a body is about the origin of its frame. Without
+    lengths all factors are one.
     """
     q, dq, ddq = motion
     links: list[Link] = []
@@ -120,11 +147,12 @@ def _links(model: mujoco.MjModel, motion: tuple[ca.SX, ca.SX, ca.SX], bodies: di
         for joint in range(first, first + int(model.body_jntnum[body])):
             along, anchor = _axes_along(model.jnt_axis[joint]), model.jnt_pos[joint]
             displacement = q[joint] - float(model.qpos0[model.jnt_qposadr[joint]])
-            pose = _rounded(axes @ along), _rounded(origin + axes @ anchor)
+            pose = _rounded(axes @ along), _length(lengths, link) * _rounded(origin + axes @ anchor)
             links.append(Link(link, _slides(model, joint), *pose, NOTHING, displacement, dq[joint], ddq[joint]))
             link, axes, origin = joint, along.T, -along.T @ anchor
         frames[body] = link, axes, origin
-        at_link = shifted(turned(bodies.get(body, NOTHING), _rounded(axes)), _rounded(origin))
+        place = _length(lengths, link) * _rounded(origin)
+        at_link = shifted(turned(bodies.get(body, NOTHING), _rounded(axes)), place)
         owned[link] = total(owned.get(link, NOTHING), at_link)
     return _regrouped(links, owned)
 

@@ -51,6 +51,7 @@ class RigidBody(DelegatingPlant, SymbolicPlant):
             **mujoco.parameters,
             "coulomb_width": np.full(model.nv, COULOMB_WIDTH),
             "masses": model.body_mass[self._links].copy(),
+            "length_factors": np.ones(model.nv),
         }
 
     def __repr__(self) -> str:
@@ -67,7 +68,7 @@ class RigidBody(DelegatingPlant, SymbolicPlant):
             self.mujoco.payload_body: p["payload"]
         }
         inertias = {body: self._inertia_about_centre(body, mass) for body, mass in masses.items()}
-        M, bias, torque = rigid_body_equations(model, (q, dq, ddq), masses, inertias)
+        M, bias, torque = rigid_body_equations(model, (q, dq, ddq), masses, inertias, ca.vertsplit(p["length_factors"]))
         friction = p["viscous"] * dq + p["coulomb"] * ca.tanh(dq / p["coulomb_width"])
         spring = model.jnt_stiffness.reshape(n, -1)[:, 0] * (q - model.qpos_spring)
         joints = spring + friction
@@ -100,7 +101,9 @@ class RigidBody(DelegatingPlant, SymbolicPlant):
     def parameters(self) -> dict[str, Array]:
         """Payload and link masses [kg], rotor inertia, viscous and dry friction, and the width of dry friction.
 
-        A link's inertia is in proportion to its mass.
+        A link's inertia is in proportion to its mass. ``length_factors`` has a number per joint, by which its link is
+        longer than in the file: the joints after it, the centres of mass and the payload are farther from the joint in
+        all directions. Mass and inertia about the centre of mass stay. Drawings and `facts` have the file's lengths.
         """
         return dict(self._parameters)
 
@@ -128,5 +131,6 @@ class RigidBody(DelegatingPlant, SymbolicPlant):
         """Return the arguments of `load_robot` that read this robot again; empty where no arguments do."""
         model = self.mujoco.model
         as_read = np.all(self._parameters["masses"] == model.body_mass[self._links])
+        as_read = as_read and np.all(self._parameters["length_factors"] == 1)
         has_width = np.all(self._parameters["coulomb_width"] == COULOMB_WIDTH)
         return self.mujoco.file_options if as_read and has_width else {}

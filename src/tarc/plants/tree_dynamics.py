@@ -73,7 +73,7 @@ class Link:
     parent: int
     slides: bool
     rotation: Array
-    origin: Array
+    origin: ca.SX
     inertia: Inertia
     displacement: ca.SX
     rate: ca.SX
@@ -82,8 +82,8 @@ class Link:
     def place(self) -> ca.SX:
         """Return the origin in the axes of the parent."""
         if self.slides:
-            return ca.SX(self.origin) + ca.SX(self.rotation[:, 2]) * self.displacement
-        return ca.SX(self.origin)
+            return self.origin + ca.SX(self.rotation[:, 2]) * self.displacement
+        return self.origin
 
     def outward(self, vector: ca.SX) -> ca.SX:
         """Return a vector (3,) of the parent's axes in those of the link."""
