@@ -56,8 +56,8 @@ def rigid_body_equations(
     inertias
         Inertia of each of these bodies about its centre of mass, in the axes of its frame [kg m²], shape (3, 3).
     lengths
-        Factor of the link of each joint, by which all places in it are farther from the joint: those of the joints
-        after it and of the centres of mass.
+        Factor of the link of each joint. By it the joints after that joint, and the centres of mass, are farther from
+        it.
 
     Raises
     ------
