@@ -102,7 +102,7 @@ class RigidBody(DelegatingPlant, SymbolicPlant):
         """Payload and link masses [kg], rotor inertia, viscous and dry friction, and the width of dry friction.
 
         A link's inertia is in proportion to its mass. ``length_factors`` has a number per joint, by which its link is
-        longer than in the file: the joints after it, the centres of mass and the payload are farther from the joint in
+        longer than in the file. The joints after it, the centres of mass and the payload are farther from the joint, in
         all directions. Mass and inertia about the centre of mass stay. Drawings and `facts` have the file's lengths.
         """
         return dict(self._parameters)
