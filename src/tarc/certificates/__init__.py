@@ -6,6 +6,7 @@ require("certify", "tarc.certificates")
 
 from tarc.certificates.affine import certify_affine
 from tarc.certificates.base import Certificate
+from tarc.certificates.certified_gains import CertifiedGains, GainRange, certify_gains
 from tarc.certificates.constant_ratio import certify_constant_ratio
 from tarc.certificates.known_inertia import certify_known_inertia
 from tarc.certificates.region import certify_region
@@ -16,10 +17,13 @@ from tarc.certificates.varying_ratio import certify_varying_ratio
 
 __all__ = [
     "Certificate",
+    "CertifiedGains",
+    "GainRange",
     "ProvenPart",
     "ProvenRobot",
     "certify_affine",
     "certify_constant_ratio",
+    "certify_gains",
     "certify_known_inertia",
     "certify_region",
     "certify_robot",

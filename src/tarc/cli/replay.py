@@ -13,7 +13,8 @@ Log = Annotated[
     str,
     typer.Argument(
         metavar="LOG",
-        help="A CSV with a header, a MATLAB file, a ROS 2 bag in MCAP, or a folder with a text file per quantity.",
+        help="A CSV with a header, a MATLAB file, a ROS 2 bag in MCAP, the netCDF of tarc run-live, or a folder with a "
+        "text file per quantity.",
     ),
 ]
 Robot = Annotated[

@@ -6,6 +6,7 @@ from dataclasses import fields
 from html import escape
 from typing import NamedTuple
 
+import casadi as ca
 import numpy as np
 
 from tarc.control.digital_controller import checked_limits, limited_start, limited_step
@@ -13,8 +14,8 @@ from tarc.control.stamped_window import StampedWindow
 from tarc.core import array_ops as ops
 from tarc.core.codegen import compiled
 from tarc.core.errors import ControllerNotReset, InvalidParameter
-from tarc.core.tracing import CompiledStep, trace
-from tarc.core.trees import pack
+from tarc.core.tracing import CompiledStep, PeriodBuffer, trace
+from tarc.core.trees import leaves, names, pack
 from tarc.core.types import Vector
 from tarc.core.validation import Numbers
 from tarc.estimators.oracle import TrueDerivatives
@@ -34,6 +35,14 @@ class _CheckedState(NamedTuple):
     position: Vector
     reference: Vector
     law: LawState
+
+
+class PreparedLaw(NamedTuple):
+    """A law whose step is ready to take the place of another's, as `Controller.prepare` returns it."""
+
+    law: Law
+    function: ca.Function
+    step: PeriodBuffer
 
 
 class Controller:
@@ -64,6 +73,8 @@ class Controller:
     ----------
     missing
         Samples missing in a row.
+    is_native
+        Whether the step is machine code.
     function
         The traced step, ``[state, input] -> [next state, output]``, as `tarc.core.tracing.trace` returns it.
     fault
@@ -116,6 +127,7 @@ class Controller:
         else:
             function, example = trace(self._limited_step, state, value)
         self.function = function
+        self.is_native = native
         self._call = CompiledStep(compiled(function) if native else function)
         n = law.n_joints
         self._past_torque = self._place_of_past_torque(state)
@@ -135,6 +147,37 @@ class Controller:
         self.signals = {name: output[place] for name, place in places.items()}
         self._warned = False
         self._ready = False
+
+    def prepare(self, law: Law, function: ca.Function | None = None) -> PreparedLaw:
+        """Return a law of the same structure, ready for `change_law`; this traces and allocates.
+
+        Parameters
+        ----------
+        law
+            The same kind of law with other gains. Joints, period, estimator and the shape of the state stay.
+        function
+            Its traced step, where another process has prepared it; None to trace it here.
+
+        Raises
+        ------
+        InvalidParameter
+            For a law of another structure.
+        """
+        _refuse_other_structure(self.law, law)
+        if function is None:
+            other = Controller(law, span=self._check.span, max_step=self._check.max_step, torque_limits=self._limits)
+            function = compiled(other.function) if self.is_native else other.function
+        return PreparedLaw(law, function, self._call.prepare(function))
+
+    def change_law(self, prepared: PreparedLaw) -> None:
+        """Run another law of the same structure from the next step on, with the state of the one before.
+
+        Estimator, past torques and switching gain go on. So a law on time-delay estimation changes its torque at once
+        by −M̂ (ΔK1 e1 + ΔK2 (v̂ − q̇ᵈ)) alone. A gain above a new ``max_gain`` acts for one more step. Nothing is traced
+        or allocated.
+        """
+        self.law, self.function = prepared.law, prepared.function
+        self._call.exchange(prepared.step)
 
     @staticmethod
     def _checked_state(law: LawState) -> "_CheckedState":
@@ -341,6 +384,32 @@ class Controller:
     def fault(self) -> bool:
         """Return whether the law gave up and applies its safe torque."""
         return bool(self._fault[0])
+
+
+def _refuse_other_structure(law: Law, other: Law) -> None:
+    """Refuse a law that cannot go on with the state of another."""
+    if type(other) is not type(law) or (other.n_joints, other.period) != (law.n_joints, law.period):
+        raise InvalidParameter(
+            f"law: got {type(other).__name__} with {other.n_joints} joints and a period of {other.period:g} s; needs "
+            f"{type(law).__name__} with {law.n_joints} joints and {law.period:g} s, as it runs",
+            "law",
+        )
+    if repr(other.estimator) != repr(law.estimator):
+        raise InvalidParameter(
+            f"estimator: got {other.estimator}; needs {law.estimator}, whose state goes on", "estimator"
+        )
+    (state, value), (other_state, _) = law.example(), other.example()
+    shapes = [
+        [(name, np.shape(leaf)) for name, leaf in zip(names(tree), leaves(tree), strict=True)]
+        for tree in (state, other_state, law.step(state, value)[1].signals, other.step(other_state, value)[1].signals)
+    ]
+    if shapes[0] != shapes[1] or shapes[2] != shapes[3]:
+        differs = sorted({name for name, _ in set(shapes[0] + shapes[2]) ^ set(shapes[1] + shapes[3])})
+        raise InvalidParameter(
+            f"law: its state or signals have another shape ({', '.join(differs)}); the state goes on, so change gains "
+            "alone: neither delay nor window",
+            "law",
+        )
 
 
 def _places(signals: dict[str, Vector], start: int) -> list[tuple[slice, str]]:

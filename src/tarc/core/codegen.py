@@ -72,7 +72,18 @@ def compiled(function: ca.Function) -> ca.Function:
     CompilationError
         When the compiler fails, or the cache cannot be written.
     """
-    return ca.external(function.name(), str(compiled_library(_callable_from_casadi(function))))
+    return ca.external(function.name(), str(callable_library(function)))
+
+
+def callable_library(function: ca.Function) -> Path:
+    """Return the library of a traced function, which `casadi.external` takes by the function's name.
+
+    Raises
+    ------
+    MissingTool, CompilationError
+        As `compiled`.
+    """
+    return compiled_library(_callable_from_casadi(function))
 
 
 class CompiledLoop:

@@ -150,11 +150,17 @@ class PeriodBuffer:
     rows
         Array of each input and output by its name, shape (periods, size).
     states
-        The two state vectors that take turns; the first call reads the first.
+        The two state vectors that take turns; the first call reads the first. They may be those of another buffer,
+        in place of copies of the state.
     """
 
     def __init__(
-        self, function: ca.Function, state: np.ndarray, periods: int, fixed: dict[str, np.ndarray] | None = None
+        self,
+        function: ca.Function,
+        state: np.ndarray,
+        periods: int,
+        fixed: dict[str, np.ndarray] | None = None,
+        states: list[np.ndarray] | None = None,
     ):
         if periods % 2:
             raise InvalidParameter(f"periods: got {periods}; needs an even number, since two states take turns")
@@ -163,7 +169,7 @@ class PeriodBuffer:
         sizes |= {function.name_out(i): function.nnz_out(i) for i in range(1, function.n_out())}
         self.rows = {name: np.zeros((periods, size)) for name, size in sizes.items() if name not in fixed}
         self.calls: list[Callable[[], None]] = []
-        self.states = states = [np.array(state), np.array(state)]
+        self.states = states = [np.array(state), np.array(state)] if states is None else states
         self._keep: list[object] = [function, fixed]
         for k in range(periods):
             places = fixed | {name: rows[k] for name, rows in self.rows.items()}
@@ -203,6 +209,15 @@ class CompiledStep:
     def reset(self, state: np.ndarray) -> None:
         """Set the state vector."""
         self.state[:] = state
+
+    def prepare(self, function: ca.Function) -> PeriodBuffer:
+        """Return another function with inputs and outputs of the same sizes over the same memory, state included."""
+        names = {function.name_in(1): self.value, function.name_out(1): self.output}
+        return PeriodBuffer(function, self.state, 2, names, self._ring.states)
+
+    def exchange(self, prepared: PeriodBuffer) -> None:
+        """Step what `prepare` returned from now on; the state stays, and nothing is copied or allocated."""
+        self._ring, self._calls = prepared, prepared.calls
 
     def step(self) -> None:
         """Step once, from `value` to `output`."""

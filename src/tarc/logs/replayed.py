@@ -20,7 +20,7 @@ from tarc.logs.model_check import (
     check_model,
     mean_inertia,
 )
-from tarc.logs.shadow import ShadowCheck, check_shadow
+from tarc.logs.shadow import ShadowCheck, check_shadow, laws_over_time
 from tarc.logs.time_repair import LogTiming, repair_time
 from tarc.logs.window_check import VelocityCheck, WindowCheck, check_velocity, check_window
 from tarc.plants.base import Plant
@@ -134,6 +134,7 @@ def replay(
         None for the robot of a scenario in ``law``, else no model.
     law
         A law for shadow mode, or a scenario, such as `tarc design` writes, whose first law, sensor and robot are used.
+        Where it is the law that ran, its gains change as they did in the log.
     columns
         Names of the log's columns, where they are not known.
     window
@@ -197,7 +198,9 @@ def replay(
         velocity=check_velocity(record, cutoff),
         model=None if plant is None else check_model(record, plant, cutoff),
         delay_estimation=None if inertia is None else check_delay_estimation(record, inertia, sizes[0], cutoff),
-        shadow=None if own_law is None else check_shadow(record, own_law, sensor, plant, cutoff),
+        shadow=None
+        if own_law is None
+        else check_shadow(record, own_law, sensor, plant, cutoff, laws_over_time(rows, timing, own_law)),
     )
 
 

@@ -1,7 +1,8 @@
 """A law in shadow mode: what it would have commanded along a record."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,9 +16,12 @@ from tarc.laws.base import Law
 from tarc.laws.pole_placement import PolePlacement
 from tarc.logs.even_record import EvenRecord
 from tarc.logs.model_check import POSTURES_OF_MEAN
+from tarc.logs.time_repair import LogTiming
 from tarc.plants.base import Plant
 from tarc.signals.references import Reference
+from tarc.signals.robot_log import RobotLog
 from tarc.signals.sensors import Encoder
+from tarc.simulation.dataset import describe, to_json
 
 SEED = 0
 """Of the noise that is added to predict that of the torque."""
@@ -62,9 +66,16 @@ class ShadowCheck:
 
 
 def check_shadow(
-    record: EvenRecord, law: Law, sensor: Encoder, plant: Plant | None, cutoff: float
+    record: EvenRecord,
+    law: Law,
+    sensor: Encoder,
+    plant: Plant | None,
+    cutoff: float,
+    changes: Sequence[tuple[float, Law]] = (),
 ) -> ShadowCheck | None:
     """Run a law along a record; None without recorded torque.
+
+    ``changes`` are laws that take over at their times [s].
 
     The law gets each measured position, NaN for a missing one, and the torque that was applied. Its reference is the
     recorded one, smoothed, or the smooth motion itself. The torque's noise is that of the change by added noise.
@@ -87,14 +98,15 @@ def check_shadow(
     desired = [motion(record.times, order) for order in range(3)]
     position = np.where(record.is_measured[:, None], record.position, np.nan)
     applied = record.torque
-    command, faults = _commands(law, position, desired, applied)
+    rows = {int(np.searchsorted(record.times, time - record.period / 2)): changed for time, changed in changes}
+    command, faults = _commands(law, position, desired, applied, rows)
     sigma = record.position_noise()
     assumed = measurement_deviation(sensor, n)
     noise = np.random.default_rng(SEED).standard_normal(position.shape)
     inner = record.inner(10 / cutoff)
 
     def torque_noise(deviation: Array) -> Array:
-        noisy, _ = _commands(law, position + noise * deviation, desired, applied)
+        noisy, _ = _commands(law, position + noise * deviation, desired, applied, rows)
         return np.sqrt(np.mean((noisy - command)[inner] ** 2, axis=0))
 
     difference = np.sqrt(np.mean((command - record.torque)[inner] ** 2, axis=0))
@@ -112,8 +124,34 @@ def check_shadow(
     )
 
 
-def _commands(law: Law, position: Array, desired: list[Array], torque: Array) -> tuple[Array, int]:
-    """Return the commands of a law, shape (k, n), and the number of periods with a fault."""
+def laws_over_time(log: RobotLog, timing: LogTiming, law: Law) -> list[tuple[float, Law]]:
+    """Return the laws that took over in a log, with their repaired times [s].
+
+    None for another law than the one that ran.
+    """
+    if not log.gain_changes or _description(to_json(describe(law))) != _description(log.law):
+        return []
+    laws: list[tuple[float, Law]] = []
+    for time, gains in log.gain_changes:
+        law = replace(law, **gains)
+        row = int(np.searchsorted(log.times, time))
+        if row < len(log.times):
+            laws.append((float(timing.times[row]), law))
+    return laws
+
+
+def _description(text: str) -> dict[str, object]:
+    """Return kind and parameters of a law but its torque limit, which a robot may have given it."""
+    return {name: value for name, value in json.loads(text or "{}").items() if name != "torque_limit"}
+
+
+def _commands(
+    law: Law, position: Array, desired: list[Array], torque: Array, changes: Mapping[int, Law]
+) -> tuple[Array, int]:
+    """Return the commands of a law, shape (k, n), and the number of periods with a fault.
+
+    ``changes`` are laws by the row from which they run.
+    """
     controller = Controller(law)
     first = int(np.argmax(np.isfinite(position).all(axis=1)))
     controller.reset(position[first], torque[first])
@@ -121,6 +159,8 @@ def _commands(law: Law, position: Array, desired: list[Array], torque: Array) ->
     faults = 0
     for k in range(len(position)):
         applied = None if k == 0 else torque[k - 1]
+        if k in changes:
+            controller.change_law(controller.prepare(changes[k]))
         commands[k] = controller.step(position[k], desired[0][k], desired[1][k], desired[2][k], applied_torque=applied)
         faults += controller.fault
     return commands, faults

@@ -7,6 +7,7 @@ from tarc.core.lazy import lazy_attributes
 if TYPE_CHECKING:
     from tarc.runtime.clock import Clock, SimulatedClock
     from tarc.runtime.dds import DdsRobot
+    from tarc.runtime.gain_changes import GainChanges
     from tarc.runtime.iosys import to_iosys
     from tarc.runtime.law_environment import LawEnvironment
     from tarc.runtime.limits import SafetyLimits
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Clock",
     "DdsRobot",
+    "GainChanges",
     "LawEnvironment",
     "LiveRun",
     "MujocoRobot",
@@ -42,6 +44,7 @@ __getattr__, __dir__, _ = lazy_attributes(
     {
         "Clock": "tarc.runtime.clock",
         "DdsRobot": "tarc.runtime.dds",
+        "GainChanges": "tarc.runtime.gain_changes",
         "LawEnvironment": "tarc.runtime.law_environment",
         "LiveRun": "tarc.runtime.live_run",
         "MujocoRobot": "tarc.runtime.mujoco_robot",

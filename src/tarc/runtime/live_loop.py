@@ -12,6 +12,7 @@ from tarc.core.errors import InvalidParameter
 from tarc.core.types import Array
 from tarc.core.validation import Numbers
 from tarc.runtime.clock import Clock
+from tarc.runtime.gain_changes import GainChanges
 from tarc.runtime.limits import SafetyLimits
 from tarc.runtime.log_format import LogLayout, Phase
 from tarc.runtime.motion import Motion, ramp, rest, stop
@@ -91,6 +92,8 @@ class LoopParts:
         One of `OVERRUN_POLICIES`.
     watcher
         Watch of the certificate's assumptions; None for none.
+    changes
+        Gains that change meanwhile; None for none.
     """
 
     controller: Controller
@@ -104,6 +107,7 @@ class LoopParts:
     watchdog_time: float
     overrun: str
     watcher: Watcher | None
+    changes: GainChanges | None
 
 
 class LiveLoop:
@@ -330,6 +334,8 @@ class LiveLoop:
         if missed and self._parts.overrun == "bridge":
             held = self._torque.copy()
             self._bridge(missed, motion, j, held)
+        if self._parts.changes is not None:
+            self._parts.changes.apply()
         j = min(j + missed, len(motion) - 1)
         self._target = motion.at(j)
         position = self._read()
@@ -456,6 +462,7 @@ class LiveLoop:
         views["torque"][:] = self._torque
         for place, values in self._signals:
             place[:] = values
+        views["gain_changes"][0] = 0 if self._parts.changes is None else self._parts.changes.count
         views["assumption_flags"][0] = self._watch(position, stamp, is_new)
         self._parts.ring.append(self._row)
         if self._timed < self._times.shape[1]:

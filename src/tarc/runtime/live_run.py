@@ -4,7 +4,7 @@ import json
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from tarc.core.errors import CompilationError, InvalidParameter, MissingTool, Un
 from tarc.core.types import Array
 from tarc.laws.base import Law
 from tarc.runtime.clock import Clock
+from tarc.runtime.gain_changes import GainChanges
 from tarc.runtime.limits import SafetyLimits, require_torque_limit
 from tarc.runtime.live_loop import OVERRUN_POLICIES, LiveLoop, LoopParts, StartUp
 from tarc.runtime.log import Log
@@ -124,6 +125,7 @@ def run_live(
     label: str = "robot",
     scenario: Mapping[str, Any] | None = None,
     certificate: Mapping[str, Any] | None = None,
+    changes: GainChanges | None = None,
     clock: Clock | None = None,
     on_log: Callable[[Log], object] | None = None,
 ) -> LiveRun:
@@ -166,6 +168,8 @@ def run_live(
         Names of the law's joints, which are compared with those of the robot; empty to compare none.
     units, label, scenario, certificate
         For the log: units of the joints, name of the robot, scenario and certificate ready for JSON.
+    changes
+        Gains of this law that may change meanwhile, within what is certified; None for none.
     clock
         A clock of your own, such as `SimulatedClock`.
     on_log
@@ -175,7 +179,7 @@ def run_live(
     ------
     InvalidParameter
         For a period that this machine cannot hold, and joints in another order than the robot's. For a law without a
-        torque limit, and a robot without a valid position. The robot's brakes stay closed.
+        torque limit, a robot without a valid position, and changes of another law. The robot's brakes stay closed.
     MissingTool
         For a bag without the libraries that write it, the extra ``logs``.
     """
@@ -186,11 +190,7 @@ def run_live(
     check.number("duration", duration, law.period, high=MAX_PERIODS * law.period)
     if not allow_unlimited_torque:
         require_torque_limit(limits, law)
-    target = None if log is None else Path(log)
-    bag = target if target is not None and target.suffix.lower() == BAG else None
-    if target is not None and bag is not None:
-        require_bag_writer()
-        target = target.with_suffix(".nc")
+    target, bag = _log_files(log)
     names = _checked_names(law, robot, reference, joint_names)
     controller, facts = _controller(law, limits, native)
     motion = _motion(reference, duration, law.period)
@@ -206,16 +206,35 @@ def run_live(
         record = Log(header(layout, subject, facts), target)
         guard = Watchdog(robot, watchdog, clock)
         parts = LoopParts(
-            controller, robot, limits, start_up, layout, record.ring, clock, guard, watchdog, overrun, watcher
+            controller, robot, limits, start_up, layout, record.ring, clock, guard, watchdog, overrun, watcher, changes
         )
         loop = LiveLoop(parts, motion)
         if on_log is not None:
             on_log(record)
-        _run(loop, robot, guard, record)
+        with _changing(changes, controller, limits, record):
+            _run(loop, robot, guard, record)
     result = _result(loop, robot, record, facts)
     if bag is not None and not record.error:
         result.load().save(bag)
     return result
+
+
+def _log_files(log: str | Path | None) -> tuple[Path | None, Path | None]:
+    """Return the netCDF file to write, and the bag beside it; None for none."""
+    target = None if log is None else Path(log)
+    if target is None or target.suffix.lower() != BAG:
+        return target, None
+    require_bag_writer()
+    return target.with_suffix(".nc"), target
+
+
+def _changing(
+    changes: GainChanges | None, controller: Controller, limits: SafetyLimits, record: Log
+) -> AbstractContextManager[object]:
+    """Return the time in which gains may change."""
+    if changes is None:
+        return nullcontext()
+    return changes.start(controller, limits.interface, record.add_change)
 
 
 def _motion(reference: Reference, duration: float, period: float) -> Motion:

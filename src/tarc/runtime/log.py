@@ -48,6 +48,7 @@ class Log:
         (self.folder / "header.json").write_text(json.dumps(head), encoding="utf-8")
         self.ring = Ring.create(self.folder / "ring", CAPACITY, int(head["width"]))
         self._process: subprocess.Popen[bytes] | None = None
+        self._changes: list[dict[str, float]] = []
         self.error = ""
         if self.target is not None:
             self._start(self.target)
@@ -73,6 +74,17 @@ class Log:
         lines = (self.folder / "errors").read_text(encoding="utf-8").strip().splitlines()
         return lines[-1] if lines else "it says nothing"
 
+    def add_change(self, gains: Mapping[str, float]) -> None:
+        """Note gains that the loop is about to take; the file has them also where the loop's process is killed."""
+        self._changes.append(dict(gains))
+        self._write("changes.json", self._changes)
+
+    def _write(self, name: str, content: object) -> None:
+        """Write a file of JSON that the other process sees complete or not at all."""
+        partial = self.folder / f"{name}.part"
+        partial.write_text(json.dumps(content), encoding="utf-8")
+        partial.rename(self.folder / name)
+
     def close(self, attributes: Mapping[str, Any]) -> None:
         """End the ring, and wait until the file is complete.
 
@@ -81,9 +93,7 @@ class Log:
         attributes
             To set in the file.
         """
-        partial = self.folder / "end.json.part"
-        partial.write_text(json.dumps(dict(attributes)), encoding="utf-8")
-        partial.rename(self.folder / "end.json")
+        self._write("end.json", dict(attributes))
         self.ring.end()
         if self._process is not None:
             try:

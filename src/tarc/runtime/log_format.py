@@ -42,6 +42,7 @@ TIMING = {
     "computation_time": ("time from the start of the period until the torque was written", "s"),
     "sample_time": ("the robot's own stamp of the sample", "s"),
     "overrun": ("whether the loop missed the period", "1"),
+    "gain_changes": ("changes of the law's gains so far, of those in the attribute of this name", "1"),
     "assumption_flags": ("what left the range that was certified, as bits", "1"),
 }
 """Long name and unit of each variable that a simulated run does not have; each is one number per period."""
@@ -175,5 +176,6 @@ def attributes(subject: LogSubject, facts: Mapping[str, str]) -> dict[str, str |
         "divergence_time": float("nan"),
         "counts": "",
         "push": "",
+        "gain_changes": "[]",
         "ended": ENDED_BY_FORCE,
     }

@@ -145,7 +145,9 @@ def write(folder: Path, target: Path) -> None:
         if is_ended:
             break
         time.sleep(POLL)
-    end = folder / "end.json"
+    changes, end = folder / "changes.json", folder / "end.json"
+    if changes.exists():
+        file.set_attributes({"gain_changes": changes.read_text(encoding="utf-8")})
     if end.exists():
         file.set_attributes(json.loads(end.read_text(encoding="utf-8")))
     file.close()

@@ -11,6 +11,7 @@ from tarc.core.errors import InvalidParameter
 from tarc.core.types import Array
 from tarc.signals.log_bag import read_bag
 from tarc.signals.log_columns import QUANTITIES, TIME_NAMES, LogColumns, columns_from, place_of, split_unit
+from tarc.signals.log_run import read_run
 from tarc.signals.robot_log import RobotLog
 
 
@@ -21,10 +22,10 @@ def read_log(path: str | Path, columns: LogColumns | Mapping[str, Any] | str | P
     ----------
     path
         The suffix ``.mat`` means MATLAB of any version, and ``.mcap`` a ROS 2 bag with ``sensor_msgs/JointState``.
-        Everything else is text with a header, where an empty field is a lost sample. A folder has one text file per
-        quantity, named by ``columns``. Known names of columns are ``time``, ``q1``, ``dq1``, ``tau1``, ``q_ref1``, and
-        the joint's name with ``/position``, ``/velocity``, ``/effort``, ``/reference``. Units in brackets, such as
-        ``q1 [deg]``, are converted.
+        With ``.nc`` it is the log of `tarc.runtime.run_live`, or a saved run. Everything else is text with a header,
+        where an empty field is a lost sample. A folder has one text file per quantity, named by ``columns``. Known
+        names of columns are ``time``, ``q1``, ``dq1``, ``tau1``, ``q_ref1``, and the joint's name with ``/position``,
+        ``/velocity``, ``/effort``, ``/reference``. Units in brackets, such as ``q1 [deg]``, are converted.
     columns
         Other names: a `LogColumns`, a mapping of its fields, or a YAML file with them.
 
@@ -33,7 +34,7 @@ def read_log(path: str | Path, columns: LogColumns | Mapping[str, Any] | str | P
     InvalidParameter
         For a file that is missing or does not read, and where times or positions are missing.
     MissingTool
-        For a bag or YAML without the library that reads it.
+        For a bag, netCDF or YAML without the library that reads it.
     """
     file = Path(path)
     names = columns_from(columns)
@@ -43,6 +44,8 @@ def read_log(path: str | Path, columns: LogColumns | Mapping[str, Any] | str | P
         raise InvalidParameter(f"path: no log {str(path)!r}; looked for {file.resolve()}", "path")
     if file.suffix.lower() == ".mcap":
         return read_bag(file, names)
+    if file.suffix.lower() == ".nc":
+        return read_run(file)
     if file.suffix.lower() == ".mat":
         return _from_matlab(file, names)
     return _from_text(file, names)

@@ -1,5 +1,6 @@
 """Recorded motion of a real robot."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -29,6 +30,10 @@ class RobotLog:
         Name of each joint.
     label
         Name of the record, for tables and figures.
+    law
+        The law that ran, as `tarc.runtime.run_live` describes it in JSON; empty where that is unknown.
+    gain_changes
+        Times [s] and new gains of this law, where they changed meanwhile.
 
     Raises
     ------
@@ -43,6 +48,8 @@ class RobotLog:
     reference: Array | None = None
     joint_names: tuple[str, ...] = ()
     label: str = "log"
+    law: str = ""
+    gain_changes: tuple[tuple[float, Mapping[str, float]], ...] = ()
 
     def __post_init__(self) -> None:
         times = check.array("times", self.times)
