@@ -14,6 +14,7 @@ import time
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -27,6 +28,7 @@ from tarc.core.codegen import compiler
 from tarc.core.lane_loop import processor_lanes
 from tarc.plants import TwoLinkArm, load_robot
 from tarc.plants.symbolic import SymbolicPlant
+from tarc.scenario.yaml_text import write_yaml
 from tarc.simulation.batch import BatchLoop
 from tarc.simulation.batch_inputs import LoopCase, RunInputs
 from tarc.simulation.casadi_backend import TracedLoop
@@ -303,35 +305,43 @@ def ur5e(rounds: int = 3) -> list[Row]:
     ]
 
 
-STUDY = """
-scenario:
-  robot: {kind: TwoLinkArm, viscous: [0.5, 0.5]}
-  law:
-    kind: TARC
-    inertia: {fraction: 0.08}
-    natural_frequency: 15.0
-    rise_rate: 2000.0
-    fall_rate: 1000.0
-    boundary_layer: 0.015
-    max_gain: 5.0
-  estimator: {kind: Algebraic, window: 0.010, degree: 2}
-  reference: {kind: Sinusoid, amplitude: [0.3, 0.4], frequency: [2.0, 3.0], offset: [0.0, 1.5]}
-  sensor: {bits: 16, noise: 1.0e-5}
-  initial_torque: rest
-  duration: 10.0
-  metrics_start: 1.0
-draws:
-  robot.payload: {uniform: [0.0, 1.0]}
-  robot.viscous.0: {uniform: [0.3, 0.8]}
-  sensor.noise: {log_uniform: [1.0e-6, 1.0e-4]}
-"""
+STUDY: dict[str, Any] = {
+    "scenario": {
+        "robot": {"kind": "TwoLinkArm", "viscous": [0.5, 0.5]},
+        "law": {
+            "kind": "TARC",
+            "inertia": {"fraction": 0.08},
+            "natural_frequency": 15.0,
+            "rise_rate": 2000.0,
+            "fall_rate": 1000.0,
+            "boundary_layer": 0.015,
+            "max_gain": 5.0,
+        },
+        "estimator": {"kind": "Algebraic", "window": 0.010, "degree": 2},
+        "reference": {
+            "kind": "Sinusoid",
+            "amplitude": [0.3, 0.4],
+            "frequency": [2.0, 3.0],
+            "offset": [0.0, 1.5],
+        },
+        "sensor": {"bits": 16, "noise": 1e-5},
+        "initial_torque": "rest",
+        "duration": 10.0,
+        "metrics_start": 1.0,
+    },
+    "draws": {
+        "robot.payload": {"uniform": [0.0, 1.0]},
+        "robot.viscous.0": {"uniform": [0.3, 0.8]},
+        "sensor.noise": {"log_uniform": [1e-6, 1e-4]},
+    },
+}
 """A study of the two-link arm with three varied parameters, encoder noise and all measures."""
 
 
 def command(runs: int = 10_000) -> list[Row]:
     """Measure `tarc study` from the command to the report, after a study that has compiled the loop."""
     with tempfile.TemporaryDirectory() as folder:
-        (Path(folder) / "study.yaml").write_text(STUDY)
+        (Path(folder) / "study.yaml").write_text(write_yaml(STUDY))
         took = []
         for count in (64, runs):
             begin = time.perf_counter()

@@ -22,39 +22,20 @@ from rich.table import Table
 
 from benchmarks.__main__ import machine
 from benchmarks.measure import Row
-from tarc.scenario.model import Scenario
+from benchmarks.studies import STUDY
 from tarc.scenario.yaml_text import write_yaml
 from tarc.study import Study, StudyResult
 from tarc.study.engines import ChunkResult
 from tarc.study.store import open_store
 
-SCENARIO = {**Scenario.load("two_link_payload").model_dump(), "duration": 10.0}
-CONTENT: dict[str, Any] = {
-    "name": "two_link",
-    "scenario": SCENARIO,
-    "laws": [
-        {
-            "kind": "TARC",
-            "inertia": {"fraction": 0.08},
-            "natural_frequency": 15.0,
-            "rise_rate": 2000.0,
-            "fall_rate": 1000.0,
-            "boundary_layer": 0.015,
-            "max_gain": 5.0,
-        }
-    ],
-    "runs": 10_000,
-    "sampling": "sobol",
-    "draws": {
-        "robot.masses.1": {"uniform": [0.8, 1.2]},
-        "disturbance.0.mass": {"uniform": [0.0, 3.0]},
-        "sensor.noise": {"log_uniform": [1e-6, 1e-4]},
-    },
-    "traces": 0,
-}
+CONTENT: dict[str, Any] = {**STUDY, "name": "two_link", "runs": 10_000, "sampling": "sobol", "traces": 0}
 ENGINE = "--engine", "lanes"
 LARGE_STORE = 1_000_000
 """Runs of the store that is opened."""
+SHORT: dict[str, Any] = {"duration": 0.5, "metrics_start": 0.1}
+"""What makes the runs of the largest study short."""
+TENFOLD = 100, 1_000, 10_000, 100_000, 1_000_000
+"""Their numbers."""
 MEASURES = 12
 """Measures of each of its runs."""
 
@@ -90,7 +71,7 @@ def command(file: Path, out: Path, runs: int, *options: str) -> Command:
 
 
 def sizes(folder: Path, runs: int) -> list[Row]:
-    """Time per run and peak memory of studies of 1, 10 and 100 % of the runs, and projected to a million."""
+    """Time per run and peak memory of studies of 1, 10 and 100 % of the runs."""
     file, rows = study_file(folder), []
     command(file, folder / "warm", 16, "--jobs", "1")
     results = [(n, command(file, folder / f"size-{n}", n, "--jobs", "1")) for n in (runs // 100, runs // 10, runs)]
@@ -103,8 +84,6 @@ def sizes(folder: Path, runs: int) -> list[Row]:
         )
     (fewer, middle), (most, large) = results[1:]
     slope = (large.seconds - middle.seconds) / (most - fewer)
-    start = max(middle.seconds - slope * fewer, 0.0)
-    rows.append(Row("million runs, projected", f"{(start + slope * 1e6) / 60:.0f} min"))
     first = (results[1][1].seconds - results[0][1].seconds) / (results[1][0] - results[0][0])
     rows.append(
         Row(
@@ -118,6 +97,41 @@ def sizes(folder: Path, runs: int) -> list[Row]:
     )
     growth = large.memory - middle.memory
     rows.append(Row("memory: growth over the last tenfold step", f"{growth:.0f} MB", "", None, "≤ 30 MB", growth <= 30))
+    return rows
+
+
+def million(folder: Path, runs: int) -> list[Row]:
+    """Studies of short runs, from a hundred to a million on all cores, and the store of the last one."""
+    del runs
+    file = folder / "short.yaml"
+    content = {**CONTENT, "scenario": {**CONTENT["scenario"], **SHORT}}
+    file.write_text(write_yaml(content), encoding="utf-8")
+    command(file, folder / "warm-short", 16, "--jobs", "1")
+    results = {n: command(file, folder / f"short-{n}", n) for n in TENFOLD}
+    rows = [
+        Row(
+            f"{n} runs of {SHORT['duration']} s, all processes",
+            f"{result.seconds:.1f} s, {result.memory:.0f} MB in the command's process",
+        )
+        for n, result in results.items()
+    ]
+    fewest, fewer, most = TENFOLD[0], TENFOLD[-2], TENFOLD[-1]
+    slopes = {n: (results[n].seconds - results[fewest].seconds) / (n - fewest) for n in (fewer, most)}
+    ratio = slopes[most] / slopes[fewer]
+    rows.append(
+        Row(
+            f"time of a further run: up to {most} against up to {fewer}",
+            f"{1e3 * slopes[most]:.3f} ms",
+            f"{1e3 * slopes[fewer]:.3f} ms",
+            ratio,
+            "≤ 1.1",
+            ratio <= 1.1,
+        )
+    )
+    opened, read = open_times(folder / f"short-{most}")
+    rows.append(
+        Row(f"its store: opened; and one column read, {read:.2f} s", f"{opened:.2f} s", "", None, "≤ 1 s", opened <= 1)
+    )
     return rows
 
 
@@ -156,20 +170,26 @@ def large_store(folder: Path, runs: int) -> list[Row]:
             applied = {key: chunk.values[:, column] for column, key in enumerate(draws.keys)}
             store.write(chunk, draws.keys, ChunkResult(measures, np.ones(shape, bool), np.full(shape, 10.0), applied))
     written = time.perf_counter() - begin
-    code = (
-        "import time; from tarc.study import StudyResult; begin = time.perf_counter();"
-        f"result = StudyResult.open({str(folder / 'large')!r}); opened = time.perf_counter() - begin;"
-        "assert result.is_complete; rate = float(result.data['completed'].mean());"
-        "print(opened, time.perf_counter() - begin)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    opened, read = map(float, done.stdout.split())
+    opened, read = open_times(folder / "large")
     size = sum(file.stat().st_size for file in (folder / "large").rglob("*") if file.is_file()) / 1e6
     return [
         Row("store of 10^6 runs: written", f"{written:.0f} s, {size:.0f} MB"),
         Row("opened", f"{opened:.2f} s", "", None, "≤ 1 s", opened <= 1),
         Row("opened, and one column read", f"{read:.2f} s"),
     ]
+
+
+def open_times(folder: Path) -> tuple[float, float]:
+    """Return the time [s] in which a new process opens a complete study, and that with one column read."""
+    code = (
+        "import time; from tarc.study import StudyResult; begin = time.perf_counter();"
+        f"result = StudyResult.open({str(folder)!r}); opened = time.perf_counter() - begin;"
+        "assert result.is_complete; rate = float(result.data['completed'].mean());"
+        "print(opened, time.perf_counter() - begin)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    opened, read = map(float, done.stdout.split())
+    return opened, read
 
 
 @contextmanager
@@ -254,6 +274,7 @@ def killed(folder: Path, runs: int) -> list[Row]:
 WORKER = "--nthreads=1", "--no-nanny"
 BENCHMARKS: dict[str, Callable[[Path, int], list[Row]]] = {
     "sizes": sizes,
+    "million": million,
     "cores": cores,
     "large_store": large_store,
     "killed": killed,

@@ -8,7 +8,7 @@ def test_the_study_of_the_benchmark_has_three_drawn_values_and_lasts_ten_seconds
     study = Study.parse({**studies_scaling.CONTENT, "runs": 16})
     assert study.draw().values.shape == (16, 3)
     assert study.law_names == ["TARC"]
-    assert studies_scaling.SCENARIO["duration"] == 10.0
+    assert studies_scaling.CONTENT["scenario"]["duration"] == 10.0
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import Future
 from contextlib import nullcontext
 from itertools import islice
 from pathlib import Path
@@ -113,7 +114,9 @@ def two_processes() -> Iterator[Client]:
 @pytest.fixture
 def on_two_processes(monkeypatch, two_processes: Client) -> dict[str, int]:
     monkeypatch.setattr(scheduling, "SERIAL_TIME", 0.0)
-    monkeypatch.setattr(scheduling, "local_cluster", lambda count, notify: nullcontext(two_processes))
+    started: Future[Client] = Future()
+    started.set_result(two_processes)
+    monkeypatch.setattr(scheduling, "starting_cluster", lambda *_: nullcontext(started))
     return {"jobs": 2}
 
 

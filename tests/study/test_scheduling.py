@@ -1,5 +1,8 @@
 import re
 import socket
+from collections.abc import Iterator
+from concurrent.futures import Future
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -22,8 +25,25 @@ def test_one_job_gives_every_chunk_once_and_counts_the_runs():
 
 
 def test_a_short_study_starts_no_processes(monkeypatch):
-    monkeypatch.delattr(scheduling, "local_cluster")
+    monkeypatch.delattr(scheduling, "starting_cluster")
     assert len(list(study_engines.run(FakeEngine(), 64, 16, jobs=4))) == 4
+
+
+@contextmanager
+def cluster_that_starts(attempts: list[None]) -> "Iterator[Future[object]]":
+    """Count the attempts, and start nothing."""
+    starting: Future[object] = Future()
+    attempts.append(None)
+    yield starting
+
+
+def test_this_process_runs_parts_while_others_start(monkeypatch):
+    attempts: list[None] = []
+    monkeypatch.setattr(scheduling, "SERIAL_TIME", 0.0)
+    monkeypatch.setattr(scheduling, "starting_cluster", lambda *_: cluster_that_starts(attempts))
+    results = dict(study_engines.run(FakeEngine(), 200, 16, jobs=2))
+    assert len(attempts) == 1
+    assert np.array_equal(study_engines.arrays(results)["rms_error"], study_engines.expected(200, 16)["rms_error"])
 
 
 def test_no_chunks():

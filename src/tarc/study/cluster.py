@@ -3,13 +3,16 @@
 import hashlib
 import logging
 import pickle
+import signal
 import socket
 import sys
 import threading
 import time
 import warnings
 from collections.abc import Callable, Generator, Iterator
-from contextlib import contextmanager, suppress
+from concurrent.futures import Future as Starting
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
@@ -38,6 +41,9 @@ PROTOCOLS = ("tcp", "tls", "ucx", "ws", "wss")
 CHECK_INTERVAL = 1.0
 """Time between two looks at the cluster while no part finishes [s]."""
 
+DASHBOARD_PORT = 8787
+"""Port of Dask's dashboard on this machine."""
+
 PARTS_PER_WORKER = 12
 """Parts that are submitted at once per thread of the workers: more than Dask needs to enlarge an adaptive cluster."""
 
@@ -53,6 +59,26 @@ IGNORE_INTERRUPT = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 
 FORK_SERVER_MODULES = ["distributed.nanny", "distributed.worker", "tarc.study.execution"]
 """Modules that local workers need, imported once."""
+
+
+@contextmanager
+def starting_cluster(
+    n_workers: int, recipe: Callable[[], Engine], notify: Callable[[str], object]
+) -> "Iterator[Starting[Client]]":
+    """Start a `local_cluster` in a thread, and let its workers make their engines there.
+
+    The caller computes meanwhile. What is yielded is done when all workers can begin, or has the error.
+    """
+    with ExitStack() as stack, ThreadPoolExecutor(1, "tarc-cluster") as thread:
+
+        def start() -> "Client":
+            if hasattr(signal, "pthread_sigmask"):  # also while the processes start, before they ignore Ctrl-C
+                signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+            client = stack.enter_context(local_cluster(n_workers, notify))
+            make_engines(client, StudyTask.from_recipe(recipe))
+            return client
+
+        yield thread.submit(start)
 
 
 @contextmanager
@@ -72,20 +98,30 @@ def local_cluster(n_workers: int, notify: Callable[[str], object]) -> "Iterator[
     with dask.config.set(settings), _main_module_hidden():
         if sys.platform == "linux":
             get_mp_context().set_forkserver_preload(FORK_SERVER_MODULES)
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "Port .* is already in use")  # the message has the one that is taken
-            cluster = LocalCluster(
-                n_workers=n_workers,
-                threads_per_worker=1,
-                dashboard_address=cast(str, ":8787" if is_installed("bokeh") else None),
-                silence_logs=logging.CRITICAL,
-                env=ENVIRONMENT,
-                preload=[IGNORE_INTERRUPT],
-            )
-        with cluster, Client(cluster) as client:
+        cluster = LocalCluster(
+            n_workers=n_workers,
+            threads_per_worker=1,
+            dashboard_address=cast(str, _dashboard_address() if is_installed("bokeh") else None),
+            silence_logs=logging.CRITICAL,
+            env=ENVIRONMENT,
+            preload=[IGNORE_INTERRUPT],
+        )
+        # not as the default client, which would be one of the thread that starts it
+        with cluster, Client(cluster, set_as_default=False) as client:
             if is_installed("bokeh"):
                 notify(f"{n_workers} processes; dashboard: {client.dashboard_link}")
             yield client
+
+
+def _dashboard_address() -> str:
+    """Return Dask's usual address of the dashboard, or one with any port where that is taken."""
+    with socket.socket() as listener:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listener.bind(("", DASHBOARD_PORT))
+        except OSError:
+            return ":0"
+    return f":{DASHBOARD_PORT}"
 
 
 @contextmanager
@@ -230,6 +266,17 @@ def run_part(task: StudyTask, pieces: list[tuple[Array, Array, Array]]) -> tuple
     start = time.perf_counter()
     results = [engine.run(*runs) for runs in pieces]
     return time.perf_counter() - start, results
+
+
+def make_engines(client: "Client", task: StudyTask) -> None:
+    """Let each worker make the engine of a study, and wait for that; an error comes again with its first part."""
+    call = pickle.dumps(_Call(run_part, task, []))
+    futures = [
+        client.submit(pickle.loads, call, key=f"engine-{uuid4().hex}", workers=[worker], allow_other_workers=True)
+        for worker in cast("dict[str, int]", client.nthreads())
+    ]
+    for future in futures:
+        future.exception()
 
 
 def send_libraries(client: "Client") -> None:

@@ -11,7 +11,7 @@ from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter
 from tarc.core.optional import is_installed, require
 from tarc.study.chunks import Chunk, ChunkCollector, ChunkQueue, Pace
-from tarc.study.cluster import check_scheduler, local_cluster, remote_cluster, run_parts, send_libraries
+from tarc.study.cluster import check_scheduler, remote_cluster, run_parts, send_libraries, starting_cluster
 from tarc.study.engines import ChunkResult, Engine
 
 SERIAL_TIME = 4.0
@@ -31,8 +31,9 @@ def run_chunks(
 ) -> Generator[tuple[Chunk, ChunkResult], None, None]:
     """Run chunks and yield each with its result, in the order in which they are complete.
 
-    The first runs are timed in this process, unless there is a scheduler. What remains is cut into parts of about one
-    second, whatever the size of the chunks. A worker that is killed costs its part a second try.
+    Unless there is a scheduler, the first runs are timed in this process, and it goes on while further ones start. What
+    remains is cut into parts of about half a second, whatever the size of the chunks. A worker that is killed costs its
+    part a second try.
 
     Close the iterator where it is left early (`contextlib.closing`): that cancels what runs and ends the processes.
 
@@ -118,10 +119,12 @@ def _run(
     yield from _run_here(engine, queue, collector, pace, advance, np.inf if count == 1 else SERIAL_TIME)
     if queue.remaining and not is_installed("distributed"):
         notify("one process: Dask is not installed; pip install 'tarc-control[study]' to use all cores")
-        yield from _run_here(engine, queue, collector, pace, advance, np.inf)
+        yield from _run_here(engine, queue, collector, pace, advance)
     if queue.remaining:
-        with local_cluster(count, notify) as client:
-            yield from run_parts(client, recipe, queue, collector, pace, advance, notify)
+        with starting_cluster(count, recipe, notify) as starting:
+            yield from _run_here(engine, queue, collector, pace, advance, is_enough=starting.done)
+            if queue.remaining:
+                yield from run_parts(starting.result(), recipe, queue, collector, pace, advance, notify)
 
 
 def _run_here(
@@ -130,10 +133,11 @@ def _run_here(
     collector: ChunkCollector,
     pace: Pace,
     advance: Callable[[int], object],
-    max_time: float,
+    max_time: float = np.inf,
+    is_enough: Callable[[], bool] = bool,
 ) -> Generator[tuple[Chunk, ChunkResult], None, None]:
-    """Run parts in this process, until the remaining ones would take longer than a time [s]."""
-    while pieces := queue.take(pace.part_size(queue.remaining, 1)):
+    """Run parts in this process, until the remaining ones would take longer than a time [s], or it is enough."""
+    while not is_enough() and (pieces := queue.take(pace.part_size(queue.remaining, 1))):
         for piece in pieces:
             start = time.perf_counter()
             result = engine.run(*piece.runs)
