@@ -15,6 +15,7 @@ from pathlib import Path
 
 from cycler import cycler
 from matplotlib import rc_context
+from matplotlib.figure import Figure
 from PIL import Image
 
 from tarc import Scenario
@@ -43,11 +44,11 @@ def shrink(source: Path, target: Path) -> None:
     palette.save(target, optimize=True)
 
 
-def draw(figure: object, name: str) -> None:
+def draw(figure: Figure, name: str) -> None:
     """Save a figure among the images of the pages."""
     with tempfile.TemporaryDirectory() as folder:
         picture = Path(folder) / name
-        figure.savefig(picture, dpi=110)  # type: ignore[attr-defined]
+        figure.savefig(picture, dpi=110)
         shrink(picture, IMAGES / name)
 
 

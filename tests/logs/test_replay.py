@@ -92,7 +92,7 @@ def test_delay_estimation_leaves_what_its_transfer_functions_say():
     window = ESTIMATOR.with_period(T)
     gain = window.frequency_response(omega, 2) / -(omega**2)
     back = np.exp(-1j * omega * T)
-    averaged = back * np.polynomial.polynomial.polyval(back, window.matched_torque_filter().weights)  # pyright: ignore[reportAttributeAccessIssue]
+    averaged = back * np.polynomial.polynomial.polyval(back, window.matched_torque_filter().weights)
     literal = abs(mass * (1 - back) - inertia * (1 - back * gain)) / mass
     synchronised = abs(mass * (1 - averaged) - inertia * (1 - gain)) / mass
     assert left.literal == pytest.approx([literal], rel=0.01)

@@ -229,7 +229,7 @@ def test_a_push_refuses_wrong_signs_and_constants(constants, reason):
     robot.torque_constant = np.array(constants)
     robot.applied_torque = np.divide(WEIGHT, constants, out=np.zeros(2), where=robot.torque_constant != 0)
     if constants[0] == 0:
-        robot.read = lambda: np.array([0.3, -0.2])  # type: ignore[method-assign]
+        robot.read = lambda: np.array([0.3, -0.2])
     result, _ = rows_of(robot, start_up=StartUp(push=Push(inertia=INERTIA, max_travel=1.0)))
     assert result.is_safe_stop
     assert reason in result.ended

@@ -148,7 +148,7 @@ def test_a_loop_that_stands_still_gets_its_brakes_closed(arm):
                 time.sleep(1.5)
             return read()
 
-        robot.read = stuck  # type: ignore[method-assign]
+        robot.read = stuck
         result = run_live(law(), robot, REFERENCE, 30.0, watchdog=0.5, native=False)
     assert result.ended == "the loop stood still for longer than the watchdog's time"
 
@@ -203,7 +203,7 @@ def test_a_run_goes_on_without_the_writer_of_its_log(arm, tmp_path):
 
     options = {"clock": SimulatedClock(), "native": False, "log": tmp_path / "log.nc", "on_log": kill}
     with MujocoRobot(arm, PERIOD, in_step=True) as robot:
-        result = run_live(law(), robot, REFERENCE, 0.1, start_up=StartUp(ramp_time=0.3), **options)  # type: ignore[arg-type]
+        result = run_live(law(), robot, REFERENCE, 0.1, start_up=StartUp(ramp_time=0.3), **options)
     assert result.ended == "completed"
     assert result.facts["log"] == "its process failed: it says nothing"
 

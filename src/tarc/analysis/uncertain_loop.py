@@ -6,6 +6,7 @@ import numpy as np
 
 from tarc.analysis.linearise import Channel
 from tarc.core.types import Array
+from tarc.numerics.interval_minimum import minimise_in_interval
 
 System = tuple[Array, Array, Array, Array]
 """A, B, C, D of a discrete-time system."""
@@ -181,7 +182,6 @@ class FrequencyResponses:
         With P from (a, w) to (v, η q) and s the row to s k/2, scaled, r² PᴴP + sᴴs < 1 at each frequency. So 1/r² is
         the largest eigenvalue of the 2 × 2 matrix P (1 − sᴴs)⁻¹ Pᴴ.
         """
-        from scipy.optimize import OptimizeResult, minimize_scalar
 
         G = self.at_ratio(ratio)
         a, w = G[:, :, :-1], G[:, :, -1]
@@ -208,10 +208,8 @@ class FrequencyResponses:
             return float(1 / np.sqrt(np.max(_max_eigenvalue(v, q, mixed))))
 
         least = 0.5 * np.log(max(np.max(ss_a / np.maximum(1 - ss_w, 1e-12)), 1e-300))  # below it, beta exceeds one
-        best: OptimizeResult = minimize_scalar(  # pyright: ignore[reportAssignmentType]
-            lambda log_scale: -radius(log_scale), bounds=(least, least + 12), method="bounded", options={"xatol": 1e-3}
-        )
-        return float(np.exp(best.x)), max(-float(best.fun), 0.0)
+        log_scale, value = minimise_in_interval(lambda log_scale: -radius(log_scale), least, least + 12, 1e-3)
+        return float(np.exp(log_scale)), max(-value, 0.0)
 
 
 def _angles(A: Array, count: int) -> Array:

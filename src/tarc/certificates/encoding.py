@@ -23,8 +23,8 @@ def to_plain(value: object) -> Any:
         return {field.name: to_plain(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, np.ndarray):
         return to_plain(value.tolist())
-    if isinstance(value, tuple) and hasattr(value, "_asdict"):
-        return {name: to_plain(entry) for name, entry in value._asdict().items()}  # pyright: ignore
+    if isinstance(value, tuple) and (names := getattr(value, "_fields", ())):
+        return {name: to_plain(entry) for name, entry in zip(names, value, strict=True)}
     if isinstance(value, list | tuple):
         return [to_plain(entry) for entry in value]
     if isinstance(value, dict):

@@ -22,6 +22,7 @@ from tarc.core.errors import NoStableRatio, UnsupportedLaw
 from tarc.core.types import Array
 from tarc.laws.base import Law
 from tarc.laws.pole_placement import PolePlacement
+from tarc.numerics.interval_minimum import minimise_in_interval
 from tarc.numerics.matrix_tests import schur_stability
 from tarc.numerics.norms import fdi_max_eigenvalue, hinf_norm, max_singular_values
 
@@ -605,8 +606,6 @@ class _CentreSearch(NamedTuple):
 
     def refine(self, log_centres: Array, max_change: float | None, tolerance: float) -> float:
         """Return the best of some log centres, refined between its neighbours."""
-        from scipy.optimize import OptimizeResult, minimize_scalar
-
         values: list[float] = []
         for log_centre in log_centres:
             values.append(self.value(log_centre, max_change, least=max(values, default=0.0)))
@@ -614,10 +613,7 @@ class _CentreSearch(NamedTuple):
         ends = log_centres[max(top - 1, 0)], log_centres[min(top + 1, len(log_centres) - 1)]
         if ends[0] == ends[1] or values[top] <= NO_BALL:
             return log_centres[top]
-        result: OptimizeResult = minimize_scalar(  # pyright: ignore[reportAssignmentType]
-            lambda log_centre: -self.value(log_centre, max_change),
-            bounds=ends,
-            method="bounded",
-            options={"xatol": tolerance},
+        refined, negative = minimise_in_interval(
+            lambda log_centre: -self.value(log_centre, max_change), *ends, tolerance
         )
-        return result.x if -result.fun > values[top] else log_centres[top]
+        return refined if -negative > values[top] else log_centres[top]

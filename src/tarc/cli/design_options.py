@@ -35,7 +35,7 @@ def requirement_options(command: Callable[..., None]) -> Callable[..., None]:
         for option in _options(field, texts[field.name])
     ]
     signature = signature.replace(parameters=[*own, *options])
-    command.__signature__ = signature  # pyright: ignore[reportFunctionMemberAccess]
+    command.__signature__ = signature
     return command
 
 

@@ -23,7 +23,7 @@ def _symbols(tree: Tree, kind: type) -> tuple[Vector, Tree]:
     """Return one symbol vector for the whole tree, and the tree of its pieces."""
     shapes = [(*np.shape(leaf), 1, 1)[:2] if np.ndim(leaf) else (1, 1) for leaf in leaves(tree)]
     sizes = [rows * columns for rows, columns in shapes]
-    vector = kind.sym("x", sum(sizes))  # type: ignore[attr-defined]
+    vector = kind.sym("x", sum(sizes))
     ends = np.cumsum([0, *sizes])
     pieces = [
         ca.reshape(vector[int(start) : int(end)], *shape) if shape[1] > 1 else vector[int(start) : int(end)]

@@ -9,6 +9,7 @@ from tarc.core.types import Array
 from tarc.estimators.algebraic import Algebraic, polynomial_weights
 from tarc.logs.even_record import EvenRecord
 from tarc.logs.time_repair import Curve, LogTiming
+from tarc.numerics.interval_minimum import minimise_in_interval
 from tarc.signals.robot_log import RobotLog
 
 BAND = 0.25
@@ -170,8 +171,6 @@ def _delay(
     signal: Array, curve: Callable[[Array], Array], times: Array, least: float, largest: float
 ) -> tuple[float, float]:
     """Return the delay of a signal against a curve at which they correlate best, and the correlation there."""
-    from scipy.optimize import minimize_scalar
-
     centred = signal - np.mean(signal)
     size = np.sqrt(np.sum(centred**2))
 
@@ -183,8 +182,8 @@ def _delay(
     coarse = np.linspace(least, largest, 21)
     start = coarse[int(np.argmin([misfit(delay) for delay in coarse]))]
     step = coarse[1] - coarse[0]
-    found = minimize_scalar(misfit, bounds=(start - step, start + step), method="bounded", options={"xatol": 1e-7})
-    return float(found.x), -float(found.fun)
+    delay, least_misfit = minimise_in_interval(misfit, start - step, start + step, 1e-7)
+    return delay, -least_misfit
 
 
 def _filtered(values: Array, weights: Array) -> Array:

@@ -10,6 +10,7 @@ from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter
 from tarc.core.types import Array
 from tarc.numerics.ball_arithmetic import FLOATS
+from tarc.numerics.interval_minimum import minimise_in_interval
 from tarc.numerics.sdp import bisect
 from tarc.paper.theorem1 import Theorem1Condition, Theorem1Evidence, Theorem1Part, psi
 
@@ -171,14 +172,11 @@ def _squared_bounds(epsilon: float, parts: Sequence[_Terms], condition: Theorem1
 def _best_decay_rate(parts: Sequence[_Terms], condition: Theorem1Condition) -> float:
     """Return the ε [1/s] with the least bound on ‖e1‖."""
     from scipy.linalg import eigh
-    from scipy.optimize import OptimizeResult, minimize_scalar
 
     def squared_position(epsilon: float) -> float:
         return float(_squared_bounds(epsilon, parts, condition)[1])
 
     fastest = min(float(eigh(terms.psi1, terms.P, eigvals_only=True)[0]) for terms in parts)
     limit = bisect(lambda epsilon: bool(np.isfinite(squared_position(epsilon))), 1e-9 * fastest, fastest)
-    best: OptimizeResult = minimize_scalar(  # pyright: ignore[reportAssignmentType]
-        lambda share: np.log(squared_position(limit * share)), bounds=(1e-6, 0.9999), method="bounded"
-    )
-    return limit * float(best.x)
+    share, _ = minimise_in_interval(lambda share: np.log(squared_position(limit * share)), 1e-6, 0.9999)
+    return limit * share

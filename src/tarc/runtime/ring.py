@@ -1,6 +1,7 @@
 """Rows of numbers from the loop to another process, over memory that both map."""
 
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -22,10 +23,10 @@ class Ring:
         Numbers in a row.
     """
 
-    def __init__(self, file: Path, mode: str = "r+"):
+    def __init__(self, file: Path, mode: Literal["r", "r+"] = "r+"):
         head = np.memmap(file, float, "r", shape=(HEADER,))
         self.capacity, self.columns = int(head[2]), int(head[3])
-        memory = np.memmap(file, float, mode, shape=(HEADER + self.capacity * self.columns,))  # type: ignore[call-overload]
+        memory = np.memmap(file, float, mode, shape=(HEADER + self.capacity * self.columns,))
         self._memory: Array = np.asarray(memory)
         self._rows = self._memory[HEADER:].reshape(self.capacity, self.columns)
         self._written = 0

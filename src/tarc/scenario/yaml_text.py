@@ -59,8 +59,8 @@ def write_yaml(content: object, width: int = 120) -> str:
     """
     yaml = YAML()
     yaml.Representer = _Representer
-    yaml.default_flow_style = None  # type: ignore[assignment]
-    yaml.width = width  # type: ignore[assignment]
+    yaml.default_flow_style = None
+    yaml.width = width
     yaml.allow_unicode = True
     yaml.indent(mapping=2, sequence=4, offset=2)
     stream = StringIO()

@@ -3,6 +3,7 @@
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.stats import norm
@@ -239,15 +240,16 @@ def read_distribution(path: str, given: object) -> Distribution:
         raise InvalidParameter(f"{path}: got {' and '.join(kinds)}; give one distribution", path)
     kind = kinds[0]
     try:
-        return _read(kind, given[kind], given.get("weights"))
+        return _read(kind, given)
     except InvalidParameter as error:
         raise InvalidParameter(f"{path}.{kind}: {error}", f"{path}.{kind}") from None
 
 
-def _read(kind: str, content: object, weights: object) -> Distribution:
-    """Return a distribution from what stands under its name."""
+def _read(kind: str, given: Mapping[str, Any]) -> Distribution:
+    """Return a distribution of a kind from its keys and values."""
+    content = given[kind]
     if kind == "choice":
-        return Choice(values=content, weights=weights)  # type: ignore[arg-type]
+        return Choice(values=content, weights=given.get("weights"))
     if kind == "normal":
         if not isinstance(content, Mapping):
             raise InvalidParameter(f"got {content!r}; needs keys and values, such as {{mean: 1, deviation: 0.1}}")

@@ -290,13 +290,15 @@ def value_at(current: object, path: Sequence[str | int]) -> float:
         Steps: indices of lists, and keys of mappings.
     """
     for step in path:
+        if isinstance(current, np.ndarray):
+            current = current.tolist()
         if isinstance(current, Mapping):
             current = current.get(step)
         elif isinstance(step, str):
             known = current.parameters if isinstance(current, Plant) else {}
             current = known[step] if step in known else getattr(current, step, None)
-        elif np.ndim(current):  # type: ignore[arg-type]
-            current = current[step] if step < len(current) else None  # type: ignore[index,arg-type]
+        elif isinstance(current, Sequence) and not isinstance(current, str):
+            current = current[step] if step < len(current) else None
     if current is None or isinstance(current, str | Mapping):
         return float("nan")
     try:

@@ -253,16 +253,15 @@ def sobol_indices(
     result = scipy_sobol_indices(func=outputs, n=n, dists=[uniform()] * len(keys), rng=np.random.default_rng(seed))
     intervals = result.bootstrap(confidence_level=confidence)
 
-    def by_key(estimates: Array, ends: object) -> dict[str, Interval]:
-        low, high = (np.ravel(part) for part in (ends.confidence_interval.low, ends.confidence_interval.high))  # type: ignore[attr-defined]
-        return {
-            key: Interval(float(value), float(first), float(last))
-            for key, value, first, last in zip(keys, np.ravel(estimates), low, high, strict=True)
-        }
+    first, total = intervals.first_order.confidence_interval, intervals.total_order.confidence_interval
+
+    def by_key(estimates: Array, low: Array, high: Array) -> dict[str, Interval]:
+        rows = zip(keys, np.ravel(estimates), np.ravel(low), np.ravel(high), strict=True)
+        return {key: Interval(float(value), float(least), float(largest)) for key, value, least, largest in rows}
 
     return SobolIndices(
         keys,
-        by_key(result.first_order, intervals.first_order),
-        by_key(result.total_order, intervals.total_order),
+        by_key(result.first_order, first.low, first.high),
+        by_key(result.total_order, total.low, total.high),
         n_runs,
     )
