@@ -156,7 +156,7 @@ def changes(point):
 
 
 def within_form(form, point, N, W):
-    """Return whether α0|k|² + α1kᵀEk + 2πẋᵀk ≤ β|x|² + γ|ẋ|² with 5 % more of k and E, in q: k is τ = −Gq − Dq̇."""
+    """Return whether α0|k|² + α1kᵀEk + 2α2ẋᵀk ≤ β0|x|² + β1|ẋ|² with 5 % more of k and E, in q: k is τ = −Gq − Dq̇."""
     if not form:
         return 1
     torque, energy, power, position, velocity = (arb(form[x]) for x in FORM)

@@ -126,7 +126,7 @@ def prove_robot(
 
         1/ρmax ⪯ J ⪯ 1/ρmin,    ±J̇ ⪯ rate,    ±J̇ ⪯ relative rate · J,
         ‖E^−p [H, C/θ]‖ ≤ κ:  [J^{2−2p}, K/κ; Kᵀ/κ, I] ⪰ 0,
-        α0 |k|² + α1 kᵀEk + 2π ẋᵀk ≤ β |x|² + γ |ẋ|²:  see `tarc.certificates.force_form`,
+        α0 |k|² + α1 kᵀEk + 2 α2 ẋᵀk ≤ β0 |x|² + β1 |ẋ|²:  see `tarc.certificates.force_form`,
         ‖[E − ρ0 I, H/η, C/(η θ)]‖ ≤ δ:  [2 ρ0 J − I, (ρ0² − δ²)^½ J, K/η; ·, I, 0; ·, 0, I] ⪰ 0.
 
     All but p = 0 are affine in M, G and D. So a robot with and one without its payload stand for every payload between.
@@ -321,12 +321,12 @@ class _Prover:
         return self._prove_forces(name, words, lead_time, fixed, with_forces, degree=2 if power else 4)
 
     def _form(self, form: ForceForm) -> ProvenPart:
-        """Prove α0 |k|² + α1 kᵀEk + 2π ẋᵀk ≤ β |x|² + γ |ẋ|² for k = −R y, with β |x|² + γ |ẋ|² = |y|².
+        """Prove α0 |k|² + α1 kᵀEk + 2 α2 ẋᵀk ≤ β0 |x|² + β1 |ẋ|² for k = −R y, with β0 |x|² + β1 |ẋ|² = |y|².
 
-        With W the last columns of γ^−½ R it is [I + π (W + Wᵀ), α0^½ Rᵀ, α1^½ Rᵀ; ·, I, 0; ·, 0, J] ⪰ 0.
+        With W the last columns of β1^−½ R it is [I + α2 (W + Wᵀ), α0^½ Rᵀ, α1^½ Rᵀ; ·, I, 0; ·, 0, J] ⪰ 0.
         """
-        words = f"α0 = {form.torque:.3g}, α1 = {form.energy:.3g}, π = {form.power:.3g} 1/s, "
-        words += f"β = {form.position:.4g} 1/s⁴, γ = {form.velocity:.4g} 1/s²"
+        words = f"α0 = {form.torque:.3g}, α1 = {form.energy:.3g}, α2 = {form.power:.3g} 1/s, "
+        words += f"β0 = {form.position:.4g} 1/s⁴, β1 = {form.velocity:.4g} 1/s²"
         n = self.workspace.n_joints
 
         def fixed(J: Array) -> Array:
