@@ -12,11 +12,7 @@ from tarc.analysis.workspace_boxes import workspace_boxes
 from tarc.certificates import certify_robot, grouped_forces, prove_robot, robot_proof, strengthen_robot
 from tarc.certificates.grouped_forces import group_bounds
 from tarc.plants import NLinkArm, TwoLinkArm, load_robot
-
-ARM = TwoLinkArm()
-LOADED = ARM.with_parameters({"payload": 2.0})
-WORKSPACE = Workspace.from_joint_limits(ARM, speed=2.0)
-INERTIA = 0.1 * np.array([[13.448, 5.043], [5.043, 5.043]])
+from two_link_certificate import ARM, LOADED, WORKSPACE, strengthened
 
 
 @pytest.fixture(autouse=True)
@@ -26,9 +22,7 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.fixture(scope="module")
 def affine():
-    law = make_tdc(window=6, natural_frequency=30.0, synchronised=True, inertia=INERTIA)
-    ball = certify_robot(law, [ARM, LOADED], WORKSPACE, samples=30)
-    return strengthen_robot(ball, law, [ARM, LOADED], WORKSPACE, samples=30), law
+    return strengthened(30.0)
 
 
 @pytest.fixture

@@ -9,15 +9,11 @@ from law_catalogue import make_tdc
 from tampering import reread, scaled
 from tarc.analysis import Workspace, stored_proof
 from tarc.analysis.motion_forces import MotionCorners
-from tarc.certificates import certify_robot, prove_robot, robot_proof, strengthen_robot
+from tarc.certificates import prove_robot, robot_proof
 from tarc.certification import certify_law
-from tarc.plants import NLinkArm, TwoLinkArm
+from tarc.plants import NLinkArm
 from tarc.signals import Sinusoid
-
-ARM = TwoLinkArm()
-LOADED = ARM.with_parameters({"payload": 2.0})
-WORKSPACE = Workspace.from_joint_limits(ARM, speed=2.0)
-INERTIA = 0.1 * np.array([[13.448, 5.043], [5.043, 5.043]])
+from two_link_certificate import ARM, INERTIA, LOADED, WORKSPACE, strengthened
 
 
 @pytest.fixture(autouse=True)
@@ -27,9 +23,7 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.fixture(scope="module")
 def affine():
-    law = make_tdc(window=6, natural_frequency=40.0, synchronised=True, inertia=INERTIA)
-    ball = certify_robot(law, [ARM, LOADED], WORKSPACE, samples=30)
-    return strengthen_robot(ball, law, [ARM, LOADED], WORKSPACE, samples=30), law
+    return strengthened(40.0)
 
 
 def test_an_affine_certificate_holds_for_every_posture(affine):

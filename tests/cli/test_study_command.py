@@ -6,24 +6,11 @@ import pytest
 from typer.testing import CliRunner
 
 import tarc.study.store as store_module
+from swing_study import STUDY
 from tarc.cli.main import app
 from tarc.core.errors import InvalidParameter
 from tarc.scenario.yaml_text import write_yaml
 from tarc.study.specification import Study
-
-CONTENT = {
-    "name": "swings",
-    "scenario": {
-        "robot": {"kind": "Pendulum"},
-        "law": {"kind": "TDC", "inertia": 0.05, "natural_frequency": 10.0},
-        "estimator": {"kind": "Algebraic", "window": 0.010},
-        "reference": {"kind": "Sinusoid", "amplitude": [0.5], "frequency": 2.0},
-        "duration": 0.05,
-        "substeps": 1,
-    },
-    "draws": {"robot.payload": {"uniform": [0.0, 1.0]}},
-    "runs": 10,
-}
 
 
 def run(*arguments, status=0):
@@ -35,7 +22,7 @@ def run(*arguments, status=0):
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "study.yaml").write_text(write_yaml(CONTENT), encoding="utf-8")
+    (tmp_path / "study.yaml").write_text(write_yaml(STUDY), encoding="utf-8")
     return tmp_path
 
 

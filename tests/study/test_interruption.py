@@ -9,20 +9,14 @@ from pathlib import Path
 
 import pytest
 
+from swing_study import SCENARIO, STUDY
 from tarc.scenario.yaml_text import write_yaml
 from tarc.study.specification import Study
 
 CONTENT = {
-    "name": "swings",
-    "scenario": {
-        "robot": {"kind": "Pendulum"},
-        "law": {"kind": "TDC", "inertia": 0.05, "natural_frequency": 10.0},
-        "estimator": {"kind": "Algebraic", "window": 0.010},
-        "reference": {"kind": "Sinusoid", "amplitude": [0.5], "frequency": 2.0},
-        "duration": 1.0,
-        "substeps": 1,
-    },
-    "draws": {"robot.payload": {"uniform": [0.0, 1.0]}, "sensor.noise": {"uniform": [0.0, 1e-4]}},
+    **STUDY,
+    "scenario": {**SCENARIO, "duration": 1.0},
+    "draws": {**STUDY["draws"], "sensor.noise": {"uniform": [0.0, 1e-4]}},
     "runs": 600,
     "traces": 0,
 }
