@@ -96,7 +96,7 @@ class MotionCorners:
         choices = [self._pairs()] * len(moving)
         if choices and not self.has_friction:
             choices[0] = [pair for pair in choices[0] if pair[0] > 0]
-        found = []
+        corners = []
         for pairs in product(*choices):
             v, s = np.zeros(n), np.zeros(n)
             for joint, (speed, square) in zip(moving, pairs, strict=True):
@@ -104,8 +104,8 @@ class MotionCorners:
             for signs in product((-1.0, 1.0), repeat=len(accelerated)):
                 a = np.zeros(n)
                 a[accelerated] = signs
-                found.append((v, s, a))
-        return found
+                corners.append((v, s, a))
+        return corners
 
     def weights(self, v: Array, s: Array, a: Array) -> Array:
         """Return the factors of the parts of `parts`."""
@@ -144,14 +144,14 @@ class MotionCorners:
 
             return at
 
-        found: list[Matrices] = [rest]
-        found += [stiffness([(1.0, zero)], accelerations[j]) for j in self.accelerated]
-        found += [stiffness([(1.0, speeds[i])]) for i in self.moving]
-        found += [
+        matrices: list[Matrices] = [rest]
+        matrices += [stiffness([(1.0, zero)], accelerations[j]) for j in self.accelerated]
+        matrices += [stiffness([(1.0, speeds[i])]) for i in self.moving]
+        matrices += [
             stiffness([(1.0, speeds[i] + speeds[j]), (-1.0, speeds[i]), (-1.0, speeds[j])])
             for i, j in combinations(self.moving, 2)
         ]
-        return [*found, *(damping(speeds[i]) for i in self.moving)]
+        return [*matrices, *(damping(speeds[i]) for i in self.moving)]
 
     def groups(self) -> list[ForceGroup]:
         """Return the groups of the parts: gravity and acceleration, products of speeds, and damping."""

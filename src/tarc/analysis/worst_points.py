@@ -149,23 +149,23 @@ class SampledPoints:
         for included in (is_moving, ~is_moving):  # at rest the worst posture is another one
             order = np.argsort(np.where(included, values, -np.inf))[::-1][:N_STARTS]
             starts += [candidates[i] for i in order if included[i]]
-        found = [self._climb(start, function, scale) for start in starts]
+        maxima = [self._climb(start, function, scale) for start in starts]
         largest = 0.0
         for _ in range(MAX_TURNING_ROUNDS):
-            found_values = function.values(found)
-            if found_values.max() <= (1 + NEGLIGIBLE_GROWTH) * largest:
+            values_of_maxima = function.values(maxima)
+            if values_of_maxima.max() <= (1 + NEGLIGIBLE_GROWTH) * largest:
                 break
-            largest = float(found_values.max())
-            order = np.argsort(found_values)[::-1]
-            resting, moving = ([found[i] for i in order if found[i].is_moving is kind] for kind in (False, True))
+            largest = float(values_of_maxima.max())
+            order = np.argsort(values_of_maxima)[::-1]
+            resting, moving = ([maxima[i] for i in order if maxima[i].is_moving is kind] for kind in (False, True))
             best = [*resting[:N_TURNED], *moving[:N_TURNED]]
             turned = [point for start in best for point in self._turned(start)]
             if not turned:
                 break
             order = np.argsort(function.values(turned))[::-1][:N_STARTS]
-            found = [*best, *(self._climb(turned[i], function, scale) for i in order)]
-        order = np.argsort(function.values(found))[::-1][:N_SEARCHES]
-        return self._with_points([found[i] for i in order])
+            maxima = [*best, *(self._climb(turned[i], function, scale) for i in order)]
+        order = np.argsort(function.values(maxima))[::-1][:N_SEARCHES]
+        return self._with_points([maxima[i] for i in order])
 
     def _fresh_points(self) -> tuple[list[OperatingPoint], UncertaintySamples]:
         """Return samples that no search has seen, the same for all searches, and their uncertainty."""
@@ -187,7 +187,7 @@ class SampledPoints:
             return []
         n = len(low)
         turns = [np.eye(n)[i] * angle for i in range(n) for angle in QUARTER_TURNS]
-        both = [one + other for one, other in combinations(turns, 2) if not np.any((one != 0) & (other != 0))]
+        both = [first + second for first, second in combinations(turns, 2) if not np.any((first != 0) & (second != 0))]
         postures = start.position + np.array([*turns, *both])
         inside = np.all((postures >= low) & (postures <= high), axis=1)
         return self._with_every_plant([start._replace(position=posture) for posture in postures[inside]])
@@ -219,9 +219,9 @@ class SampledPoints:
         scale = max(float(sampled_norms.max()), NEGLIGIBLE_STIFFNESS)
         return self._with_points([search(self.points[i]) for i in np.argsort(sampled_norms)[::-1][:N_SEARCHES]])
 
-    def _with_points(self, found: list[OperatingPoint]) -> "SampledPoints":
+    def _with_points(self, points: list[OperatingPoint]) -> "SampledPoints":
         """Return the points with those found, each with every plant."""
-        added = self._with_every_plant(found)
+        added = self._with_every_plant(points)
         uncertainty = self.uncertainty.with_more(uncertainty_samples(self.nominal, added))
         return replace(self, points=[*self.points, *added], uncertainty=uncertainty)
 

@@ -161,15 +161,15 @@ def best_ball(
 
     def prove(candidate: BallCandidate) -> None:
         nonlocal best, proof, radius
-        found = max_radius(
+        proven_radius = max_radius(
             loops[candidate.lead_time],
             candidate.centre,
             candidate.position_weight,
             max_change=candidate.max_change,
             stiffness=stiffness[candidate.lead_time],
         )
-        if found[1] / candidate.needed_radius > radius / best.needed_radius:
-            best, (proof, radius) = candidate, found
+        if proven_radius[1] / candidate.needed_radius > radius / best.needed_radius:
+            best, (proof, radius) = candidate, proven_radius
 
     for candidate in candidates[:MAX_CANDIDATES]:
         if candidate is best or candidate.radius_over_needed > max(radius / best.needed_radius, least):

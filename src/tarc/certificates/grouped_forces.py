@@ -118,9 +118,9 @@ def _members(corners: MotionCorners, group: ForceGroup, parts: list[TrigPolynomi
     joints = sorted({joint for part in group.joints for joint in part})
     shares = {joint: sum(s for s, part in zip(sizes, group.joints, strict=True) if joint in part) for joint in joints}
     left_out = [joint for joint in joints if shares[joint] <= NEGLIGIBLE_JOINT * sizes.max()]
-    rest = float(sum(s for s, part in zip(sizes, group.joints, strict=True) if set(part) & set(left_out)))
+    constant = float(sum(s for s, part in zip(sizes, group.joints, strict=True) if set(part) & set(left_out)))
     members = PolynomialFamily.from_parts(parts, corners.group_weights(group, left_out)).members()
-    return [replace(member, left_out=member.left_out + rest) for member in members]
+    return [replace(member, left_out=member.left_out + constant) for member in members]
 
 
 def largest_eigenvalue(functions: Sequence[TrigPolynomial], boxes: Boxes) -> float:

@@ -104,8 +104,8 @@ class RobotPoints:
             return None
         if kind not in self._rate_points:  # a multiple of M̂ has it in the same posture
             n_points = min(self.samples, MAX_STIFFNESS_SAMPLES)
-            found = max_rate_point(self.plants, nominal, self.workspace, n_points, self.seed)
-            self._rate_points[kind] = MaxRatePoint.from_point(found, self.workspace)
+            point = max_rate_point(self.plants, nominal, self.workspace, n_points, self.seed)
+            self._rate_points[kind] = MaxRatePoint.from_point(point, self.workspace)
         return self._rate_points[kind]
 
     def search_globally(self, norm: GrownNorm) -> None:

@@ -193,8 +193,8 @@ def _with_basis(proven: ProvenRobot) -> Certificate[RobotEvidence]:
         lines += [f"rests on samples and search: {part}" for part in proven.parts if not part.complete]
         basis = "; ".join([certificate.basis, *_shares(proven.parts)])
         return replace(certificate, basis=basis, assumptions=(*certificate.assumptions, *lines))
-    rest = (re.sub(r"; so [^;]*samples and local search found", "", line) for line in certificate.assumptions)
-    kept = [line for line in rest if "samples" not in line]
+    assumptions = (re.sub(r"; so [^;]*samples and local search found", "", line) for line in certificate.assumptions)
+    kept = [line for line in assumptions if "samples" not in line]
     return replace(certificate, basis=EVERY_POSTURE, assumptions=(*lines, *kept))
 
 
@@ -391,8 +391,8 @@ class _Prover:
         ratios, points = cover.proof.ratios, self.evidence.uncertainty(cover.force_points).with_friction()
         lines = []
         for lead_time, stiffness in zip(ratios.lead_times, ratios.stiffness, strict=True):
-            found = float(points.force_norms(float(lead_time)).max())
-            growth = f"{stiffness / found:.3g} times the largest found"
+            largest = float(points.force_norms(float(lead_time)).max())
+            growth = f"{stiffness / largest:.3g} times the largest found"
             lines.append(f"up to {stiffness:.4g} 1/s² (p = 1, θ = {lead_time:.3g} s), {growth}")
         return " and ".join(lines)
 

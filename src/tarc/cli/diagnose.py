@@ -53,13 +53,13 @@ def diagnose(
 
     if figure is not None:
         file_in_folder("--figure", figure)
-    found = diagnose_log(log, scenario or None, law=law, start_time=start_time, tube=tube)
+    diagnosis = diagnose_log(log, scenario or None, law=law, start_time=start_time, tube=tube)
     if figure is not None:
         with drawing_figures(), writing("--figure", figure):
-            found.plot().savefig(figure, dpi=110)
+            diagnosis.plot().savefig(figure, dpi=110)
     if as_json:
-        print(json.dumps(found.summary(), indent=2, allow_nan=False))
+        print(json.dumps(diagnosis.summary(), indent=2, allow_nan=False))
     else:
-        tables.print_diagnosis(found, [] if figure is None else [figure])
-    if not found.is_clean:
+        tables.print_diagnosis(diagnosis, [] if figure is None else [figure])
+    if not diagnosis.is_clean:
         raise typer.Exit(1)

@@ -205,8 +205,9 @@ def stored_certificate(scenario: Path, law: str) -> dict[str, Any] | None:
         try:
             if file == certified and any(file.stat().st_mtime < source.stat().st_mtime for source in sources):
                 continue
-            found = json.loads(file.read_text(encoding="utf-8"))["robot"]
-            return {key: found[key] for key in ("verdict", "margin", "claim", "assumptions")} | {"file": file.name}
+            certificate = json.loads(file.read_text(encoding="utf-8"))["robot"]
+            keys = ("verdict", "margin", "claim", "assumptions")
+            return {**{key: certificate[key] for key in keys}, "file": file.name}
         except (OSError, ValueError, KeyError, TypeError):
             continue
     return None
@@ -247,11 +248,12 @@ def _print_report(report: "ExportReport") -> None:
             text = f"[red]{text}[/red]"
         table.add_row(f"recorded steps, {replay.command}", text + (", with warnings" if replay.warnings else ""))
     if report.comparison is not None:
-        found = report.comparison
-        text = f"{found.different} numbers differ, by {found.largest:.1e} at most; {found.decisions} decisions differ"
-        table.add_row(f"{found.steps} random steps against the law", text)
+        comparison = report.comparison
+        text = f"{comparison.different} numbers differ, by {comparison.largest:.1e} at most; "
+        text += f"{comparison.decisions} decisions differ"
+        table.add_row(f"{comparison.steps} random steps against the law", text)
         if report.real == "float":
-            table.add_row("torque against double precision", f"{found.torque_difference:.2g} N m or N at most")
+            table.add_row("torque against double precision", f"{comparison.torque_difference:.2g} N m or N at most")
     if report.parts is not None:
         table.add_row("parts", report.parts if report.parts_passed else f"[red]{report.parts}[/red]")
     if report.code_size is not None:

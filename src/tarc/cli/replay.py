@@ -93,7 +93,7 @@ def replay(
     from tarc.logs.replayed import replay as replay_log
 
     folder = make_folder("--out", out or Path("runs") / file_stem(Path(log).stem))
-    found = replay_log(
+    replayed = replay_log(
         log,
         robot or None,
         law=law or None,
@@ -109,9 +109,9 @@ def replay(
     if figures:
         with drawing_figures(), writing("--out", folder):
             files = [folder / "replay.png", folder / "replay.html"]
-            found.plot().savefig(files[0], dpi=110)
-            found.save_report(files[1])
+            replayed.plot().savefig(files[0], dpi=110)
+            replayed.save_report(files[1])
     if as_json:
-        print(json.dumps({**found.summary(), "files": [str(file) for file in files]}, indent=2, allow_nan=False))
+        print(json.dumps({**replayed.summary(), "files": [str(file) for file in files]}, indent=2, allow_nan=False))
     else:
-        tables.print_replay(found, files)
+        tables.print_replay(replayed, files)

@@ -28,10 +28,10 @@ def verify(files: CertificateFiles, as_json: Json = False) -> None:
     """
     from tarc.core.progress import Progress
 
-    found = [(file, name, certificate) for file in files for name, certificate in certificates_of(file)]
+    certificates = [(file, name, certificate) for file in files for name, certificate in certificates_of(file)]
     results = []
-    with Progress("judging certificates", len(found)) as bar:
-        for _, _, certificate in found:
+    with Progress("judging certificates", len(certificates)) as bar:
+        for _, _, certificate in certificates:
             results.append(certificate.verify())
             bar.advance()
     if as_json:
@@ -44,11 +44,11 @@ def verify(files: CertificateFiles, as_json: Json = False) -> None:
                 "proof_grade": certificate.proof_grade,
                 "assumptions": list(certificate.assumptions),
             }
-            for (file, name, certificate), holds in zip(found, results, strict=True)
+            for (file, name, certificate), holds in zip(certificates, results, strict=True)
         ]
         print(json.dumps(rows, indent=2))
     else:
-        _print_results(found, results)
+        _print_results(certificates, results)
     if not all(results):
         raise typer.Exit(1)
 
@@ -81,10 +81,10 @@ def certificates_of(file: Path) -> "Iterator[tuple[str, Certificate]]":
             raise InvalidParameter(f"FILES: {file}: {name}: {error}") from None
 
 
-def _print_results(found: "list[tuple[Path, str, Certificate]]", results: list[bool]) -> None:
+def _print_results(certificates: "list[tuple[Path, str, Certificate]]", results: list[bool]) -> None:
     """Print each result with what it assumes; assumptions that several share only once."""
     last, printed = None, set[str]()
-    for (file, name, certificate), holds in zip(found, results, strict=True):
+    for (file, name, certificate), holds in zip(certificates, results, strict=True):
         if file != last:
             print(f"{file}:")
             last = file

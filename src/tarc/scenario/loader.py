@@ -138,8 +138,8 @@ def use_law(content: dict[str, Any], kind: str) -> None:
     laws = content.get("law")
     first = laws[0] if isinstance(laws, list) and laws else laws
     kind = absolute_kind(kind, Path.cwd()) if is_user_law(kind) else kind
-    known = {"estimator", *parameters_of_law(kind)}
-    shared = {key: value for key, value in first.items() if key in known} if isinstance(first, dict) else {}
+    allowed = {"estimator", *parameters_of_law(kind)}
+    shared = {key: value for key, value in first.items() if key in allowed} if isinstance(first, dict) else {}
     content["law"] = {"kind": kind, **shared}
 
 

@@ -98,25 +98,27 @@ def load_law(kind: str, path: str = "law.kind") -> type[Law]:
         for key, value in vars(module).items()
         if inspect.isclass(value) and issubclass(value, Law) and value.__module__ == module.__name__
     }
-    found = vars(module).get(name)
-    if found is None:
-        known = f"its laws are {', '.join(classes)}" if classes else "it has no law"
-        raise InvalidParameter(f"{path}: {file.name} has no {name}; {known}.{check.did_you_mean(name, classes)}", path)
-    if not inspect.isclass(found) or not issubclass(found, Law):
+    law = vars(module).get(name)
+    if law is None:
+        present = f"its laws are {', '.join(classes)}" if classes else "it has no law"
+        raise InvalidParameter(
+            f"{path}: {file.name} has no {name}; {present}.{check.did_you_mean(name, classes)}", path
+        )
+    if not inspect.isclass(law) or not issubclass(law, Law):
         raise InvalidParameter(
             f"{path}: {name} in {file.name} is no law; needs a class that extends one of tarc.laws, such as TDE", path
         )
-    if inspect.isabstract(found):
+    if inspect.isabstract(law):
         raise InvalidParameter(
-            f"{path}: {name} in {file.name} lacks {', '.join(sorted(found.__abstractmethods__))}", path
+            f"{path}: {name} in {file.name} lacks {', '.join(sorted(law.__abstractmethods__))}", path
         )
-    if vars(found).get("__annotations__") and "__dataclass_fields__" not in vars(found):
+    if vars(law).get("__annotations__") and "__dataclass_fields__" not in vars(law):
         raise InvalidParameter(
             f"{path}: {name} in {file.name} has parameters but is no dataclass; put "
             "@dataclass(frozen=True, kw_only=True, eq=False) before it",
             path,
         )
-    return found
+    return law
 
 
 @cache

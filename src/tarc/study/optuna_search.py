@@ -240,10 +240,10 @@ class Journal(BaseJournalBackend):
 
     def read_logs(self, log_number_from: int) -> Iterator[dict[str, Any]]:
         """Return the changes from a number on."""
-        known = min(log_number_from, len(self._ends) - 1)
+        last = min(log_number_from, len(self._ends) - 1)
         with self._file.open("rb") as handle:
-            end = handle.seek(self._ends[known])
-            number = known
+            end = handle.seek(self._ends[last])
+            number = last
             for line in handle:
                 if not line.endswith(b"\n"):
                     return
@@ -397,13 +397,13 @@ class Search:
 
     def _left_open(self) -> list[optuna.Trial]:
         """Return the trials that are under way, with the gains that they lack drawn as they would have been."""
-        found = []
+        trials = []
         for open_trial in self._open():
             trial = optuna.Trial(self.study, open_trial._trial_id)
             for key, distribution in self.space.items():
                 trial.suggest_float(key, distribution.low, distribution.high, log=True)
-            found.append(trial)
-        return found
+            trials.append(trial)
+        return trials
 
     def _filled(self, batch: list[optuna.Trial]) -> list[optuna.Trial]:
         """Return a batch with further trials drawn, up to a whole number of batches or the number of trials."""

@@ -171,18 +171,18 @@ def rare_probability(
     runs = []
     with Progress("splitting", repetitions * max_levels, progress) as bar:
         for child in np.random.SeedSequence(seed).spawn(repetitions):
-            one = _Splitting(performance, dimension, threshold, samples, n_chains, np.random.default_rng(child))
-            one.run(max_levels, bar)
-            runs.append(one)
-    estimates = tuple(one.probability for one in runs)
-    worst = max(runs, key=lambda one: one.worst.values[0]).worst
+            estimator = _Splitting(performance, dimension, threshold, samples, n_chains, np.random.default_rng(child))
+            estimator.run(max_levels, bar)
+            runs.append(estimator)
+    estimates = tuple(estimator.probability for estimator in runs)
+    worst = max(runs, key=lambda estimator: estimator.worst.values[0]).worst
     return RareProbability(
         threshold,
         log_mean_interval(estimates, confidence),
         estimates,
-        tuple(tuple(one.levels) for one in runs),
-        float(np.sqrt(np.mean([sum(level.variation**2 for level in one.levels) for one in runs]))),
-        sum(one.n_runs for one in runs),
+        tuple(tuple(estimator.levels) for estimator in runs),
+        float(np.sqrt(np.mean([sum(level.variation**2 for level in estimator.levels) for estimator in runs]))),
+        sum(estimator.n_runs for estimator in runs),
         worst.points[0],
         int(worst.seeds[0]),
     )

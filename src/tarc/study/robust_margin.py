@@ -74,8 +74,8 @@ class RobustMargin:
         shape: Array = law.M / size
         key = shape.round(9).tobytes()
         if key not in self._ratios:
-            found = inertia_spread(plants, shape, self.workspace, samples=SPREAD_SAMPLES, refine=SPREAD_SEARCHES)
-            self._ratios[key] = found.min_ratio, found.max_ratio
+            spread = inertia_spread(plants, shape, self.workspace, samples=SPREAD_SAMPLES, refine=SPREAD_SEARCHES)
+            self._ratios[key] = spread.min_ratio, spread.max_ratio
         low, high = self._ratios[key]
         return size * low, size * high
 

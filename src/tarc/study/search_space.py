@@ -92,14 +92,14 @@ def user_search_space(kind: str, ranges: dict[str, tuple[float, float]]) -> Sear
     InvalidParameter
         For a gain that the law lacks, and one that needs a range.
     """
-    known = parameters_of_law(kind)
+    allowed = parameters_of_law(kind)
     for key in ranges:
         section, *_ = key.split(".")
-        check.one_of("range", section, [*known, "estimator"])
-    free = {key: value for key, value in COMMON.items() if key.split(".")[0] in (*known, "estimator")} | ranges
-    model = {"model": "robot"} if "model" in known and known["model"].needed else {}
+        check.one_of("range", section, [*allowed, "estimator"])
+    free = {key: value for key, value in COMMON.items() if key.split(".")[0] in (*allowed, "estimator")} | ranges
+    model = {"model": "robot"} if "model" in allowed and allowed["model"].needed else {}
     covered = {key.split(".")[0] for key in free} | set(model)
-    missing = [name for name, parameter in known.items() if parameter.needed and name not in covered]
+    missing = [name for name, parameter in allowed.items() if parameter.needed and name not in covered]
     if missing:
         raise InvalidParameter(
             f"range: {law_name(kind)} needs a range for {', '.join(missing)}, such as --range {missing[0]}=0.1,10",

@@ -157,12 +157,12 @@ def _sensitivities(
     varied = {key: column for key, column in draws.items() if np.any(column != column[0])}
     if not varied:
         return {}
-    found = {
+    sensitivities = {
         name: {
-            law: one
+            law: sensitivity
             for place, law in enumerate(laws)
-            if (one := estimate_sensitivity(varied, table[:, place], confidence=confidence)) is not None
+            if (sensitivity := estimate_sensitivity(varied, table[:, place], confidence=confidence)) is not None
         }
         for name, table in values.items()
     }
-    return {name: by_law for name, by_law in found.items() if by_law}
+    return {name: by_law for name, by_law in sensitivities.items() if by_law}

@@ -163,14 +163,14 @@ class TrialScenario:
     def _agrees(self, lanes: TrialLanes, laws: Sequence[Law]) -> bool:
         """Return whether some laws have the same measures side by side as one by one."""
         places, batch = lanes.run(laws)
-        found = [] if batch is None else list(zip(places, self._batch_runs(batch), strict=True))
-        completed = [(place, run) for place, run in found if run.completed][:N_COMPARED]
+        in_batch = [] if batch is None else list(zip(places, self._batch_runs(batch), strict=True))
+        completed = [(place, run) for place, run in in_batch if run.completed][:N_COMPARED]
         for place, ours in completed:
             theirs = self.run(laws[place])
             pairs = zip(
                 (ours.rms_error, ours.torque_variation), (theirs.rms_error, theirs.torque_variation), strict=True
             )
-            if not all(abs(one - other) <= AGREEMENT * abs(other) for one, other in pairs):
+            if not all(abs(in_lanes - alone) <= AGREEMENT * abs(alone) for in_lanes, alone in pairs):
                 return False
         return bool(completed)
 
@@ -226,14 +226,14 @@ class TrialScenario:
         times = times[np.unique(np.linspace(0, len(times) - 1, REST_POSTURES).astype(int))]
         postures = self.setup.reference.sample(times)[0]
         changes = [*scheduled_plants(self.plant, self.setup.events), (np.inf, self.plant)]
-        found = []
+        groups = []
         for (start, plant), (stop, _) in pairwise(changes):
             present = postures[:, (times >= start) & (times < stop)]
             if present.size:
                 has_inertia = plant.is_fully_driven and not plant.constraints
                 inertias = np.array([plant.inertia(q) for q in present.T]) if has_inertia else None
-                found.append((plant, present, inertias))
-        return found
+                groups.append((plant, present, inertias))
+        return groups
 
     @cached_property
     def _method(self) -> Integration:

@@ -49,9 +49,9 @@ class SharedSlopes:
         self._masks = differing(others)
         self._channel = self._traced()
         for law, numbers in zip(examples, others, strict=True):
-            found = self._channel(self._values(numbers))
+            interpolated = self._channel(self._values(numbers))
             (true,) = decoupled_channels(law)
-            radii = [[_radius(loop, ratio) for ratio in COMPARED_RATIOS] for loop in (found, true)]
+            radii = [[_radius(loop, ratio) for ratio in COMPARED_RATIOS] for loop in (interpolated, true)]
             if not np.allclose(*radii, rtol=0, atol=AGREEMENT):
                 raise UnsupportedLaw("slopes: one of the numbers enters what is computed when a law is built")
 

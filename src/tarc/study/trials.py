@@ -138,18 +138,18 @@ class Trials:
         run_unstable
             Whether a loop that is unstable at rest is run all the same.
         """
-        known = [self._without_run(part, run_unstable) for part in parts]
+        prepared = [self._without_run(part, run_unstable) for part in parts]
         runs: list[list[TrialRun]] = [[] for _ in parts]
         for number, scenario in enumerate(self.scenarios):
             going = [
                 place
-                for place, (_, outcome) in enumerate(known)
+                for place, (_, outcome) in enumerate(prepared)
                 if not outcome.failure and all(run.completed for run in runs[place])
             ]
-            results = scenario.run_all([known[place][0][number] for place in going])
+            results = scenario.run_all([prepared[place][0][number] for place in going])
             for place, run in zip(going, results, strict=True):
                 runs[place].append(run)
-        return [_with_runs(outcome, its_runs) for (_, outcome), its_runs in zip(known, runs, strict=True)]
+        return [_with_runs(outcome, its_runs) for (_, outcome), its_runs in zip(prepared, runs, strict=True)]
 
     def _without_run(self, part: dict[str, Any], run_unstable: bool) -> tuple[list[Law], TrialOutcome]:
         """Return a law in each scenario, and what is known of it before it is run."""
@@ -182,14 +182,14 @@ class Trials:
     def _channels(self, laws: Sequence[Law]) -> list[Sequence[Channel] | None]:
         """Return the linearised loops in each scenario; those of one period and estimator are linearised once."""
         shared: dict[tuple[float, str], Sequence[Channel] | None] = {}
-        found = []
+        delayed = []
         for scenario, law in zip(self.scenarios, laws, strict=True):
             key = law.period, repr(law.estimator)
             if key not in shared:
                 shared[key] = self._loop(scenario, law)
             loops, delay = shared[key], scenario.scenario.computation_delay
-            found.append(None if loops is None else [loop.with_delay(delay) for loop in loops])
-        return found
+            delayed.append(None if loops is None else [loop.with_delay(delay) for loop in loops])
+        return delayed
 
     def _loop(self, scenario: TrialScenario, law: Law) -> Sequence[Channel] | None:
         """Return the loop that the joints of a law share, by the function of all trials where it covers the law."""

@@ -120,10 +120,11 @@ def _print_distance(console: Console, design: Design) -> None:
     def span(values: list[float]) -> str:
         return f"{min(values):.3g} to {max(values):.3g}" if min(values) < max(values) else f"{min(values):.3g}"
 
-    found = design.optimum_distances
+    distances = design.optimum_distances
     console.print(
-        f"over the best linear controller for one inertia: {span([distance.ratio for distance in found])} of its error "
-        f"at the same torque variation, or {span([distance.change_ratio for distance in found])} of its torque "
+        f"over the best linear controller for one inertia: {span([distance.ratio for distance in distances])} of its "
+        f"error at the same torque variation, or {span([distance.change_ratio for distance in distances])} of its "
+        "torque "
         "variation at the same error; with a random walk of torque that adds as much error as the encoders",
         highlight=False,
     )
@@ -175,17 +176,17 @@ def print_comparison(designs: dict[str, tuple[Design, StressRun, float] | str]) 
     heads = "certified natural frequency [rad/s]", "predicted RMS error [mrad]", "simulated", "torque variation [N m/s]"
     for head in ("model", *heads):
         table.add_column(head, justify="left" if head == "model" else "right")
-    for name, found in designs.items():
-        if isinstance(found, str):
+    for name, result in designs.items():
+        if isinstance(result, str):
             table.add_row(name, "none", "–", "–", "–")
             continue
-        design, trial, predicted = found
+        design, trial, predicted = result
         frequency = f"{design.candidate.natural_frequency:.3g}"
         table.add_row(name, frequency, *(f"{value:.3g}" for value in _comparable(trial, predicted)))
     console.print(table)
-    for name, found in designs.items():
-        if isinstance(found, str):
-            console.print(f"{name}: {escape(found)}", highlight=False)
+    for name, result in designs.items():
+        if isinstance(result, str):
+            console.print(f"{name}: {escape(result)}", highlight=False)
 
 
 def _comparable(trial: StressRun, predicted: float) -> tuple[float, float, float]:
@@ -196,15 +197,15 @@ def _comparable(trial: StressRun, predicted: float) -> tuple[float, float, float
 def comparison_summary(designs: dict[str, tuple[Design, StressRun, float] | str]) -> dict[str, Any]:
     """Return what a model buys as plain data, ready for JSON."""
     return {
-        name: {"reason": found}
-        if isinstance(found, str)
+        name: {"reason": result}
+        if isinstance(result, str)
         else {
-            "natural_frequency": found[0].candidate.natural_frequency,
-            "predicted_rms_error": _finite_or_none(found[2]),
-            "rms_error": _finite_or_none(found[1].rms_error),
-            "torque_variation": _finite_or_none(found[1].torque_variation),
+            "natural_frequency": result[0].candidate.natural_frequency,
+            "predicted_rms_error": _finite_or_none(result[2]),
+            "rms_error": _finite_or_none(result[1].rms_error),
+            "torque_variation": _finite_or_none(result[1].torque_variation),
         }
-        for name, found in designs.items()
+        for name, result in designs.items()
     }
 
 
