@@ -168,7 +168,7 @@ def large_store(folder: Path, runs: int) -> list[Row]:
             shape = len(chunk.indices), 1
             measures = {f"measure_{number}": rng.random(shape) for number in range(MEASURES)}
             applied = {key: chunk.values[:, column] for column, key in enumerate(draws.keys)}
-            store.write(chunk, draws.keys, ChunkResult(measures, np.ones(shape, bool), np.full(shape, 10.0), applied))
+            store.write(chunk, draws, ChunkResult(measures, np.ones(shape, bool), np.full(shape, 10.0), applied))
     written = time.perf_counter() - begin
     opened, read = open_times(folder / "large")
     size = sum(file.stat().st_size for file in (folder / "large").rglob("*") if file.is_file()) / 1e6

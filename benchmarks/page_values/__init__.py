@@ -12,6 +12,7 @@ from benchmarks.page_values import (
     real_robots,
     region,
     start,
+    study_agreement,
 )
 from benchmarks.page_values.registry import SOURCES, Value
 
@@ -29,4 +30,5 @@ __all__ = [
     "real_robots",
     "region",
     "start",
+    "study_agreement",
 ]

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
+from itertools import islice, product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,13 +19,17 @@ from tarc.scenario.model import Scenario
 from tarc.scenario.parts import POSTURES_OF_MEAN_INERTIA, Sections, Setup
 from tarc.scenario.schema import Component
 from tarc.signals.disturbances import ParameterSchedule
-from tarc.study.drawn_keys import NUMBERS, DrawnKey, components_of, find_key, replaced, value_at, with_value
+from tarc.study.distributions import Choice, Distribution
+from tarc.study.drawn_keys import KIND, NUMBERS, DrawnKey, components_of, find_key, replaced, value_at, with_value
 
 if TYPE_CHECKING:
     from tarc.study.specification import Study
 
 READ_BACK_TOLERANCE = 1e-9
 """Relative difference between a drawn value and the one that was read back that counts as rounding."""
+
+MAX_CHOSEN = 256
+"""Largest number of choices of law keys whose laws are kept."""
 
 TYPICAL = 0.4
 """Probability of the quantiles of a typical row."""
@@ -42,7 +47,9 @@ class Case:
         As in `tarc.simulate`.
     applied
         Values that were read back from the parts, by key: a number, or (laws,) for keys of laws, NaN for a law without
-        the key.
+        the key. Of a text it is its number among those of the choice.
+    texts
+        The texts that were drawn; cases with the same ones share their equations.
     """
 
     setup: Setup
@@ -52,6 +59,7 @@ class Case:
     computation_delay: int
     jitter: float
     applied: dict[str, float | Array]
+    texts: tuple[str, ...] = ()
 
 
 class Cases:
@@ -96,10 +104,24 @@ class Cases:
         self.plant_parameters = self._drawn_parameters()
         self.plant_is_rebuilt = self.plant_parameters is None
         self._mean_inertia: Array | None = None
+        self._robots: dict[tuple[str, ...], tuple[Plant, Plant]] = {}
+        self._chosen_laws: dict[tuple[float, ...], dict[str, Law]] = {}
         self.typical_row = np.array([d.quantile(np.array([TYPICAL]))[0] for d in self.distributions])
         self._refuse_hidden()
         if any(key.section in ("robot", "gearbox") for key in self.keys) and not self.plant_is_rebuilt:
             self.plant_is_rebuilt = not self._shares_equations()
+
+    @property
+    def typical_rows(self) -> list[Array]:
+        """Return a typical row for each combination of texts, of many the first `MAX_CHOSEN`."""
+        columns = [column for column, one in enumerate(self.distributions) if one.texts]
+        choices = [range(len(self.distributions[column].texts)) for column in columns]
+        rows = []
+        for numbers in islice(product(*choices), MAX_CHOSEN):
+            row = self.typical_row.copy()
+            row[columns] = numbers
+            rows.append(row)
+        return rows
 
     @property
     def has_known(self) -> bool:
@@ -130,13 +152,17 @@ class Cases:
             torque_limits=self._optional("torque_limits", parts),
             drive=self._optional("drive", parts),
             events=self._events(parts),
-            laws=self._laws(values, parts),
+            laws=self._laws(values, parts, row),
         )
         numbers = {name: self._number(name, values) for name in NUMBERS}
-        case = Case(setup, **numbers, applied={})
+        case = Case(setup, **numbers, applied={}, texts=tuple(_texts(values).values()))
         known = self._known_values(values)
-        for key, value in values.items():
-            case.applied[key.name] = self._read_back(key, float(value), case, known)
+        for (key, value), number in zip(values.items(), row, strict=True):
+            if isinstance(value, str):
+                robot = plant if self.plant_is_rebuilt else self._robot(values)[0]
+                case.applied[key.name] = self._read_text(key, value, float(number), case, robot)
+            else:
+                case.applied[key.name] = self._read_back(key, float(value), case, known)
         return case
 
     def _plain(self, row: Array) -> dict[DrawnKey, Any]:
@@ -150,7 +176,7 @@ class Cases:
     def _sections(self, values: Mapping[DrawnKey, Any]) -> Sections:
         """Return the sections of the scenario with drawn values."""
         sections = self.scenario.sections
-        for key, value in values.items():
+        for key, value in sorted(values.items(), key=lambda item: item[0].path[-1:] != (KIND,)):
             if key.section not in NUMBERS:
                 sections = self._with_value(sections, key, value)
         return sections
@@ -223,16 +249,33 @@ class Cases:
             return self.nominal.plant, self.nominal.simulated
         if self.plant_is_rebuilt:
             return self._built_plants(parts)
-        own = {key: value for key, value in values.items() if key.section == "robot"}
-        plant = self.nominal.plant
+        plant, simulated = self._robot(values)
+        numbers = {key: value for key, value in values.items() if not isinstance(value, str)}
+        own = {key: value for key, value in numbers.items() if key.section == "robot"}
+        geared = {key: value for key, value in numbers.items() if key.section == "gearbox"}
+        changed = _parameter_values(simulated, own, "") | _parameter_values(simulated, geared, PREFIX)
         if own:
             plant = _with_values(plant, _parameter_values(plant, own, ""), "robot")
         if parts.gearbox is None:
             return plant, plant
-        simulated = self.nominal.simulated
-        geared = {key: value for key, value in values.items() if key.section == "gearbox"}
-        changed = _parameter_values(simulated, own, "") | _parameter_values(simulated, geared, PREFIX)
-        return plant, _with_values(simulated, changed, "robot" if own else "gearbox")
+        return plant, _with_values(simulated, changed, "robot" if own else "gearbox") if changed else simulated
+
+    def _robot(self, values: Mapping[DrawnKey, Any]) -> tuple[Plant, Plant]:
+        """Return robot, and robot behind its gearbox, with the drawn texts alone; each is built once."""
+        texts = {key: text for key, text in _texts(values).items() if key.section in ("robot", "gearbox")}
+        if not texts:
+            return self.nominal.plant, self.nominal.simulated
+        names = tuple(texts.values())
+        if names not in self._robots:
+            built = self._built_plants(self._sections(texts))
+            if isinstance(built[1], SymbolicPlant) != isinstance(self.nominal.simulated, SymbolicPlant):
+                keys = ", ".join(f"draws.{key.name}" for key in texts)
+                raise InvalidParameter(
+                    f"{keys}: with {', '.join(names)} the robot is simulated by another engine than in the scenario as "
+                    "written; draw robots that are all simulated in symbols, or all in MuJoCo"
+                )
+            self._robots[names] = built
+        return self._robots[names]
 
     def _built_plants(self, parts: Sections) -> tuple[Plant, Plant]:
         """Construct robot and gearbox from their sections."""
@@ -243,8 +286,8 @@ class Cases:
         """Return the drawn parameters of the simulated plant; None where a key is no parameter."""
         names = []
         available = self.nominal.simulated.parameters
-        for key in self.keys:
-            if key.section not in ("robot", "gearbox"):
+        for key, distribution in zip(self.keys, self.distributions, strict=True):
+            if key.section not in ("robot", "gearbox") or distribution.texts:
                 continue
             name = f"{PREFIX if key.section == 'gearbox' else ''}{key.path[0]}"
             is_entry = len(key.path) == 1 or (
@@ -269,22 +312,32 @@ class Cases:
         q = built.coordinates(built.home)
         inputs = np.ones(np.shape(built.joint_input(np.ones(built.n_joints), np.ones(built.n_joints))))
         expected = built.evaluate("acceleration", q, 0.1 + 0 * q, inputs)
-        symbolic = self.nominal.simulated
+        _, symbolic = self._robot(values)
         assert isinstance(symbolic, SymbolicPlant)
         traced = symbolic.evaluate("acceleration", q, 0.1 + 0 * q, inputs, parameters=own)
         return bool(np.allclose(traced, expected, rtol=1e-9, atol=0))
 
-    def _laws(self, values: Mapping[DrawnKey, Any], parts: Sections) -> dict[str, Law]:
-        """Return the laws, those with drawn or known keys anew."""
+    def _laws(self, values: Mapping[DrawnKey, Any], parts: Sections, row: Array) -> dict[str, Law]:
+        """Return the laws, those with drawn or known keys anew; the same choice has the same objects."""
         known = self._known_values(values)
         own = [key for key in self.keys if key.is_of_law]
         if not known and not own:
             return self.nominal.laws
+        is_chosen = not known and all(isinstance(self._distribution(key), Choice) for key in own)
+        place = tuple(float(row[self.keys.index(key)]) for key in own)
+        if is_chosen and place in self._chosen_laws:
+            return self._chosen_laws[place]
         plant, reference = self._known_robot(known)
         affected = set(parts.laws) if known else {name for key in own for name in self._targets[key]}
         chosen = {name: part for name, part in parts.laws.items() if name in affected}
         built = self.scenario.with_sections(replace(parts, laws=chosen)).build_laws(plant, reference)
-        return {name: built.get(name, law) for name, law in self.nominal.laws.items()}
+        laws = {name: built.get(name, law) for name, law in self.nominal.laws.items()}
+        if is_chosen and len(self._chosen_laws) < MAX_CHOSEN:
+            self._chosen_laws[place] = laws
+        return laws
+
+    def _distribution(self, key: DrawnKey) -> Distribution:
+        return self.distributions[self.keys.index(key)]
 
     def _known_values(self, values: Mapping[DrawnKey, Any]) -> dict[DrawnKey, Any]:
         """Return those of the values that the laws are built with."""
@@ -298,7 +351,9 @@ class Cases:
         if robot and self.plant_is_rebuilt:
             plant = parts.robot.build()
         elif robot:
-            plant = _with_values(plant, _parameter_values(plant, robot, ""), "robot")
+            plant, _ = self._robot(robot)
+            numbers = {key: value for key, value in robot.items() if not isinstance(value, str)}
+            plant = _with_values(plant, _parameter_values(plant, numbers, ""), "robot") if numbers else plant
         if any(key.section == "reference" for key in known):
             reference = self._reference(parts.reference, plant)
         return plant, reference
@@ -314,6 +369,20 @@ class Cases:
             if name in self._targets[key]:
                 row[place] = self._law_value(key, case.setup.laws[name], known)
                 _require_equal(key, drawn, row[place], f" of {name}")
+        return row
+
+    def _read_text(self, key: DrawnKey, drawn: str, number: float, case: Case, robot: Plant) -> float | Array:
+        """Return the number of a drawn text where the parts have the text, or refuse another one."""
+        if not key.is_of_law:
+            _require_text(key, drawn, _part_text(key, case, robot))
+            return number
+        row = np.full(len(self.law_names), np.nan)
+        for place, name in enumerate(self.law_names):
+            if name in self._targets[key]:
+                law = case.setup.laws[name]
+                is_estimator = key.section == "estimator" or key.path[0] == "estimator"
+                _require_text(key, drawn, _text_at(law.estimator if is_estimator else law, str(key.path[-1])))
+                row[place] = number
         return row
 
     def _law_value(self, key: DrawnKey, law: Law, known: Mapping[DrawnKey, Any]) -> float:
@@ -357,6 +426,8 @@ def _parameter_values(plant: Plant, values: Mapping[DrawnKey, Any], prefix: str)
     changed: dict[str, Array] = {}
     for key, value in values.items():
         name = f"{prefix}{key.path[0]}"
+        if name not in plant.parameters:
+            raise InvalidParameter(f"draws.{key.name}: {plant.label} has no such parameter", f"draws.{key.name}")
         array = changed.setdefault(name, np.array(plant.parameters[name], dtype=float))
         place = tuple(int(step) for step in key.path[1:])
         array[place if place else ...] = value
@@ -393,6 +464,37 @@ def _part_value(key: DrawnKey, case: Case) -> float:
     else:
         part = getattr(case.setup, key.section)
     return value_at(getattr(part, name, None), steps)
+
+
+def _part_text(key: DrawnKey, case: Case, robot: Plant) -> object:
+    """Return the text of a key as robot, gearbox, sensor, drive, reference or disturbance has it."""
+    name = str(key.path[-1])
+    if key.section == "robot":
+        return robot.file_options.get(name) if name == "file" else _text_at(robot, name)
+    if key.section == "disturbance":
+        assert key.item is not None
+        return _text_at(case.setup.events[key.item], name)
+    part = case.setup.simulated if key.section == "gearbox" else getattr(case.setup, key.section)
+    return _text_at(part, name)
+
+
+def _text_at(part: object, name: str) -> object:
+    return type(part).__name__ if name == KIND else getattr(part, name, None)
+
+
+def _require_text(key: DrawnKey, drawn: str, applied: object) -> None:
+    """Refuse a text that is not the drawn one."""
+    if drawn.rpartition(":")[2] != str(applied).rpartition(":")[2]:
+        raise InvalidParameter(
+            f"draws.{key.name}: {drawn!r} was drawn, and the part has {applied!r}: the draw does not reach what is "
+            "simulated. Draw another key",
+            f"draws.{key.name}",
+        )
+
+
+def _texts(values: Mapping[DrawnKey, Any]) -> dict[DrawnKey, str]:
+    """Return those of the values that are texts."""
+    return {key: value for key, value in values.items() if isinstance(value, str)}
 
 
 def _plant_value(plant: Plant, name: str, steps: tuple[str | int, ...], prefix: str) -> float:

@@ -86,7 +86,7 @@ class CompiledEngine:
         self.name = COMPILED if self.lanes == 1 else LANES
         self._integration = integration
         self._loops: dict[tuple[str, Structure], BatchLoop] = {}
-        self._nominal_laws: dict[str, Law] = {}
+        self._nominal_laws: dict[tuple[str, tuple[str, ...]], Law] = {}
         self._nominal_cases: dict[str, LoopCase] = {}
         self._direct = DirectDraws(cases) if DirectDraws.is_possible(cases) else None
         self._structural: set[int] = set()
@@ -206,11 +206,11 @@ class CompiledEngine:
         """Return the loop of one law in a case."""
         setup, plant = case.setup, case.setup.simulated
         assert isinstance(plant, SymbolicPlant)
-        if law not in self._nominal_laws:  # the checks of `simulate`, once
+        if (law, case.texts) not in self._nominal_laws:  # the checks of `simulate`, once
             Simulator(self.cases, self._integration, [law]).prepared(case, setup.laws[law], 0)
-            self._nominal_laws[law] = with_limits(self.cases.nominal.laws[law], plant)
+            self._nominal_laws[law, case.texts] = with_limits(self.cases.nominal.laws[law], plant)
         is_nominal = setup.laws[law] is self.cases.nominal.laws[law]
-        limited = self._nominal_laws[law] if is_nominal else with_limits(setup.laws[law], plant)
+        limited = self._nominal_laws[law, case.texts] if is_nominal else with_limits(setup.laws[law], plant)
         return LoopCase(
             plant,
             DigitalController(setup.sensor, limited, case.computation_delay, setup.torque_limits),
@@ -251,7 +251,10 @@ class CompiledEngine:
         for column, one in enumerate(self.cases.distributions):
             if not isinstance(one, Choice) or column in self._structural:
                 continue
-            values = sorted({float(value) for value in one.values})
+            if one.texts:
+                self._structural.add(column)
+                continue
+            values = np.unique(one.numbers)
             rows = np.tile(self.cases.typical_row, (len(values), 1))
             rows[:, column] = values
             try:

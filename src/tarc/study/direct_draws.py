@@ -53,6 +53,7 @@ class DirectDraws:
         return (
             is_of_package
             and not cases.has_known
+            and not any(one.texts for one in cases.distributions)
             and all(key.section == "robot" or _is_noise(key) for key in cases.keys)
         )
 

@@ -31,8 +31,13 @@ class Distribution(Component):
         low, high = self.quantile(np.array([LEAST_PROBABILITY, 1 - LEAST_PROBABILITY]))
         return float(low), float(high)
 
-    def plain(self, value: float) -> float | int:
-        """Return a drawn value as a scenario has it: a whole number for a choice of whole numbers."""
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """Texts that are drawn by their number, from 0 on; empty where numbers are drawn."""
+        return ()
+
+    def plain(self, value: float) -> float | int | str:
+        """Return a drawn value as a scenario has it: a whole number for a choice of those, the text for its number."""
         return float(value)
 
 
@@ -151,25 +156,29 @@ class Normal(Distribution):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Choice(Distribution):
-    """One of several numbers.
+    """One of several numbers or texts; a text is drawn by its number, from 0 on.
 
     Parameters
     ----------
     values
-        The numbers, in any order.
+        The numbers, in any order, or the texts.
     weights
         Their probabilities up to a common factor; None for equal ones.
     """
 
-    values: Sequence[float]
+    values: Sequence[float] | Sequence[str]
     weights: Sequence[float] | None = None
 
     def __post_init__(self) -> None:
         if isinstance(self.values, str | bytes) or not isinstance(self.values, Sequence) or not self.values:
-            raise InvalidParameter(f"choice: got {self.values!r}; needs a list of numbers", "choice")
-        for value in self.values:
-            check.number("choice", value)
-        if len(set(map(float, self.values))) < len(self.values):
+            raise InvalidParameter(f"choice: got {self.values!r}; needs a list of numbers or texts", "choice")
+        n_texts = sum(isinstance(value, str) for value in self.values)
+        if n_texts == 0:
+            for value in self.values:
+                check.number("choice", value)
+        elif n_texts < len(self.values):
+            raise InvalidParameter(f"choice: got {list(self.values)}; needs numbers alone or texts alone", "choice")
+        if len(set(self.values if n_texts else map(float, self.values))) < len(self.values):
             raise InvalidParameter(f"choice: got {list(self.values)}, some twice; give weights instead", "choice")
         if self.weights is None:
             return
@@ -177,17 +186,27 @@ class Choice(Distribution):
             raise InvalidParameter(f"weights: got {self.weights!r}; needs a list of numbers", "weights")
         if len(self.weights) != len(self.values):
             raise InvalidParameter(
-                f"weights: got {len(self.weights)} for {len(self.values)} numbers; give one each", "weights"
+                f"weights: got {len(self.weights)} for {len(self.values)} values; give one each", "weights"
             )
         for weight in self.weights:
             check.number("weights", weight, 0)
         if not sum(self.weights) > 0:
             raise InvalidParameter(f"weights: got {list(self.weights)}; at least one must be above 0", "weights")
 
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """Texts that are drawn by their number."""
+        return tuple(value for value in self.values if isinstance(value, str))
+
+    @property
+    def numbers(self) -> Array:
+        """What is drawn: the numbers themselves, or those of the texts."""
+        return np.arange(float(len(self.values))) if self.texts else np.asarray(self.values, dtype=float)
+
     def quantile(self, probability: Array) -> Array:
         """Return the number in whose share of [0, 1] the probability lies; the numbers are in increasing order."""
-        order = np.argsort(np.asarray(self.values, dtype=float))
-        values = np.asarray(self.values, dtype=float)[order]
+        order = np.argsort(self.numbers)
+        values = self.numbers[order]
         weights = np.ones(len(values)) if self.weights is None else np.asarray(self.weights, dtype=float)[order]
         ends = np.cumsum(weights) / np.sum(weights)
         last = int(np.flatnonzero(weights)[-1])
@@ -196,10 +215,12 @@ class Choice(Distribution):
     @property
     def extremes(self) -> tuple[float, float]:
         """Return the least and the largest number."""
-        return float(min(self.values)), float(max(self.values))
+        return float(np.min(self.numbers)), float(np.max(self.numbers))
 
-    def plain(self, value: float) -> float | int:
-        """Return a whole number where all are whole, and true or false where all are."""
+    def plain(self, value: float) -> float | int | str:
+        """Return a whole number where all are whole, true or false where all are, and the text of a number of one."""
+        if self.texts:
+            return self.texts[int(value)]
         if all(isinstance(number, bool) for number in self.values):
             return bool(value)
         return int(value) if all(isinstance(number, int) for number in self.values) else float(value)

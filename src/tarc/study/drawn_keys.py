@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from tarc.core import validation as check
-from tarc.core.errors import InvalidParameter
+from tarc.core.errors import InvalidParameter, ScenarioError
 from tarc.plants.base import Plant
+from tarc.plants.load import load_robot
 from tarc.scenario.model import Scenario
-from tarc.scenario.schema import Component, parameters
+from tarc.scenario.schema import Component, check_component, parameters
 
 PARTS = ("robot", "gearbox", "drive", "sensor", "reference", "torque_limits", "estimator")
 """Sections with one component each."""
@@ -21,6 +22,9 @@ NUMBERS = ("initial_position", "initial_velocity", "initial_torque", "computatio
 
 SHARED_ESTIMATOR = "estimator"
 """Path of the estimator that laws without one of their own share."""
+
+KIND = "kind"
+"""Last step to the class of a section; its names are drawn as texts."""
 
 REFUSED = {
     "duration": "all runs of a study last as long",
@@ -38,7 +42,7 @@ REFUSED = {
 
 @dataclass(frozen=True)
 class DrawnKey:
-    """Place of a drawn number in a scenario.
+    """Place of a drawn number or text in a scenario.
 
     Attributes
     ----------
@@ -139,6 +143,8 @@ def components_of(scenario: Scenario, key: DrawnKey) -> dict[str, Component]:
 
 def _has(component: Component, path: Sequence[str | int]) -> bool:
     """Return whether a component has a parameter of this name, with the keys inside it that the path names."""
+    if path == (KIND,):
+        return component.kind is not load_robot
     if not path or path[0] not in parameters(component.kind):
         return False
     current: object = component.options.get(str(path[0]))
@@ -179,21 +185,20 @@ def known_keys(scenario: Scenario) -> list[str]:
         else:
             component = getattr(sections, section)
             kinds = [] if component is None else [component]
-        keys += [f"{section}.{name}" for component in kinds for name in _numeric(component)]
+        keys += [f"{section}.{name}" for component in kinds for name in _drawable(component)]
     for number, component in enumerate(sections.disturbances):
-        keys += [f"disturbance.{number}.{name}" for name in _numeric(component)]
+        keys += [f"disturbance.{number}.{name}" for name in _drawable(component)]
     for law, _ in sections.laws.values():
-        keys += [f"law.{name}" for name in _numeric(law)]
+        keys += [f"law.{name}" for name in _drawable(law)]
     return [*dict.fromkeys(keys), *NUMBERS]
 
 
-def _numeric(component: Component) -> list[str]:
-    """Return the names of a component's parameters that may be numbers."""
-    return [
-        name
-        for name, parameter in parameters(component.kind).items()
-        if "number" in parameter.words or "rows" in parameter.words or "anything" in parameter.words
-    ]
+def _drawable(component: Component) -> list[str]:
+    """Return the names of a component's parameters that may be numbers or texts."""
+    words = ("number", "rows", "anything", "a text")
+    allowed = {name: parameter.words for name, parameter in parameters(component.kind).items()}
+    names = [name for name, text in allowed.items() if any(word in text for word in words)]
+    return [*names, KIND] if _has(component, (KIND,)) else names
 
 
 def with_value(
@@ -217,13 +222,31 @@ def with_value(
     Raises
     ------
     InvalidParameter
-        For a step that leads nowhere.
+        For a step that leads nowhere, and a kind or text that the section cannot have.
     """
     name = str(path[0])
-    current = component.options.get(name, present)
     place = ".".join([component.path, *map(str, path)])
+    if tuple(path) == (KIND,) or isinstance(value, str):
+        return _with_text(component, path, value, place)
+    if name not in parameters(component.kind):
+        raise InvalidParameter(f"draws.{place}: {component.kind.__name__} has no {name}", f"draws.{place}")
+    current = component.options.get(name, present)
     changed = replaced(current, path[1:], value, n_joints, place)
     return Component(component.path, component.kind, {**component.options, name: changed})
+
+
+def _with_text(component: Component, path: Sequence[str | int], value: object, place: str) -> Component:
+    """Return a component of another kind, or with another text; its keys and their types are checked."""
+    is_file = component.kind is load_robot
+    options = {"file" if is_file and name == "path" else name: given for name, given in component.options.items()}
+    kind = {} if is_file else {KIND: component.kind.__name__}
+    if len(path) > 1 or not isinstance(value, str):
+        raise InvalidParameter(f"draws.{place}: got {value!r}; needs a choice of texts", f"draws.{place}")
+    section = "estimator" if component.path.endswith("estimator") else component.path.split(".")[0]
+    try:
+        return check_component(section, {**kind, **options, str(path[0]): value}, component.path)
+    except (InvalidParameter, ScenarioError) as error:
+        raise InvalidParameter(f"draws.{place}: with {value!r}, {error}", f"draws.{place}") from None
 
 
 def replaced(current: object, path: Sequence[str | int], value: object, n_joints: int, place: str) -> object:

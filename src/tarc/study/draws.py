@@ -1,7 +1,7 @@
 """Draws of a study: one row of values, and one seed, per run."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -37,16 +37,25 @@ class Draws:
         One row per run and one column per key, (runs, keys).
     seed
         Seed of the study.
+    texts
+        By key: texts that are drawn by their numbers.
     """
 
     keys: tuple[str, ...]
     values: Array
     seed: int
+    texts: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     @cached_property
     def seeds(self) -> Array:
         """Seed of each run, (runs,)."""
         return run_seeds(self.seed, np.arange(len(self.values)))
+
+    def shown(self, key: str, column: Array) -> Array:
+        """Return values of a key as results have them: texts in place of their numbers, empty ones for NaN."""
+        if key not in self.texts:
+            return column
+        return np.array(["", *self.texts[key]])[np.where(np.isnan(column), 0, column + 1).astype(int)]
 
 
 def run_seeds(seed: int, indices: Array) -> Array:
@@ -101,7 +110,8 @@ def draw(
     An Introduction to Copulas, 2006.
     """
     points = unit_points(runs, len(distributions), seed, sampling)
-    return Draws(tuple(distributions), values_at(distributions, points, correlation), seed)
+    texts = {key: one.texts for key, one in distributions.items() if one.texts}
+    return Draws(tuple(distributions), values_at(distributions, points, correlation), seed, texts)
 
 
 def unit_points(runs: int, n_keys: int, seed: int, sampling: str) -> Array:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
+from itertools import product
 from typing import Protocol
 
 import numpy as np
@@ -31,6 +32,9 @@ MUJOCO = "MuJoCo"
 
 FEW_PERIODS = 4
 """Periods from which the names of a law's measures are known."""
+
+MAX_LOOPS = 16
+"""Traced loops of a law that are kept."""
 
 NOISE = ("noise", "dropout", "packet_loss")
 """Parameters of the encoder that are drawn beforehand, and so are no part of a traced loop."""
@@ -107,7 +111,7 @@ class Simulator:
     """Engine that simulates run by run, in CasADi's virtual machine, or in MuJoCo for a robot that is simulated there.
 
     A loop is traced once, with drawn parameters of the plant as inputs. It is traced anew only where the law or the
-    structure of the sensor is drawn.
+    structure of the sensor is drawn; loops of the last choices are kept.
 
     Parameters
     ----------
@@ -124,7 +128,7 @@ class Simulator:
         self.laws = self.cases.law_names if laws is None else list(laws)
         self.name = VIRTUAL_MACHINE if isinstance(self.cases.nominal.simulated, SymbolicPlant) else MUJOCO
         self._integration = integration
-        self._loops: dict[str, tuple[tuple[object, ...], TracedLoop]] = {}
+        self._loops: dict[str, list[tuple[tuple[object, ...], TracedLoop]]] = {}
 
     def run(self, indices: Array, values: Array, seeds: Array) -> ChunkResult:
         """Run a chunk, as `Engine.run`."""
@@ -143,10 +147,9 @@ class Simulator:
     @cached_property
     def _measures(self) -> list[str]:
         """Measures of all laws, from a few periods of each."""
-        case = self.cases.build(self.cases.typical_row)
         duration = min(self.cases.scenario.duration, FEW_PERIODS * self.cases.scenario.period)
         names: dict[str, None] = {}
-        for law in self.laws:
+        for case, law in product(map(self.cases.build, self.cases.typical_rows), self.laws):
             simulation = self.prepared(case, case.setup.laws[law], 0)
             inputs = simulation.sample(self._integration.substeps, duration)
             record, monitor = self._simulated(case, law, simulation, inputs)
@@ -198,17 +201,20 @@ class Simulator:
         monitor = DivergenceMonitor(inputs, simulation.divergence_threshold, False)
         with np.errstate(all="ignore"):
             if isinstance(plant, SymbolicPlant):
-                loop = self._loop(law, simulation, initial, inputs)
+                loop = self._loop(case, law, simulation, initial, inputs)
                 return loop.run(plant, initial, inputs, monitor, native=False), monitor
             assert isinstance(plant, MujocoPlant | MujocoGearbox)
             record = run_mujoco(plant, simulation.controller, initial, inputs, monitor, drive=simulation.drive)
             return record, monitor
 
-    def _loop(self, law: str, simulation: Simulation, initial: InitialConditions, inputs: SampledInputs) -> TracedLoop:
-        """Return the traced loop of a law: the one of the run before, unless more than its inputs differ."""
+    def _loop(
+        self, case: Case, law: str, simulation: Simulation, initial: InitialConditions, inputs: SampledInputs
+    ) -> TracedLoop:
+        """Return the traced loop of a law: that of a run before from which nothing but its inputs differs."""
         plant, controller = simulation.plant, simulation.controller
         assert isinstance(plant, SymbolicPlant)
         key = (
+            case.texts,
             controller.law,
             traced_parameters(controller.sensor),
             controller.torque_limits,
@@ -218,13 +224,15 @@ class Simulator:
             inputs.periods is None,
             inputs.age is None,
         )
-        present = self._loops.get(law)
-        if present is None or present[0] != key:
+        kept = self._loops.setdefault(law, [])
+        present = next((loop for other, loop in kept if other == key), None)
+        if present is None:
             method = self._integration
             loop = ClosedLoop(plant, controller, method.substeps, method.integrator, simulation.drive)
             names = () if self.cases.plant_is_rebuilt else self.cases.plant_parameters or ()
-            present = self._loops[law] = key, TracedLoop(loop, initial, inputs, names)
-        return present[1]
+            present = TracedLoop(loop, initial, inputs, names)
+            kept[:] = [(key, present), *kept[: MAX_LOOPS - 1]]
+        return present
 
 
 def outcome_of(

@@ -102,7 +102,7 @@ def _run_pending(
         results = run_chunks(engine, recipe, pending, left, jobs=jobs, scheduler=scheduler, advance=bar.advance)
         with closing(results):
             for chunk, result in results:
-                store.write(chunk, draws.keys, result)
+                store.write(chunk, draws, result)
 
 
 def _engine_to_go_on(store: Store, study: "Study", integration: Integration, engine: str) -> Engine:
@@ -248,7 +248,7 @@ def stored_integration(store: Store, study: "Study", draws: Draws) -> Integratio
     if present is not None:
         return Integration(str(present["integrator"]), int(present["substeps"]))
     cases = Cases(study)
-    for run in pilot_runs(draws.values):
+    for run in pilot_runs(draws):
         cases.build(draws.values[run])  # a part refuses its least or greatest value now, and not after hours
     chosen = choose_study_integration(cases, draws)
     plant = cases.nominal.simulated
@@ -274,7 +274,7 @@ def choose_study_integration(cases: Cases, draws: Draws) -> Integration:
     if scenario.substeps is not None:
         return Integration("Runge–Kutta", scenario.substeps)
     simulator = Simulator(cases, Integration("midpoint", 1))
-    pilots = [(int(run), cases.law_names[0]) for run in pilot_runs(draws.values)]
+    pilots = [(int(run), cases.law_names[0]) for run in pilot_runs(draws)]
     pilots += [(0, law) for law in cases.law_names[1:]]
     chosen = Integration("midpoint", 1)
     for run, law in pilots:
@@ -283,10 +283,13 @@ def choose_study_integration(cases: Cases, draws: Draws) -> Integration:
     return chosen
 
 
-def pilot_runs(values: Array) -> Array:
-    """Return the numbers of the runs with which the integration is chosen."""
+def pilot_runs(draws: Draws) -> Array:
+    """Return the numbers of the runs with which the integration is chosen; each text is in one of them."""
+    values = draws.values
     first = np.arange(min(FIRST_DRAWS, len(values)))
-    return np.unique(np.concatenate([first, np.argmin(values, axis=0), np.argmax(values, axis=0)]))
+    columns = [draws.keys.index(key) for key in draws.texts]
+    texts = [np.unique(values[:, column], return_index=True)[1] for column in columns]
+    return np.unique(np.concatenate([first, np.argmin(values, axis=0), np.argmax(values, axis=0), *texts]))
 
 
 def _pilot(simulator: Simulator, row: Array, seed: int, law: str) -> Integration:

@@ -54,7 +54,7 @@ class WorstCase:
 
     law: str
     measure: str
-    draws: dict[str, float]
+    draws: dict[str, float | int | str]
     measures: dict[str, float]
     completed: bool
     end_time: float
@@ -167,7 +167,9 @@ def find_worst_case(
         severities = objective.severity(data[measure].values, data["completed"].values, data["end_time"].values)
     starts = points[np.argsort(-severities, kind="stable")[:N_STARTS]]
     is_symbolic = isinstance(Cases(objective.study).nominal.simulated, SymbolicPlant)
-    gradient = LoopGradient(objective) if gradients and is_symbolic and measure == "rms_error" else None
+    has_texts = any(distribution.texts for distribution in study.distributions.values())
+    has_gradient = is_symbolic and not has_texts and measure == "rms_error"
+    gradient = LoopGradient(objective) if gradients and has_gradient else None
     found = search_worst_point(
         objective,
         starts,
@@ -206,7 +208,7 @@ def _worst_case(objective: StudyObjective, found: WorstPoint) -> WorstCase:
     return WorstCase(
         law,
         objective.measure,
-        dict(zip(study.draws, map(float, values), strict=True)),
+        dict(zip(study.draws, values, strict=True)),
         {name: float(block[0, column]) for name, block in chunk.measures.items()},
         bool(chunk.completed[0, column]),
         float(chunk.end_time[0, column]),

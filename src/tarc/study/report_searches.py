@@ -6,7 +6,7 @@ from html import escape
 import numpy as np
 
 from tarc.study.rare_events import RareProbability
-from tarc.study.report_html import format_count, format_number, html_table, svg_figure
+from tarc.study.report_html import format_count, format_value, html_table, svg_figure
 
 
 def rare_event_section(result: RareProbability, event: str, label: str) -> str:
@@ -41,7 +41,7 @@ def rare_event_section(result: RareProbability, event: str, label: str) -> str:
 
 def worst_case_section(
     text: str,
-    draws: Mapping[str, float],
+    draws: Mapping[str, float | int | str],
     errors: Mapping[str, tuple[np.ndarray, np.ndarray]],
     label: str,
     threshold: float,
@@ -63,7 +63,7 @@ def worst_case_section(
     """
     from tarc.plotting.study import worst_case_figure
 
-    rows = [[f"<code>{escape(key)}</code>", format_number(value)] for key, value in draws.items()]
+    rows = [[f"<code>{escape(key)}</code>", format_value(value)] for key, value in draws.items()]
     picture = worst_case_figure(errors, label, threshold)
     return "\n".join(
         [

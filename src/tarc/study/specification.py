@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 MAX_RUNS = 100_000_000
 MAX_TRACES = 1000
 MAX_SEED = 2**63 - 1
+ROBOT_FILE = "robot.file"
+"""Key of the file of a robot."""
+
 LAWS_KNOW = ("robot", "reference")
 """Sections from which laws are built."""
 
@@ -108,6 +111,8 @@ class Study(BaseModel):
             )
         place = Path.cwd() if folder is None else folder
         content = {**content, "scenario": _scenario_content(content.get("scenario"), place)}
+        if "draws" in content:
+            content["draws"] = _with_paths(content["draws"], place)
         if content.get("laws"):
             laws = {"law": copy.deepcopy(content["laws"])}
             resolve_files(laws, place)
@@ -247,7 +252,14 @@ class Study(BaseModel):
 
     @property
     def _correlation(self) -> tuple[tuple[str, ...], Array] | None:
-        return checked_correlation(self.correlation, list(self.distributions))
+        checked = checked_correlation(self.correlation, list(self.distributions))
+        for name in checked[0] if checked else ():
+            if self.distributions[name].texts:
+                raise InvalidParameter(
+                    f"correlation.keys: {name} is a choice of texts, which have no order; leave it out",
+                    "correlation.keys",
+                )
+        return checked
 
     def _check(self) -> None:
         """Refuse what the types of the keys allow and a study does not."""
@@ -332,6 +344,18 @@ def _scenario_content(given: object, folder: Path) -> Any:
         given = copy.deepcopy(given)
         resolve_files(given, folder)
     return given
+
+
+def _with_paths(draws: Any, folder: Path) -> Any:
+    """Return draws with the absolute paths of robots' files beside the study."""
+    given = draws.get(ROBOT_FILE) if isinstance(draws, dict) else None
+    if not isinstance(given, dict) or not isinstance(given.get("choice"), list):
+        return draws
+    files = [
+        str((folder / name).resolve()) if isinstance(name, str) and (folder / name).is_file() else name
+        for name in given["choice"]
+    ]
+    return {**draws, ROBOT_FILE: {**given, "choice": files}}
 
 
 def _with_file_contents(node: object) -> object:

@@ -137,7 +137,7 @@ class Store:
                     yield Chunk(number, indices, draws.values[indices], run_seeds(draws.seed, indices))
                     number += 1
 
-    def write(self, chunk: Chunk, keys: tuple[str, ...], result: "ChunkResult") -> None:
+    def write(self, chunk: Chunk, draws: Draws, result: "ChunkResult") -> None:
         """Store the results of a chunk, and mark it as finished.
 
         Raises
@@ -152,11 +152,16 @@ class Store:
             self._array("completed", 2)[region] = result.completed
             self._array("end_time", 2)[region] = result.end_time
             self._array("seed", 1)[region] = chunk.seeds
-            for column, key in enumerate(keys):
-                self._array(f"drawn:{key}", 1)[region] = chunk.values[:, column]
+            for column, key in enumerate(draws.keys):
+                self._write_values(f"drawn:{key}", region, draws.shown(key, chunk.values[:, column]))
             for key, block in result.applied.items():
-                self._array(f"applied:{key}", block.ndim)[region] = block
+                self._write_values(f"applied:{key}", region, draws.shown(key, block))
             self._mark(region.start, region.stop)
+
+    def _write_values(self, name: str, region: slice, values: Array) -> None:
+        """Store values of a key: numbers, or texts of one width."""
+        text_type = str(values.dtype) if values.dtype.kind == "U" else None
+        self._array(name, values.ndim, text_type)[region] = values
 
     def set_attributes(self, **attributes: object) -> None:
         """Store attributes of the dataset."""
@@ -190,10 +195,11 @@ class Store:
         with self._writing():
             zarr.consolidate_metadata(str(self.folder / RESULTS), zarr_format=2)
 
-    def _array(self, name: str, n_dimensions: int) -> zarr.Array[Any]:
+    def _array(self, name: str, n_dimensions: int, text_type: str | None = None) -> zarr.Array[Any]:
         """Return the array of a variable, made where there is none."""
         if name not in self._arrays:
-            self._arrays[name] = self._opened(name) if name in self.group else self._made(name, n_dimensions)
+            is_there = name in self.group
+            self._arrays[name] = self._opened(name) if is_there else self._made(name, n_dimensions, text_type)
         return self._arrays[name]
 
     def _opened(self, name: str) -> zarr.Array[Any]:
@@ -201,11 +207,12 @@ class Store:
         assert isinstance(array, zarr.Array)
         return array
 
-    def _made(self, name: str, n_dimensions: int) -> zarr.Array[Any]:
+    def _made(self, name: str, n_dimensions: int, text_type: str | None) -> zarr.Array[Any]:
         """Make the array of a variable."""
         n_laws = len(_attribute(self.group, "laws"))
         # without a fill value, since xarray would read it as a missing value
-        kind = {"completed": ("bool", None), "seed": ("int64", None)}.get(name, ("float64", np.nan))
+        usual = (text_type, None) if text_type else ("float64", np.nan)
+        kind = {"completed": ("bool", None), "seed": ("int64", None)}.get(name, usual)
         return self.group.create_array(
             name,
             shape=(self.runs, n_laws)[:n_dimensions],
