@@ -118,6 +118,14 @@ def test_linearised_about_a_motion_it_is_the_slope_of_the_torque(plant: EulerLag
     assert np.allclose(still[2], Plant.linearised(plant, q)[2], rtol=1e-5, atol=1e-5 * (1 + np.abs(still[2]).max()))
 
 
+def test_many_states_at_once_are_the_states_one_by_one() -> None:
+    plant = TwoLinkArm(coulomb=[1.0, 2.0], viscous=[0.3, 0.1])
+    q, v = np.random.default_rng(1).normal(size=(2, 2, 40))
+    for count in (3, 40):
+        expected = [plant.bias(*state) for state in zip(q.T[:count], v.T[:count], strict=True)]
+        np.testing.assert_allclose(plant.biases(q[:, :count], v[:, :count]), expected, rtol=1e-12)
+
+
 @every_plant
 @sampled
 @given(data=st.data())

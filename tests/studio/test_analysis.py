@@ -87,7 +87,6 @@ def test_figures_are_plain_data():
     figure = map_figure(state, loop, FACTS)
     dot = figure["layout"]["shapes"][0]
     assert (dot["xanchor"], dot["yanchor"]) == (15.0, 0.08)
-    assert figure["config"]["edits"] == {"shapePosition": True}
     assert len(gain_figure(loop)["data"]) == 3
     pair = run_pair(state, Robots())
     joint = pair.design.joints[0]

@@ -1,5 +1,6 @@
 """The page in a browser: what a user does, sees, hears from a screen reader, and what leaves the machine."""
 
+import math
 from collections.abc import Iterator
 from typing import Any
 from urllib.parse import urlsplit
@@ -81,16 +82,28 @@ def test_undo_and_redo_by_keyboard(window: Window) -> None:
 
 
 def test_dragging_the_dot_moves_the_sliders(window: Window) -> None:
-    dot = window.page.locator(".map .shapelayer path").first.bounding_box()
+    """The sliders and the numbers of the loop follow while the dot is held, and the dot stays under the pointer."""
+    page, mouse = window.page, window.page.mouse
+    dot = page.locator(".map .shapelayer path").first.bounding_box()
     x, y = dot["x"] + dot["width"] / 2, dot["y"] + dot["height"] / 2
-    mouse = window.page.mouse
+    before = page.locator(".numbers").inner_text()
+    assert "unstable" not in before
     mouse.move(x, y)
     mouse.down()
     mouse.move(x + 20, y - 60, steps=4)
+    page.wait_for_function("() => document.querySelector('.numbers').textContent.includes('unstable')", timeout=READY)
     mouse.move(x + 40, y - 120, steps=4)
+    page.wait_for_function("() => parseFloat(new URLSearchParams(location.search).get('inertia_share')) > 0.3")
+    assert float(page.get_by_label("Inertia share", exact=True).first.input_value()) > math.log10(0.3)
+    page.wait_for_function(
+        """([x, y]) => {
+          const box = document.querySelector(".map .shapelayer path")?.getBoundingClientRect();
+          return box && Math.hypot(box.x + box.width / 2 - x, box.y + box.height / 2 - y) < 2;
+        }""",
+        arg=[x + 40, y - 120],
+    )
     mouse.up()
     window.wait_for_verdict("refuted")
-    assert window.query("inertia_share") > 0.3
     assert window.query("natural_frequency") > 16
 
 

@@ -7,7 +7,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from tarc.analysis.operating_points import OperatingPoint, UncertaintySamples, linearise_points
+from tarc.analysis.operating_points import OperatingPoint, UncertaintySamples, biases, linearise_points
 from tarc.analysis.workspace import Workspace
 from tarc.analysis.worst_points import inertia_rates
 from tarc.core.types import Array
@@ -65,10 +65,9 @@ class KnownInertia:
         M, D, G = linearise_points(points)
         k, n, _ = M.shape
         q, v, acceleration = (np.array([point[i] for point in points]) for i in (1, 2, 3))
-        bias = np.array([point.plant.bias(point.position, point.velocity) for point in points])
         forces = self.inertia.forces
         known = forces(q[0], v[0])[None] if k == 1 else forces(q.T, v.T).T
-        torque = (M @ acceleration[:, :, None])[:, :, 0] + bias - known
+        torque = (M @ acceleration[:, :, None])[:, :, 0] + biases(points) - known
         a = np.linalg.solve(self.inertias(points), torque[:, :, None])[:, :, 0]
         slopes = np.array(self._slopes(q.T, v.T, a.T)).reshape(n, k, n).transpose(1, 0, 2)
         return M, D, G, slopes

@@ -395,6 +395,18 @@ def linearise_with_friction(points: Sequence[OperatingPoint]) -> tuple[Array, Ar
     return M, D - friction, G, friction
 
 
+def biases(points: Sequence[OperatingPoint]) -> Array:
+    """Return N(q, q̇) without dry friction at k points, shape (k, n)."""
+    groups: dict[int, list[int]] = {}
+    for i, point in enumerate(points):
+        groups.setdefault(id(point.plant), []).append(i)
+    found = np.empty((len(points), points[0].plant.n_joints))
+    for places in groups.values():
+        q, v = np.array([points[i][1:3] for i in places]).transpose(1, 2, 0)
+        found[places] = points[places[0]].plant.biases(q, v)
+    return found
+
+
 def linearise_point(point: OperatingPoint) -> tuple[Array, Array, Array]:
     """Return M, D and G of the robot linearised about a point; D without viscous friction."""
     M, D, G = point.plant.linearised(point.position, point.velocity, point.acceleration)

@@ -339,6 +339,10 @@ class Plant(ABC):
         """Return M(q) at the columns of coordinates (m, k), shape (k, m, m)."""
         return np.array([self.inertia(position) for position in positions.T])
 
+    def biases(self, positions: Array, velocities: Array) -> Array:
+        """Return N(q, q̇) of `bias` at the columns of arrays (m, k), shape (k, m)."""
+        return np.array([self.bias(*state) for state in zip(positions.T, velocities.T, strict=True)])
+
 
 def _differences(function: Callable[[Array], Array | float], position: Array) -> Array:
     """Return the derivatives of a function over each joint, the joint first, by central differences."""

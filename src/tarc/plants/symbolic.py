@@ -307,6 +307,12 @@ class SymbolicPlant(Plant):
         """Return N(q, q̇) without dry friction [N m or N], shape (m,)."""
         return self._smooth("bias", self._checked("position", position), self._checked("velocity", velocity))
 
+    def biases(self, positions: Array, velocities: Array) -> Array:
+        """Return N(q, q̇) of `bias` at the columns of arrays (m, k), shape (k, m)."""
+        if positions.shape[1] <= FEW_STATES:
+            return super().biases(positions, velocities)
+        return np.array(self._functions.get("bias")(positions, velocities, *self._smooth_parameters.values())).T
+
     def linearised(
         self, position: Numbers, velocity: Numbers | None = None, acceleration: Numbers | None = None
     ) -> tuple[Array, Array, Array]:

@@ -4,7 +4,6 @@ from collections.abc import Awaitable, Callable
 
 from nicegui import ui
 
-from tarc.studio.exports import writers
 from tarc.studio.jobs import DESIGN_ERRORS
 from tarc.studio.session import Session, in_thread
 
@@ -25,6 +24,8 @@ class ExportMenu:
 
     def _writer(self, label: str) -> Callable[[], Awaitable[None]]:
         async def write() -> None:
+            from tarc.studio.exports import writers
+
             session = self._session
             files = writers(session.state, session.robots, session.results.runs)
             if label not in files:

@@ -1,13 +1,15 @@
 """Figures of the page as plain dictionaries that plotly.js draws; nothing is computed here but colours and shapes."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tarc.core.types import Array
-from tarc.studio.analysis import LoopAnalysis, RobotFacts
 from tarc.studio.design_state import CONTROLS, DesignState
-from tarc.studio.runs import RunPair
+
+if TYPE_CHECKING:
+    from tarc.studio.analysis import LoopAnalysis, RobotFacts
+    from tarc.studio.runs import RunPair
 
 EMPTY: dict[str, Any] = {"data": [], "layout": {"paper_bgcolor": "rgba(0,0,0,0)"}, "config": {"displayModeBar": False}}
 """A figure before its first result."""
@@ -59,7 +61,7 @@ def _figure(data: list[dict[str, Any]], x: dict[str, Any], y: dict[str, Any], **
     }
 
 
-def map_figure(state: DesignState, analysis: LoopAnalysis, facts: RobotFacts) -> dict[str, Any]:
+def map_figure(state: DesignState, analysis: "LoopAnalysis", facts: "RobotFacts") -> dict[str, Any]:
     """Return the stability map: inertia share over natural frequency, with the design as a dot that can be dragged."""
     x = analysis.map.natural_frequencies
     low, high = analysis.map.shares(facts)
@@ -97,12 +99,10 @@ def map_figure(state: DesignState, analysis: LoopAnalysis, facts: RobotFacts) ->
     }
     x_axis = _axis("natural frequency [rad/s]", type="log", range=_log_range("natural_frequency"), fixedrange=True)
     y_axis = _axis("inertia share M̂ / mean inertia", type="log", range=_log_range("inertia_share"), fixedrange=True)
-    figure = _figure(data, x_axis, y_axis, shapes=[dot])
-    figure["config"]["edits"] = {"shapePosition": True}
-    return figure
+    return _figure(data, x_axis, y_axis, shapes=[dot])
 
 
-def dot_colour(analysis: LoopAnalysis) -> str:
+def dot_colour(analysis: "LoopAnalysis") -> str:
     """Return the colour of the design's dot, by its linear stability."""
     return DOT_STABLE if all(analysis.is_stable) else DOT_UNSTABLE
 
@@ -128,7 +128,7 @@ def _band(x: Array, low: Array, high: Array, name: str, colour: str, bounds: tup
     }
 
 
-def gain_figure(analysis: LoopAnalysis) -> dict[str, Any]:
+def gain_figure(analysis: "LoopAnalysis") -> dict[str, Any]:
     """Return the loop gain |L| over frequency at the smallest, mean and largest inertia ratio."""
     is_shown = analysis.frequencies > 0.3
     data = [
@@ -151,7 +151,7 @@ def gain_figure(analysis: LoopAnalysis) -> dict[str, Any]:
     )
 
 
-def curves_figure(pair: RunPair, quantity: str, joint: str) -> dict[str, Any]:
+def curves_figure(pair: "RunPair", quantity: str, joint: str) -> dict[str, Any]:
     """Return error, torque or gain of design and rival over time.
 
     Parameters
@@ -188,7 +188,7 @@ def curves_figure(pair: RunPair, quantity: str, joint: str) -> dict[str, Any]:
     return _figure(data, _axis("time [s]"), y_axis)
 
 
-def _range(pair: RunPair, quantity: str, joint: str) -> list[float]:
+def _range(pair: "RunPair", quantity: str, joint: str) -> list[float]:
     """Return a range of the ordinate that holds the better run, and of the other what is not far above."""
     peaks = {}
     for curves in (pair.design, pair.rival):

@@ -7,6 +7,7 @@ import signal
 from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -37,8 +38,8 @@ DESIGN_ERRORS = (
 )
 """Errors of a design that the page shows."""
 METHODS = ("forkserver", "spawn")
-PRELOADED = ["tarc.studio.certifying"]
-"""Modules that the process has imported of which others are copies."""
+PRELOADED = ["tarc.studio.certifying", "scipy.optimize", "clarabel", "flint", "highspy"]
+"""Modules that the process has imported of which others are copies; they share its memory."""
 
 _WAITING = ThreadPoolExecutor(max_workers=64, thread_name_prefix="studio-job")
 
@@ -51,6 +52,8 @@ class JobError(Exception):
 
 class Job:
     """A function that runs in a process of its own and sends results.
+
+    Making one waits for the process of which it is a copy, which takes seconds at the first.
 
     Parameters
     ----------
@@ -105,6 +108,12 @@ def _run_and_send(function: Callable[..., None], arguments: tuple[Any, ...], con
         connection.send(JobError(str(error)))
     finally:
         connection.close()
+
+
+def start_first_process() -> None:
+    """Start the process of which others are copies, where the system has that."""
+    if process_context().get_start_method() == "forkserver":
+        forkserver.ensure_running()
 
 
 @cache

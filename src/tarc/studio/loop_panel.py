@@ -12,6 +12,8 @@ VERDICT_ICONS = {"certified": "check_circle", "refuted": "cancel", "inconclusive
 KEY_FACTORS = {"ArrowLeft": (-1, 0), "ArrowRight": (1, 0), "ArrowDown": (0, -1), "ArrowUp": (0, 1)}
 KEY_STEP = 1.05
 """Factor by which an arrow key moves the dot."""
+DRAG_PERIOD = 0.04
+"""Shortest time between two places of the dragged dot that the browser sends [s]."""
 RANGES = {control.name: control for control in CONTROLS}
 
 
@@ -25,7 +27,7 @@ class LoopPanel:
             'tabindex=0 role=application aria-label="Stability map. The arrow keys move the design: '
             'left and right its natural frequency, up and down its inertia share."'
         ).mark("map")
-        self._map.on("plotly_relayout", self._on_drag)
+        self._map.on("dot", self._on_drag, ["detail"], throttle=DRAG_PERIOD)
         self._map.on("keydown", self._on_key, ["key"])
         self._summary = ui.element("dl").classes("numbers").props('aria-live=polite aria-label="Numbers of the loop"')
         self._gain = ui.plotly(EMPTY).classes("w-full gain")
@@ -70,13 +72,12 @@ class LoopPanel:
                         ui.label(value)
 
     def _on_drag(self, event: events.GenericEventArguments) -> None:
-        moved = {key.rpartition(".")[2]: value for key, value in event.args.items() if key.startswith("shapes[0].")}
-        if "xanchor" in moved or "yanchor" in moved:
-            state = self._session.state
-            self._session.change(
-                natural_frequency=float(f"{float(moved.get('xanchor', state.natural_frequency)):.3g}"),
-                inertia_share=float(f"{float(moved.get('yanchor', state.inertia_share)):.3g}"),
-            )
+        place = event.args["detail"]
+        self._session.change(
+            "map drag",
+            natural_frequency=float(f"{float(place['frequency']):.3g}"),
+            inertia_share=float(f"{float(place['share']):.3g}"),
+        )
 
     def _on_key(self, event: events.GenericEventArguments) -> None:
         if event.args["key"] in KEY_FACTORS:

@@ -20,6 +20,7 @@ from tarc.studio.study_tab import StudyTab
 from tarc.studio.upload_panel import UploadPanel
 
 STYLE = (Path(__file__).parent / "studio.css").read_text(encoding="utf-8")
+DOT = (Path(__file__).parent / "map_dot.js").read_text(encoding="utf-8")
 HIDDEN_PLOTS = """<script>addEventListener("unhandledrejection", (event) => {
   if (String(event.reason).includes("displayed plot div")) event.preventDefault();
 });</script>"""
@@ -54,7 +55,7 @@ def add_pages(robots: Robots, start: DesignState, notes: list[str], folders: Ses
         client.on_delete(session.close)
         client.on_delete(lambda: folders.remove(folder))
         ui.add_css(STYLE)
-        ui.add_head_html(HIDDEN_PLOTS)
+        ui.add_head_html(f"{HIDDEN_PLOTS}<script>{DOT}</script>")
         build_page(session, folder)
         await client.connected()
         session.start()

@@ -6,8 +6,6 @@ from typing import Any
 import numpy as np
 
 from tarc.core import validation as check
-from tarc.scenario.loader import find_scenario, read_scenario, resolve_files
-from tarc.scenario.model import Scenario
 from tarc.studio.design_state import CONTROLS, LAWS, DesignState
 
 SHIPPED = {"two_link_payload": "Two-link arm", "ur5e": "UR5e", "panda_multisine": "Panda"}
@@ -62,6 +60,8 @@ class Robots:
         ScenarioError, InvalidParameter
             For a file that is not there or is no scenario.
         """
+        from tarc.scenario.model import Scenario
+
         content = load_content(path)
         Scenario.parse(content, str(path))
         name = str(content["name"])
@@ -71,6 +71,8 @@ class Robots:
 
 def load_content(path: str | Path) -> dict[str, Any]:
     """Return the content of a scenario file, or of a shipped scenario by name."""
+    from tarc.scenario.loader import find_scenario, read_scenario, resolve_files
+
     file = find_scenario(path)
     content = read_scenario(file)
     resolve_files(content, file.parent)

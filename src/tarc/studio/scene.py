@@ -1,11 +1,9 @@
-"""The robot in three dimensions: it plays a run, with the reference as a ghost."""
+"""What the browser needs to play a run of a robot in three dimensions, with the reference as a ghost."""
 
 import base64
 from typing import Any
 
-import nicegui.elements.scene  # noqa: F401 - registers three.js, which robot_scene.js imports
 import numpy as np
-from nicegui.element import Element
 
 from tarc.core.types import Array
 from tarc.plants.geometry import robot_geometry
@@ -19,29 +17,6 @@ FRAME_RATE = 30.0
 MAX_FRAMES = 900
 MAX_VERTICES = 200_000
 """Of all meshes together; a robot with more is drawn by boxes around its meshes."""
-
-
-class RobotScene(Element, component="robot_scene.js"):
-    """Scene with its own time slider and play button; it moves in the browser, without messages.
-
-    Parameters
-    ----------
-    curves
-        CSS selector of the plots over time that show the present time as a line.
-    """
-
-    def __init__(self, curves: str = ".curve.js-plotly-plot, .curve .js-plotly-plot") -> None:
-        super().__init__()
-        self._props["label"] = "Robot in three dimensions, its reference as a blue ghost"
-        self._props["curves"] = curves
-
-    def show_robot(self, robot: dict[str, Any]) -> None:
-        """Show another robot, as of `robot_message`."""
-        self.run_method("set_robot", robot)
-
-    def show_run(self, run: dict[str, Any]) -> None:
-        """Play another run, as of `run_message`."""
-        self.run_method("set_run", run)
 
 
 def encoded(values: Array, kind: type) -> str:

@@ -1,12 +1,40 @@
-"""The scene of a session: the newest run of its design."""
+"""The robot in three dimensions, and the panel that shows the newest run of a session in it."""
 
+from typing import TYPE_CHECKING, Any
+
+import nicegui.elements.scene  # noqa: F401 - registers three.js, which robot_scene.js imports
 from nicegui import background_tasks, ui
+from nicegui.element import Element
 
 from tarc.core.errors import InvalidParameter
-from tarc.plants.shapes import RobotGeometry
-from tarc.simulation.run import Run
-from tarc.studio.scene import RobotScene, robot_message, run_geometry, run_message
 from tarc.studio.session import Session, in_thread
+
+if TYPE_CHECKING:
+    from tarc.plants.shapes import RobotGeometry
+    from tarc.simulation.run import Run
+
+
+class RobotScene(Element, component="robot_scene.js"):
+    """Scene with its own time slider and play button; it moves in the browser, without messages.
+
+    Parameters
+    ----------
+    curves
+        CSS selector of the plots over time that show the present time as a line.
+    """
+
+    def __init__(self, curves: str = ".curve.js-plotly-plot, .curve .js-plotly-plot") -> None:
+        super().__init__()
+        self._props["label"] = "Robot in three dimensions, its reference as a blue ghost"
+        self._props["curves"] = curves
+
+    def show_robot(self, robot: dict[str, Any]) -> None:
+        """Show another robot, as of `robot_message`."""
+        self.run_method("set_robot", robot)
+
+    def show_run(self, run: dict[str, Any]) -> None:
+        """Play another run, as of `run_message`."""
+        self.run_method("set_run", run)
 
 
 class ScenePanel:
@@ -14,7 +42,6 @@ class ScenePanel:
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        self._client = ui.context.client
         self._scene = RobotScene().mark("scene")
         self._problem = ui.label().classes("text-caption")
         self._problem.set_visibility(False)
@@ -39,8 +66,10 @@ class ScenePanel:
         finally:
             self._is_busy = False
 
-    async def _show(self, robot: str, run: Run) -> None:
+    async def _show(self, robot: str, run: "Run") -> None:
         """Show a run of a robot."""
+        from tarc.studio.scene import robot_message, run_geometry, run_message
+
         try:
             if robot != self._robot or self._geometry is None:
                 self._geometry = await in_thread(run_geometry, run)

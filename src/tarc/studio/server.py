@@ -1,19 +1,27 @@
 """Start the page on a port of this machine."""
 
+import asyncio
 import socket
 import warnings
 from pathlib import Path
 
 from nicegui import app, ui
 
+from tarc.core.allocator import limit_heaps, release_freed_memory
 from tarc.core.errors import DesignWarning, InvalidParameter
 from tarc.studio.access import Guard, SessionFolders, new_token
 from tarc.studio.design_state import DesignState
+from tarc.studio.jobs import start_first_process
 from tarc.studio.page import add_pages
 from tarc.studio.robots import Robots
+from tarc.studio.session import in_thread, load_computing
 
 PORTS = range(8642, 8662)
 """Ports that are tried where none is given."""
+HEAPS = 2
+"""Heaps that the threads of the server share."""
+RELEASE_PERIOD = 20.0
+"""Time after which freed memory is given back to the system [s]."""
 
 
 def serve(scenario: str | Path | None, host: str = "127.0.0.1", port: int | None = None, show: bool = True) -> None:
@@ -33,6 +41,7 @@ def serve(scenario: str | Path | None, host: str = "127.0.0.1", port: int | None
     ScenarioError, InvalidParameter
         For a scenario that cannot be read, and a port that is taken.
     """
+    limit_heaps(HEAPS)
     warnings.filterwarnings("ignore", category=DesignWarning)  # the page says it
     robots = Robots()
     state, notes = (DesignState(), []) if scenario is None else robots.add_scenario(scenario)
@@ -41,6 +50,8 @@ def serve(scenario: str | Path | None, host: str = "127.0.0.1", port: int | None
     folders = SessionFolders()
     app.add_middleware(Guard, token=token)
     app.on_shutdown(folders.close)
+    app.on_startup(_prepare)
+    app.timer(RELEASE_PERIOD, lambda: in_thread(release_freed_memory))
     add_pages(robots, state, notes, folders)
     path = "/" if token is None else f"/?token={token}"
     app.on_startup(lambda: print(f"tarc studio: http://{host}:{chosen}{path}  (Ctrl+C stops it)", flush=True))
@@ -54,6 +65,11 @@ def serve(scenario: str | Path | None, host: str = "127.0.0.1", port: int | None
         reconnect_timeout=10.0,
         language="en-US",
     )
+
+
+async def _prepare() -> None:
+    """Import what computes, and start the process of which others are copies, while the page is up already."""
+    await asyncio.gather(in_thread(start_first_process), in_thread(load_computing))
 
 
 def free_port(host: str, port: int | None) -> int:

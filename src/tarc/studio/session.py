@@ -1,29 +1,37 @@
 """A session of the page: the design, its history, and what is computed of it while it moves."""
 
 import asyncio
+import importlib
+import os
 import time
 from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from nicegui import background_tasks
 
-from tarc.studio.analysis import LoopAnalysis, RobotFacts, analyse_loop, robot_facts
-from tarc.studio.certifying import CertificateRow, send_certificates
 from tarc.studio.design_state import DesignState, History
 from tarc.studio.jobs import DESIGN_ERRORS, Job, JobError
 from tarc.studio.robots import Robots
-from tarc.studio.runs import RunPair, run_pair
+
+if TYPE_CHECKING:
+    from tarc.studio.analysis import LoopAnalysis, RobotFacts
+    from tarc.studio.certifying import CertificateRow
+    from tarc.studio.runs import RunPair
 
 CERTIFICATE_PAUSE = 0.4
 """Pause after the last move before the certificates start [s]."""
 RUN_PAUSE = 0.05
 """Pause after the last move before the runs start [s]."""
+COMPUTING = ("tarc.studio.analysis", "tarc.studio.runs", "tarc.studio.scene")
+"""Modules that compute. They take longer to import than the page, which is up before."""
 MAX_FACTS = 32
 """Robots and payloads whose facts a session keeps."""
 
+_CERTIFYING = asyncio.Semaphore(os.cpu_count() or 1)
+"""Certificates of all sessions that are computed at the same time; each takes a process and its memory."""
 _COMPUTING = ThreadPoolExecutor(max_workers=4, thread_name_prefix="studio")
 
 T = TypeVar("T")
@@ -48,10 +56,10 @@ class Results:
         Wall time of the last loop, runs and certificates [s].
     """
 
-    facts: RobotFacts | None = None
-    loop: LoopAnalysis | None = None
-    runs: RunPair | None = None
-    certificates: list[CertificateRow] | None = None
+    facts: "RobotFacts | None" = None
+    loop: "LoopAnalysis | None" = None
+    runs: "RunPair | None" = None
+    certificates: "list[CertificateRow] | None" = None
     certificate_problem: str = ""
     problem: str = ""
     times: dict[str, float] = field(default_factory=dict)
@@ -66,6 +74,8 @@ class Session:
         Of the session.
     notes
         What of the scenario or the URL the page leaves out.
+    is_closed
+        Whether the page is closed.
     """
 
     def __init__(self, robots: Robots, state: DesignState, notes: list[str]) -> None:
@@ -74,7 +84,7 @@ class Session:
         self.notes = notes
         self.results = Results()
         self._listeners: dict[str, list[Listener]] = {"state": [], "loop": [], "runs": [], "certificates": []}
-        self._is_closed = False
+        self.is_closed = False
         self._at_end: list[Listener] = []
         self._facts: dict[tuple[str, float], RobotFacts] = {}
         self._simulated: tuple[DesignState, RunPair] | None = None
@@ -93,7 +103,7 @@ class Session:
 
     def start(self) -> None:
         """Start computing, unless the page was closed before it was there."""
-        if self._is_closed:
+        if self.is_closed:
             return
         steps = {"loop": self._update_loop, "runs": self._update_runs, "certificates": self._update_certificates}
         self._tasks = [background_tasks.create(self._follow(name, step)) for name, step in steps.items()]
@@ -105,7 +115,7 @@ class Session:
 
     def close(self) -> None:
         """End all that is being computed."""
-        self._is_closed = True
+        self.is_closed = True
         for listener in self._at_end:
             listener()
         for task in self._tasks:
@@ -146,13 +156,14 @@ class Session:
             event.set()
 
     def _tell(self, topic: str) -> None:
-        if self._is_closed:
+        if self.is_closed:
             return
         for listener in self._listeners[topic]:
             listener()
 
     async def _follow(self, name: str, step: Callable[[DesignState], Awaitable[None]]) -> None:
         """Compute a part for the newest design, again and again; designs that were left at once are skipped."""
+        await in_thread(load_computing)
         pause = {"loop": 0.0, "runs": RUN_PAUSE, "certificates": CERTIFICATE_PAUSE}[name]
         while True:
             await self._moved[name].wait()
@@ -166,6 +177,8 @@ class Session:
             self.results.times[name] = time.perf_counter() - start
 
     async def _update_loop(self, state: DesignState) -> None:
+        from tarc.studio.analysis import analyse_loop, robot_facts
+
         try:
             key = state.robot, state.payload
             if key not in self._facts:
@@ -180,6 +193,8 @@ class Session:
         self._tell("loop")
 
     async def _update_runs(self, state: DesignState) -> None:
+        from tarc.studio.runs import run_pair
+
         try:
             self.results.runs = await in_thread(run_pair, state, self.robots, self._simulated)
             self._simulated = state, self.results.runs
@@ -188,14 +203,22 @@ class Session:
         self._tell("runs")
 
     async def _update_certificates(self, state: DesignState) -> None:
-        self._job = Job(send_certificates, state.to_content(self.robots.content(state.robot)))
+        from tarc.studio.certifying import send_certificates
+
         rows: list[CertificateRow] | None = None
         problem = ""
-        try:
-            async for message in self._job.results():
-                rows = message
-        except JobError as error:
-            problem = str(error)
+        async with _CERTIFYING:
+            if state != self.state or self.is_closed:
+                return
+            content = state.to_content(self.robots.content(state.robot))
+            self._job = await in_thread(Job, send_certificates, content)
+            if state != self.state or self.is_closed:
+                self._job.cancel()
+            try:
+                async for message in self._job.results():
+                    rows = message
+            except JobError as error:
+                problem = str(error)
         if state != self.state or (rows is None and not problem):
             return
         self.results.certificates = rows
@@ -206,3 +229,9 @@ class Session:
 async def in_thread(function: Callable[..., T], *arguments: Any) -> T:
     """Return what a function computes in a thread, so that the page stays responsive."""
     return await asyncio.get_running_loop().run_in_executor(_COMPUTING, partial(function, *arguments))
+
+
+def load_computing() -> None:
+    """Import the modules that compute, unless they are."""
+    for name in COMPUTING:
+        importlib.import_module(name)

@@ -1,5 +1,6 @@
 """The Study tab: many drawn robots, a cloud that fills, and the run behind each dot."""
 
+import importlib
 import math
 from typing import TYPE_CHECKING, Any
 
@@ -57,23 +58,28 @@ class StudyTab:
             self._y.props("dense outlined").classes("w-1/2")
         self._progress = ui.linear_progress(0.0, show_value=False).props('aria-label="Progress of the study"')
 
-    def start(self) -> None:
+    async def start(self) -> None:
         """Run the study of the present design from its beginning."""
-        from tarc.studio.study_runs import send_study, study_content
-
+        self.stop()
+        self._summary.set_text("starting")
+        study_runs = await in_thread(importlib.import_module, "tarc.studio.study_runs")
         self.stop()
         runs = int(min(max(self._runs.value or 8, 8), MAX_RUNS))
         try:
-            self._content = study_content(self._session.state, self._session.robots, runs)
+            self._content = study_runs.study_content(self._session.state, self._session.robots, runs)
         except DESIGN_ERRORS as error:
             self._summary.set_text(str(error))
             return
         self._chunks = []
         keys = list(self._content["draws"])
         self._x.set_options(keys, value=next((key for key in keys if key.endswith(".mass")), keys[0]))
-        self._summary.set_text("starting")
-        self._job = Job(send_study, self._content)
-        background_tasks.create(self._follow(self._job, runs))
+        job = await in_thread(Job, study_runs.send_study, self._content)
+        self.stop()
+        if self._session.is_closed:
+            job.cancel()
+            return
+        self._job = job
+        background_tasks.create(self._follow(job, runs))
 
     def stop(self) -> None:
         """End the study; what is there stays."""
