@@ -18,7 +18,8 @@ from scipy.optimize import minimize
 from tarc.analysis.linearise import Channel, decoupled_channels
 from tarc.analysis.optimum import least_error, loop_deviations
 from tarc.analysis.uncertain_loop import UncertainLoop
-from tarc.certificates.varying_ratio import best_centre, max_radius_any_rate
+from tarc.certificates.ball_centre import best_centre
+from tarc.certificates.ball_radius import max_radius_any_rate
 from tarc.core.errors import InvalidParameter
 from tarc.core.progress import Progress
 from tarc.estimators import Algebraic

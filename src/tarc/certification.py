@@ -22,6 +22,7 @@ from tarc.analysis.rest_stability import describe_instability
 from tarc.analysis.stability import disturbance_to_error, noise_to_torque, stable_intervals, widest_interval
 from tarc.analysis.workspace import Workspace
 from tarc.certificates.affine import AffineEvidence
+from tarc.certificates.ball import Ball
 from tarc.certificates.base import Certificate, Evidence, certificate_from_plain
 from tarc.certificates.constant_ratio import ConstantRatioEvidence, certify_constant_ratio
 from tarc.certificates.known_inertia_evidence import KnownInertiaEvidence
@@ -31,7 +32,7 @@ from tarc.certificates.robot_evidence import RobotEvidence
 from tarc.certificates.robot_points import RobotPoints
 from tarc.certificates.robot_proof import ProvenRobot, prove_robot
 from tarc.certificates.sector import SectorEvidence, certify_sector
-from tarc.certificates.varying_ratio import Ball, VaryingRatioEvidence, certify_varying_ratio, widest_ball
+from tarc.certificates.varying_ratio import VaryingRatioEvidence, certify_varying_ratio, widest_ball
 from tarc.core.errors import InvalidParameter, NoStableRatio
 from tarc.core.types import Array
 from tarc.estimators.algebraic import Algebraic

@@ -20,8 +20,8 @@ from tarc.analysis.operating_points import OperatingPoint, uncertainty_samples
 from tarc.analysis.uncertain_loop import UncertainLoop
 from tarc.analysis.worst_points import inertia_rates
 from tarc.certificates import certify_robot, certify_varying_ratio
+from tarc.certificates.ball_radius import max_radius
 from tarc.certificates.iqc import Multiplier, rate_penalty, satisfies_iqc
-from tarc.certificates.varying_ratio import max_radius
 from tarc.certification import certificate_from_dict
 from tarc.core.errors import InvalidParameter
 from tarc.numerics.norms import fdi_negative

@@ -21,8 +21,8 @@ from tarc.analysis.rest_stability import rest_state_matrix
 from tarc.analysis.uncertain_loop import UncertainLoop
 from tarc.analysis.worst_points import sample_points
 from tarc.certificates import certify_robot, certify_varying_ratio
+from tarc.certificates.ball import Ball
 from tarc.certificates.base import Certificate
-from tarc.certificates.varying_ratio import Ball
 from tarc.certification import LawCertification, certificate_from_dict
 from tarc.core.errors import InvalidParameter, UnsupportedLaw
 

@@ -27,7 +27,7 @@ from tarc.analysis import hinf_norm, stable_interval, stable_intervals
 from tarc.analysis.linearise import coupled_channel, decoupled_channels
 from tarc.analysis.uncertain_loop import FrequencyResponses, UncertainLoop, scaled_system
 from tarc.certificates import certify_varying_ratio
-from tarc.certificates.varying_ratio import max_radius_any_rate
+from tarc.certificates.ball_radius import max_radius_any_rate
 from tarc.certification import certificate_from_dict
 from tarc.core.errors import InvalidParameter, NoStableRatio, UnsupportedLaw
 from tarc.numerics.matrix_tests import schur_stability

@@ -32,7 +32,7 @@ from reference.uncertain_case import UncertainCase
 from tarc.analysis.linearise import decoupled_channels
 from tarc.analysis.uncertain_loop import UncertainLoop
 from tarc.certificates import certify_affine, certify_constant_ratio, certify_sector, certify_varying_ratio
-from tarc.certificates.varying_ratio import max_radius, max_radius_any_rate
+from tarc.certificates.ball_radius import max_radius, max_radius_any_rate
 from tarc.core.progress import Progress
 
 N_STEPS = 4000

@@ -10,9 +10,11 @@ from tarc.analysis.linearise import Channel
 from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS, SEARCH_MARGIN, UncertaintySamples
 from tarc.analysis.uncertain_loop import FrequencyResponses, UncertainLoop
 from tarc.analysis.worst_points import GrownNorm, SampledPoints
+from tarc.certificates.ball import Ball, RadiusProof, make_ball
+from tarc.certificates.ball_centre import FEW_FREQUENCIES, best_centre
+from tarc.certificates.ball_radius import max_radius
 from tarc.certificates.iqc import CLOSE_RANGE, best_multiplier
 from tarc.certificates.robot_points import RobotPoints
-from tarc.certificates.varying_ratio import FEW_FREQUENCIES, Ball, RadiusProof, best_centre, make_ball, max_radius
 
 LEAD_FACTORS = 0.5, 1.0
 """Lead times to try, over that at which damping counts as much as stiffness."""

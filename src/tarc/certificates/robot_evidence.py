@@ -18,8 +18,8 @@ from tarc.analysis.stability import UnstableMode, Witness, unstable_mode
 from tarc.analysis.workspace import Workspace
 from tarc.analysis.worst_points import inertia_rates
 from tarc.certificates.affine import AffineProof
+from tarc.certificates.ball import Ball
 from tarc.certificates.base import Evidence, Judgement, LoopMatrices, Verdict, require_held_torque
-from tarc.certificates.varying_ratio import Ball
 from tarc.core.types import Array
 from tarc.numerics.matrix_tests import schur_stability
 

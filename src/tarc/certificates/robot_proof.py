@@ -18,11 +18,11 @@ from tarc.analysis.stored_proof import prove_stored
 from tarc.analysis.workspace import Workspace
 from tarc.analysis.workspace_boxes import Matrices, angles_that_matter, as_polynomials, in_angles, workspace_boxes
 from tarc.certificates.affine import AffineProof
+from tarc.certificates.ball import Ball
 from tarc.certificates.base import EVERY_POSTURE, Certificate, Verdict
 from tarc.certificates.force_form import ForceForm
 from tarc.certificates.grouped_forces import GroupBound, cover_groups, group_bounds
 from tarc.certificates.robot_evidence import AffineCover, MaxRatePoint, RobotEvidence, linearised_point
-from tarc.certificates.varying_ratio import Ball
 from tarc.core import validation as check
 from tarc.core.formatting import format_vector
 from tarc.core.types import Array

@@ -10,8 +10,9 @@ import numpy as np
 
 from tarc.analysis.linearise import joints_share_loop
 from tarc.analysis.operating_points import RADIUS_SHARES, SEARCH_MARGIN
+from tarc.certificates.ball import Ball
 from tarc.certificates.robot import certify_robot
-from tarc.certificates.varying_ratio import Ball, widest_ball
+from tarc.certificates.varying_ratio import widest_ball
 from tarc.certification import LawCertification
 from tarc.core.errors import NoStableRatio
 from tarc.laws.pole_placement import PolePlacement

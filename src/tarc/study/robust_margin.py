@@ -9,7 +9,8 @@ from tarc.analysis.inertia_ratio import inertia_spread
 from tarc.analysis.linearise import Channel, decoupled_channels, joints_share_loop, refuse_nominal_inertia
 from tarc.analysis.uncertain_loop import UncertainLoop
 from tarc.analysis.workspace import Workspace
-from tarc.certificates.varying_ratio import best_centre, max_radius_any_rate
+from tarc.certificates.ball_centre import best_centre
+from tarc.certificates.ball_radius import max_radius_any_rate
 from tarc.core.errors import UnsupportedLaw
 from tarc.core.types import Array
 from tarc.laws.base import Law
