@@ -127,7 +127,7 @@ def _allowed(hint: Any) -> Any:
             result.append(dict[key, value])
         elif member in (float, int, bool, str, type(None), Any):
             result.append(member)
-    return Union[tuple(dict.fromkeys(result))] if result else Any  # noqa: UP007
+    return Union[tuple(dict.fromkeys(result))] if result else Any  # noqa: UP007 - `|` takes no tuple of types
 
 
 def _words(allowed: Any) -> str:
