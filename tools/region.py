@@ -37,7 +37,8 @@ def falls(p, low, high):
     loop, of, weights, T = p["loop"], p["ratios"], p["weights"], arb(p["ratios"]["period"])
     A, B, C, N, R, X, rows = (ball(loop[x]) for x in ("A", "B", "C", "noise", "residual", "change", "outputs"))
     d, s = arb(loop["noise_gain"][0][0]), arb(loop["residual_gain"][0][0])
-    P0, P1, Q1, S, Z = (symmetric(p["matrices"][name]) for name in ("P0", "P1", "Q1", "S", "R"))
+    P0, P1, Q1, S, Z, S0 = (symmetric(p["matrices"][name]) for name in ("P0", "P1", "Q1", "S", "R", "S0"))
+    followed = (LOOSE * arb(of["nominal_rate"]) * T).exp() - 1
     turn, change = (LOOSE * arb(of[name]) * T for name in ("rate", "relative_rate"))
     turned, swing = uneven(of)
     half = arb(loop["half_slope"])
@@ -50,7 +51,7 @@ def falls(p, low, high):
     def decrease(x):
         mean, moment = x * (v + k[:1] + f[:1]), c + x * (k[1:] + f[1:])
         later = A @ z + B[:, :1] @ mean + B[:, 1:] @ moment + N @ n + R @ added + X @ delta
-        after = x * (P0 + turn * turned**2 * S) + P1 + Q1 + (change.exp() - 1) * Z
+        after = x * (P0 + turn * turned**2 * S + followed * S0) + P1 + Q1 + (change.exp() - 1) * Z
         F = arb(p["decay"]) * z.T @ (x * P0 + P1 + Q1) @ z - later.T @ after @ later
         track = np.vstack([rows @ z, mean * T**2])
         for weight, (size, lead, within, _) in zip(weights["forces"], forces, strict=True):
@@ -65,6 +66,7 @@ def falls(p, low, high):
 
     a, b, c_, d_ = (decrease(low + (high - low) * i / 3) for i in range(4))
     forms = [end * P0 + P1 + Q1 for end in (low, high)] + [S + P1, S - P1, Z + Q1, Z - Q1]
+    forms += [S0 + P0, S0 - P0] if of["nominal_rate"] > 0 else []
     bernstein = [a, (18 * b - 5 * a - 9 * c_ + 2 * d_) / 6, (2 * a - 9 * b + 18 * c_ - 5 * d_) / 6, d_]
     return min(*(sign(form) for form in forms), positive(bernstein, sign))
 
@@ -79,7 +81,8 @@ def region(e, witness):
         arb(x) for x in (of["min_ratio"], of["max_ratio"], of["period"], p["level"], p["decay"])
     )
     turned, swing = uneven(of)
-    numbers = [of["rate"], of["relative_rate"], *bounds.values(), *of["stiffness"], *of["lead_times"], *of["shares"]]
+    numbers = [of[name] for name in ("rate", "relative_rate", "nominal_rate")] + [*bounds.values(), *of["stiffness"]]
+    numbers += [*of["lead_times"], *of["shares"]]
     numbers += [*weights["forces"], *(weights[x] for x in weights if x != "forces")]
     numbers += [loop["half_slope"], p["rest_stiffness"], p["start_torque"], p["start_velocity"]]
     fits = 0 < low <= high and 0 < turned < 3 and 0 < decay < 1 and level > 0 and loop["period"] == T
@@ -113,17 +116,19 @@ def region(e, witness):
         ]
         force = arb(bounds["held"]) + bounds["torque"] + (min(reach, key=float) if reach else 0)
         sag, slope = high * (v + force) * T**2 / 8, high * (swing * v + 2 * force) * T / 2
-        return value.sqrt() * gain(position) + sag, value.sqrt() * gain(velocity) / T + slope
+        end = (value * (LOOSE * arb(of["nominal_rate"]) * T).exp()).sqrt()
+        return end * gain(position) + sag, end * gain(velocity) / T + slope
 
     unit, rate, window, torque = ball(loop["starts"]).T
     error, error_rate = largest(level)
     final = g / (1 - decay)
     start = (norm(unit + window) + p["rest_stiffness"] * norm(torque)) * e["start_error"]
     start += norm(torque) * p["start_torque"] + norm(rate) * p["start_velocity"] * T + norm(window) * bounds["noise"]
-    limits = [W * arb(tube["error"]) ** 2 for W in np.diag(inverse(N))]
+    units = [LOOSE * arb(x) for x in e["error_units"]]
     holds = [error <= tube["error"] * LOOSE, error_rate <= tube["error_rate"] * LOOSE, final < level]
     holds += [start <= level.sqrt() * LOOSE, largest(final)[0] <= e["final_error"] * LOOSE, arb(e["start_error"]) > 0]
-    holds += [x <= (LOOSE * arb(y)) ** 2 for x, y in zip(limits, e["max_error"], strict=True)]
+    holds += [x**2 >= y for x, y in zip(units, np.diag(inverse(N)), strict=True)]
+    holds += [x * tube["error"] <= LOOSE**2 * arb(y) for x, y in zip(units, e["max_error"], strict=True)]
     found = min(falls(p, low, high), sign(N), 1 if all(holds) else -1)
     text = f"|M̂^½ e| up to {e['start_error']:.4g} at the start never exceeds {tube['error']:.4g}"
     return found, f"{text} and ends below {e['final_error']:.4g}"

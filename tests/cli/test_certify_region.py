@@ -17,6 +17,7 @@ CONTENT = {
     "law": [
         {"kind": "TDC", "inertia": 0.1, "natural_frequency": 20.0},
         {"kind": "TDC", "label": "model", "inertia": {"model": True, "fraction": 0.1}, "natural_frequency": 20.0},
+        {"kind": "PID", "label": "other", "inertia": 0.1, "natural_frequency": 20.0},
     ],
     "estimator": {"kind": "Algebraic", "window": 0.003},
     "reference": {"kind": "Quintic", "points": [[0.2], [1.0]], "times": [0.0, 1.0]},
@@ -36,7 +37,8 @@ def test_region_of_a_scenario_as_text_and_json(tmp_path):
     found = summary["regions"]["TDC"]
     assert found["verdict"] == "certified"
     assert found["final_errors"] < found["start_errors"] < found["tube_errors"]
-    assert "M̂(q)" in summary["skipped"]["model"]
+    assert summary["regions"]["model"]["verdict"] == "certified"
+    assert "covers tarc.laws.TDC and TARC" in summary["skipped"]["other"]
     verified = CliRunner().invoke(app, ["verify", summary["files"][0]])
     assert verified.exit_code == 0, verified.output
 

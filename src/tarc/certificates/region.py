@@ -8,15 +8,16 @@ from typing import ClassVar
 import numpy as np
 
 from tarc.analysis.inertia_ratio import as_plants
-from tarc.analysis.linearise import decoupled_channels, initial_responses, joints_share_loop, refuse_nominal_inertia
+from tarc.analysis.linearise import decoupled_channels, initial_responses, joints_share_loop
 from tarc.analysis.operating_points import matrix_roots
 from tarc.analysis.tube import ReferenceBounds, TubeBounds, feedforward_along, reference_bounds, tube_bounds
 from tarc.analysis.uncertain_loop import UncertainLoop
 from tarc.analysis.workspace import Workspace
 from tarc.certificates.affine_form import LyapunovMatrices, RatioSet
 from tarc.certificates.base import Certificate, Evidence, Judgement, Verdict
+from tarc.certificates.known_region import KnownRegion
 from tarc.certificates.region_form import InputBounds, RegionWeights, TrackingLoop, region_decrease, signal_bounds
-from tarc.certificates.region_search import TubeSize, find_region, first_scaling, scaled_by
+from tarc.certificates.region_search import Disturbances, TubeCase, TubeSize, find_region, first_scaling, scaled_by
 from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter, UnsupportedLaw
 from tarc.core.formatting import format_vector
@@ -36,6 +37,8 @@ MARGIN = 0.05
 """Growth of all that was found in the tube that the certificate covers; samples miss the worst."""
 RATE_FACTORS = 1.5, 3.0
 """Sizes of the tube in ė over ωn times its size in e, tried in turn."""
+KNOWN_RATE_FACTORS = 1.5, 1.0, 0.7
+"""The same for M̂(q), which changes faster in a tube of larger ė."""
 DECAY_SHARES = 0.6, 0.3, 0.1
 """Decay rates, as shares of that of the slowest constant ratio, tried in turn."""
 FORCE_SHARE = 0.01
@@ -58,6 +61,11 @@ ASSUMPTIONS = (
     "no torque limit is reached and no sample is lost; the reference goes on as given until the duration ends",
 )
 """What a verdict takes for granted."""
+KNOWN_ASSUMPTIONS = (
+    "sampled: the stiffness of the law's model, and how fast M̂ at the measured position changes, up to the same share",
+    "the disturbing torque is no larger than given",
+)
+"""What it takes for granted in addition of a law with M̂(q)."""
 SLACK = 1 + 2.0**-27
 """Factor by which stored sizes may miss those computed again."""
 SIZE_ROOM = 1e-5
@@ -164,8 +172,9 @@ class RegionProof:
             return False
 
         def is_positive() -> bool:
-            P0, P1, Q1, S, R, _ = (BALLS.matrix(part) for part in self.matrices)
+            P0, P1, Q1, S, R, S0 = (BALLS.matrix(part) for part in self.matrices)
             forms = [P0 * BALLS.number(ratio) + P1 + Q1 for ratio in (low, high)]
+            forms += [S0 + P0, S0 - P0] if self.ratios.nominal_rate > 0 else []
             return all(is_positive_definite(form) for form in [*forms, S + P1, S - P1, R + Q1, R - Q1])
 
         return decide(is_positive) and decide(lambda: is_definite_on(region_decrease(*arguments, BALLS), ends))
@@ -176,6 +185,7 @@ class RegionProof:
         numbers = [
             ratios.rate,
             ratios.relative_rate,
+            ratios.nominal_rate,
             self.bounds.noise,
             self.bounds.residual,
             self.bounds.drift,
@@ -217,9 +227,10 @@ class RegionProof:
         """Return the largest ‖M̂^½ e‖ and ‖M̂^½ ė‖ of a level of V that is not left, between samples too.
 
         Between samples e differs from its chord by at most T²/8 of the largest acceleration. For ė it is at most T/2 of
-        what the acceleration differs from its mean.
+        what the acceleration differs from its mean. M̂ is that of the start of the period, at its end too.
         """
         T, (position, velocity), root = self.ratios.period, self.loop.outputs, level**0.5
+        end = root * (1 + self.ratios.max_nominal_change) ** 0.5
         bounds = self.bounds
         v = root * self._gain(self.loop.C[0]) + abs(self.loop.noise_gain.item()) * bounds.noise
         robust = self.loop.half_slope * (self.tube.error + bounds.noise)
@@ -230,8 +241,8 @@ class RegionProof:
             force += float((self.ratios.stiffness * reach).min())
         largest = self.ratios.max_ratio * (v + force)
         uneven = self.ratios.max_ratio * (self.ratios.swing * v + 2 * force)
-        error = root * self._gain(position) + largest * T**2 / 8
-        return float(error), float(root * self._gain(velocity) / T + uneven * T / 2)
+        error = end * self._gain(position) + largest * T**2 / 8
+        return float(error), float(end * self._gain(velocity) / T + uneven * T / 2)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -243,7 +254,9 @@ class RegionEvidence(Evidence):
     proof
         The Lyapunov function; None where none was found.
     nominal_inertia
-        M̂ [kg m² or kg], shape (n, n).
+        M̂ [kg m² or kg], shape (n, n); for M̂(q) a matrix at least as large as it at the start.
+    error_units
+        √(M̂⁻¹)_ii, shape (n,); for M̂(q) the largest in the tube.
     max_error
         R, largest error of each joint that is allowed [rad or m], shape (n,).
     start_error, final_error
@@ -254,6 +267,7 @@ class RegionEvidence(Evidence):
 
     proof: RegionProof | None
     nominal_inertia: Array
+    error_units: Array
     max_error: Array
     start_error: float
     final_error: float
@@ -266,6 +280,8 @@ class RegionEvidence(Evidence):
         margin = proof.margin()
         holds = margin > 0 and 0 < self.start_error <= SLACK * proof.start_error
         holds = holds and SLACK * self.final_error >= proof.final_error
+        least = np.sqrt(np.diag(np.linalg.inv(self.nominal_inertia)))
+        holds = holds and bool(np.all(SLACK * self.error_units >= least))
         holds = (
             holds and bool(np.all(self.joint_errors(proof.tube.error) <= SLACK * self.max_error)) and proof.is_proven()
         )
@@ -273,7 +289,7 @@ class RegionEvidence(Evidence):
 
     def joint_errors(self, size: float) -> Array:
         """Return the largest |e_i| of ‖M̂^½ e‖ ≤ size [rad or m], shape (n,)."""
-        return size * np.sqrt(np.diag(np.linalg.inv(self.nominal_inertia)))
+        return size * self.error_units
 
     @property
     def tube_errors(self) -> Array:
@@ -304,12 +320,13 @@ def certify_region(
     max_error: Numbers,
     measurement_error: Numbers = 0.0,
     torque_rate: Numbers = 0.0,
+    max_torque: Numbers | None = None,
     friction: Numbers = 0.0,
     computation_delay: int = 0,
     samples: int = 500,
     seed: int = 0,
 ) -> Certificate[RegionEvidence]:
-    """Certify how large an error a law with a constant M̂ recovers from, on the nonlinear robot along a reference.
+    """Certify how large an error a law recovers from, on the nonlinear robot along a reference.
 
     With e = q − qᵈ and τ* = M(qᵈ) q̈ᵈ + N(qᵈ, q̇ᵈ) the error obeys, without any linearisation,
 
@@ -321,10 +338,14 @@ def certify_region(
     state, the window and the past torque included, obeys V⁺ ≤ ϱ V + g in the tube. A level of V in the tube is never
     left if g ≤ (1 − ϱ) of it.
 
+    With M̂(q) the memory is in accelerations, less c* = M̂(qᵈ)⁻¹ (τ* − ĥ − f), and V = Σ xᵀ (P0⊗M̂(q̂) + P1⊗M(q)) x with
+    M̂ at the measured position q̂. It gains s0 S0, S0 ± P0 ⪰ 0, with s0 the relative change of M̂(q̂) in a period. The
+    stiffness ∂(M̂ c* + ĥ)/∂q of the law acts at the position of the sample, and is taken from G̃.
+
     Parameters
     ----------
     law
-        A `tarc.laws.TDC` or `TARC` with a constant M̂ and gains that all joints share. The robust term of TARC, whose
+        A `tarc.laws.TDC` or `TARC` with gains that all joints share. The robust term of TARC, whose
         ``max_gain`` must be given, may have any slope up to its bound at any time. Feed-forward takes what it knows
         from the torque that the reference needs.
     plant
@@ -337,6 +358,9 @@ def certify_region(
         Largest error of a measured position [rad or m], one number or one per joint: half a step of an encoder.
     torque_rate
         Largest rate of a disturbing torque [N m/s or N/s], one number or one per joint; it is part of τ*.
+    max_torque
+        For M̂(q): largest disturbing torque [N m or N], one number or one per joint. In each posture it takes another
+        command. Default: ``torque_rate`` times the duration.
     friction
         Largest torque that may change at any time [N m or N], one number or one per joint; at least the dry friction of
         the robot.
@@ -355,58 +379,95 @@ def certify_region(
     Raises
     ------
     UnsupportedLaw
-        For another law, M̂(q), a torque limit, and gains that differ between the joints.
+        For another law, M̂(q) with a computation delay, a torque limit, and gains that differ between the joints.
     InvalidParameter
         For numbers out of range or of joints that differ, and a robot that is not in symbols.
     NotLinearisable
         For an estimator without a linearisation.
     """
-    law = _supported(law)
+    law = _supported(law, computation_delay)
     plants = as_plants(plant)
     n = law.n_joints
     _check_joints(plants, reference, n)
     duration = check.number("duration", duration, 0, strict=True)
     limit = check.vector("max_error", max_error, n, 0, strict=True)
-    nominal = law.M
-    root, inverse_root = matrix_roots(nominal)
-    units = np.sqrt(np.diag(np.linalg.inv(nominal)))
-    size = float((limit / units).min())
-    forward, model_stiffness = (None, None) if law.feedforward is None else feedforward_along(law)
-    motion = reference_bounds(plants, inverse_root, reference, duration, law.period, forward)
-    disturbed = law.period * largest_norm(inverse_root, check.vector("torque_rate", torque_rate, n, 0))
-    room, residuals = 1 + MARGIN, reference_residuals(law, reference, duration)
-    bounds = InputBounds(
-        noise=largest_norm(root, check.vector("measurement_error", measurement_error, n, 0)),
-        residual=room * float(np.linalg.norm(root @ residuals, axis=0).max()),
-        change=room * law.period * motion.command_rate + disturbed,
-        held=room * law.period * motion.torque_rate + disturbed,
-        torque=largest_norm(inverse_root, _checked_friction(plants, friction)),
+    rate = check.vector("torque_rate", torque_rate, n, 0)
+    given = Disturbances(
+        noise=check.vector("measurement_error", measurement_error, n, 0),
+        torque_rate=rate,
+        max_torque=rate * duration if max_torque is None else check.vector("max_torque", max_torque, n, 0),
+        friction=_checked_friction(plants, friction),
+        force_share=FORCE_SHARE,
     )
+    motion, sampling = (law, plants, reference, duration), (samples, seed)
+    residuals = reference_residuals(law, reference, duration)
+    if law.has_model:
+        region = KnownRegion(*motion, limit, given, residuals, sampling, 1 + MARGIN)
+    else:
+        region = _ConstantRegion(*motion, limit, given, residuals, sampling)
     loop = tracking_loop(law, computation_delay)
     best = None
-    for factor in RATE_FACTORS:
-        tube = TubeSize(size, factor * float(law.K1[0, 0]) ** 0.5 * size)
-        space = tube_workspace(motion, tube, units)
-        options = {"samples": samples, "seed": seed}
-        robot = tube_bounds(plants, nominal, space, **options, model_stiffness=model_stiffness)
-        start_torque = motion.start_torque
-        if model_stiffness is not None:  # the model's torque at the start is that of the measured position
-            known = inverse_root @ model_stiffness(space.sample(samples, seed).T) @ inverse_root
-            start_torque += room * float(np.linalg.norm(known, 2, axis=(1, 2)).max()) * bounds.noise
-        start = room * robot.rest_stiffness, start_torque, float(np.linalg.norm(root @ motion.start_velocity))
-        proofs = _proofs(loop, _ratio_set(robot, law.period), bounds, tube, start)
-        proofs = [proof for proof in proofs if proof.margin() > 0]
+    for factor in KNOWN_RATE_FACTORS if law.has_model else RATE_FACTORS:
+        tube = TubeSize(region.size, factor * float(law.K1[0, 0]) ** 0.5 * region.size)
+        proofs = [proof for proof in _proofs(loop, region.case(tube)) if proof.margin() > 0]
         if proofs:
             best = max(proofs, key=lambda proof: proof.start_error)
             break
     evidence = RegionEvidence(
         proof=best,
-        nominal_inertia=nominal,
+        nominal_inertia=region.nominal_inertia,
+        error_units=region.units,
         max_error=limit,
         start_error=best.start_error * (1 - SIZE_ROOM) if best else 0.0,
         final_error=best.final_error * (1 + SIZE_ROOM) if best else float("inf"),
     )
     return _certificate(law, evidence, samples)
+
+
+class _ConstantRegion:
+    """Tubes about a reference, for a law with a constant M̂; as `KnownRegion`."""
+
+    def __init__(
+        self,
+        law: TDC | TARC,
+        plants: Sequence[Plant],
+        reference: Reference,
+        duration: float,
+        limits: Array,
+        disturbances: Disturbances,
+        residuals: Array,
+        sampling: tuple[int, int],
+    ):
+        self._law, self._plants, self._sampling, self._given = law, plants, sampling, disturbances
+        self.nominal_inertia = law.M
+        self._root, self._inverse_root = matrix_roots(law.M)
+        self.units = np.sqrt(np.diag(np.linalg.inv(law.M)))
+        self.size = float((limits / self.units).min())
+        forward, self._model_stiffness = (None, None) if law.feedforward is None else feedforward_along(law)
+        self._motion = reference_bounds(plants, self._inverse_root, reference, duration, law.period, forward)
+        self._residual = float(np.linalg.norm(self._root @ residuals, axis=0).max())
+
+    def case(self, tube: TubeSize) -> TubeCase:
+        """Return what the loop must tolerate in a tube of the errors `size`."""
+        room, given, motion, samples, seed = 1 + MARGIN, self._given, self._motion, *self._sampling
+        period, stiffness = self._law.period, self._model_stiffness
+        disturbed = period * largest_norm(self._inverse_root, given.torque_rate)
+        bounds = InputBounds(
+            noise=largest_norm(self._root, given.noise),
+            residual=room * self._residual,
+            change=room * period * motion.command_rate + disturbed,
+            held=room * period * motion.torque_rate + disturbed,
+            torque=largest_norm(self._inverse_root, given.friction),
+        )
+        space = tube_workspace(motion, tube, self.units)
+        options = {"samples": samples, "seed": seed}
+        robot = tube_bounds(self._plants, self._law.M, space, **options, model_stiffness=stiffness)
+        start_torque = motion.start_torque
+        if stiffness is not None:  # the model's torque at the start is that of the measured position
+            known = self._inverse_root @ stiffness(space.sample(samples, seed).T) @ self._inverse_root
+            start_torque += room * float(np.linalg.norm(known, 2, axis=(1, 2)).max()) * bounds.noise
+        velocity = float(np.linalg.norm(self._root @ motion.start_velocity))
+        return TubeCase(tube, _ratio_set(robot, period), bounds, (room * robot.rest_stiffness, start_torque, velocity))
 
 
 def _check_joints(plants: Sequence[Plant], reference: Reference, n: int) -> None:
@@ -445,13 +506,14 @@ def _root(least: float, largest: float) -> float:
     return float(largest) ** 0.5 if least >= 0 else float("inf")
 
 
-def _supported(law: Law) -> TDC | TARC:
+def _supported(law: Law, computation_delay: int) -> TDC | TARC:
     """Return a law that is covered, or refuse it."""
     if not isinstance(law, TDC | TARC):
         raise UnsupportedLaw(f"law: got {type(law).__name__}; certify_region covers tarc.laws.TDC and TARC")
     if not np.isfinite(law.robust_slope_bound):
         raise UnsupportedLaw("law: nothing bounds the gain of its robust term; give max_gain")
-    refuse_nominal_inertia(law, "the certificate of a region")
+    if law.has_model and computation_delay:
+        raise UnsupportedLaw("law: certify_region does not cover M̂(q) with a computation delay; leave the delay out")
     refuse_oracle(law.estimator)
     if law.torque_limit is not None or law.actuation_delay:
         raise UnsupportedLaw("law: certify_region does not cover a torque limit and an actuation delay; leave them out")
@@ -545,10 +607,9 @@ def _ratio_set(robot: TubeBounds, period: float) -> RatioSet:
     )
 
 
-def _proofs(
-    loop: TrackingLoop, ratios: RatioSet, bounds: InputBounds, tube: TubeSize, start: tuple[float, float, float]
-) -> list[RegionProof]:
+def _proofs(loop: TrackingLoop, case: TubeCase) -> list[RegionProof]:
     """Return Lyapunov functions of some decay rates; none for a tube in which a constant ratio is unstable."""
+    tube, ratios, bounds, start = case
     points = np.geomspace(ratios.min_ratio, ratios.max_ratio, N_RATIOS)
     radius = max(float(np.abs(np.linalg.eigvals(loop.A + x * loop.B[:, :1] @ loop.C)).max()) for x in points)
     if radius >= 1 or not np.all(np.isfinite(ratios.force_bounds())):
@@ -601,6 +662,6 @@ def _certificate(law: TDC | TARC, evidence: RegionEvidence, samples: int) -> Cer
         verdict=verdict,
         margin=margin,
         margin_meaning="1 less the level that V approaches over that of the tube",
-        assumptions=ASSUMPTIONS,
+        assumptions=ASSUMPTIONS + (KNOWN_ASSUMPTIONS if law.has_model else ()),
         basis=f"{samples} sampled states of the tube and local search",
     )

@@ -7,6 +7,9 @@ With e = q − qᵈ and τ* the torque along the reference, the robot and a law 
 In coordinates M̂^½ e that is E (v − v* + k̃), where ‖k̃‖ ≤ κ ‖(e, θ ė)‖ as long as (e, ė) stays in the tube over which κ
 is the largest torque-level norm. For V = Σ xᵀ (P0⊗I + (P1 + Q1)⊗Ē⁻¹) x everything decouples into the eigenvalues λ of
 Ē. One of them contributes at least −F(λ)/λ to ϱ V − V⁺ + g, g the sum of the weights of what is bounded.
+
+For M̂(q), v is the law's acceleration and v* the one along the reference, see `tarc.analysis.known_tube`. M̂ is that of
+the measured position and constant in each period. From one to the next it adds at most s0 S0⊗I, S0 ± P0 ⪰ 0.
 """
 
 from dataclasses import dataclass
@@ -210,7 +213,7 @@ def region_decrease(
     loop, ratios
         The loop and what it must tolerate in the tube.
     matrices
-        Of the Lyapunov function; S0 is not used.
+        Of the Lyapunov function; S0 counts for an M̂ that follows the posture.
     weights
         Of the bounds on the signals.
     decay
@@ -220,8 +223,9 @@ def region_decrease(
     """
     number = arithmetic.number
     signals = region_forms(loop, ratios, arithmetic)
-    P0, P1, Q1, S, R, _ = (arithmetic.matrix(part) for part in matrices)
-    later = P0 + number(ratios.max_change) * S, P1 + Q1 + number(ratios.max_relative_change) * R
+    P0, P1, Q1, S, R, S0 = (arithmetic.matrix(part) for part in matrices)
+    changed = number(ratios.max_change) * S + number(ratios.max_nominal_change) * S0
+    later = P0 + changed, P1 + Q1 + number(ratios.max_relative_change) * R
     constant, factor = signals.next_state
     forms = [number(decay) * product(signals.state.T, product(P, signals.state)) for P in (P1 + Q1, P0)]
     forms += [0 * forms[0], 0 * forms[0]]

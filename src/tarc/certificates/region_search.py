@@ -53,6 +53,46 @@ class TubeSize(NamedTuple):
         return loop.outputs / np.array([[self.error], [self.error_rate * loop.period]])
 
 
+class Disturbances(NamedTuple):
+    """What acts on a robot and a law, each (n,).
+
+    Attributes
+    ----------
+    noise
+        Largest error of a measured position [rad or m].
+    torque_rate, max_torque
+        Largest rate of a disturbing torque [N m/s or N/s], and its largest size [N m or N].
+    friction
+        Largest torque that may change at any time [N m or N].
+    force_share
+        Share of the bound on the forces that is left to the motion within a period.
+    """
+
+    noise: Array
+    torque_rate: Array
+    max_torque: Array
+    friction: Array
+    force_share: float
+
+
+class TubeCase(NamedTuple):
+    """A tube and what a Lyapunov function must tolerate in it.
+
+    Attributes
+    ----------
+    tube, ratios, bounds
+        Its size, the ratios and forces, and what acts on the loop.
+    start
+        Slope over e of the command of a robot at rest [1/s²], what it lacks of that along the reference [rad kg^½
+        m/s²], and ‖M̂^½ q̇ᵈ‖ at the start.
+    """
+
+    tube: TubeSize
+    ratios: RatioSet
+    bounds: InputBounds
+    start: tuple[float, float, float]
+
+
 class RegionCandidate(NamedTuple):
     """A Lyapunov function that a solver found, and the loop in whose states it is."""
 
@@ -140,10 +180,10 @@ def _solve(
 
     m, middle = len(loop.A), (ratios.min_ratio * ratios.max_ratio) ** 0.5
     has_two_parts = ratios.relative_rate < (1 - 1e-9) * ratios.rate * ratios.max_ratio
-    is_used = [True, True, True, has_two_parts, has_two_parts]
+    is_used = [True, True, True, has_two_parts, has_two_parts, ratios.nominal_rate > 0]
     variables = [cp.Variable((m, m), symmetric=True) if used else None for used in is_used]
     zero = cp.Constant(np.zeros((m, m)))
-    P0, P1, S, Q1, R = (zero if variable is None else variable for variable in variables)
+    P0, P1, S, Q1, R, S0 = (zero if variable is None else variable for variable in variables)
     signals = region_forms(loop, ratios)
     force_squares, squares = signal_bounds(ratios, bounds)
     constant, factor = signals.next_state
@@ -158,6 +198,7 @@ def _solve(
     g = (np.concatenate([force_squares, own, squares]) / units) @ weights
     constraints: list[cp.Constraint] = [S - P1 >> 0, S + P1 >> 0]
     constraints += [R - Q1 >> 0, R + Q1 >> 0] if has_two_parts else []
+    constraints += [S0 - P0 >> 0, S0 + P0 >> 0] if ratios.nominal_rate > 0 else []
     ends = [P0 + (P1 + Q1) * (middle / ratio) for ratio in (ratios.min_ratio, ratios.max_ratio)]
     constraints += [P - np.outer(row, row) >> 0 for P in ends for row in tube.rows(loop)]
     state = signals.state * sizes
@@ -165,6 +206,7 @@ def _solve(
         later = (constant + ratio * factor) * sizes
         P = P0 + (P1 + Q1) * (middle / ratio)
         changed = P + ratios.max_change * middle * S + ratios.max_relative_change * (middle / ratio) * R
+        changed = changed + ratios.max_nominal_change * S0
         drop = decay * state.T @ P @ state - later.T @ changed @ later
         for i, (degree, _) in enumerate(forms):
             drop = drop - weights[i] * (evaluate(scaled[i], ratio) / ratio**degree / units[i])
@@ -181,14 +223,14 @@ def _solve(
 
 def _candidate(loop: TrackingLoop, parts: list[Array], weights: Array, middle: float) -> RegionCandidate:
     """Return a solution with its units, and S and R above P1 and Q1 beyond rounding."""
-    P0, P1, S, Q1, R = parts
+    P0, P1, S, Q1, R, S0 = parts
     matrices = LyapunovMatrices(
         P0=P0,
         P1=middle * P1,
         Q1=middle * Q1,
         S=middle * _above(S, P1),
         R=middle * _above(R, Q1),
-        S0=np.zeros_like(P0),
+        S0=_above(S0, P0) if np.any(S0) else S0,
     )
     *forces, swing, slope = weights[:-4] if loop.half_slope else np.append(weights[:-4], 0.0)
     others = [float(value) for value in (swing, slope, *weights[-4:])]
