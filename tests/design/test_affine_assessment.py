@@ -82,9 +82,9 @@ def test_a_loop_is_proven_where_it_decays_and_is_not_where_it_is_slow(affine):
     fast = affine.candidates(loop(20.0))
     assert fast
     assert all(candidate.is_affine and candidate.feasible for candidate in fast)
-    assert affine.proves(fast[0])
+    assert affine.proof(fast[0])
     slow = replace(fast[0], inertia_scale=fast[0].inertia_scale / 20)
-    assert not affine.proves(slow)
+    assert affine.proof(slow) is None
 
 
 def test_only_what_costs_less_than_the_loops_of_the_balls_is_added(problem, robot, affine):
@@ -93,8 +93,9 @@ def test_only_what_costs_less_than_the_loops_of_the_balls_is_added(problem, robo
     none = LoopSelection(problem, shape, spec, [])
     found = affine.best(loop(20.0), none, lambda: steps.append(1))
     assert len(found) == len(steps) == 1
-    cheaper = replace(found[0], error=found[0].error / 2, is_affine=False)
-    assert affine.best(loop(20.0), replace(none, candidates=[cheaper]), lambda: None) == []
+    (best,) = found
+    cheaper = replace(best, error=best.error / 2, is_affine=False)
+    assert not affine.best(loop(20.0), replace(none, candidates=[cheaper]), lambda: None)
 
 
 def test_a_quarter_of_the_slope_is_tried_where_the_largest_has_no_proof(problem, robot, affine, monkeypatch):
@@ -102,11 +103,11 @@ def test_a_quarter_of_the_slope_is_tried_where_the_largest_has_no_proof(problem,
     largest = 20.0**2
     tried = []
 
-    def proves(self, candidate):
+    def proof(self, candidate):
         tried.append(candidate.robust_slope)
-        return candidate.robust_slope < largest
+        return "a proof" if candidate.robust_slope < largest else None
 
-    monkeypatch.setattr(AffineAssessment, "proves", proves)
+    monkeypatch.setattr(AffineAssessment, "proof", proof)
     (found,) = affine.best(loop(20.0), LoopSelection(problem, shape, spec, []), lambda: None)
     assert tried == [largest, LOWER_SLOPE * largest]
     assert found.robust_slope == LOWER_SLOPE * largest

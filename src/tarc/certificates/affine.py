@@ -1,7 +1,7 @@
 """The affine certificate: a Lyapunov function affine in the inertia, for ratios that change at a bounded rate."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -81,6 +81,18 @@ class AffineProof:
             and self.loop.error_is_bounded(error_growth(self.growth, ratios))
             and decide(decreases)
         )
+
+    def extended(self, loop: UncertainLoop, ratios: RatioSet) -> "AffineProof | None":
+        """Return the same Lyapunov function for a loop and other ratios, with the fastest decay that balls prove.
+
+        None where they prove none. The loop must have as many states, and the ratios as many bounds.
+        """
+        radii = spectral_radii(loop, ratios.min_ratio, ratios.max_ratio)[1]
+        if radii.max() >= 1:
+            return None
+        reduced = replace(self.loop, full=replace(self.loop.full, loop=loop))
+        candidate = AffineCandidate(reduced, ratios, self.matrices, self.multipliers)
+        return _fastest_decay(candidate, -float(np.log(radii.max())))
 
     def _is_positive(self) -> bool:
         """Return whether V, S ± P1, R ± Q1, and S0 ± P0 for M̂(q), are proven positive definite.

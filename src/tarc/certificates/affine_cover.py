@@ -100,7 +100,7 @@ def cover_robot(
     known: UncertaintySamples,
     on_program: Callable[[], object] = lambda: None,
     *,
-    use_power: bool = True,
+    start: AffineProof | None = None,
 ) -> AffineCover | None:
     """Return a Lyapunov function that covers a robot with the margin `SEARCH_MARGIN`; None where none was found.
 
@@ -122,16 +122,16 @@ def cover_robot(
         Uncertainty at further points that must be covered.
     on_program
         Called after each semidefinite program, to show progress.
-    use_power
-        Try the form where norms do not suffice.
+    start
+        A Lyapunov function with a form, for the same loop and fewer points, which is tried before others.
     """
     ratios, norms, sampled = robot_ratios(spread, sampled, rate_points, channel.period, known)
     loop = UncertainLoop.from_channel(channel, slope, intersample=True)
-    proof = find_proof(loop, ratios, on_program)
+    proof = find_proof(loop, ratios, on_program) if start is None else None
     if proof is not None:
-        worst = dict.fromkeys(int(np.argmax(row[: len(sampled.points)])) for row in norms)
+        worst = list(dict.fromkeys(int(np.argmax(row[: len(sampled.points)])) for row in norms))
     else:
-        found = _prove_form(loop, ratios, sampled, known, on_program) if use_power and len(norms) else None
+        found = _prove_form(loop, ratios, sampled, known, on_program, start) if len(norms) else None
         if found is None:
             return None
         proof, form, sampled = found
@@ -146,25 +146,31 @@ def _prove_form(
     sampled: SampledPoints,
     known: UncertaintySamples,
     on_program: Callable[[], object],
+    start: AffineProof | None,
 ) -> tuple[AffineProof, ForceForm, SampledPoints] | None:
     """Return a Lyapunov function with a form that no search breaks, that form less the margin, and the points."""
-    none = np.zeros(0)
-    ratios = replace(ratios, powers=none, lead_times=none, stiffness=none, shares=none)
-    share = ROUNDING_ROOM * SEARCH_MARGIN
+    ratios, share = ratios.without_norms(), ROUNDING_ROOM * SEARCH_MARGIN
+    proof = None if start is None else start.extended(loop, replace(ratios, form=start.ratios.form))
     for _ in range(MAX_FORM_ROUNDS):
-        points = ForcePoints((sampled.uncertainty | known).with_friction(), share)
-        proof = find_proof(loop, ratios, on_program, forces=points)
+        if proof is None:
+            points = force_points(sampled.uncertainty | known)
+            proof = find_proof(loop, ratios, on_program, forces=points)
         if proof is None or proof.ratios.form is None:
             return None
         form = proof.ratios.form.grown(share)
         sampled = sampled.search_globally(FormValue(sampled.nominal, form))
-        largest = float(_form_values(form, sampled.uncertainty).max())
+        largest = float(_form_values(form, sampled.uncertainty | known).max())
         if largest > 1:
             looser = proof.ratios.form.loosened(largest * ROUNDING_ROOM)
-            proof, form = replace(proof, ratios=replace(proof.ratios, form=looser)), looser.grown(share)
-        if largest <= 1 or proof.is_proven():
+            proof, form = proof.extended(loop, replace(ratios, form=looser)), looser.grown(share)
+        if proof is not None:
             return proof, form, sampled
     return None
+
+
+def force_points(samples: UncertaintySamples) -> ForcePoints:
+    """Return the points that a form must cover with the margin `SEARCH_MARGIN`, without and with viscous friction."""
+    return ForcePoints(samples.with_friction(), ROUNDING_ROOM * SEARCH_MARGIN)
 
 
 def _form_values(form: ForceForm, samples: UncertaintySamples) -> Array:

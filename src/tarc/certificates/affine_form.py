@@ -11,7 +11,7 @@ For M̂(q), V = Σ xᵀ (P0⊗M̂ + P1⊗M) x. In coordinates M̂^½ q that is t
 S0 ± P0 ⪰ 0.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -76,6 +76,11 @@ class RatioSet:
     nominal_rate: float = 0.0
     lag_weights: Array = field(default_factory=lambda: np.zeros(0))
     form: ForceForm | None = None
+
+    def without_norms(self) -> "RatioSet":
+        """Return these without bounds on the norms of stiffness and damping."""
+        none = np.zeros(0)
+        return replace(self, powers=none, lead_times=none, stiffness=none, shares=none)
 
     @property
     def has_forces(self) -> bool:

@@ -27,6 +27,8 @@ N_SEEDS = 8
 """Number of points of each norm at which the first program asks for the form."""
 MAX_ADDED = 12
 """Largest number of points that a solution leaves out which are added to the next program."""
+MIN_COEFFICIENT = 1e-9
+"""Least coefficient in its unit, as a share of the largest; a solver may return zero for all that a form needs."""
 MAX_MARGIN = 0.5
 """Largest share of growth that is looked for."""
 BISECTIONS = 30
@@ -239,7 +241,7 @@ class ForcePoints:
 
         Points that need it become active.
         """
-        form = self._form(np.maximum(coefficients, 0))
+        form = self._form(np.maximum(coefficients, MIN_COEFFICIENT * max(float(coefficients.max()), MIN_COEFFICIENT)))
         values = form.grown(self.share).values(self.samples)
         worst = np.argsort(values)[::-1][:MAX_ADDED]
         self.active = sorted({*self.active, *worst[values[worst] > 1 + 1e-6].tolist()})

@@ -19,7 +19,7 @@ from tarc.analysis.operating_points import SEARCH_MARGIN
 from tarc.analysis.uncertain_loop import UncertainLoop
 from tarc.analysis.workspace import Workspace
 from tarc.analysis.worst_points import SampledPoints
-from tarc.certificates.affine import spectral_radii
+from tarc.certificates.affine import AffineProof, spectral_radii
 from tarc.certificates.affine_cover import cover_robot
 from tarc.certificates.ball_search import NO_CANDIDATE, BallCandidate, fit_ball
 from tarc.certificates.base import Certificate, LoopMatrices, Verdict
@@ -170,7 +170,7 @@ def strengthen_robot(
     channels: Sequence[Channel] | None = None,
     points: RobotPoints | None = None,
     on_program: Callable[[], object] = lambda: None,
-    use_power: bool = True,
+    start: AffineProof | None = None,
 ) -> Certificate[RobotEvidence]:
     """Return the better of a robot certificate and one by a Lyapunov function affine in the inertia.
 
@@ -193,8 +193,8 @@ def strengthen_robot(
         As in `certify_robot`.
     on_program
         Called after each semidefinite program, to show progress.
-    use_power
-        Try the form where norms do not suffice, which takes as long again.
+    start
+        A Lyapunov function with a form, for the same loop and fewer points, which is tried before others.
     """
     evidence = certificate.evidence
     if certificate.verdict != Verdict.INCONCLUSIVE or evidence.ball is None or workspace.speed is None:
@@ -213,8 +213,8 @@ def strengthen_robot(
     found = [robot.max_rate_point(), robot.max_relative_rate_point()]
     rate_points = tuple(point for point in found if point is not None)
     known = evidence.uncertainty()
-    options = {"use_power": use_power}
-    cover = cover_robot(channel, evidence.slope, spread, robot.sampled, rate_points, known, on_program, **options)
+    slope, sampled = evidence.slope, robot.sampled
+    cover = cover_robot(channel, slope, spread, sampled, rate_points, known, on_program, start=start)
     if cover is None:
         return certificate
     evidence = replace(evidence, affine=cover)

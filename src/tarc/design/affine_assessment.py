@@ -7,10 +7,11 @@ from itertools import islice
 import numpy as np
 
 from tarc.analysis.inertia_ratio import InertiaSpread
+from tarc.analysis.operating_points import UncertaintySamples
 from tarc.analysis.uncertain_loop import UncertainLoop
 from tarc.analysis.worst_points import SampledPoints, max_rate_point
-from tarc.certificates.affine import find_proof
-from tarc.certificates.affine_cover import robot_ratios
+from tarc.certificates.affine import AffineProof, find_proof
+from tarc.certificates.affine_cover import force_points, robot_ratios
 from tarc.certificates.affine_form import RatioSet
 from tarc.certificates.robot_evidence import MaxRatePoint
 from tarc.design.assessment import LoopMargins, at_scale
@@ -40,6 +41,8 @@ LOWER_SLOPE = 0.25
 with viscous friction none was proven with the largest, and two without."""
 MAX_PROGRAMS = 3
 """Most semidefinite programs per loop; most proofs need one or two."""
+MAX_FORM_PROGRAMS = 2
+"""The same with a form of the forces, whose programs take longer."""
 ORDERS = (14,)
 """Numbers of states to which a loop is reduced; the certificate of the chosen one tries more."""
 
@@ -70,11 +73,14 @@ class AffineAssessment:
         The robustness that the robot requires.
     slope_ratio
         Largest slope of the robust term over K1.
+    samples
+        Operating points for M̂ = X, whose forces a form covers in place of the norms in the ratios; None for norms.
     """
 
     ratios: RatioSet
     spec: RobustnessSpec
     slope_ratio: float
+    samples: UncertaintySamples | None = None
 
     @classmethod
     def from_robot(
@@ -100,8 +106,8 @@ class AffineAssessment:
             max_rate_point(plants, nominal, workspace, spread.samples, requirements.seed) for nominal in (shape, None)
         ]
         points = tuple(MaxRatePoint.from_point(point, workspace) for point in found)
-        ratios, *_ = robot_ratios(scaled, sampled, points, requirements.period)
-        return cls(ratios, spec, requirements.slope_ratio)
+        ratios, norms, sampled = robot_ratios(scaled, sampled, points, requirements.period)
+        return cls(ratios, spec, requirements.slope_ratio, sampled.uncertainty if len(norms) else None)
 
     @property
     def min_rate(self) -> float:
@@ -157,15 +163,20 @@ class AffineAssessment:
         radius = np.abs(np.linalg.eigvals(A + B @ np.array(rows))).max()
         return -float(np.log(radius)) / ratios.period
 
-    def proves(self, loop: Candidate, on_program: Callable[[], object] = lambda: None) -> bool:
-        """Return whether a Lyapunov function is found and proven for a loop at its scale."""
+    def proof(self, loop: Candidate, on_program: Callable[[], object] = lambda: None) -> AffineProof | None:
+        """Return a Lyapunov function for a loop at its scale; None where none is found and proven."""
         uncertain = UncertainLoop.from_channel(loop.channel(), loop.robust_slope, intersample=True)
-        ratios = scaled_ratios(self.ratios, loop.inertia_scale)
+        ratios, forces, max_programs = scaled_ratios(self.ratios, loop.inertia_scale), None, MAX_PROGRAMS
+        if self.samples is not None:
+            ratios, max_programs = ratios.without_norms(), MAX_FORM_PROGRAMS
+            forces = force_points(self.samples.for_scaled_inertia(loop.inertia_scale))
         delay = loop.computation_delay
-        options = {"orders": ORDERS, "max_programs": MAX_PROGRAMS, "computation_delay": delay}
-        return find_proof(uncertain, ratios, on_program, **options) is not None
+        options = {"orders": ORDERS, "max_programs": max_programs, "computation_delay": delay}
+        return find_proof(uncertain, ratios, on_program, forces=forces, **options)
 
-    def best(self, loops: Sequence[Candidate], selection: LoopSelection, done: Callable[[], object]) -> list[Candidate]:
+    def best(
+        self, loops: Sequence[Candidate], selection: LoopSelection, done: Callable[[], object]
+    ) -> dict[Candidate, AffineProof]:
         """Return the loop of least cost that is proven, if it costs less than the one that the selection picks.
 
         Parameters
@@ -189,13 +200,13 @@ class AffineAssessment:
             first = pending[0]
             for share in slopes:
                 trial = replace(first, robust_slope=share * first.robust_slope)
-                is_proven = self.proves(trial)
+                proof = self.proof(trial)
                 done()
-                if is_proven:
-                    return [trial]
+                if proof is not None:
+                    return {trial: proof}
             slopes = slopes[-1:]  # loops that cost more fail at the largest slope as well, with few exceptions
             pending = [loop for loop in pending[1:] if not _is_harder(loop, first)]
-        return []
+        return {}
 
 
 def _is_harder(loop: Candidate, other: Candidate) -> bool:

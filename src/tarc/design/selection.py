@@ -1,10 +1,11 @@
 """The choice among the assessed loops."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from tarc.certificates.affine import AffineProof
 from tarc.core.errors import InfeasibleDesign, Relaxation
 from tarc.design.candidates import Candidate, pareto_front
 from tarc.design.infeasible import infeasible_design
@@ -36,6 +37,8 @@ class LoopSelection:
     max_change
         Largest torque change of a loop [1/s²], where a trial run with more was too fast for a limit of the torque's
         rate. Without such a loop, the one of least change is taken.
+    proofs
+        The Lyapunov functions of those loops that have one.
     """
 
     problem: DesignProblem
@@ -43,6 +46,11 @@ class LoopSelection:
     spec: RobustnessSpec
     candidates: Sequence[Candidate]
     max_change: float = np.inf
+    proofs: Mapping[Candidate, AffineProof] = field(default_factory=dict)
+
+    def with_proofs(self, proofs: Mapping[Candidate, AffineProof]) -> "LoopSelection":
+        """Return the selection with more loops and their Lyapunov functions."""
+        return replace(self, candidates=[*self.candidates, *proofs], proofs={**self.proofs, **proofs})
 
     @property
     def min_noise_ratio(self) -> float:

@@ -354,10 +354,10 @@ def _with_best(
 ) -> LoopSelection:
     """Add the best loop that is proven, if any is better than those that are there; then the best neighbour."""
     found = affine.best(trials, selection, done)
+    selection = selection.with_proofs(found)
     if found:
-        selection = replace(selection, candidates=[*selection.candidates, *found])
-        found = affine.best(_neighbours(selection, selection.pick()), selection, done)
-    return replace(selection, candidates=[*selection.candidates, *found])
+        selection = selection.with_proofs(affine.best(_neighbours(selection, selection.pick()), selection, done))
+    return selection
 
 
 def _neighbours(selection: LoopSelection, best: Candidate) -> list[Candidate]:
@@ -389,23 +389,25 @@ def _certified_law(
     """Return the best loop whose law is certified; its margin grows where the certificate finds worse postures."""
     problem = selection.problem
 
-    def certify(law: TDC | TARC) -> Certificate:
+    def certify(law: TDC | TARC, loop: Candidate) -> Certificate:
         sampling = _sampling(problem.requirements)
         certificate = certify_robot(law, problem.plants, problem.workspace, **sampling)
         if certificate.certified:
             return certificate
-        return strengthen_robot(certificate, law, problem.plants, problem.workspace, **sampling, use_power=False)
+        proof = selection.proofs.get(loop)
+        start = None if proof is None or proof.ratios.form is None else proof
+        return strengthen_robot(certificate, law, problem.plants, problem.workspace, **sampling, start=start)
 
     def build(best: Candidate) -> tuple[TDC | TARC, tuple[Adaptation, float] | None]:
         return _build_law(problem, {"inertia": best.inertia_scale * selection.shape}, best)
 
     law, adaptation = build(best)
-    certificate = certify(law)
+    certificate = certify(law, best)
     while best.is_affine and not certificate.certified:
         selection = replace(selection, candidates=[loop for loop in selection.candidates if loop != best])
         best = selection.pick()
         law, adaptation = build(best)
-        certificate = certify(law)
+        certificate = certify(law, best)
     for extra in EXTRA_MARGINS:
         if certificate.certified:
             break
@@ -416,7 +418,7 @@ def _certified_law(
             break
         best = replace(selection, candidates=candidates).pick()
         law, adaptation = build(best)
-        certificate = certify(law)
+        certificate = certify(law, best)
     if not certificate.certified:
         raise InfeasibleDesign(
             f"design: the loop of sufficient spread is {certificate.verdict} on the robot, margin "
