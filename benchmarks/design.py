@@ -77,7 +77,7 @@ SPEED = 1.0
 
 
 class Robot(NamedTuple):
-    """An arm: its file, rated payload [kg], rotor inertia [kg m²], joints if not all, their speed [rad/s]."""
+    """An arm: file, rated payload [kg], rotor inertia [kg m²], joints if not all, speed [rad/s], home if another."""
 
     name: str
     file: str
@@ -85,11 +85,13 @@ class Robot(NamedTuple):
     armature: float = 0.1
     joints: Sequence[str] | None = None
     fastest: float = SPEED
+    home: Sequence[float] | None = None
 
     def plant(self) -> tarc.plants.Plant:
         is_shipped = "/" not in self.file
         file = self.file if is_shipped else Path(sysconfig.get_path("purelib")) / DATA / self.file
-        return tarc.plants.load_robot(file, joints=self.joints, armature=self.armature)
+        home = None if self.home is None else np.array(self.home)
+        return tarc.plants.load_robot(file, joints=self.joints, armature=self.armature, home=home)
 
     def speed(self) -> np.ndarray:
         """Greatest speed of each joint [rad/s]."""
@@ -111,11 +113,13 @@ ROBOTS = (
 
 OTHERS = (
     Robot("UR5e", "ur5e", 5.0),
+    # outstretched, its second joint cannot hold 3 kg
     Robot(
         "TIAGo",
         "tiago_description/robots/tiago_no_hand.urdf",
         3.0,
         joints=[f"arm_{i}_joint" for i in range(1, 8)],
+        home=[1.37, -1.2, 0.0, 0.0, 0.0, 0.0, 0.0],
     ),
 )
 """Arms that are measured by name only."""
@@ -558,21 +562,25 @@ def measure(
         )
 
 
-def measure_robot(which: Robot, picks: bool = True, models: Sequence[str] = ("inertia", "known")) -> Result | str:
-    """One of `ROBOTS`, or why it has no design; progress on standard error."""
+def measure_robot(
+    which: Robot, sweeps: Sequence[Sweep] = SWEEPS, models: Sequence[str] = ("inertia", "known")
+) -> Result | str:
+    """One of `ROBOTS`, or why it has no design; progress on standard error.
+
+    The design for the motion is measured with all sweeps only.
+    """
     console = Console(stderr=True)
 
     def done(text: str) -> None:
         console.print(f"{which.name}: {text}", style="dim", highlight=False)
 
     try:
-        sweeps = SWEEPS if picks else ()
         return measure(
             which.name,
             which.plant(),
             which.payload,
             sweeps=sweeps,
-            motion=picks,
+            motion=len(sweeps) == len(SWEEPS),
             models=models,
             done=done,
             speed=which.speed(),
@@ -806,6 +814,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.design", description=__doc__)
     parser.add_argument("--robots", default="all", help=f"some of {names}, with commas between; all is the first six")
     parser.add_argument("--no-picks", action="store_true", help="the designs alone, in two minutes")
+    sweeps = [one.name for one in SWEEPS]
+    parser.add_argument("--sweep", choices=sweeps, help="hand picks by this sweep alone, and no design for the motion")
     parser.add_argument("--models", default="inertia,known", help="what laws with M̂(q) know; empty for none")
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     parser.add_argument("--out", type=Path, default=Path("runs/design"))
@@ -816,9 +826,10 @@ def main() -> None:
         parser.error(f"--robots: got {options.robots!r}; needs some of {names}")
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # each process that measures has a core to itself
     begin, answers = time.perf_counter(), {}
+    chosen = [one for one in SWEEPS if not options.no_picks and options.sweep in (None, one.name)]
     with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
         models = tuple(name for name in options.models.split(",") if name)
-        futures = {pool.submit(measure_robot, one, not options.no_picks, models): one.name for one in wanted}
+        futures = {pool.submit(measure_robot, one, chosen, models): one.name for one in wanted}
         for future in as_completed(futures):
             answers[futures[future]] = future.result()
     found = [one for name in wanted if isinstance(one := answers[name.name], Result)]
