@@ -136,24 +136,36 @@ def million(folder: Path, runs: int) -> list[Row]:
 
 
 def cores(folder: Path, runs: int) -> list[Row]:
-    """Two processes against one, and the whole study on all cores."""
+    """Two processes against one: the whole study on all cores, and a further run of a study four times as long."""
     file = study_file(folder)
     command(file, folder / "warm-cores", 16, "--jobs", "1")
-    one = command(file, folder / "one", runs, "--jobs", "1")
-    two = command(file, folder / "two", runs, "--jobs", "2")
-    same = same_results(folder / "one", folder / "two")
-    ratio = one.seconds / two.seconds
+    sizes = runs, 4 * runs
+    times = {
+        (jobs, n): command(file, folder / f"{jobs}-{n}", n, "--jobs", str(jobs)).seconds
+        for n in sizes
+        for jobs in (1, 2)
+    }
+    same = same_results(folder / f"1-{runs}", folder / f"2-{runs}")
+    whole = times[1, runs] / times[2, runs]
+    one, two = ((times[jobs, sizes[1]] - times[jobs, runs]) / (sizes[1] - runs) for jobs in (1, 2))
     return [
         Row(
-            f"{runs} runs, two processes against one",
-            f"{two.seconds:.1f} s",
-            f"{one.seconds:.1f} s",
-            ratio,
+            f"{runs} runs, command to report: two processes against one",
+            f"{times[2, runs]:.1f} s",
+            f"{times[1, runs]:.1f} s",
+            whole,
+            "≤ 15 s",
+            times[2, runs] <= 15,
+        ),
+        Row(
+            f"a further run, from {sizes[1]} runs: two processes against one",
+            f"{1e3 * two:.2f} ms",
+            f"{1e3 * one:.2f} ms",
+            one / two,
             "≥ 1.8",
-            ratio >= 1.8,
+            one >= 1.8 * two,
         ),
         Row("equal, bit for bit", str(same), "", None, "True", same),
-        Row(f"{runs} runs, command to report", f"{two.seconds:.1f} s", "", None, "≤ 15 s", two.seconds <= 15),
     ]
 
 

@@ -18,14 +18,21 @@ from tarc.simulation.closed_loop import ClosedLoop, LoopInput, LoopState
 from tarc.simulation.integration import Integration
 from tarc.simulation.measure_sums import MeasureSums, Sums
 from tarc.simulation.sampled_inputs import InitialConditions, SampledInputs
-from tarc.simulation.varying import Numbers, Path, at, changes, differing, numbers_at, replaced, with_symbols
+from tarc.simulation.varying import (
+    DRAWN_BEFORE,
+    Numbers,
+    Path,
+    are_close,
+    at,
+    changes,
+    differing,
+    numbers_at,
+    replaced,
+    with_symbols,
+)
 
 TRIAL_PERIODS = 25
 """Periods in which a loop with symbols is compared with one that was built with its numbers."""
-TOLERANCE = 1e-9
-"""Largest difference there, over one more than the number."""
-DRAWN_BEFORE = ("noise", "dropout", "packet_loss")
-"""Parameters of the encoder that are drawn beforehand, and so are no part of a traced loop."""
 PLANT = "plant"
 """First element of the path of a plant's parameter."""
 
@@ -285,7 +292,7 @@ class BatchLoop:
             row = np.concatenate([self.inputs.rows[k], inputs.own[:, k]])
             theirs = [np.array(one)[:, 0] for one in expected(state, row)]
             ours = [np.array(one)[:, 0] for one in function(state, np.concatenate([row, values]))]
-            if not all(map(_are_close, ours, theirs)):
+            if not all(map(are_close, ours, theirs)):
                 names = ", ".join(".".join(map(str, path)) for path in self._varying_masks)
                 raise UnsupportedLaw(
                     f"compiled: of the numbers that vary ({names}), one enters what is computed when a part is built"
@@ -415,12 +422,6 @@ class BatchLoop:
             measures = self._sums.measures(sums, shares)
         measures = {name: np.where(has_measures, value, np.nan) for name, value in measures.items()}
         return BatchResult(measures, completed, end_time)
-
-
-def _are_close(ours: Array, theirs: Array) -> bool:
-    """Return whether all numbers are equal to rounding, or both are NaN."""
-    is_close = np.abs(ours - theirs) <= TOLERANCE * (1 + np.abs(theirs))
-    return bool(np.all(is_close | (np.isnan(ours) & np.isnan(theirs)) | (ours == theirs)))
 
 
 class _Parts:

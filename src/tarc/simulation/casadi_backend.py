@@ -3,20 +3,24 @@
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
+from tarc.control.digital_controller import DigitalController
 from tarc.core.codegen import CompiledLoop
 from tarc.core.errors import CompilationError, MissingTool
 from tarc.core.tracing import BUFFER_PERIODS, PeriodBuffer, n_distinct_instructions, n_instructions, trace
 from tarc.core.trees import pack
-from tarc.core.types import Array
+from tarc.core.types import Array, Vector
 from tarc.plants.symbolic import SymbolicPlant
-from tarc.simulation.closed_loop import ClosedLoop, LoopInput
+from tarc.signals.drive import Drive
+from tarc.simulation.closed_loop import ClosedLoop, LoopInput, LoopOutput, LoopState
 from tarc.simulation.monitor import DIVERGENCE_CHECK_INTERVAL, DivergenceMonitor
 from tarc.simulation.record import Record
 from tarc.simulation.sampled_inputs import InitialConditions, SampledInputs
+from tarc.simulation.varying import VaryingParts
 
 COMPILATION = 5e7
 """Instructions of the virtual machine that take as long as it takes to compile anything."""
@@ -31,6 +35,13 @@ _interpreted_work: Counter[tuple[int, ...]] = Counter()
 """Instructions that this process has interpreted of loops of the same sizes, such as those of a search for gains."""
 
 
+class _VaryingInput(NamedTuple):
+    """Inputs of a period, and numbers of the loop that vary from run to run."""
+
+    loop: LoopInput
+    numbers: Vector
+
+
 class TracedLoop:
     """A closed loop as one CasADi function, for runs that differ in inputs, initial state and plant parameters.
 
@@ -42,12 +53,20 @@ class TracedLoop:
         Those of one of the runs; the shapes per period are the same for all others.
     parameters
         Plant parameters that differ from run to run, beside those of schedules. They are inputs of the function.
+    varying
+        What differs in controller and drive; these numbers are inputs too. None for nothing.
     """
 
     def __init__(
-        self, loop: ClosedLoop, initial: InitialConditions, inputs: SampledInputs, parameters: Iterable[str] = ()
+        self,
+        loop: ClosedLoop,
+        initial: InitialConditions,
+        inputs: SampledInputs,
+        parameters: Iterable[str] = (),
+        varying: VaryingParts | None = None,
     ):
         self.loop = loop
+        self._varying = varying
         self._parameters = list(dict.fromkeys([*inputs.schedules, *parameters]))
         n = loop.plant.n_joints
         zero = np.zeros(n)
@@ -56,7 +75,18 @@ class TracedLoop:
         age = np.zeros(0 if inputs.age is None else 1)
         value = LoopInput(zero, zero, zero, zero, np.zeros((n, loop.substeps)), values, period, age)
         state = loop.init(initial.position, initial.velocity, initial.torque, inputs.noise[:, 0])
-        self.function, self._example = trace(loop.step, state, value, name="period")
+        if varying is None:
+            self.function, self._example = trace(loop.step, state, value, name="period")
+            return
+
+        def step(state: LoopState, value: _VaryingInput) -> tuple[LoopState, LoopOutput]:
+            if isinstance(value.numbers, ca.SX):
+                controller, drive = varying.with_symbols(value.numbers)
+                return replace(loop, controller=controller, drive=drive).step(state, value.loop)
+            return loop.step(state, value.loop)
+
+        given = _VaryingInput(value, np.zeros(varying.size))
+        self.function, self._example = trace(step, state, given, name="period")
 
     def run(
         self,
@@ -65,13 +95,19 @@ class TracedLoop:
         inputs: SampledInputs,
         monitor: DivergenceMonitor,
         native: bool | None = None,
+        parts: tuple[DigitalController, Drive | None] | None = None,
     ) -> Record:
-        """Run the loop on a plant with the same equations, by CasADi's virtual machine or in machine code."""
+        """Run the loop on a plant with the same equations, by CasADi's virtual machine or in machine code.
+
+        The parts are controller and drive, where these vary.
+        """
         loop = self.loop if plant is self.loop.plant else replace(self.loop, plant=plant)
+        if parts is not None:
+            loop = replace(loop, controller=parts[0], drive=parts[1])
         state = loop.init(initial.position, initial.velocity, initial.torque, inputs.noise[:, 0])
         n, n_periods = plant.n_joints, len(inputs.times)
         advance = _engine(self.function, pack(state), n_periods, native)
-        columns = self.input_rows(plant, inputs)
+        columns = self.input_rows(plant, inputs, parts)
         rows = np.empty((n_periods, self.function.nnz_out(1)))
         stop = 0
         with monitor.progress:
@@ -82,8 +118,13 @@ class TracedLoop:
                     break
         return Record.from_rows(self._example, rows[: monitor.valid_rows(stop)])
 
-    def input_rows(self, plant: SymbolicPlant, inputs: SampledInputs) -> np.ndarray:
-        """Return the inputs of each period as a row, in the order of `LoopInput`."""
+    def input_rows(
+        self,
+        plant: SymbolicPlant,
+        inputs: SampledInputs,
+        parts: tuple[DigitalController, Drive | None] | None = None,
+    ) -> np.ndarray:
+        """Return the inputs of each period as a row, in the order of `LoopInput`, and what varies of the parts."""
         n, n_periods, substeps = inputs.disturbance.shape
         disturbance = inputs.disturbance.transpose(2, 0, 1).reshape(n * substeps, n_periods)
         periods = [] if inputs.periods is None else [inputs.periods[None]]
@@ -93,7 +134,8 @@ class TracedLoop:
             inputs.schedules[name] if name in inputs.schedules else _over_time(constant[name], n_periods)
             for name in self._parameters
         ]
-        return np.concatenate([*inputs.reference, inputs.noise, disturbance, *parameters, *periods, *ages]).T
+        own = [] if self._varying is None else [_over_time(self._varying.numbers(parts), n_periods)]
+        return np.concatenate([*inputs.reference, inputs.noise, disturbance, *parameters, *periods, *ages, *own]).T
 
 
 def _over_time(value: Array, n_periods: int) -> Array:

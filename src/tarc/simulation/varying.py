@@ -1,13 +1,14 @@
 """Numbers in the parts of a loop: which of them differ from run to run, and symbols in their place."""
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from typing import Any
+from typing import Any, Self
 
 import casadi as ca
 import numpy as np
 
+from tarc.core.errors import UnsupportedLaw
 from tarc.core.types import Array
 from tarc.plants.base import Plant
 from tarc.plants.symbolic import SymbolicPlant
@@ -21,6 +22,13 @@ DERIVED = ("_functions", "_calls")
 
 PLACES = ("_arrays", "_parameters")
 """Attributes in which plants keep their parameters by name."""
+
+
+DRAWN_BEFORE = ("noise", "dropout", "packet_loss")
+"""Parameters of the encoder that are drawn beforehand, and so are no part of a traced loop."""
+
+TOLERANCE = 1e-9
+"""Largest difference that counts as rounding, over one more than the number."""
 
 
 class Numbers:
@@ -54,8 +62,10 @@ class Numbers:
             for inner, numbers in _parameters(value):
                 self._walk(numbers, (*path, *inner))
         else:
-            self.structure[path] = type(value).__name__
-            for key, child in _children(value).items():
+            children = _children(value)
+            is_collection = isinstance(value, dict | list | tuple)
+            self.structure[path] = (type(value).__name__, len(children) if is_collection else None)
+            for key, child in children.items():
                 self._walk(child, (*path, key))
 
 
@@ -153,10 +163,15 @@ def differing(parts: list[Numbers]) -> dict[Path, Array]:
         others = [other.values[path] for other in parts[1:]]
         mask = np.zeros(value.shape, dtype=bool)
         for other in others:
-            mask |= ~((other == value) | (np.isnan(other) & np.isnan(value)))
+            mask |= _differ(value, other)
         if np.any(mask):
             masks[path] = mask
     return masks
+
+
+def _differ(ours: Array, theirs: Array) -> Array:
+    """Return which numbers differ; NaN equals NaN."""
+    return ~((ours == theirs) | (np.isnan(ours) & np.isnan(theirs)))
 
 
 def with_symbols(value: Array, mask: Array, symbols: ca.SX) -> ca.SX:
@@ -171,3 +186,75 @@ def with_symbols(value: Array, mask: Array, symbols: ca.SX) -> ca.SX:
 def numbers_at(value: Array, mask: Array) -> Array:
     """Return the numbers at the places of a mask, row by row."""
     return np.atleast_1d(value)[np.atleast_1d(mask)]
+
+
+def are_close(ours: Array, theirs: Array) -> bool:
+    """Return whether all numbers are equal to rounding, or both are NaN."""
+    is_close = np.abs(ours - theirs) <= TOLERANCE * (1 + np.abs(theirs))
+    return bool(np.all(is_close | (np.isnan(ours) & np.isnan(theirs)) | (ours == theirs)))
+
+
+class VaryingParts:
+    """Parts of a loop, with numbers of their own in each run and symbols in their place.
+
+    Parameters
+    ----------
+    examples
+        The parts of some runs, all of which have computed what they keep. What differs between them varies.
+
+    Raises
+    ------
+    UnsupportedLaw
+        For examples that differ in more than numbers.
+    """
+
+    def __init__(self, examples: Sequence[Any]):
+        numbers = [Numbers(example) for example in examples]
+        self._base, self._first = examples[0], numbers[0]
+        if any(one.structure != self._first.structure for one in numbers):
+            raise UnsupportedLaw("the runs differ in more than numbers")
+        self._masks = {path: mask for path, mask in differing(numbers).items() if path[-1] not in DRAWN_BEFORE}
+        self._inputs = dict(self._masks)
+
+    @property
+    def paths(self) -> list[Path]:
+        """Return the paths of the numbers that have symbols."""
+        return list(self._inputs)
+
+    def with_paths(self, paths: Sequence[Path]) -> Self:
+        """Return the same parts with symbols at these paths alone, and the first example's numbers at the others."""
+        changed = copy.copy(self)
+        changed._inputs = {path: self._masks[path] for path in paths}
+        return changed
+
+    @property
+    def size(self) -> int:
+        """Return how many numbers have symbols."""
+        return sum(int(np.sum(mask)) for mask in self._inputs.values())
+
+    def covers(self, parts: Any) -> bool:
+        """Return whether parts differ from the examples in nothing but what varies."""
+        numbers = Numbers(parts)  # which may lack what the examples have computed
+        ours, structure = self._first.values, self._first.structure
+        if any(structure.get(path, one) != one for path, one in numbers.structure.items()):
+            return False
+        common = [path for path in numbers.values if path in ours and path[-1] not in DRAWN_BEFORE]
+        return not any(
+            np.any(_differ(ours[path], numbers.values[path]) & ~self._masks.get(path, np.zeros((), dtype=bool)))
+            for path in common
+        )
+
+    def numbers(self, parts: Any) -> Array:
+        """Return the numbers of parts that have symbols, (size,)."""
+        values = [numbers_at(at(parts, path), mask) for path, mask in self._inputs.items()]
+        return np.concatenate(values) if values else np.zeros(0)
+
+    def with_symbols(self, symbols: ca.SX) -> Any:
+        """Return the first example with symbols in the order of `numbers`."""
+        changed: dict[Path, object] = {}
+        start = 0
+        for path, mask in self._inputs.items():
+            stop = start + int(np.sum(mask))
+            changed[path] = with_symbols(self._first.values[path], mask, symbols[start:stop])
+            start = stop
+        return replaced(self._base, changed)

@@ -1,6 +1,6 @@
 """Cases of a study: the parts of a loop with the drawn values of one run."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from itertools import islice, product
 from typing import TYPE_CHECKING, Any
@@ -19,6 +19,7 @@ from tarc.scenario.model import Scenario
 from tarc.scenario.parts import POSTURES_OF_MEAN_INERTIA, Sections, Setup
 from tarc.scenario.schema import Component
 from tarc.signals.disturbances import ParameterSchedule
+from tarc.simulation.varying import DRAWN_BEFORE
 from tarc.study.distributions import Choice, Distribution
 from tarc.study.drawn_keys import KIND, NUMBERS, DrawnKey, components_of, find_key, replaced, value_at, with_value
 
@@ -30,6 +31,12 @@ READ_BACK_TOLERANCE = 1e-9
 
 MAX_CHOSEN = 256
 """Largest number of choices of law keys whose laws are kept."""
+
+IN_LOOP = ("law", "estimator", "sensor", "torque_limits", "drive", "computation_delay")
+"""Sections whose numbers are part of a traced loop, beside those of the robot."""
+
+EXAMPLES = 4
+"""Cases from which is seen what varies from run to run."""
 
 TYPICAL = 0.4
 """Probability of the quantiles of a typical row."""
@@ -48,8 +55,9 @@ class Case:
     applied
         Values that were read back from the parts, by key: a number, or (laws,) for keys of laws, NaN for a law without
         the key. Of a text it is its number among those of the choice.
-    texts
-        The texts that were drawn; cases with the same ones share their equations.
+    choices
+        Numbers of the drawn texts, and drawn choices of law, sensor, drive and the like. Cases with the same ones have
+        loops of one structure.
     """
 
     setup: Setup
@@ -59,7 +67,7 @@ class Case:
     computation_delay: int
     jitter: float
     applied: dict[str, float | Array]
-    texts: tuple[str, ...] = ()
+    choices: tuple[float, ...] = ()
 
 
 class Cases:
@@ -106,6 +114,7 @@ class Cases:
         self._mean_inertia: Array | None = None
         self._robots: dict[tuple[str, ...], tuple[Plant, Plant]] = {}
         self._chosen_laws: dict[tuple[float, ...], dict[str, Law]] = {}
+        self._choices = [column for column in range(len(self.keys)) if self._is_structural(column)]
         self.typical_row = np.array([d.quantile(np.array([TYPICAL]))[0] for d in self.distributions])
         self._refuse_hidden()
         if any(key.section in ("robot", "gearbox") for key in self.keys) and not self.plant_is_rebuilt:
@@ -127,6 +136,30 @@ class Cases:
     def has_known(self) -> bool:
         """Return whether the laws are built with some of the drawn values."""
         return bool(self._known)
+
+    def _is_structural(self, column: int) -> bool:
+        """Return whether a column is a choice between loops, and not of numbers of the robot or inputs."""
+        one, key = self.distributions[column], self.keys[column]
+        return isinstance(one, Choice) and bool(one.texts or key.section in IN_LOOP)
+
+    def examples(self, choices: Sequence[float]) -> list[Case]:
+        """Return the cases of `example_rows`, with these choices."""
+        rows = self.example_rows()
+        rows[:, self._choices] = choices
+        return [self.build(row) for row in rows]
+
+    def example_rows(self) -> Array:
+        """Return rows that show what varies from run to run; they depend on the study alone."""
+        probabilities = np.random.default_rng(0).uniform(0.05, 0.95, (EXAMPLES, len(self.keys)))
+        return np.array([d.quantile(column) for d, column in zip(self.distributions, probabilities.T, strict=True)]).T
+
+    @property
+    def has_loop_keys(self) -> bool:
+        """Return whether numbers of the traced loop are drawn beside the robot's, or laws know some of those."""
+        columns = [column for column in range(len(self.keys)) if column not in self._choices]
+        return self.has_known or any(
+            self.keys[column].section in IN_LOOP and self.keys[column].path[0] not in DRAWN_BEFORE for column in columns
+        )
 
     def build(self, row: Array) -> Case:
         """Return the case of a row of drawn values, (keys,).
@@ -155,7 +188,7 @@ class Cases:
             laws=self._laws(values, parts, row),
         )
         numbers = {name: self._number(name, values) for name in NUMBERS}
-        case = Case(setup, **numbers, applied={}, texts=tuple(_texts(values).values()))
+        case = Case(setup, **numbers, applied={}, choices=tuple(map(float, row[self._choices])))
         known = self._known_values(values)
         for (key, value), number in zip(values.items(), row, strict=True):
             if isinstance(value, str):

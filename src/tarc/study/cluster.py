@@ -72,7 +72,10 @@ def starting_cluster(
     with ExitStack() as stack, ThreadPoolExecutor(1, "tarc-cluster") as thread:
 
         def start() -> "Client":
-            if hasattr(signal, "pthread_sigmask"):  # also while the processes start, before they ignore Ctrl-C
+            if hasattr(signal, "pthread_sigmask"):  # processes inherit it: they start without Ctrl-C
+                from multiprocessing import resource_tracker
+
+                resource_tracker.ensure_running()  # which would lift it
                 signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
             client = stack.enter_context(local_cluster(n_workers, notify))
             make_engines(client, StudyTask.from_recipe(recipe))

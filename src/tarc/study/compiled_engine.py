@@ -25,9 +25,6 @@ from tarc.study.engines import ChunkResult, Simulator
 COMPILED = "compiled"
 LANES = "lanes"
 
-EXAMPLES = 4
-"""Rows of values from which is seen what varies from run to run."""
-
 Structure = tuple[float, ...]
 """Choices that make loops of their own, such as numbers of bits."""
 
@@ -86,8 +83,9 @@ class CompiledEngine:
         self.name = COMPILED if self.lanes == 1 else LANES
         self._integration = integration
         self._loops: dict[tuple[str, Structure], BatchLoop] = {}
-        self._nominal_laws: dict[tuple[str, tuple[str, ...]], Law] = {}
+        self._nominal_laws: dict[tuple[str, tuple[float, ...]], Law] = {}
         self._nominal_cases: dict[str, LoopCase] = {}
+        self._simulators: dict[str, Simulator] = {}
         self._direct = DirectDraws(cases) if DirectDraws.is_possible(cases) else None
         self._structural: set[int] = set()
         self.n_left = 0
@@ -173,9 +171,10 @@ class CompiledEngine:
     ) -> None:
         """Run what is not covered, one by one."""
         for place, law in left:
-            simulator = Simulator(self.cases, self._integration, [law])
+            if law not in self._simulators:
+                self._simulators[law] = Simulator(self.cases, self._integration, [law])
             rows = slice(place, place + 1)
-            one = simulator.run(indices[rows], values[rows], seeds[rows])
+            one = self._simulators[law].run(indices[rows], values[rows], seeds[rows])
             measures = {name: block[:, 0] for name, block in one.measures.items()}
             batch = BatchResult(measures, one.completed[:, 0], one.end_time[:, 0])
             _keep(result, shape, [place], self.laws.index(law), batch)
@@ -206,11 +205,11 @@ class CompiledEngine:
         """Return the loop of one law in a case."""
         setup, plant = case.setup, case.setup.simulated
         assert isinstance(plant, SymbolicPlant)
-        if (law, case.texts) not in self._nominal_laws:  # the checks of `simulate`, once
+        if (law, case.choices) not in self._nominal_laws:  # the checks of `simulate`, once
             Simulator(self.cases, self._integration, [law]).prepared(case, setup.laws[law], 0)
-            self._nominal_laws[law, case.texts] = with_limits(self.cases.nominal.laws[law], plant)
+            self._nominal_laws[law, case.choices] = with_limits(self.cases.nominal.laws[law], plant)
         is_nominal = setup.laws[law] is self.cases.nominal.laws[law]
-        limited = self._nominal_laws[law, case.texts] if is_nominal else with_limits(setup.laws[law], plant)
+        limited = self._nominal_laws[law, case.choices] if is_nominal else with_limits(setup.laws[law], plant)
         return LoopCase(
             plant,
             DigitalController(setup.sensor, limited, case.computation_delay, setup.torque_limits),
@@ -264,9 +263,7 @@ class CompiledEngine:
 
     def _examples(self, row: Array) -> Array:
         """Return rows that depend on the study alone, but for the structural choices, which are those of a row."""
-        distributions = self.cases.distributions
-        probabilities = np.random.default_rng(0).uniform(0.05, 0.95, (EXAMPLES, len(distributions)))
-        rows = np.array([one.quantile(column) for one, column in zip(distributions, probabilities.T, strict=True)]).T
+        rows = self.cases.example_rows()
         for column in self._structural:
             rows[:, column] = row[column]
         return rows

@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
+from tarc.core.tracing import TRACE_ERRORS
 from tarc.core.types import Array
 from tarc.laws.base import Law
 from tarc.plants.mujoco import MujocoPlant
@@ -25,7 +26,9 @@ from tarc.simulation.record import Record
 from tarc.simulation.run import Run
 from tarc.simulation.sampled_inputs import InitialConditions, SampledInputs, initial_conditions
 from tarc.simulation.simulator import Simulation, prepare_simulation
+from tarc.simulation.varying import DRAWN_BEFORE
 from tarc.study.cases import Case, Cases
+from tarc.study.varied_loop import TRIAL_PERIODS, TrialRun, VariedLoop
 
 VIRTUAL_MACHINE = "virtual machine"
 MUJOCO = "MuJoCo"
@@ -35,9 +38,6 @@ FEW_PERIODS = 4
 
 MAX_LOOPS = 16
 """Traced loops of a law that are kept."""
-
-NOISE = ("noise", "dropout", "packet_loss")
-"""Parameters of the encoder that are drawn beforehand, and so are no part of a traced loop."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,8 +110,8 @@ class Engine(Protocol):
 class Simulator:
     """Engine that simulates run by run, in CasADi's virtual machine, or in MuJoCo for a robot that is simulated there.
 
-    A loop is traced once, with drawn parameters of the plant as inputs. It is traced anew only where the law or the
-    structure of the sensor is drawn; loops of the last choices are kept.
+    A loop is traced once, with drawn parameters of plant, law and sensor as inputs. Other choices have loops of their
+    own. Where a law decides by a number that is drawn, the loop is traced anew for each run.
 
     Parameters
     ----------
@@ -129,6 +129,7 @@ class Simulator:
         self.name = VIRTUAL_MACHINE if isinstance(self.cases.nominal.simulated, SymbolicPlant) else MUJOCO
         self._integration = integration
         self._loops: dict[str, list[tuple[tuple[object, ...], TracedLoop]]] = {}
+        self._varied: dict[tuple[str, tuple[float, ...]], VariedLoop | None] = {}
 
     def run(self, indices: Array, values: Array, seeds: Array) -> ChunkResult:
         """Run a chunk, as `Engine.run`."""
@@ -201,11 +202,41 @@ class Simulator:
         monitor = DivergenceMonitor(inputs, simulation.divergence_threshold, False)
         with np.errstate(all="ignore"):
             if isinstance(plant, SymbolicPlant):
+                parts = simulation.controller, simulation.drive
+                varied = self._varied_loop(law, case.choices)
+                if varied is not None and varied.covers(parts, inputs):
+                    return varied.traced.run(plant, initial, inputs, monitor, native=False, parts=parts), monitor
                 loop = self._loop(case, law, simulation, initial, inputs)
                 return loop.run(plant, initial, inputs, monitor, native=False), monitor
             assert isinstance(plant, MujocoPlant | MujocoGearbox)
             record = run_mujoco(plant, simulation.controller, initial, inputs, monitor, drive=simulation.drive)
             return record, monitor
+
+    def _varied_loop(self, law: str, choices: tuple[float, ...]) -> VariedLoop | None:
+        """Return the loop of a law with drawn numbers as inputs; None without any, or where a part decides by one."""
+        if self.cases.plant_is_rebuilt or not self.cases.has_loop_keys:
+            return None
+        if (law, choices) not in self._varied:
+            self._varied[law, choices] = self._traced_for_all(law, choices)
+        return self._varied[law, choices]
+
+    def _traced_for_all(self, law: str, choices: tuple[float, ...]) -> VariedLoop | None:
+        """Trace the loop of a law for all runs with these choices; None where that is not possible."""
+        try:
+            runs = [self._trial_run(case, law) for case in self.cases.examples(choices)]
+            return VariedLoop(runs, self.cases.plant_parameters or ())
+        except TRACE_ERRORS:
+            return None
+
+    def _trial_run(self, case: Case, law: str) -> TrialRun:
+        """Return loop, start and inputs of the first periods of a case."""
+        method, simulation = self._integration, self.prepared(case, case.setup.laws[law], 0)
+        plant = simulation.plant
+        assert isinstance(plant, SymbolicPlant)
+        inputs = simulation.sample(method.substeps, TRIAL_PERIODS * self.cases.scenario.period)
+        initial = initial_conditions(plant, inputs, case.initial_position, case.initial_velocity, case.initial_torque)
+        loop = ClosedLoop(plant, simulation.controller, method.substeps, method.integrator, simulation.drive)
+        return TrialRun(loop, initial, inputs)
 
     def _loop(
         self, case: Case, law: str, simulation: Simulation, initial: InitialConditions, inputs: SampledInputs
@@ -214,7 +245,7 @@ class Simulator:
         plant, controller = simulation.plant, simulation.controller
         assert isinstance(plant, SymbolicPlant)
         key = (
-            case.texts,
+            case.choices,
             controller.law,
             traced_parameters(controller.sensor),
             controller.torque_limits,
@@ -265,7 +296,7 @@ def traced_parameters(sensor: Encoder) -> tuple[object, ...]:
     return tuple(
         np.asarray(value).tolist() if value is not None else None
         for field in fields(sensor)
-        if field.name not in NOISE
+        if field.name not in DRAWN_BEFORE
         for value in [getattr(sensor, field.name)]
     )
 
