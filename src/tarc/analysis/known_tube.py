@@ -235,9 +235,7 @@ class KnownTube:
             return lambda states: np.linalg.norm(self.roots(states)[place] @ columns, axis=1).max(axis=1)
 
         def ratio(sign: int) -> float:
-            return max(
-                self.largest(lambda states, plant=plant: self._ratios(plant, states, sign)) for plant in self.plants
-            )
+            return max(self.largest(lambda states, p=robot: self._ratios(p, states, sign)) for robot in self._robots)
 
         least, most = -ratio(-1), ratio(1)
         forces = [_Forces(self, plant) for plant in self.plants]
@@ -247,7 +245,8 @@ class KnownTube:
             max(self.largest(lambda states, f=f, t=t: f.norms(states, t, LAG_SHARE * t / T)) for f in forces)
             for t in theta
         ]
-        relative = max(self.largest(lambda states, p=plant: self._rates(p, states)) for plant in self.plants)
+        slopes = zip(self._robots, self._robot_slopes, strict=True)
+        relative = max(self.largest(lambda states, p=pair: self._rates(p, states)) for pair in slopes)
         start_torque, rest_stiffness, start_velocity = self._start()
         return KnownTubeBounds(
             robot=TubeBounds(
@@ -296,15 +295,20 @@ class KnownTube:
         }
 
     @cached_property
-    def _plant_slopes(self) -> list[ca.Function]:
-        found = []
+    def _robots(self) -> list[SymbolicPlant]:
+        """The robots, in symbols."""
+        robots = [plant for plant in self.plants if isinstance(plant, SymbolicPlant)]
         for plant in self.plants:
-            if not isinstance(plant, SymbolicPlant):
+            if plant not in robots:
                 raise InvalidParameter(f"plant: got {plant.label}; the region of a law with M̂(q) needs it in symbols")
-            q = ca.SX.sym("q", self.n)
-            slopes = ca.jacobian(ca.vec(plant.evaluate("inertia", q)), q)
-            found.append(ca.Function("slopes", [q], [ca.densify(slopes)]))
-        return found
+        return robots
+
+    @cached_property
+    def _robot_slopes(self) -> list[ca.Function]:
+        """Functions of q for ∂M/∂q of the robots."""
+        q = ca.SX.sym("q", self.n)
+        slopes = [ca.jacobian(ca.vec(robot.evaluate("inertia", q)), q) for robot in self._robots]
+        return [ca.Function("slopes", [q], [ca.densify(part)]) for part in slopes]
 
     def own_stiffness(self, plant: Plant, states: TubeStates) -> Array:
         """Return K of states, (k, n, n), at the share of the line and the command of the sample."""
@@ -312,23 +316,22 @@ class KnownTube:
         moved = self.reference.sample(states.time)[0] + states.share * states.error + states.own_shift
         return _stacked(self._functions["own"](moved, q, v, a, self.command(plant, states.sample_time)), self.n)
 
-    def _ratios(self, plant: Plant, states: TubeStates, sign: int) -> Array:
+    def _ratios(self, robot: SymbolicPlant, states: TubeStates, sign: int) -> Array:
         """Return the largest eigenvalue of M(q)⁻¹M̂(q̂) for the sign 1; for −1 the smallest, negative."""
         position, measured = self.positions(states)
-        inverse = roots(np.array(plant.inertia_matrices(position)))[1]  # type: ignore[attr-defined]
+        inverse = roots(robot.inertia_matrices(position))[1]
         values = np.linalg.eigvalsh(inverse @ self.nominal(measured) @ inverse)
         return values[:, -1] if sign > 0 else -values[:, 0]
 
-    def _rates(self, plant: Plant | None, states: TubeStates) -> Array:
-        """Return the largest relative rate of M(q) of a robot, or of M̂(q̂) with noise, (k,)."""
+    def _rates(self, robot: tuple[SymbolicPlant, ca.Function] | None, states: TubeStates) -> Array:
+        """Return the largest relative rate of M(q) of a robot, by its ∂M/∂q, or of M̂(q̂) with noise, (k,)."""
         position, measured = self.positions(states)
         speed = np.abs(self.reference.sample(states.time)[1]) + self.error_rate[:, None]
-        if plant is None:
+        if robot is None:
             slopes, inverse = self._functions["slopes"](measured), roots(self.nominal(measured))[1]
             speed = speed + 2 * self.noise[:, None] / self.law.period
         else:
-            slopes = self._plant_slopes[list(self.plants).index(plant)](position)
-            inverse = roots(np.array(plant.inertia_matrices(position)))[1]  # type: ignore[attr-defined]
+            slopes, inverse = robot[1](position), roots(robot[0].inertia_matrices(position))[1]
         n, k = self.n, len(states.time)
         by_joint = np.array(slopes).reshape(n, n, n, k, order="F").transpose(3, 2, 0, 1) * speed.T[:, :, None, None]
         rates = inverse[:, None] @ by_joint @ inverse[:, None]
@@ -373,8 +376,7 @@ class KnownTube:
             return self.largest(norms)
 
         noise, torques, slopes = columns((self.corners * self.noise).T), [], []
-        for plant in self.plants:
-            assert isinstance(plant, SymbolicPlant)
+        for plant in self._robots:
             smooth = {name: 0 * np.asarray(plant.parameters[name], dtype=float) for name in plant.dry_friction}
             held = plant.evaluate("bias", q, 0 * q, parameters=smooth)
             command = ca.solve(ca.densify(inertia), ca.densify(held - known))
