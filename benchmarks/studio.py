@@ -1,4 +1,4 @@
-"""The page of `tarc studio` under load: start, latency with ten users, memory, and a seeded monkey.
+"""The page of `tarc studio` under load: start, memory, latency with ten users of whom nine are idle, a seeded monkey.
 
 Run `python -m benchmarks.studio`, or `python -m benchmarks.studio --actions 5000` for the long monkey. Chromium and the
 server share the machine, so the times are upper bounds.
@@ -27,10 +27,28 @@ ARGUMENTS = ("--no-sandbox", "--disable-3d-apis")
 """Of chromium: without a graphics card it would draw the robots of ten pages on the processor that is measured."""
 SLIDERS = ("Natural frequency [rad/s]", "Damping ratio", "Inertia share", "Window [periods]", "Payload [kg]")
 PRESETS = ("Calm", "Balanced", "Stiff", "Adaptive", "Too eager")
-ACTIONS = {"slide": 60, "preset": 8, "undo": 8, "redo": 6, "check": 3, "click": 10, "law": 2, "reload": 1}
+ACTIONS = {
+    "slide": 120,
+    "preset": 16,
+    "undo": 16,
+    "redo": 12,
+    "click": 20,
+    "drag": 6,
+    "check": 6,
+    "choose": 4,
+    "tab": 2,
+    "reload": 1,
+}
 """What a monkey does, with how often."""
+PAUSES = (0, 10, 30)
+"""Times between two actions of a monkey [ms]."""
 READY = 120_000
 """Longest wait for the page [ms]."""
+BLOCKED = 3_000
+"""Longest wait of a monkey for what it clicks, which a menu may cover [ms]."""
+USERS = 10
+SAMPLES = 40
+"""Measurements of the memory over the actions of a monkey."""
 MOVE = """
 ([label, position, target]) => new Promise((resolve) => {
   const input = [...document.querySelectorAll("input[type=range]")].find((one) => one.ariaLabel === label);
@@ -38,12 +56,22 @@ MOVE = """
   const end = (value) => { observer.disconnect(); resolve(value); };
   const observer = new MutationObserver(() => end(performance.now() - start));
   observer.observe(document.querySelector(target), { childList: true, subtree: true, characterData: true });
-  setTimeout(() => end(null), 20000);
+  setTimeout(() => end(null), 60000);
   input.value = position;
   input.dispatchEvent(new Event("input", { bubbles: true }));
 })
 """
 """Moves a slider and returns the time until a part of the page changes [ms]."""
+SLIDE = """
+([label, share]) => {
+  const input = [...document.querySelectorAll("input[type=range]")].find((one) => one.ariaLabel === label);
+  input.value = +input.min + share * (input.max - input.min);
+  input.dispatchEvent(new Event("input", { bubbles: true }));
+}
+"""
+"""Moves a slider."""
+QUIET = "() => document.querySelector('.certificate') && !document.querySelector('.certificates.stale')"
+"""Whether the certificates of the present design are there, the last that a move computes."""
 
 
 @dataclass
@@ -54,14 +82,22 @@ class Server:
     process: subprocess.Popen
     log: Path
     start_time: float
+    start_cpu: float
 
     def memory(self) -> float:
-        """Return the resident memory of the server and of the processes that it started [MB]."""
+        """Return the memory of the server and of the processes that it started [MB].
+
+        Pages that processes share count once (proportional set size).
+        """
         pids = [self.process.pid]
         for pid in pids:
-            children = Path(f"/proc/{pid}/task/{pid}/children")
-            pids += [int(child) for child in children.read_text().split()] if children.exists() else []
-        return sum(_resident(pid) for pid in pids)
+            for children in Path(f"/proc/{pid}/task").glob("*/children"):
+                pids += [int(child) for child in children.read_text().split()]
+        return sum(_proportional(pid) for pid in pids)
+
+    def cpu(self) -> float:
+        """Return the processor time of the server, without that of the processes that it started [s]."""
+        return processor_time(self.process.pid)
 
     def tracebacks(self) -> int:
         """Return how many exceptions the server has printed."""
@@ -70,19 +106,26 @@ class Server:
 
 @dataclass
 class Report:
-    """What a monkey found: errors of the page, and memory of the server over the actions [MB]."""
+    """What a monkey found: errors of the page, actions that a menu blocked, and memory of the server [MB]."""
 
     actions: int = 0
     errors: list[str] = field(default_factory=list)
+    blocked: int = 0
     memory: list[float] = field(default_factory=list)
 
 
-def _resident(pid: int) -> float:
+def processor_time(pid: int) -> float:
+    """Return the processor time of a process [s]."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def _proportional(pid: int) -> float:
     try:
-        lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+        lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
     except OSError:
         return 0.0
-    return sum(int(line.split()[1]) for line in lines if line.startswith("VmRSS")) / 1024
+    return sum(int(line.split()[1]) for line in lines if line.startswith("Pss:")) / 1024
 
 
 @contextmanager
@@ -108,8 +151,8 @@ def serving() -> Iterator[Server]:
                 except (URLError, TimeoutError):
                     if process.poll() is not None:
                         raise SystemExit(log.read_text()) from None
-                    time.sleep(0.05)
-            yield Server(url, process, log, time.perf_counter() - started)
+                    time.sleep(0.02)
+            yield Server(url, process, log, time.perf_counter() - started, processor_time(process.pid))
         finally:
             process.terminate()
             process.wait(30)
@@ -135,11 +178,28 @@ def open_page(browser: Any, url: str) -> Any:
     return page
 
 
-def latencies(page: Any, target: str, moves: int) -> list[float]:
-    """Return the times from moves of a slider to a change of a part of the page [s]; infinite for none."""
+def latencies(page: Any, target: str, moves: int, pause: int = 600, is_quiet: bool = False) -> list[float]:
+    """Return the times from moves of a slider to a change of a part of the page [s]; infinite for none.
+
+    Parameters
+    ----------
+    page
+        An open page.
+    target
+        Selector of the part.
+    moves
+        Number of moves.
+    pause
+        Between them [ms].
+    is_quiet
+        Whether each move waits for the certificates of the one before instead.
+    """
     times = []
     for number in range(moves):
-        page.wait_for_timeout(600)
+        if is_quiet:
+            page.wait_for_function(QUIET, timeout=READY)
+        else:
+            page.wait_for_timeout(pause)
         position = 0.9 + 0.02 * (number % 7)
         found = page.evaluate(MOVE, ["Natural frequency [rad/s]", position, target])
         times.append(np.inf if found is None else found / 1000)
@@ -160,68 +220,132 @@ def monkey(page: Any, server: Server, actions: int, seed: int = 1) -> Report:
     seed
         Of the random numbers.
     """
+    from playwright.sync_api import TimeoutError as BlockedError
+
     rng = random.Random(seed)
     report = Report(actions)
     page.on("pageerror", lambda error: report.errors.append(str(error)))
+    page.set_default_timeout(BLOCKED)
     for number in range(actions):
-        _act(page, rng)
-        page.wait_for_timeout(rng.choice((0, 20, 100)))
-        if number % max(actions // 20, 1) == 0:
+        try:
+            _act(page, rng)
+        except BlockedError:
+            report.blocked += 1
+            page.keyboard.press("Escape")
+        page.wait_for_timeout(rng.choice(PAUSES))
+        if number % max(actions // SAMPLES, 1) == 0:
             report.memory.append(server.memory())
-    page.wait_for_selector(".certificate", timeout=READY)
+    page.set_default_timeout(READY)
+    page.get_by_role("tab", name="Design").click()
+    page.wait_for_function(QUIET, timeout=READY)
     report.memory.append(server.memory())
     return report
 
 
 def _act(page: Any, rng: random.Random) -> None:
     """Do one random thing."""
-    kind = rng.choices(
-        ("slide", "preset", "undo", "redo", "check", "click", "law", "reload"), (60, 8, 8, 6, 3, 10, 2, 1)
-    )[0]
+    kind = rng.choices(list(ACTIONS), list(ACTIONS.values()))[0]
     if kind == "slide":
-        field = page.get_by_label(rng.choice(SLIDERS), exact=True).first
-        low, high = (float(field.get_attribute(end) or 0) for end in ("min", "max"))
-        field.evaluate(
-            "(input, value) => { input.value = value; input.dispatchEvent(new Event('input', { bubbles: true })); }",
-            f"{rng.uniform(low, high):.3f}",
-        )
+        page.evaluate(SLIDE, [rng.choice(SLIDERS), rng.random()])
     elif kind == "preset":
         page.get_by_role("button", name=rng.choice(PRESETS), exact=True).click()
     elif kind in ("undo", "redo"):
         page.keyboard.press("Control+z" if kind == "undo" else "Control+y")
     elif kind == "check":
-        page.get_by_text("Synchronised").click()
+        page.get_by_text(rng.choice(("Synchronised", "Model known, M̂(q)"))).click()
     elif kind == "click":
         page.mouse.click(rng.uniform(320, 1270), rng.uniform(60, 890))
-    elif kind == "law":
-        page.get_by_label("Law", exact=True).first.press("ArrowDown")
-        page.keyboard.press("Escape")
+    elif kind == "drag":
+        _drag(page, rng)
+    elif kind == "choose":
+        page.get_by_label(rng.choice(("Law", "Rival", "Robot")), exact=True).first.press("ArrowDown")
+        page.keyboard.press(rng.choice(("Enter", "Escape")))
+    elif kind == "tab":
+        page.get_by_role("tab", name=rng.choice(("Study", "Live"))).click()
+        page.get_by_role("tab", name="Design").click()
     else:
-        page.reload()
+        page.reload(timeout=READY)
         page.wait_for_selector(".control-row", timeout=READY)
+
+
+def _drag(page: Any, rng: random.Random) -> None:
+    """Drag the dot of the map, if it is there."""
+    place = page.evaluate(
+        """() => {
+          const box = document.querySelector(".map .shapelayer path")?.getBoundingClientRect();
+          return box && [box.x + box.width / 2, box.y + box.height / 2];
+        }"""
+    )
+    if place is None:
+        return
+    page.mouse.move(*place)
+    page.mouse.down()
+    page.mouse.move(place[0] + rng.uniform(-80, 80), place[1] + rng.uniform(-80, 80), steps=rng.randrange(1, 8))
+    page.mouse.up()
+
+
+def report_latencies(server: Server, page: Any, label: str, measures: dict[str, tuple[str, int, bool]]) -> None:
+    """Print the latencies of a page, by name: the part that changes, the number of moves, and whether they wait.
+
+    The processor time is that of all that follows a move, but for the process of the certificates.
+    """
+    for name, (target, moves, is_quiet) in measures.items():
+        cpu = server.cpu()
+        times = latencies(page, target, moves, is_quiet=is_quiet)
+        spent = (server.cpu() - cpu) / moves
+        print(
+            f"{label}, {name}: median {np.median(times):.3f} s, 95 % {np.quantile(times, 0.95):.3f} s, "
+            f"largest {max(times):.3f} s of {moves}; processor time of the server {spent:.3f} s a move",
+            flush=True,
+        )
 
 
 def main() -> None:
     """Print the measures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--actions", type=int, default=300, help="actions of the monkey")
-    parser.add_argument("--moves", type=int, default=30, help="moves whose latency is measured")
+    parser.add_argument("--moves", type=int, default=20, help="moves whose latency is measured")
     options = parser.parse_args()
+    started = time.perf_counter()
     with serving() as server, browsing() as browser:
-        print(f"first page served after {server.start_time:.1f} s")
+        print(f"first page served after {server.start_time:.1f} s, processor time {server.start_cpu:.2f} s")
         pages = [open_page(browser, server.url)]
+        pages[0].wait_for_function(QUIET, timeout=READY)
         first = server.memory()
-        pages += [open_page(browser, server.url) for _ in range(9)]
-        print(f"memory: {first:.0f} MB with one user, {(server.memory() - first) / 9:.0f} MB for each further one")
-        for name, target in (("map, stable range and noise", ".numbers"), ("runs", ".measures")):
-            times = latencies(pages[0], target, options.moves)
-            print(f"{name}, nine idle users: median {np.median(times):.3f} s, 95 % {np.quantile(times, 0.95):.3f} s")
+        pages += [open_page(browser, server.url) for _ in range(USERS - 1)]
+        for page in pages:
+            page.wait_for_function(QUIET, timeout=READY)
+        each = (server.memory() - first) / (USERS - 1)
+        print(f"memory, shared pages counted once: {first:.0f} MB with one user, {each:.1f} MB for each further one")
+        few = max(options.moves // 7, 1)
+        fast = {"map, stable range and noise": (".numbers", options.moves, False)}
+        runs = {"runs": (".measures", options.moves, True), "certificates": (".certificates", few, True)}
+        known = {"certificates with M̂(q)": (".certificates", few, True)}
+        report_latencies(server, pages[0], "two-link arm", fast | runs)
+        for query, label, measures in (
+            ("?robot=ur5e", "UR5e", fast | runs),
+            ("?robot=ur5e&model_known=True", "UR5e", known),
+            ("?robot=panda_multisine&model_known=True", "Panda", known),
+        ):
+            pages[0].goto(server.url + query)
+            pages[0].wait_for_selector(".measures .head", timeout=READY)
+            report_latencies(server, pages[0], label, measures)
+        pages[0].goto(server.url)
+        pages[0].wait_for_selector(".measures .head", timeout=READY)
+        print(f"up to here {time.perf_counter() - started:.0f} s", flush=True)
         report = monkey(pages[0], server, options.actions)
         quarter = len(report.memory) // 4
         early, late = np.mean(report.memory[quarter : 2 * quarter]), np.mean(report.memory[-quarter:])
-        print(f"monkey: {report.actions} actions, {len(report.errors)} errors, {server.tracebacks()} tracebacks")
-        print(f"memory over its second and last quarter: {early:.0f} and {late:.0f} MB")
+        print(
+            f"monkey: {report.actions} actions, {report.blocked} of them blocked by a menu, "
+            f"{len(report.errors)} errors of the page, {server.tracebacks()} exceptions of the server"
+        )
+        print(
+            f"memory over the second and last quarter of its actions: {early:.0f} and {late:.0f} MB, largest "
+            f"{max(report.memory):.0f} MB, at its end {report.memory[-1]:.0f} MB"
+        )
         print("\n".join(sorted(set(report.errors))))
+    print(f"in all {time.perf_counter() - started:.0f} s")
 
 
 if __name__ == "__main__":

@@ -92,7 +92,7 @@ def test_figures_are_plain_data():
     joint = pair.design.joints[0]
     for quantity in ("error", "torque"):
         assert [line["name"] for line in curves_figure(pair, quantity, joint)["data"]] == ["PID (rival)", "TDC"]
-    again = run_pair(state.with_changes(inertia_share=0.1), Robots(), (state, pair))
+    again = run_pair(state.with_changes(inertia_share=0.1), Robots(), pair)
     assert again.rival is pair.rival
     assert again.design is not pair.design
     completed = np.array([[True, True], [False, True]])

@@ -15,6 +15,17 @@ pytestmark = pytest.mark.slow
 READY = 150_000
 """Longest wait for certificates on a loaded machine [ms]."""
 
+PANES = {"Design": "Loop and certificates", "Study": "Replayed run", "Live": "Measurements"}
+"""A pane of each tab."""
+INSIDE = """(pane) => {
+  const width = document.documentElement.clientWidth;
+  const isShown = document.querySelector(`.pane[aria-label="${pane}"]`)?.checkVisibility();
+  return isShown && document.documentElement.scrollWidth <= width
+    && !document.querySelector("[class*=q-transition]")
+    && [...document.querySelectorAll(".pane")].every((pane) => pane.getBoundingClientRect().right <= width);
+}"""
+"""Whether a pane is there and nothing is cut off."""
+
 
 class Window:
     """A window of the page, with the addresses that it loaded and the errors that it threw."""
@@ -143,21 +154,44 @@ def test_the_robot_plays_its_run(window: Window) -> None:
     assert all("translateX" in place for place in places)
 
 
+def test_a_click_on_a_dot_of_the_cloud_replays_its_run(window: Window) -> None:
+    page = window.page
+    page.get_by_role("tab", name="Study").click()
+    page.get_by_label("Number of runs").fill("8")
+    page.get_by_role("button", name="Run study").click()
+    page.get_by_text("8 of 8 runs").wait_for(timeout=READY)
+    place = page.evaluate(
+        """() => {
+          const plot = document.querySelector(".cloud .js-plotly-plot, .cloud.js-plotly-plot");
+          const { xaxis, yaxis, _size } = plot._fullLayout;
+          const [dots] = plot.data;
+          const box = plot.getBoundingClientRect();
+          return { run: dots.customdata[3], x: box.x + _size.l + xaxis.d2p(dots.x[3]),
+            y: box.y + _size.t + yaxis.d2p(dots.y[3]) };
+        }"""
+    )
+    page.mouse.move(place["x"], place["y"])
+    page.mouse.click(place["x"], place["y"])
+    page.get_by_text(f"Run {place['run']}: design").wait_for(timeout=READY)
+    assert page.get_by_label("Number of the run to replay").input_value() == str(place["run"])
+    assert not window.errors
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_screen_readers_contrast_widths_and_requests(browser: Any, server: str, scheme: str) -> None:
-    """No serious finding of axe-core, nothing cut off, no error, and no request to another computer."""
+    """No serious finding of axe-core on any tab, nothing cut off, no error, and no request to another computer."""
     window = Window(browser, server, color_scheme=scheme)
-    window.page.wait_for_timeout(500)
-    findings = [
-        (rule["id"], [node["html"][:200] for node in rule["nodes"]])
-        for rule in Axe().run(window.page).response["violations"]
-        if rule["impact"] in ("serious", "critical")
-    ]
-    for width in (1280, 1920):
-        window.page.set_viewport_size({"width": width, "height": 1000})
-        assert window.page.evaluate("document.documentElement.scrollWidth") <= width
-        right = "panes => panes.map(pane => pane.getBoundingClientRect().right)"
-        assert max(window.page.eval_on_selector_all(".pane", right)) <= width
+    findings = []
+    for tab in ("Design", "Study", "Live"):
+        window.page.get_by_role("tab", name=tab).click()
+        for width in (1920, 1280):
+            window.page.set_viewport_size({"width": width, "height": 1000})
+            window.page.wait_for_function(INSIDE, arg=PANES[tab])  # the tab slides in
+        findings += [
+            (tab, rule["id"], [node["html"][:200] for node in rule["nodes"]])
+            for rule in Axe().run(window.page).response["violations"]
+            if rule["impact"] in ("serious", "critical")
+        ]
     hosts = {urlsplit(url).netloc for url in window.requests if not url.startswith(("data:", "blob:"))}
     window.context.close()
     assert not findings

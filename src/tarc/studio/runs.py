@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from tarc.core.types import Array
-from tarc.scenario.model import Scenario
+from tarc.scenario.model import Scenario, Setup
 from tarc.simulation.run import Run
 from tarc.studio.design_state import DesignState
 from tarc.studio.robots import Robots
@@ -56,11 +56,36 @@ class Curves:
 
 
 @dataclass(frozen=True, eq=False)
+class RunParts:
+    """What the runs of designs share that differ in law and estimator alone: robot, motion, sensor, load.
+
+    Attributes
+    ----------
+    content
+        What is shared, as the content of a scenario.
+    scenario, setup
+        Its scenario, with any law, and its constructed parts.
+    """
+
+    content: dict[str, Any]
+    scenario: Scenario
+    setup: Setup
+
+    def simulate(self, content: dict[str, Any]) -> "Curves":
+        """Simulate the law of a scenario that shares these parts."""
+        law = self.scenario.build_law({**content["law"], "estimator": content["estimator"]}, self.setup)
+        run = self.scenario.run_law(law, self.setup, progress=False)
+        return curves_of(run, content["law"]["kind"], self.scenario.metrics_start)
+
+
+@dataclass(frozen=True, eq=False)
 class RunPair:
-    """The runs of a design and of its rival."""
+    """The runs of a design and of its rival, with the parts that they share and the scenario of the rival."""
 
     design: Curves
     rival: Curves
+    parts: RunParts | None = None
+    rival_content: dict[str, Any] | None = None
 
 
 def short_base(base: dict[str, Any]) -> dict[str, Any]:
@@ -69,7 +94,7 @@ def short_base(base: dict[str, Any]) -> dict[str, Any]:
     return base | {"duration": duration, "metrics_start": min(METRICS_START, duration / 2)}
 
 
-def run_pair(state: DesignState, robots: Robots, previous: tuple[DesignState, RunPair] | None = None) -> RunPair:
+def run_pair(state: DesignState, robots: Robots, previous: RunPair | None = None) -> RunPair:
     """Simulate a design and its rival.
 
     Parameters
@@ -79,29 +104,25 @@ def run_pair(state: DesignState, robots: Robots, previous: tuple[DesignState, Ru
     robots
         The robots of the session.
     previous
-        A design and its runs; what did not change since is not simulated again.
+        The runs of an earlier design; what did not change since is neither built nor simulated again.
 
     Raises
     ------
     InvalidParameter, ScenarioError, RobotFileError, UnsupportedLaw
         For a design that cannot be built.
     """
-    rival_content = state.rival_content(short_base(robots.content(state.robot)))
-    design = run_curves(state.to_content(short_base(robots.content(state.robot))))
-    if previous is not None:
-        former, runs = previous
-        if former.rival_content(short_base(robots.content(former.robot))) == rival_content:
-            return RunPair(design, runs.rival)
-    rival = run_curves(rival_content)
-    return RunPair(design, replace(rival, name=f"{rival.name} (rival)"))
-
-
-def run_curves(content: dict[str, Any]) -> Curves:
-    """Simulate the first law of a scenario."""
-    scenario = Scenario.parse(content)
-    setup = scenario.build()
-    name, law = next(iter(setup.laws.items()))
-    return curves_of(scenario.run_law(law, setup, progress=False), name, scenario.metrics_start)
+    base = short_base(robots.content(state.robot)) | {"native": False}  # compiling takes longer than a run
+    content, rival_content = state.to_content(base), state.rival_content(base)
+    shared = {key: value for key, value in content.items() if key not in ("law", "estimator")}
+    parts = None if previous is None else previous.parts
+    if parts is None or parts.content != shared:
+        scenario = Scenario.parse(content)
+        parts = RunParts(shared, scenario, scenario.build())
+    design = parts.simulate(content)
+    if previous is not None and previous.rival_content == rival_content:
+        return RunPair(design, previous.rival, parts, rival_content)
+    rival = parts.simulate(rival_content)
+    return RunPair(design, replace(rival, name=f"{rival.name} (rival)"), parts, rival_content)
 
 
 def curves_of(run: Run, name: str, start_time: float) -> Curves:

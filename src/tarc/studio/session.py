@@ -87,7 +87,6 @@ class Session:
         self.is_closed = False
         self._at_end: list[Listener] = []
         self._facts: dict[tuple[str, float], RobotFacts] = {}
-        self._simulated: tuple[DesignState, RunPair] | None = None
         self._job: Job | None = None
         self._moved = {name: asyncio.Event() for name in ("loop", "runs", "certificates")}
         self._tasks: list[asyncio.Task] = []
@@ -196,8 +195,7 @@ class Session:
         from tarc.studio.runs import run_pair
 
         try:
-            self.results.runs = await in_thread(run_pair, state, self.robots, self._simulated)
-            self._simulated = state, self.results.runs
+            self.results.runs = await in_thread(run_pair, state, self.robots, self.results.runs)
         except DESIGN_ERRORS as error:
             self.results.problem = str(error)
         self._tell("runs")
