@@ -131,7 +131,8 @@ def arm_rows(first: int = 0) -> list[tuple[str, ...]]:
 @dataclass(frozen=True, kw_only=True)
 class Case:
     """A UR5e under TDC: the loads [kg] and dry friction [N m] of the robot, M̂ over its best shape, natural frequency
-    [rad/s], R [rad], and the load of a model that is fed forward, None for no feed-forward.
+    [rad/s], R [rad], the load of a model that is fed forward, None for no feed-forward, whether M̂(q) follows a model
+    without load, and the number of runs.
     """
 
     label: str
@@ -142,6 +143,8 @@ class Case:
     synchronised: bool = False
     size: float = 0.05
     model_load: float | None = None
+    known: bool = False
+    runs: int = 40
 
 
 CASES = (
@@ -156,6 +159,15 @@ CASES = (
         synchronised=True,
         model_load=2.5,
     ),
+    Case(label="UR5e, 0 to 5 kg that M̂(q) lacks", loads=(0.0, 5.0), fraction=0.08, known=True, runs=8),
+    Case(
+        label="UR5e, 0 to 5 kg that M̂(q) lacks, synchronised",
+        loads=(0.0, 5.0),
+        fraction=0.6,
+        synchronised=True,
+        known=True,
+        runs=8,
+    ),
 )
 
 
@@ -168,9 +180,12 @@ def ur5e_row(case: Case) -> tuple[str, ...]:
         return load_robot("ur5e", armature=0.1, viscous=1.0, coulomb=friction, payload=load)
 
     robots = [robot(load, case.friction) for load in case.loads]
-    shape, _ = best_inertia_shape(robots, Workspace.from_reference(motion, 6.0, tube=case.size))
+    if case.known:
+        inertia: Any = NominalInertia(load_robot("ur5e", armature=0.1), case.fraction, gravity=True)
+    else:
+        inertia = case.fraction * best_inertia_shape(robots, Workspace.from_reference(motion, 6.0, tube=case.size))[0]
     law = TDC(
-        inertia=case.fraction * shape,
+        inertia=inertia,
         natural_frequency=case.frequency,
         period=1e-3,
         estimator=Algebraic(window=0.006),
@@ -178,7 +193,7 @@ def ur5e_row(case: Case) -> tuple[str, ...]:
         feedforward=None if case.model_load is None else Feedforward(robot(case.model_load, 0.0)),
     )
     rate = np.array([5.0, 5.0, 5.0, 1.0, 1.0, 1.0])
-    return row(case.label, robots, law, motion, rate, size=case.size, runs=40, friction=case.friction)
+    return row(case.label, robots, law, motion, rate, size=case.size, runs=case.runs, friction=case.friction)
 
 
 @long_source
