@@ -126,6 +126,17 @@ def test_missed_periods_are_counted_and_the_reference_keeps_its_time(policy):
     np.testing.assert_allclose(rows["reference"][tracked], REFERENCE.sample(times)[0].T)
 
 
+def test_a_robot_that_waits_has_later_deadlines_after_a_missed_period():
+    clock = SimulatedClock()
+    result, rows = rows_of(LateRobot(clock, 400, 4.2e-3), clock=clock, overrun="shift")
+    _, in_time = rows_of(SlidingMasses())
+    assert result.overruns == 3
+    np.testing.assert_array_equal(rows["period"], in_time["period"])
+    np.testing.assert_array_equal(rows["torque"], in_time["torque"])
+    late = rows["lateness"] > 1e-9
+    assert rows["lateness"][late] == pytest.approx([3.2e-3], abs=1e-9)
+
+
 def test_a_missed_period_stops_the_run_on_request():
     clock = SimulatedClock()
     result, _ = rows_of(LateRobot(clock, 400, 4.2e-3), clock=clock, overrun="stop")

@@ -53,7 +53,7 @@ SpeedLimit = Annotated[
 MaxStep = Annotated[str, typer.Option("--max-step", help="Step between samples beyond which one counts as missing.")]
 TorqueRate = Annotated[str, typer.Option("--torque-rate", help="Largest rate of the torque \\[N m/s]; it is clipped.")]
 WatchdogTime = Annotated[float, typer.Option("--watchdog", help="Longest time without a sample \\[s].")]
-Overrun = Annotated[str, typer.Option(help="What a missed period is: bridge, skip or stop.")]
+Overrun = Annotated[str, typer.Option(help="What a missed period is: bridge, skip, stop or shift.")]
 RampSpeed = Annotated[float, typer.Option(help="Speed of the ramp to the start of the reference \\[rad/s or m/s].")]
 Priority = Annotated[int, typer.Option(help="Real-time priority, 1 to 99; 0 for none.")]
 Unlimited = Annotated[

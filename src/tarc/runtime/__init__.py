@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from tarc.runtime.mujoco_robot import MujocoRobot
     from tarc.runtime.online import OnlineReference
     from tarc.runtime.packet_robot import PacketRobot, udp_robot
+    from tarc.runtime.plant_robot import PlantRobot
     from tarc.runtime.push import Push, PushResponse
     from tarc.runtime.robot import Robot
 
@@ -28,6 +29,7 @@ __all__ = [
     "MujocoRobot",
     "OnlineReference",
     "PacketRobot",
+    "PlantRobot",
     "Push",
     "PushResponse",
     "Robot",
@@ -50,6 +52,7 @@ __getattr__, __dir__, _ = lazy_attributes(
         "MujocoRobot": "tarc.runtime.mujoco_robot",
         "OnlineReference": "tarc.runtime.online",
         "PacketRobot": "tarc.runtime.packet_robot",
+        "PlantRobot": "tarc.runtime.plant_robot",
         "Push": "tarc.runtime.push",
         "PushResponse": "tarc.runtime.push",
         "Robot": "tarc.runtime.robot",

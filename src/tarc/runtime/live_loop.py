@@ -22,7 +22,7 @@ from tarc.runtime.robot import Robot
 from tarc.runtime.watchdog import Watchdog
 from tarc.signals.readings import ReadingCheck
 
-OVERRUN_POLICIES = ("bridge", "skip", "stop")
+OVERRUN_POLICIES = ("bridge", "skip", "stop", "shift")
 ROUNDING = 1e-9
 """Share of a torque limit that counts as rounding."""
 CLOCK_GAIN = 0.01
@@ -363,7 +363,7 @@ class LiveLoop:
         return position
 
     def _wait(self) -> int:
-        """Sleep until the next deadline; return how many periods were missed."""
+        """Sleep until the next deadline; return how many periods were missed, and are not made up for by a shift."""
         deadline = self._start + self._k * self._period
         self._clock.sleep_until(deadline)
         self._begin = self._clock.now()
@@ -371,6 +371,9 @@ class LiveLoop:
         missed = int((self._begin - deadline) / self._period)
         self._lateness = self._begin - deadline
         self.overruns += missed
+        if self._parts.overrun == "shift":
+            self._start += missed * self._period
+            return 0
         self._k += missed
         return missed
 

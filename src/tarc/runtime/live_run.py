@@ -152,7 +152,8 @@ def run_live(
         periods at least.
     overrun
         What a missed period is. By ``bridge`` the law goes through it without a sample, by ``skip`` it does not know
-        of it, and ``stop`` is a safe stop.
+        of it, and ``stop`` is a safe stop. By ``shift`` all later deadlines move: for a robot that waits for commands,
+        such as `MujocoRobot` with ``in_step``.
     watch
         The certificate's assumptions, as `tarc.analysis.watch_workspace` returns them. They are recorded.
     priority

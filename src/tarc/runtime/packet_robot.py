@@ -85,23 +85,26 @@ class PacketRobot(Robot):
             )
 
     def read(self) -> Array:
-        """Return the position of the newest state (n,), NaN where none came since the call before."""
+        """Return the position of the newest state (n,), NaN where none came since the call before.
+
+        A state that answers a command stays new until the next command.
+        """
         self._take_all()
-        if self._echoes:
-            self._await_echo()
-        if self._last is None or self._is_read:
+        is_new = self._await_echo() if self._echoes else not self._is_read
+        if self._last is None or not is_new:
             return self._nothing
         self._is_read = True
         return self._last.values[0]
 
-    def _await_echo(self) -> None:
-        """Wait for the state that answers the last command."""
+    def _await_echo(self) -> bool:
+        """Wait for the state that answers the last command; return whether it came."""
         end = time.monotonic() + self._timeout
         while self._last is None or self._last.sequence != self._sent & 0xFFFFFFFF:
             if time.monotonic() > end:
-                return
+                return False
             time.sleep(POLL / 20)
             self._take_all()
+        return True
 
     def write(self, torque: Array) -> None:
         """Send a torque (n,)."""

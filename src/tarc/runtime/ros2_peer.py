@@ -21,8 +21,9 @@ from tarc.plants.base import Plant
 from tarc.plants.mujoco import MujocoPlant
 from tarc.plants.rigid_body import RigidBody
 from tarc.runtime.dds import join_domain
-from tarc.runtime.mujoco_peer import MujocoPeer
+from tarc.runtime.mujoco_peer import MujocoBody
 from tarc.runtime.packets import Flag, Kind, decode, encode
+from tarc.runtime.peer import Peer
 from tarc.runtime.ros2_types import (
     Float64MultiArray,
     Header,
@@ -98,7 +99,7 @@ def ros2_peer(
     domain: int | None = None,
     watchdog: float = 0.1,
     seed: int = 0,
-) -> MujocoPeer:
+) -> Peer:
     """Return a robot in MuJoCo that sends joint states and takes effort commands; its ``run`` moves it.
 
     Its brakes hold it until the first command comes, and where none came for the time of its watchdog.
@@ -148,4 +149,5 @@ def ros2_peer(
         "noise": zero,
         "seed": seed,
     }
-    return MujocoPeer(source.copy_model(), settings, RosTransport(source.joint_names, controller, domain))
+    body = MujocoBody(source.copy_model(), settings)
+    return Peer(body, settings, RosTransport(source.joint_names, controller, domain))

@@ -4,10 +4,14 @@ import numpy as np
 
 from tarc.core.errors import InvalidParameter
 from tarc.core.validation import Numbers
+from tarc.plants.base import Plant
+from tarc.plants.mujoco import MujocoPlant
+from tarc.plants.rigid_body import RigidBody
 from tarc.runtime.limits import SafetyLimits
 from tarc.runtime.live_loop import StartUp
 from tarc.runtime.mujoco_robot import MujocoRobot
 from tarc.runtime.packet_robot import udp_robot
+from tarc.runtime.plant_robot import PlantRobot
 from tarc.runtime.push import Push
 from tarc.runtime.robot import Robot
 from tarc.scenario.model import Scenario
@@ -15,20 +19,24 @@ from tarc.scenario.parts import Setup
 from tarc.signals.torque_limits import TorqueLimits
 
 
-def scenario_robot(name: str, scenario: Scenario, setup: Setup, period: float, priority: int = 0) -> Robot:
+def scenario_robot(
+    name: str, scenario: Scenario, setup: Setup, period: float, priority: int = 0, in_step: bool = False
+) -> Robot:
     """Return a robot by the name that ``tarc run-live --robot`` takes.
 
     Parameters
     ----------
     name
         ``mujoco`` for the scenario's robot in a process of its own, ``mujoco:udp`` for the same over UDP, or
-        ``udp://host:port``.
+        ``udp://host:port``. A robot that is not from a file is simulated by its own equations.
     scenario, setup
         The scenario and what it built.
     period
         Of the law [s].
     priority
         Of a simulated robot's process, 0 for the ordinary scheduler.
+    in_step
+        Let a simulated robot move by a period for each command instead of by its clock.
 
     Raises
     ------
@@ -43,7 +51,7 @@ def scenario_robot(name: str, scenario: Scenario, setup: Setup, period: float, p
     start = scenario.initial_position
     bits, span = setup.sensor.bits, 2 * np.pi if setup.sensor.span is None else setup.sensor.span
     step = setup.sensor.resolution if bits is None else np.asarray(span) / 2.0 ** np.asarray(bits)
-    return MujocoRobot(
+    return _simulation(setup.simulated)(
         setup.simulated,
         period,
         position=setup.reference.sample([0.0])[0][:, 0] if start is None else start,
@@ -53,7 +61,13 @@ def scenario_robot(name: str, scenario: Scenario, setup: Setup, period: float, p
         noise=setup.sensor.noise,
         seed=scenario.seed,
         priority=priority,
+        in_step=in_step,
     )
+
+
+def _simulation(plant: Plant) -> type[MujocoRobot] | type[PlantRobot]:
+    """Return what simulates a robot: MuJoCo where it is from a file, else its own equations."""
+    return MujocoRobot if isinstance(plant, MujocoPlant | RigidBody) else PlantRobot
 
 
 def safety_limits(
