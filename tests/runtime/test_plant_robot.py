@@ -8,6 +8,7 @@ import pytest
 import tarc
 from live_robots import ARM_FILE
 from tarc.core.errors import InvalidParameter
+from tarc.plants.rigid_body import RigidBody
 from tarc.runtime import PlantRobot, SafetyLimits, SimulatedClock, StartUp, run_live
 from tarc.runtime.log import Log
 from tarc.runtime.log_format import LogLayout
@@ -30,6 +31,7 @@ QUICK = StartUp(hold_time=0.05, ramp_time=0.1, brake_time=0.02, stop_time=0.05)
 def test_it_moves_as_its_equations_do_and_its_brakes_hold(udp: int | None) -> None:
     logs: list[Log] = []
     with PlantRobot(ARM, PERIOD, position=HOME, in_step=True, udp=udp, priority=0) as robot:
+        assert robot.applied_torque is not None
         np.testing.assert_allclose(robot.applied_torque, ARM.gravity_torque(HOME), rtol=1e-9)
         run_live(
             LAW,
@@ -59,5 +61,7 @@ def test_it_moves_as_its_equations_do_and_its_brakes_hold(udp: int | None) -> No
 def test_a_robot_without_equations_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "arm.xml"
     file.write_text(ARM_FILE)
+    arm = tarc.plants.load_robot(file)
+    assert isinstance(arm, RigidBody)
     with pytest.raises(InvalidParameter, match="needs a robot in symbols"):
-        PlantRobot(tarc.plants.MujocoPlant(file), PERIOD)
+        PlantRobot(arm.mujoco, PERIOD)

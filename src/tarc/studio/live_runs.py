@@ -1,23 +1,30 @@
 """The loop on a robot, in a process of its own, and what the page reads of it."""
 
 import json
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tarc.core.errors import InvalidParameter
+from tarc.certificates.certified_gains import GainRange, certify_gains
+from tarc.core.errors import InvalidParameter, NotLinearisable, UnsupportedLaw
 from tarc.core.types import Array
-from tarc.runtime import DdsRobot, OnlineReference, Robot, run_live
+from tarc.laws.base import Law
+from tarc.laws.pole_placement import PolePlacement
+from tarc.runtime import DdsRobot, GainChanges, OnlineReference, Robot, run_live
 from tarc.runtime.log import Log
 from tarc.runtime.ring import Ring
 from tarc.runtime.scenario_parts import safety_limits, scenario_robot, start_up
 from tarc.scenario.deployment import law_of
 from tarc.scenario.model import Scenario, Setup
 from tarc.studio.jobs import Sender
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
 
 WATCHDOG = 0.05
 """Longest time without a sample of a robot [s]."""
@@ -31,6 +38,39 @@ class LiveLog:
     """Where a loop writes its rows."""
 
     folder: str
+
+
+@dataclass(frozen=True)
+class LiveStage:
+    """What the process does before the loop runs, in words."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class LiveGains:
+    """Gains that may change now.
+
+    Attributes
+    ----------
+    ranges
+        Certified range of each; empty for none.
+    values
+        The gains that run.
+    reason
+        Why none may change; empty where one may.
+    """
+
+    ranges: dict[str, GainRange]
+    values: dict[str, float]
+    reason: str
+
+
+@dataclass(frozen=True)
+class LiveRefusal:
+    """Why a change of gains was refused."""
+
+    text: str
 
 
 @dataclass(frozen=True)
@@ -49,24 +89,53 @@ class LiveEnd:
     is_safe_stop: bool
 
 
-def send_live(send: Sender, content: dict[str, Any], connection: str, address: str, duration: float) -> None:
-    """Run a scenario's first law on a robot, for a `Job`; send a `LiveLog`, then a `LiveEnd`.
+def send_live(
+    send: Sender,
+    content: dict[str, Any],
+    connection: str,
+    address: str,
+    duration: float,
+    commands: "Connection",
+) -> None:
+    """Run a scenario's first law on a robot, for a `Job`.
 
-    An interrupt lets the robot come to rest.
+    It sends a `LiveStage` now and then, a `LiveLog` and `LiveGains` when the loop starts, and a `LiveEnd`. Each mapping
+    of gains that comes by ``commands`` is answered by `LiveGains` or a `LiveRefusal`. An interrupt lets the robot come
+    to rest.
 
     Raises
     ------
     InvalidParameter
         For a robot that does not answer, and one without torque limits that is not simulated.
     """
+    lock = threading.Lock()
+
+    def send_one(message: object) -> None:
+        with lock:
+            send(message)
+
+    try:
+        _run_live(send_one, content, connection, address, duration, commands)
+    except KeyboardInterrupt:
+        send_one(LiveEnd("stopped before the loop ran", is_safe_stop=False))
+
+
+def _run_live(
+    send: Sender, content: dict[str, Any], connection: str, address: str, duration: float, commands: "Connection"
+) -> None:
     scenario = Scenario.parse(content)
     _, law, interface, names = law_of(scenario)
     setup = scenario.build()
     if any(unit not in ("N m", "N") for unit in setup.plant.torque_units):
         raise InvalidParameter("robot: its joints take positions, and the loop writes torques")
+    changes, reason = _changes(send, scenario, setup, law)
+    send(LiveStage("connecting"))
 
     def announce(log: Log) -> None:
         send(LiveLog(str(log.folder)))
+        send(_gains(changes, reason))
+        if changes is not None:
+            threading.Thread(target=_serve, args=(send, changes, commands), daemon=True).start()
 
     with _robot(connection, address, scenario, setup, law.period) as robot:
         is_simulated = connection.startswith("mujoco")
@@ -82,18 +151,59 @@ def send_live(send: Sender, content: dict[str, Any], connection: str, address: s
             else start_up(scenario, setup, robot, push=0.0 if is_simulated else 0.2),
             allow_unlimited_torque=is_simulated,
             watchdog=SIMULATED_WATCHDOG if is_simulated else WATCHDOG,
+            overrun="shift" if is_simulated else "bridge",
             priority=0,
             joint_names=names,
             units=setup.plant.units,
             label=setup.plant.label,
+            changes=changes,
             on_log=announce,
         )
     send(LiveEnd(f"{result.ended}; {result.overruns} of {result.n_periods} periods missed", result.is_safe_stop))
 
 
+def _changes(send: Sender, scenario: Scenario, setup: Setup, law: Law) -> tuple[GainChanges | None, str]:
+    """Return the gains that may change within what is certified; None and the reason where no certificate applies."""
+    workspace, plants = scenario.certified_region(setup)
+    if not isinstance(law, PolePlacement):
+        return None, "no certificate applies to this law, so that no gain of it may change while it runs"
+    try:
+        certified = certify_gains(
+            law,
+            plants,
+            workspace,
+            computation_delay=scenario.computation_delay,
+            on_certificate=lambda count: send(LiveStage(f"certifying gains, {count} so far")),
+        )
+    except (UnsupportedLaw, NotLinearisable) as error:
+        return None, f"no gain may change while it runs: {error}"
+    return GainChanges(certified), certified.reason
+
+
+def _gains(changes: GainChanges | None, reason: str) -> LiveGains:
+    ranges = {} if changes is None else changes.ranges
+    values = {name: float(np.ravel(getattr(changes.law, name))[0]) for name in ranges} if changes is not None else {}
+    return LiveGains(ranges, values, reason)
+
+
+def _serve(send: Sender, changes: GainChanges, commands: "Connection") -> None:
+    """Answer each change of gains, until the page ends."""
+    while True:
+        try:
+            gains = commands.recv()
+        except (EOFError, OSError):
+            return
+        try:
+            changes.change(**gains)
+        except InvalidParameter as error:
+            send(LiveRefusal(str(error)))
+        else:
+            send(_gains(changes, ""))
+
+
 @contextmanager
 def _robot(connection: str, address: str, scenario: Scenario, setup: Setup, period: float) -> Iterator[Robot]:
-    """Open a robot and close it."""
+    """Open a robot and close it; a simulated one shares the computer with the page, so it waits for the loop."""
     if connection == "dds":
         with DdsRobot(
             tuple(setup.plant.joint_names), controller=address or "effort_controller", period=period
@@ -102,7 +212,7 @@ def _robot(connection: str, address: str, scenario: Scenario, setup: Setup, peri
             yield robot
         return
     name = f"udp://{address.removeprefix('udp://')}" if connection == "udp" else connection
-    with scenario_robot(name, scenario, setup, period) as robot:
+    with scenario_robot(name, scenario, setup, period, in_step=True) as robot:
         yield robot
 
 

@@ -1,12 +1,14 @@
-"""The Live tab: the design on a robot, with error, torque and jitter as they are measured."""
+"""The Live tab: the design on a robot, with error, torque and jitter as they are measured, and gains that change."""
 
+from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from nicegui import background_tasks, ui
 
 from tarc.studio.figures import live_figure
-from tarc.studio.jobs import Job, JobError
+from tarc.studio.jobs import Job, JobError, process_context
+from tarc.studio.live_gains import GainPanel
 from tarc.studio.session import Session
 
 if TYPE_CHECKING:
@@ -18,50 +20,62 @@ MAX_POINTS = 600
 """Points of a curve that stay."""
 POINTS_PER_LOOK = 2
 """Points that a look adds to a curve."""
-QUANTITIES = {"error": "error, norm", "torque": "torque, norm", "lateness": "lateness [µs]"}
+DEFAULT_DURATION = 60
+"""[s]."""
+QUANTITIES = {"error": "error, norm", "torque": "torque, norm", "lateness": "jitter: lateness [µs]"}
 ROBOTS = {
     "mujoco": "Simulated robot",
     "mujoco:udp": "Simulated robot over UDP",
     "udp": "Robot over UDP",
     "dds": "Robot of ROS 2 over DDS",
 }
-FIXED_GAINS = (
-    "The loop is built for one law, and no gain of it changes while it runs. Stop it, change the design, look at its "
-    "certificates, and start it again."
-)
+NUMBERS = {"time": "time [s]", "phase": "phase", "error": "error", "torque": "torque", "lateness": "jitter [µs]"}
 
 
 class LiveTab:
-    """Connection, state and rolling curves."""
+    """Connection, gains, and rolling curves."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
         self._job: Job | None = None
+        self._commands: Connection | None = None
         self._reader: LiveReader | None = None
         session.at_end(self.stop)
         with ui.element("div").classes("live-columns"):
-            with ui.element("section").classes("pane").props('aria-label="Connection"'):
+            with ui.element("section").classes("pane").props('aria-label="Connection and gains"'):
                 self._build_connection()
+                ui.separator()
+                self._gains = GainPanel(self.change)
             with ui.element("section").classes("pane").props('aria-label="Measurements"'):
-                self._plots = {}
-                for name, title in QUANTITIES.items():
-                    plot = ui.plotly(live_figure(title)).classes("w-full curve").mark(f"live-{name}")
-                    self._plots[name] = plot.props(f'role=img aria-label="{title} over time, measured"')
+                self._build_measurements()
         self._timer = ui.timer(REFRESH, self._look, active=False)
 
     def _build_connection(self) -> None:
         self._robot = ui.select(ROBOTS, value="mujoco", label="Robot").classes("w-full").mark("live-robot")
         self._robot.props('dense outlined options-dense aria-label="Robot of the loop"')
         self._address = ui.input("Address").classes("w-full").bind_visibility_from(self._robot, "value", _has_address)
-        self._address.props('dense outlined aria-label="host:port, or the controller of ROS 2"')
+        self._address.props('dense outlined aria-label="host:port, or the controller of ROS 2"').mark("live-address")
         self._address.tooltip("host:port over UDP; the name of the effort controller over DDS")
-        self._duration = ui.number("Duration [s]", value=10, min=1, max=3600).classes("w-full")
+        self._duration = ui.number("Duration [s]", value=DEFAULT_DURATION, min=1, max=3600).classes("w-full")
         self._duration.props('dense outlined aria-label="Duration in seconds"')
         with ui.row().classes("gap-2"):
             ui.button("Start", icon="play_arrow", on_click=self.start).props("dense no-caps").mark("live-start")
             ui.button("Stop", icon="stop", on_click=self.stop).props("dense no-caps outline").mark("live-stop")
         self._status = ui.label("Not connected.").props("role=status").mark("live-status")
-        ui.label(FIXED_GAINS).classes("text-caption")
+
+    def _build_measurements(self) -> None:
+        self._numbers = {}
+        with ui.element("dl").classes("numbers live-numbers"):
+            for name, title in NUMBERS.items():
+                with ui.element("div"):
+                    with ui.element("dt"):
+                        ui.label(title)
+                    with ui.element("dd"):
+                        self._numbers[name] = ui.label("–").mark(f"live-number-{name}")
+        self._plots = {}
+        for name, title in QUANTITIES.items():
+            plot = ui.plotly(live_figure(title)).classes("w-full live-curve").mark(f"live-{name}")
+            self._plots[name] = plot.props(f'role=img aria-label="{title} over time, measured"')
 
     def start(self) -> None:
         """Start the loop of the present design."""
@@ -73,8 +87,17 @@ class LiveTab:
         content = session.state.to_content(session.robots.content(session.state.robot))
         for name, title in QUANTITIES.items():
             self._plots[name].update_figure(live_figure(title))
-        self._status.set_text("connecting")
-        self._job = Job(send_live, content, self._robot.value, self._address.value, float(self._duration.value or 10))
+        self._status.set_text("starting")
+        receiver, self._commands = process_context().Pipe(duplex=False)
+        self._job = Job(
+            send_live,
+            content,
+            self._robot.value,
+            self._address.value,
+            float(self._duration.value or DEFAULT_DURATION),
+            receiver,
+        )
+        receiver.close()
         background_tasks.create(self._follow(self._job))
 
     def stop(self) -> None:
@@ -82,38 +105,64 @@ class LiveTab:
         if self._job is not None:
             self._job.interrupt()
 
-    async def _follow(self, job: Job) -> None:
-        from tarc.studio.live_runs import LiveEnd, LiveLog, LiveReader
+    def change(self, name: str, value: float) -> None:
+        """Change a gain of the loop that runs; it answers whether the value is certified."""
+        if self._commands is None:
+            return
+        self._gains.wait(name, value)
+        try:
+            self._commands.send({name: value})
+        except OSError:
+            self._gains.refuse("the loop has ended")
 
+    async def _follow(self, job: Job) -> None:
         text = "the loop's process ended"
         try:
             async for message in job.results():
-                if isinstance(message, LiveLog):
-                    self._reader = LiveReader(message)
-                    self._timer.activate()
-                elif isinstance(message, LiveEnd):
-                    text = message.text
+                text = self._take(message) or text
         except JobError as error:
             text = str(error)
         except FileNotFoundError:
             text = "the run is over already"
         finally:
             self._timer.deactivate()
-            self._reader = None
-            self._job = None
+            if self._commands is not None:
+                self._commands.close()
+            self._reader = self._job = self._commands = None
+            self._gains.end()
         self._status.set_text(text)
+
+    def _take(self, message: object) -> str:
+        """Show what the loop's process sent; return how it ended, if that was it."""
+        from tarc.studio.live_runs import LiveEnd, LiveGains, LiveLog, LiveReader, LiveRefusal, LiveStage
+
+        if isinstance(message, LiveStage):
+            self._status.set_text(message.text)
+        elif isinstance(message, LiveLog):
+            self._reader = LiveReader(message)
+            self._timer.activate()
+            self._status.set_text("running")
+        elif isinstance(message, LiveGains):
+            values = ", ".join(f"{name.replace('_', ' ')} {value:.4g}" for name, value in message.values.items())
+            self._gains.show(message.ranges, message.values, message.reason or f"running with {values}")
+        elif isinstance(message, LiveRefusal):
+            self._gains.refuse(message.text)
+        elif isinstance(message, LiveEnd):
+            return message.text
+        return ""
 
     def _look(self) -> None:
         """Add what was measured since the last look."""
         rows = None if self._reader is None else self._reader.read()
         if rows is None:
             return
-        late = rows.lateness[np.isfinite(rows.lateness)]
-        jitter = f", late {late.max():.0f} µs" if late.size else ""
-        self._status.set_text(f"{rows.times[-1]:.2f} s, {rows.phase}, error {rows.errors[-1]:.4g}{jitter}")
-        for name, values in _peaks(rows).items():
-            update = {"x": [values[0]], "y": [values[1]]}
-            self._plots[name].run_plot_method("extendTraces", update, [0], MAX_POINTS)
+        peaks = _peaks(rows)
+        self._numbers["time"].set_text(f"{rows.times[-1]:.2f}")
+        self._numbers["phase"].set_text(rows.phase)
+        for name, (times, values) in peaks.items():
+            known = [value for value in values if value is not None]
+            self._numbers[name].set_text(f"{max(known):.3g}" if known else "–")
+            self._plots[name].run_plot_method("extendTraces", {"x": [times], "y": [values]}, [0], MAX_POINTS)
 
 
 def _has_address(robot: str) -> bool:
