@@ -64,8 +64,28 @@ def take_study(browser: Browser, target: Path) -> None:
     page.screenshot(path=target)
 
 
+def take_live(browser: Browser, target: Path) -> None:
+    """Take the Live tab in the light theme, with a gain that was refused."""
+    page = browser.new_page(viewport={"width": 1280, "height": 900})
+    page.set_default_timeout(PATIENCE)
+    page.goto(f"{URL}/?law=TARC")
+    page.wait_for_selector(".certificate")
+    page.get_by_role("tab", name="Live").click()
+    page.get_by_role("button", name="Start").click()
+    name = "Natural frequency [rad/s] while it runs, exact value"
+    page.get_by_label(name).wait_for()
+    page.wait_for_timeout(6000)
+    page.get_by_label(name).fill("90")
+    page.get_by_label(name).press("Enter")
+    page.get_by_role("alert").filter(has_text="got 90").wait_for()
+    page.wait_for_timeout(1000)
+    page.screenshot(path=target, full_page=True)
+    page.get_by_role("button", name="Stop").click()
+    page.get_by_text("stopped by Ctrl-C").wait_for()
+
+
 def main() -> None:
-    """Start the Studio and take both pictures."""
+    """Start the Studio and take the pictures."""
     command = [sys.executable, "-m", "tarc", "studio", "--no-open"]
     server = subprocess.Popen([*command, "--port", str(PORT)])
     try:
@@ -81,6 +101,7 @@ def main() -> None:
             for name, take in (
                 ("studio-design.png", take_design),
                 ("studio-study.png", take_study),
+                ("studio-live.png", take_live),
             ):
                 take(browser, Path(folder) / name)
                 shrink(Path(folder) / name, IMAGES / name)

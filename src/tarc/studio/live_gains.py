@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from nicegui import events, ui
 
-from tarc.studio.controls import EMIT_VALUE, slider_position
+from tarc.studio.controls import EMIT_VALUE, slider_position, slider_value
 from tarc.studio.design_state import CONTROLS, Control
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ class GainRow:
 
     def __init__(self, control: Control, gain: "GainRange", value: float, on_change: Change) -> None:
         self._control, self._gain, self._on_change = control, gain, on_change
-        self._shown = value
+        self._value = self._shown = value
         unit = f" [{control.unit}]" if control.unit else ""
         label = f"{control.label}{unit}"
         with ui.element("div").classes("control-row"):
@@ -37,7 +37,7 @@ class GainRow:
 
     def sync(self, gain: "GainRange", value: float) -> None:
         """Show a range and a value."""
-        self._gain = gain
+        self._gain, self._value = gain, value
         if gain.values:
             low, high, step, position = 0.0, len(gain.values) - 1.0, "1", gain.values.index(gain.nearest(value))
         else:
@@ -57,6 +57,10 @@ class GainRow:
             return self._control.low, self._control.high
         return self._gain.low, self._gain.high
 
+    def restore(self) -> None:
+        """Show the range and the value that run."""
+        self.sync(self._gain, self._value)
+
     def set_enabled(self, is_enabled: bool) -> None:
         """Let the gain change, or not."""
         self._number.set_enabled(is_enabled)
@@ -69,8 +73,7 @@ class GainRow:
             self._on_change(self._control.name, self._gain.values[round(position)])
         else:
             low, high = self._ends()
-            value = 10**position if self._control.is_logarithmic else position
-            self._on_change(self._control.name, min(max(value, low), high))
+            self._on_change(self._control.name, min(max(slider_value(self._control, position), low), high))
 
     def _on_number(self) -> None:
         value = self._number.value
@@ -112,7 +115,9 @@ class GainPanel:
         self._refusal.set_text("")
 
     def refuse(self, text: str) -> None:
-        """Show why a change was refused."""
+        """Show why a change was refused, and the value that runs."""
+        for row in self._rows.values():
+            row.restore()
         self._note.set_text("unchanged")
         self._refusal.set_text(text)
 

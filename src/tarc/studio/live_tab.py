@@ -1,5 +1,6 @@
 """The Live tab: the design on a robot, with error, torque and jitter as they are measured, and gains that change."""
 
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any
 
@@ -16,10 +17,12 @@ if TYPE_CHECKING:
 
 REFRESH = 0.05
 """Time between two looks at the loop [s]."""
+DRAWING_TIME = 2.0
+"""Longest wait for the browser to draw [s]."""
 MAX_POINTS = 600
 """Points of a curve that stay."""
 POINTS_PER_LOOK = 2
-"""Points that a look adds to a curve."""
+"""Points that a curve gets in the time of a look."""
 DEFAULT_DURATION = 60
 """[s]."""
 QUANTITIES = {"error": "error, norm", "torque": "torque, norm", "lateness": "jitter: lateness [µs]"}
@@ -60,7 +63,9 @@ class LiveTab:
         self._duration.props('dense outlined aria-label="Duration in seconds"')
         with ui.row().classes("gap-2"):
             ui.button("Start", icon="play_arrow", on_click=self.start).props("dense no-caps").mark("live-start")
-            ui.button("Stop", icon="stop", on_click=self.stop).props("dense no-caps outline").mark("live-stop")
+            ui.button("Stop", icon="stop", on_click=self.stop, color=None).props("dense no-caps outline").mark(
+                "live-stop"
+            )
         self._status = ui.label("Not connected.").props("role=status").mark("live-status")
 
     def _build_measurements(self) -> None:
@@ -72,10 +77,8 @@ class LiveTab:
                         ui.label(title)
                     with ui.element("dd"):
                         self._numbers[name] = ui.label("–").mark(f"live-number-{name}")
-        self._plots = {}
-        for name, title in QUANTITIES.items():
-            plot = ui.plotly(live_figure(title)).classes("w-full live-curve").mark(f"live-{name}")
-            self._plots[name] = plot.props(f'role=img aria-label="{title} over time, measured"')
+        self._plot = ui.plotly(live_figure(list(QUANTITIES.values()))).classes("w-full live-curves").mark("live-curves")
+        self._plot.props('role=img aria-label="error, torque and jitter over time, measured"')
 
     def start(self) -> None:
         """Start the loop of the present design."""
@@ -85,8 +88,7 @@ class LiveTab:
             return
         session = self._session
         content = session.state.to_content(session.robots.content(session.state.robot))
-        for name, title in QUANTITIES.items():
-            self._plots[name].update_figure(live_figure(title))
+        self._plot.update_figure(live_figure(list(QUANTITIES.values())))
         self._status.set_text("starting")
         receiver, self._commands = process_context().Pipe(duplex=False)
         self._job = Job(
@@ -151,18 +153,21 @@ class LiveTab:
             return message.text
         return ""
 
-    def _look(self) -> None:
-        """Add what was measured since the last look."""
+    async def _look(self) -> None:
+        """Add what was measured since the last look, and wait until the browser has drawn it."""
         rows = None if self._reader is None else self._reader.read()
         if rows is None:
             return
         peaks = _peaks(rows)
         self._numbers["time"].set_text(f"{rows.times[-1]:.2f}")
         self._numbers["phase"].set_text(rows.phase)
-        for name, (times, values) in peaks.items():
+        for name, (_, values) in peaks.items():
             known = [value for value in values if value is not None]
             self._numbers[name].set_text(f"{max(known):.3g}" if known else "–")
-            self._plots[name].run_plot_method("extendTraces", {"x": [times], "y": [values]}, [0], MAX_POINTS)
+        update = {"x": [peaks[name][0] for name in QUANTITIES], "y": [peaks[name][1] for name in QUANTITIES]}
+        traces = list(range(len(QUANTITIES)))
+        with suppress(TimeoutError):  # a browser that is busy, or gone
+            await self._plot.run_plot_method("extendTraces", update, traces, MAX_POINTS, timeout=DRAWING_TIME)
 
 
 def _has_address(robot: str) -> bool:
@@ -171,7 +176,9 @@ def _has_address(robot: str) -> bool:
 
 def _peaks(rows: "LiveRows") -> dict[str, tuple[list[float], list[Any]]]:
     """Return the largest values in a few parts of the rows, since a curve has fewer points than the loop has rows."""
-    parts = np.array_split(np.arange(len(rows.times)), min(POINTS_PER_LOOK, len(rows.times)))
+    looks = (rows.times[-1] - rows.times[0]) / REFRESH  # several, where the browser was busy
+    n_points = int(np.clip(POINTS_PER_LOOK * np.ceil(looks), 1, min(MAX_POINTS, len(rows.times))))
+    parts = np.array_split(np.arange(len(rows.times)), n_points)
     curves = {"error": rows.errors, "torque": rows.torques, "lateness": rows.lateness}
     peaks = {}
     for name, values in curves.items():
