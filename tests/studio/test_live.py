@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from axe_playwright_python.sync_playwright import Axe
 
 pytestmark = pytest.mark.slow
 
@@ -67,14 +66,3 @@ def test_a_gain_changes_while_the_loop_runs_and_only_within_its_range(page: Any)
     page.get_by_role("button", name="Stop").click()
     page.get_by_text("stopped by Ctrl-C; ").wait_for()
     assert not slider.is_enabled()
-
-
-def test_the_tab_has_names_for_screen_readers_and_fits(page: Any) -> None:
-    page.get_by_role("button", name="Start").wait_for()
-    findings = [
-        rule["id"] for rule in Axe().run(page).response["violations"] if rule["impact"] in ("serious", "critical")
-    ]
-    assert not findings
-    for width in (1280, 1920):
-        page.set_viewport_size({"width": width, "height": 1000})
-        assert page.evaluate("document.documentElement.scrollWidth") <= width
