@@ -19,6 +19,9 @@ from tarc.core.errors import CompilationError, InvalidParameter, MissingTool, Un
 from tarc.laws.base import Law
 from tarc.signals.torque_limits import TorqueLimits
 
+READY = b"ready"
+"""What the process writes once it has imported all."""
+
 
 class LawPreparer:
     """A process that prepares laws one after the other.
@@ -39,6 +42,8 @@ class LawPreparer:
         self._process = subprocess.Popen(
             command, start_new_session=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
         )
+        assert self._process.stdout is not None
+        self._process.stdout.read(len(READY))  # so that its start takes no time from the loop
         return self
 
     def __exit__(
@@ -100,4 +105,6 @@ def _prepared(law: Law, limits: TorqueLimits | None, is_native: bool) -> tuple[s
 
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    sys.stdout.buffer.write(READY)
+    sys.stdout.buffer.flush()
     serve(sys.stdin.buffer, sys.stdout.buffer)
