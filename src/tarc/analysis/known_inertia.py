@@ -124,7 +124,11 @@ def to_posture_coordinates(
 
 
 def worst_points(
-    points: Sequence[OperatingPoint], values: PointValues, workspace: Workspace, unit_samples: Array
+    points: Sequence[OperatingPoint],
+    values: PointValues,
+    workspace: Workspace,
+    unit_samples: Array,
+    sampled: Array | None = None,
 ) -> list[OperatingPoint]:
     """Return the points of the largest values, and those that local searches from them find.
 
@@ -138,8 +142,10 @@ def worst_points(
         The postures and their speeds.
     unit_samples
         The sampled variables of the workspace on the unit cube, shape (k, v).
+    sampled
+        The values at the points, where they are known; None to compute them.
     """
-    sampled = values(points)
+    sampled = values(points) if sampled is None else sampled
     starts = [points[i] for i in np.argsort(sampled)[::-1][:N_STARTS]]
     scale = max(float(np.abs(sampled).max()), 1e-12)
     found = []

@@ -341,14 +341,29 @@ def _operating_points(
 ) -> list[OperatingPoint]:
     """Return sampled points, with those of the smallest and largest ratio and of the largest stiffness before them."""
     points = sample_points(plants, workspace, samples, seed)
-    units = workspace.unit_samples(samples, seed)
     resting = [point for point in points if not point.is_moving]
-    smallest = worst_points(resting, lambda some: -_ratios(known, some)[:, 0], workspace, units)
-    largest = worst_points(resting, lambda some: _ratios(known, some)[:, -1], workspace, units)
-    lead_time = known.uncertainty(points).lead_time()
-    stiffest = worst_points(points, lambda some: known.uncertainty(some).stiffness_norms(lead_time), workspace, units)
-    lead_time = known.uncertainty(points).force_lead_time()
-    forced = worst_points(points, lambda some: known.uncertainty(some).force_norms(lead_time), workspace, units)
+    units = workspace.unit_samples(samples, seed)
+    sampled = known.uncertainty(points)
+    is_resting = np.array([not point.is_moving for point in points])
+    ratios = np.linalg.eigvalsh(sampled.inertia[is_resting])
+    smallest = worst_points(resting, lambda some: -_ratios(known, some)[:, 0], workspace, units, -ratios[:, 0])
+    largest = worst_points(resting, lambda some: _ratios(known, some)[:, -1], workspace, units, ratios[:, -1])
+    lead_time = sampled.lead_time()
+    stiffest = worst_points(
+        points,
+        lambda some: known.uncertainty(some).stiffness_norms(lead_time),
+        workspace,
+        units,
+        sampled.stiffness_norms(lead_time),
+    )
+    force_lead_time = sampled.force_lead_time()
+    forced = worst_points(
+        points,
+        lambda some: known.uncertainty(some).force_norms(force_lead_time),
+        workspace,
+        units,
+        sampled.force_norms(force_lead_time),
+    )
     return [*smallest, *largest, *stiffest, *forced, *points]
 
 

@@ -11,7 +11,16 @@ if TYPE_CHECKING:
     from tarc.studio.analysis import LoopAnalysis, RobotFacts
     from tarc.studio.runs import RunPair
 
-EMPTY: dict[str, Any] = {"data": [], "layout": {"paper_bgcolor": "rgba(0,0,0,0)"}, "config": {"displayModeBar": False}}
+EMPTY: dict[str, Any] = {
+    "data": [],
+    "layout": {
+        "paper_bgcolor": "rgba(0,0,0,0)",
+        "plot_bgcolor": "rgba(0,0,0,0)",
+        "xaxis": {"visible": False},
+        "yaxis": {"visible": False},
+    },
+    "config": {"displayModeBar": False},
+}
 """A figure before its first result."""
 GRID = "rgba(128,128,128,0.25)"
 STABLE = "rgba(0,140,110,0.30)"
