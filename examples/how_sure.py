@@ -41,7 +41,7 @@ for comparison in summary.comparisons["rms_error"]:
     ratio = comparison.ratio
     print(f"{comparison.law} over {comparison.reference}: {ratio.low:.3g} to {ratio.high:.3g}, {comparison.verdict}")
 worst = find_worst_case(study, result, law="TDC", generations=2)
-print("worst draws:", {key: round(value, 6) for key, value in worst.draws.items()})
+print("worst draws:", {key: f"{value:.6g}" for key, value in worst.draws.items()})
 print("report:", result.report(more=[worst.section()]))
 errors = {law: summary.values["rms_error"][:, place] for place, law in enumerate(summary.laws)}
 distribution_figure(errors, summary.quantiles["rms_error"], "RMS error [rad]").savefig("how_sure.png", dpi=110)

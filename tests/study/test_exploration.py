@@ -72,7 +72,7 @@ def test_worst_case_is_replayed_to_the_bit(tmp_path):
     worst = find_worst_case(study, result, generations=2, progress=False)
     assert worst.measures["rms_error"] >= float(result.data["rms_error"].sel(law="TDC").max())
     assert worst.search.value == pytest.approx(np.log(worst.measures["rms_error"]))
-    assert worst.draws["reference.amplitude.0"] > 0.145  # the larger the motion, the larger the error
+    assert float(worst.draws["reference.amplitude.0"]) > 0.145  # the larger the motion, the larger the error
     replay = Study.load(worst.save(tmp_path / "worst.yaml")).run(tmp_path / "worst.study", progress=False)
     assert replay.data["rms_error"].values[0, 0] == worst.measures["rms_error"]
     assert worst.run.metrics(0.1)["rms_error"] == worst.measures["rms_error"]

@@ -85,8 +85,8 @@ def replay(content: dict[str, Any], run: int) -> RunPair:
     cases = Cases(study)
     simulator = Simulator(cases, choose_study_integration(cases, draws))
     seed = int(run_seeds(draws.seed, np.array([run]))[0])
-    curves = [
+    design, rival = (
         curves_of(simulator.trace(draws.values[run], seed, law), f"{law}, run {run}", METRICS_START)
         for law in study.law_names
-    ]
-    return RunPair(*curves)
+    )
+    return RunPair(design, rival)
