@@ -453,10 +453,18 @@ def hand_picks(
 
 
 def with_model(
-    model: str, trial: Trial, payload: float, options: dict[str, Any], done: Callable[[str], object]
+    model: str,
+    trial: Trial,
+    payload: float,
+    options: dict[str, Any],
+    done: Callable[[str], object],
+    noise: float | None = None,
 ) -> Pick:
-    """Design with M̂(q) of the robot's file, run on the motion of the design without a model."""
-    sweep, begin = f"M̂(q), {model}", time.process_time()
+    """Design with M̂(q) of the robot's file, run on the motion of the design without a model.
+
+    With ``noise``, its torque may change so much per period by noise, over the torque limit.
+    """
+    sweep, begin = f"M̂(q), {model}" + ("" if noise is None else f", {100 * noise:g} % noise"), time.process_time()
     try:
         made = design_controller(
             trial.plant,
@@ -464,6 +472,7 @@ def with_model(
             progress=False,
             model=model,
             friction_width=FRICTION_WIDTH,
+            noise_budget=noise,
             **options,
         )
     except InfeasibleDesign as error:
@@ -497,6 +506,7 @@ def measure(
     budget: float | None = None,
     motion: bool = True,
     models: Sequence[str] = (),
+    noises: Sequence[float] = (),
     duration: float = DURATION,
     done: Callable[[str], object] = lambda text: None,
     **options: Any,
@@ -513,6 +523,8 @@ def measure(
         Whether to design for the motion as well.
     models
         What laws with M̂(q) know of the robot, ``inertia`` or ``known``; each is designed and run as well.
+    noises
+        Further designs with M̂(q): change of the torque per period by noise that they may have, over its limit.
     duration
         Of the runs [s].
     done
@@ -534,7 +546,9 @@ def measure(
         if motion:
             picks.append(judged(*for_motion(trial, own["torque_variation"], **options), trial))
             done("designed for the motion")
-        picks += [with_model(model, trial, payload, options, done) for model in models]
+        picks += [
+            with_model(model, trial, payload, options, done, noise) for model in models for noise in (None, *noises)
+        ]
         chosen, limit = made.candidate, np.asarray(made.law.torque_limits, dtype=float)
         return Result(
             name=name,
@@ -563,7 +577,10 @@ def measure(
 
 
 def measure_robot(
-    which: Robot, sweeps: Sequence[Sweep] = SWEEPS, models: Sequence[str] = ("inertia", "known")
+    which: Robot,
+    sweeps: Sequence[Sweep] = SWEEPS,
+    models: Sequence[str] = ("inertia", "known"),
+    noises: Sequence[float] = (),
 ) -> Result | str:
     """One of `ROBOTS`, or why it has no design; progress on standard error.
 
@@ -582,6 +599,7 @@ def measure_robot(
             sweeps=sweeps,
             motion=len(sweeps) == len(SWEEPS),
             models=models,
+            noises=noises,
             done=done,
             speed=which.speed(),
         )
@@ -817,6 +835,7 @@ def main() -> None:
     sweeps = [one.name for one in SWEEPS]
     parser.add_argument("--sweep", choices=sweeps, help="hand picks by this sweep alone, and no design for the motion")
     parser.add_argument("--models", default="inertia,known", help="what laws with M̂(q) know; empty for none")
+    parser.add_argument("--noise", default="", help="further designs with M̂(q), with so much torque noise [%%], as 2,3")
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     parser.add_argument("--out", type=Path, default=Path("runs/design"))
     options = parser.parse_args()
@@ -829,7 +848,8 @@ def main() -> None:
     chosen = [one for one in SWEEPS if not options.no_picks and options.sweep in (None, one.name)]
     with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
         models = tuple(name for name in options.models.split(",") if name)
-        futures = {pool.submit(measure_robot, one, chosen, models): one.name for one in wanted}
+        noises = tuple(float(percent) / 100 for percent in options.noise.split(",") if percent)
+        futures = {pool.submit(measure_robot, one, chosen, models, noises): one.name for one in wanted}
         for future in as_completed(futures):
             answers[futures[future]] = future.result()
     found = [one for name in wanted if isinstance(one := answers[name.name], Result)]

@@ -172,7 +172,6 @@ def curves_figure(pair: "RunPair", quantity: str, joint: str) -> dict[str, Any]:
     joint
         Name of a joint; empty for the norm over all.
     """
-    titles = {"error": "error", "torque": "torque", "gain": "gain ĉ [rad/s²]"}
     data = []
     for curves, colour in ((pair.rival, RIVAL), (pair.design, DESIGN)):
         values = {"error": curves.errors, "torque": curves.torques, "gain": curves.gain}[quantity]
@@ -190,9 +189,11 @@ def curves_figure(pair: "RunPair", quantity: str, joint: str) -> dict[str, Any]:
                 "hovertemplate": "%{x:.3f} s<br>%{y:.4g}<extra>" + curves.name + "</extra>",
             }
         )
-    suffix = "" if quantity == "gain" else f", {joint}" if joint else ", norm"
-    y_axis = _axis(titles[quantity] + suffix)
-    if quantity != "gain":
+    if quantity == "gain":
+        y_axis = _axis("gain ĉ [rad/s²]")
+    else:
+        unit = pair.design.unit({"error": "peak_error", "torque": "peak_torque"}[quantity])
+        y_axis = _axis(f"{quantity}, {joint or 'norm'} [{unit}]")
         y_axis["range"] = _range(pair, quantity, joint)
     return _figure(data, _axis("time [s]"), y_axis)
 

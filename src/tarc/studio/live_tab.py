@@ -25,14 +25,24 @@ POINTS_PER_LOOK = 2
 """Points that a curve gets in the time of a look."""
 DEFAULT_DURATION = 60
 """[s]."""
-QUANTITIES = {"error": "error, norm", "torque": "torque, norm", "lateness": "jitter: lateness [µs]"}
+QUANTITIES = {
+    "error": "error, norm [rad or m]",
+    "torque": "torque, norm [N m or N]",
+    "lateness": "jitter: lateness [µs]",
+}
 ROBOTS = {
     "mujoco": "Simulated robot",
     "mujoco:udp": "Simulated robot over UDP",
     "udp": "Robot over UDP",
     "dds": "Robot of ROS 2 over DDS",
 }
-NUMBERS = {"time": "time [s]", "phase": "phase", "error": "error", "torque": "torque", "lateness": "jitter [µs]"}
+NUMBERS = {
+    "time": "time [s]",
+    "phase": "phase",
+    "error": "error [rad or m]",
+    "torque": "torque [N m or N]",
+    "lateness": "jitter [µs]",
+}
 
 
 class LiveTab:

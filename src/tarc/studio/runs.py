@@ -7,6 +7,7 @@ import numpy as np
 
 from tarc.core.types import Array
 from tarc.scenario.model import Scenario, Setup
+from tarc.simulation.quantities import measure_unit
 from tarc.simulation.run import Run
 from tarc.studio.design_state import DesignState
 from tarc.studio.robots import Robots
@@ -53,6 +54,10 @@ class Curves:
     status: str
     has_completed: bool
     run: Run
+
+    def unit(self, measure: str) -> str:
+        """Return the unit of a measure."""
+        return measure_unit(measure, self.run.joint_units, self.run.command_unit)
 
 
 @dataclass(frozen=True, eq=False)
