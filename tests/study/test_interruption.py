@@ -75,13 +75,13 @@ def test_ctrl_c_keeps_what_is_finished_and_the_rest_follows(tmp_path):
         text=True,
         start_new_session=True,
     ) as process:
-        assert process.stderr is not None
-        assert process.stderr.readline().startswith("2 processes; dashboard")
+        # the command computes while its workers start, and a fast machine is done before they are all there
         wait_for_marks(tmp_path / "runs" / "swings.study" / "done", 4)
         os.killpg(process.pid, signal.SIGINT)  # as a terminal does, to the workers as well
         _, errors = process.communicate(timeout=60)
-    assert process.returncode == 130
-    (last,) = errors.splitlines()
+    assert process.returncode == 130, errors
+    *before, last = errors.splitlines()
+    assert all(line.startswith("2 processes; dashboard") for line in before)
     assert last.startswith("interrupted: ")
     assert last.endswith("the same command goes on from there")
     assert is_gone(process.pid)
