@@ -32,7 +32,8 @@ MAX_FACTS = 32
 
 _CERTIFYING = asyncio.Semaphore(os.cpu_count() or 1)
 """Certificates of all sessions that are computed at the same time; each takes a process and its memory."""
-_COMPUTING = ThreadPoolExecutor(max_workers=4, thread_name_prefix="studio")
+_COMPUTING = ThreadPoolExecutor(max_workers=1, thread_name_prefix="studio")
+"""One thread for all sessions: CasADi fails where two threads use it."""
 
 T = TypeVar("T")
 Listener = Callable[[], object]
