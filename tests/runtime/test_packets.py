@@ -2,6 +2,7 @@
 
 import socket
 import struct
+import time
 import zlib
 
 import numpy as np
@@ -10,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tarc.core.errors import InvalidParameter
-from tarc.runtime.packet_robot import PacketRobot, udp_robot
+from tarc.runtime.packet_robot import HELLO_PAUSE, PacketRobot, udp_robot
 from tarc.runtime.packets import HEADER, Flag, Kind, decode, encode, is_newer
 from tarc.runtime.transports import Mailbox, UdpTransport, udp_address
 
@@ -148,6 +149,24 @@ def test_a_robot_reads_the_newest_state_once(pair):
     assert robot.sample_time == pytest.approx(0.005)
     assert robot.counts["stale"] == 1
     assert robot.counts["lost"] == 2
+
+
+def test_a_silent_robot_is_greeted_until_the_brakes_are_released(pair):
+    robot = connected(pair)
+    robot.read()
+    pair.robot.receive()
+    time.sleep(2 * HELLO_PAUSE)
+    robot.read()
+    robot.read()
+    (packet,) = [decode(data) for data in pair.robot.receive()]
+    assert packet is not None
+    assert packet.flags == Flag.HELLO
+    pair.robot.send(state(2, 0.2))
+    np.testing.assert_array_equal(robot.read(), [0.2])
+    robot.release_brakes()
+    time.sleep(2 * HELLO_PAUSE)
+    robot.read()
+    assert pair.robot.receive() == []
 
 
 def test_strangers_are_ignored_and_counted(pair):

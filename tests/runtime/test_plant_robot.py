@@ -1,5 +1,6 @@
 """A robot by its own equations in a second process."""
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from tarc.plants.rigid_body import RigidBody
 from tarc.runtime import PlantRobot, SafetyLimits, SimulatedClock, StartUp, run_live
 from tarc.runtime.log import Log
 from tarc.runtime.log_format import LogLayout
+from tarc.runtime.peer import SILENCE
 from tarc.runtime.sampled_plant import SampledPlant
 
 ARM = tarc.plants.TwoLinkArm()
@@ -56,6 +58,18 @@ def test_it_moves_as_its_equations_do_and_its_brakes_hold(udp: int | None) -> No
     for k in range(first, first + 150):
         np.testing.assert_allclose(position[k], state[:2], atol=1e-12)
         state = np.asarray(step(state, torque[k])[0]).ravel()
+
+
+def test_a_loop_that_was_silent_while_it_prepared_finds_its_robot_again() -> None:
+    with PlantRobot(ARM, PERIOD, position=HOME, udp=0, priority=0) as robot:
+        time.sleep(1.2 * SILENCE)
+        end = time.monotonic() + 20
+        while np.all(np.isfinite(robot.read())):  # what was on its way
+            assert time.monotonic() < end
+        while not np.all(np.isfinite(position := robot.read())):
+            assert time.monotonic() < end
+            time.sleep(PERIOD)
+        np.testing.assert_allclose(position, HOME)
 
 
 def test_a_robot_without_equations_is_refused(tmp_path: Path) -> None:

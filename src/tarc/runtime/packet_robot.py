@@ -15,6 +15,8 @@ POLL = 1e-3
 """Time between two looks for the first packets [s]."""
 PATIENCE = 0.5
 """Time to wait for the names of the joints after the first state [s]."""
+HELLO_PAUSE = 0.05
+"""Time without a state, before the brakes were released, after which the robot is greeted again [s]."""
 STOP_REPEATS = 3
 """Commands that a safe stop sends, in case one is lost."""
 
@@ -42,6 +44,7 @@ class PacketRobot(Robot):
         self._echoes = echoes
         self._timeout = timeout
         self._flags = Flag(0)
+        self._heard = -np.inf
         self._sent = 0
         self._last: Packet | None = None
         self._is_read = True
@@ -71,7 +74,7 @@ class PacketRobot(Robot):
         """Say hello until a state and the names are there."""
         end = time.monotonic() + timeout
         while time.monotonic() < end and not (self._n and self.joint_names):
-            self._transport.send(encode(Kind.COMMAND, self._next(), time.monotonic(), flags=Flag.HELLO))
+            self._greet()
             time.sleep(POLL)
             had_state = bool(self._n)
             self._take_all()
@@ -84,14 +87,22 @@ class PacketRobot(Robot):
                 "and that the robot's program runs"
             )
 
+    def _greet(self) -> None:
+        """Say hello; a robot answers with its names and sends states from then on."""
+        self._heard = time.monotonic()
+        self._transport.send(encode(Kind.COMMAND, self._next(), self._heard, flags=Flag.HELLO))
+
     def read(self) -> Array:
         """Return the position of the newest state (n,), NaN where none came since the call before.
 
-        A state that answers a command stays new until the next command.
+        A state that answers a command stays new until the next command. Before the brakes were released, a robot that
+        has fallen silent is greeted again: it may have forgotten a loop that took long to prepare.
         """
         self._take_all()
         is_new = self._await_echo() if self._echoes else not self._is_read
         if self._last is None or not is_new:
+            if not self._flags and time.monotonic() - self._heard > HELLO_PAUSE:
+                self._greet()
             return self._nothing
         self._is_read = True
         return self._last.values[0]
@@ -160,6 +171,7 @@ class PacketRobot(Robot):
                 return
             self._lost += 0 if self._echoes else (packet.sequence - self._last.sequence - 1) & 0xFFFFFFFF
         self._last, self._is_read = packet, False
+        self._heard = time.monotonic()
         self._n = n
         self.sample_time = packet.time
         self.applied_torque = packet.values[1]
