@@ -49,8 +49,9 @@ def take_design(browser: Browser, target: Path) -> None:
 
 def take_study(browser: Browser, target: Path) -> None:
     """Take the Study tab in the dark theme after a thousand draws."""
-    viewport = {"width": 1280, "height": 760}
-    page = browser.new_page(viewport=viewport, color_scheme="dark")  # type: ignore[arg-type]
+    page = browser.new_page(
+        viewport={"width": 1280, "height": 760}, color_scheme="dark"
+    )
     page.goto(f"{URL}/?{STUDIED}")
     page.wait_for_selector(".certificate", timeout=PATIENCE)
     page.get_by_role("tab", name="Study").click()

@@ -122,9 +122,9 @@ class Broken(Plant):
     def __init__(self, bad):
         self.bad = bad
 
-    n_joints = property(lambda self: 2)  # type: ignore[assignment]
-    joint_names = property(lambda self: ["a", "b"])  # type: ignore[assignment]
-    parameters = property(lambda self: {})  # type: ignore[assignment]
+    n_joints = property(lambda self: 2)  # type: ignore[assignment] - abstract there
+    joint_names = property(lambda self: ["a", "b"])  # type: ignore[assignment] - abstract there
+    parameters = property(lambda self: {})  # type: ignore[assignment] - abstract there
 
     def inertia(self, position):
         return np.diag([1.0, self.bad if np.asarray(position)[1] > 1 else 1.0])

@@ -21,7 +21,9 @@ def test_delay_of_the_window_on_a_run_of_the_kuka(records):
     for check in real_robots.kuka("A").windows:
         assert check.delay == pytest.approx(np.full(6, check.predicted_delay), abs=0.3e-3)
         assert check.delay_by_velocity == pytest.approx(np.full(6, check.predicted_delay), abs=0.3e-3)
-    assert np.min(real_robots.kuka("A").velocity.correlation) > 0.9999  # pyright: ignore[reportOptionalMemberAccess]
+    velocity = real_robots.kuka("A").velocity
+    assert velocity is not None
+    assert np.min(velocity.correlation) > 0.9999
 
 
 @pytest.mark.slow

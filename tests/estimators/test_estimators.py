@@ -246,7 +246,7 @@ def test_transfer_function_filters_like_the_estimator(estimator: Estimator) -> N
 def test_frequency_response_is_the_transfer_function_s(estimator: Estimator, derivative: int) -> None:
     frequency = np.linspace(1, np.pi / T, 50)
     b, a = estimator.transfer_function(derivative)
-    expected = freqz(b, a, frequency * T)[1]  # pyright: ignore[reportArgumentType]
+    expected = freqz(b, a, frequency * T)[1]  # pyright: ignore[reportArgumentType] - inferred from the default
     response = estimator.frequency_response(frequency, derivative)
     assert np.allclose(response, expected, rtol=1e-9, atol=1e-12 * np.sum(np.abs(b)))
 

@@ -15,15 +15,10 @@ MASS = plants.MassSpringDamper(masses=(1.0,), springs=0.0, dampers=0.0)
 def test_equals_python_control():
     """The response of a mass to a step of the reference, with the loop put together from transfer functions."""
     T, M, gain = 1e-3, 0.8, 4.0
-    law = laws.PID(
-        inertia=M,
-        natural_frequency=20.0,
-        integral_gain=gain,
-        period=T,
-        estimator=estimators.FilteredDifference(cutoff=300.0),
-    )
+    estimator = estimators.FilteredDifference(cutoff=300.0)
+    law = laws.PID(inertia=M, natural_frequency=20.0, integral_gain=gain, period=T, estimator=estimator)
     K1, K2 = law.K1[0, 0], law.K2[0, 0]
-    p = law.estimator.with_period(T).pole  # type: ignore[attr-defined]
+    p = estimator.with_period(T).pole
     derivative = control.tf((1 - p) * np.array([1.0, -1.0]) / T, [1.0, -p], T)
     proportional = control.ss(control.tf([M * K1 * (1 + gain * T), -M * K1], [1.0, -1.0], T))
     plant = control.sample_system(control.ss(control.tf([1.0], [1.0, 0.0, 0.0])), T)

@@ -77,7 +77,9 @@ def test_a_design_that_assumes_the_true_noise_predicts_that_of_the_command(log, 
     shadow = check_shadow(record, law, Encoder(noise=NOISE), arm, 25.0)
     assert shadow is not None
     assert shadow.torque_noise == pytest.approx(shadow.predicted_torque_noise, rel=0.05)
-    assert tarc.replay(log, law=law).shadow.predicted_error is None  # pyright: ignore[reportOptionalMemberAccess]
+    replayed = tarc.replay(log, law=law).shadow
+    assert replayed is not None
+    assert replayed.predicted_error is None
 
 
 def test_delay_estimation_leaves_what_its_transfer_functions_say():

@@ -20,7 +20,9 @@ def distributions(extra: str) -> set[str]:
     """Return the distributions of an extra, those of the extras that it names included."""
     names = set()
     for requirement in EXTRAS[extra]:
-        name, inner = re.match(r"([\w.-]+)(?:\[([\w,-]+)\])?", requirement).groups()  # pyright: ignore[reportOptionalMemberAccess]
+        parts = re.match(r"([\w.-]+)(?:\[([\w,-]+)\])?", requirement)
+        assert parts, requirement
+        name, inner = parts.groups()
         own = inner.split(",") if name == "tarc-control" else []
         names |= set.union(*(distributions(part) for part in own)) if own else {name}
     return names

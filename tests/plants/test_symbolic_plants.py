@@ -334,7 +334,7 @@ def test_fields_that_hide_a_method_are_refused() -> None:
 
     @dataclass(frozen=True, kw_only=True, eq=False)
     class Damped(Pendulum):
-        damping: float = 1.0  # pyright: ignore[reportIncompatibleMethodOverride]
+        damping: float = 1.0  # pyright: ignore[reportIncompatibleMethodOverride] - the test's subject
 
     with pytest.raises(InvalidParameter, match="Damped: its fields damping hide methods that every plant has"):
         Damped()

@@ -92,7 +92,7 @@ def tick_labels(axes: Axes) -> tuple[list[Text], set[Text]]:
     drawn, known = [], set()
     for axis in (axes.xaxis, axes.yaxis):
         known |= {tick.label1 for tick in [*axis.get_major_ticks(), *axis.get_minor_ticks()]}
-        drawn += [tick.label1 for tick in axis._update_ticks()]  # type: ignore[attr-defined]
+        drawn += [tick.label1 for tick in axis._update_ticks()]  # type: ignore[attr-defined] - no public method knows which are drawn
         known |= set(drawn)
     return drawn, known
 

@@ -10,6 +10,7 @@ import pytest
 import tarc
 from tarc.core.errors import InvalidParameter, MissingTool
 from tarc.plants import load_robot
+from tarc.plants.rigid_body import RigidBody
 from tarc.scenario.cartesian import CartesianWaypoints, rotation_vectors
 
 UR5E = load_robot("ur5e")
@@ -31,7 +32,8 @@ TURNS = np.array([DOWN, turned(0.5), turned(0.8, (1.0, 0.0, 0.0)), DOWN])
 
 def forward(postures, frame="tool"):
     """Positions and rotation matrices of a site at postures (k, n), by MuJoCo."""
-    model = UR5E.mujoco.model  # pyright: ignore[reportAttributeAccessIssue]
+    assert isinstance(UR5E, RigidBody)
+    model = UR5E.mujoco.model
     data = mujoco.MjData(model)
     positions, matrices = [], []
     for posture in postures:

@@ -122,7 +122,8 @@ def test_a_bag_of_joint_states(tmp_path):
     assert log.joint_names == ("elbow", "wrist")
     assert log.times == pytest.approx(TIMES, abs=1e-9)
     assert np.array_equal(log.position, POSITION)
-    assert np.array_equal(log.torque, TORQUE)  # pyright: ignore[reportArgumentType]
+    assert log.torque is not None
+    assert np.array_equal(log.torque, TORQUE)
     assert log.velocity is None
     with pytest.raises(InvalidParameter, match="/joint_states with joint states; needs the topic /other"):
         read_log(file, {"topic": "/other"})
@@ -149,6 +150,7 @@ def test_rows_between_times():
     log = RobotLog(times=5.0 + TIMES, position=POSITION, torque=TORQUE)
     part = log.between(0.001, 0.0065)
     assert part.times[0] == 5.001
-    assert len(part.torque) == 6  # pyright: ignore[reportArgumentType]
+    assert part.torque is not None
+    assert len(part.torque) == 6
     with pytest.raises(InvalidParameter, match="at least 6 rows"):
         log.between(0.005, None)

@@ -317,7 +317,7 @@ def test_numpy_numbers_are_described_and_saved(tmp_path):
         law,
         REFERENCE,
         0.1,
-        sensor=signals.Encoder(bits=np.int64(12)),  # type: ignore[arg-type]
+        sensor=signals.Encoder(bits=np.int64(12)),  # type: ignore[arg-type] - the test's subject
         disturbance=signals.ParameterSchedule(parameter="payload", times=range(1), values=[np.array([1.0])]),
     )
     assert json.loads(Run.load(run.save(tmp_path / "a.nc")).data.attrs["law"])["max_missing"] == 3

@@ -175,7 +175,7 @@ class Dying(ThreadPoolExecutor):
     def __init__(self, count, mp_context):
         super().__init__(count)
 
-    def submit(self, function, /, content, name, part):  # type: ignore[override]
+    def submit(self, function, /, content, name, part):  # type: ignore[override] - of this one call
         def work():
             if name == "pid":
                 raise BrokenProcessPool

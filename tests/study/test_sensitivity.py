@@ -76,7 +76,9 @@ def test_words_and_choices():
     assert found is not None
     assert found.first_order["side"].estimate > 0.95
     assert found.rank_coefficients["side"] is None
-    assert abs(found.rank_coefficients["bits"].estimate) < 0.2  # type: ignore[union-attr]
+    of_bits = found.rank_coefficients["bits"]
+    assert of_bits is not None
+    assert abs(of_bits.estimate) < 0.2
 
 
 def test_diverged_runs_are_left_out_and_counted():

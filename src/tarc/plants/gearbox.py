@@ -275,7 +275,8 @@ class Gearbox(GearedPlant, SymbolicPlant):
         if isinstance(plant, Plant) and not isinstance(plant, SymbolicPlant):
             from tarc.plants.mujoco_gearbox import MujocoGearbox
 
-            return MujocoGearbox(plant=plant, **options)  # type: ignore[return-value]
+            # no subclass of this one, but a `GearedPlant` with the same parameters; it refuses other kinds of robots
+            return MujocoGearbox(plant=plant, **options)  # pyright: ignore[reportArgumentType, reportReturnType]
         return super().__new__(cls)
 
     def _check_plant(self) -> None:

@@ -45,13 +45,13 @@ class Robot(ABC):
     def write(self, torque: Array) -> None:
         """Apply a torque [N m or N], shape (n,), until the next one. Copy it, and do not wait."""
 
-    def release_brakes(self) -> None:  # noqa: B027
+    def release_brakes(self) -> None:  # noqa: B027 - some robots have none
         """Release the brakes, after the torque that they carried was written."""
 
-    def engage_brakes(self) -> None:  # noqa: B027
+    def engage_brakes(self) -> None:  # noqa: B027 - some robots have none
         """Engage the brakes. It may be called from another thread, and more than once."""
 
-    def close(self) -> None:  # noqa: B027
+    def close(self) -> None:  # noqa: B027 - some need nothing
         """Give up the connection."""
 
     def __enter__(self) -> Self:

@@ -44,26 +44,22 @@ def read_bag(file: Path, columns: LogColumns) -> RobotLog:
         raise InvalidParameter(NO_BAG.format(file=file, error=error), "path") from None
     if not messages:
         raise InvalidParameter(f"path: {file} has no message on that topic", "path")
-    names = [str(name) for name in columns.joints or messages[0][1].name]
-    tables = {
-        quantity: _table([message for _, message in messages], field, names, file)
-        for quantity, field in (("position", "position"), ("velocity", "velocity"), ("torque", "effort"))
-    }
-    if tables["position"] is None:
+    states = [message for _, message in messages]
+    names = [str(name) for name in columns.joints or states[0].name]
+    position, velocity, torque = (_table(states, field, names, file) for field in ("position", "velocity", "effort"))
+    if position is None:
         raise InvalidParameter(f"path: {file} has joint states without positions", "path")
     log_times = np.array([time for time, _ in messages])
-    stamps = np.array([message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec for _, message in messages])
+    stamps = np.array([state.header.stamp.sec + 1e-9 * state.header.stamp.nanosec for state in states])
     times = stamps if np.all(stamps > 0) else log_times
     order = np.argsort(times, kind="stable")
-    scaled = {
-        quantity: None if table is None else columns.scale(quantity) * table[order]
-        for quantity, table in tables.items()
-    }
     return RobotLog(
         times=times[order] - times[order[0]],
+        position=columns.scale("position") * position[order],
+        velocity=None if velocity is None else columns.scale("velocity") * velocity[order],
+        torque=None if torque is None else columns.scale("torque") * torque[order],
         joint_names=tuple(names),
         label=file.stem,
-        **scaled,  # pyright: ignore[reportArgumentType]
     )
 
 

@@ -154,8 +154,8 @@ def _unit_cube(runs: int, n_keys: int, seed: int, sampling: str) -> Array:
     if n_keys == 0 or sampling == "independent":
         return rng.random((runs, n_keys))
     if sampling == "latin_hypercube":
-        return qmc.LatinHypercube(n_keys, seed=rng).random(runs)  # pyright: ignore[reportCallIssue]
-    sequence = qmc.Sobol(n_keys, seed=rng)  # pyright: ignore[reportCallIssue]
+        return qmc.LatinHypercube(n_keys, rng=rng).random(runs)
+    sequence = qmc.Sobol(n_keys, rng=rng)
     return sequence.random_base2(max(runs - 1, 0).bit_length())[:runs]
 
 
