@@ -26,7 +26,7 @@ from tarc.certificates.ball import Ball
 from tarc.certificates.base import Certificate, Evidence, certificate_from_plain
 from tarc.certificates.constant_ratio import ConstantRatioEvidence, certify_constant_ratio
 from tarc.certificates.known_inertia_evidence import KnownInertiaEvidence
-from tarc.certificates.region import RegionEvidence
+from tarc.certificates.region_evidence import RegionEvidence
 from tarc.certificates.robot import certify_robot, strengthen_robot
 from tarc.certificates.robot_evidence import RobotEvidence
 from tarc.certificates.robot_points import RobotPoints

@@ -15,7 +15,8 @@ from tarc.analysis.linearise import decoupled_channels
 from tarc.analysis.operating_points import matrix_roots
 from tarc.analysis.tube import feedforward_along, torques_along
 from tarc.certificates import certify_region
-from tarc.certificates.region import RegionProof, reference_residuals, tracking_loop
+from tarc.certificates.region import reference_residuals, tracking_loop
+from tarc.certificates.region_evidence import RegionProof
 from tarc.certification import certificate_from_json
 from tarc.core.errors import InvalidParameter, UnsupportedLaw
 from tarc.plants import Pendulum, TwoLinkArm

@@ -119,7 +119,7 @@ def test_symbols_exist():
             names |= set(dir(thing)) | set(getattr(thing, "__dataclass_fields__", {}))
         elif callable(thing):
             names |= set(inspect.signature(thing).parameters)
-    from tarc.certificates.region import RegionEvidence
+    from tarc.certificates.region_evidence import RegionEvidence
     from tarc.laws.base import ControlInput
     from tarc.simulation.quantities import VARIABLES
 

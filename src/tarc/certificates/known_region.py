@@ -1,89 +1,52 @@
 """The tube of a law with M̂(q): what its Lyapunov function must tolerate."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from tarc.analysis.known_tube import KnownTube
-from tarc.certificates.affine_form import RatioSet
 from tarc.certificates.region_form import InputBounds
-from tarc.certificates.region_search import Disturbances, TubeCase, TubeSize
-from tarc.core.types import Array
-from tarc.laws.tde import TDE
-from tarc.plants.base import Plant
-from tarc.signals.references import Reference
+from tarc.certificates.region_tube import MARGIN, RegionProblem, TubeCase, TubeSize, tolerated_ratios
 
 
 class KnownRegion:
     """Tubes about a reference, for a law with M̂(q).
 
-    Parameters
+    Attributes
     ----------
-    law, plants, reference, duration
-        The law, the robot or several, the motion and its duration [s].
-    limits
-        Largest error of each joint, (n,).
-    disturbances
-        What acts on the robot.
-    residuals
-        r at each period, (n, k).
-    sampling
-        Number of sampled states, and the seed.
-    room
-        Factor on all that is found.
+    nominal_inertia
+        A matrix [kg m² or kg] at least as large as M̂ at the start, (n, n).
+    units
+        Largest √(M̂⁻¹)_ii in the tube, (n,): the largest error of each joint over ‖M̂^½ e‖.
+    size
+        Largest ‖M̂^½ e‖ within the errors that are allowed.
     """
 
-    def __init__(
-        self,
-        law: TDE,
-        plants: Sequence[Plant],
-        reference: Reference,
-        duration: float,
-        limits: Array,
-        disturbances: Disturbances,
-        residuals: Array,
-        sampling: tuple[int, int],
-        room: float,
-    ):
-        samples, seed = sampling
-        self._room, self._disturbances, self._residuals = room, disturbances, residuals
+    def __init__(self, problem: RegionProblem):
+        self._problem = problem
         self._tube = KnownTube(
-            law=law,
-            plants=plants,
-            reference=reference,
-            duration=duration,
-            error=limits,
-            error_rate=0 * limits,
-            noise=disturbances.noise,
-            samples=samples,
-            seed=seed,
+            law=problem.law,
+            plants=problem.plants,
+            reference=problem.reference,
+            duration=problem.duration,
+            error=problem.max_error,
+            error_rate=0 * problem.max_error,
+            noise=problem.disturbances.noise,
+            samples=problem.samples,
+            seed=problem.seed,
         )
+        room = 1 + MARGIN
         self.units = room * self._tube.units_of_joints()
-        self.size = float((limits / self.units).min())
+        self.size = float((problem.max_error / self.units).min())
         self._tube = replace(self._tube, error=self.size * self.units)
         self.nominal_inertia = room * self._tube.start_inertia()
 
     def case(self, tube: TubeSize) -> TubeCase:
         """Return what the loop must tolerate in a tube of the errors `size`."""
-        given, room, T = self._disturbances, self._room, self._tube.law.period
+        given, room = self._problem.disturbances, 1 + MARGIN
         within = replace(self._tube, error_rate=tube.error_rate * self.units)
-        found = within.bounds(given.torque_rate, given.max_torque, given.friction, self._residuals)
-        robot, count = found.robot, len(found.robot.stiffness)
-        min_ratio, nominal_rate = robot.min_ratio / room, found.nominal_rate * room
-        ratios = RatioSet(
-            min_ratio=min_ratio,
-            max_ratio=robot.max_ratio * room,
-            rate=robot.relative_rate * room / min_ratio,
-            relative_rate=robot.relative_rate * room,
-            period=T,
-            intersample=True,
-            powers=np.ones(count),
-            lead_times=robot.lead_times,
-            stiffness=robot.stiffness * room,
-            shares=np.full(count, given.force_share),
-            nominal_rate=nominal_rate,
-        )
+        found = within.bounds(given.torque_rate, given.max_torque, given.friction, self._problem.residuals)
+        robot = found.robot
+        ratios = tolerated_ratios(robot, self._tube.law.period)
+        ratios = replace(ratios, rate=ratios.relative_rate / ratios.min_ratio, nominal_rate=found.nominal_rate * room)
         noise = room * found.noise
         bounds = InputBounds(
             noise=noise,

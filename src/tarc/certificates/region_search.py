@@ -14,6 +14,7 @@ from tarc.certificates.region_form import (
     region_forms,
     signal_bounds,
 )
+from tarc.certificates.region_tube import TubeSize
 from tarc.core.types import Array
 from tarc.numerics import sdp
 from tarc.numerics.matrix_polynomial import evaluate
@@ -34,63 +35,6 @@ SOLVER_OPTIONS: tuple[dict[str, float], ...] = (
 """Settings of the solver, tried in turn."""
 STRICTNESS = 1e-7
 """Decrease that the program asks for beyond zero, in its own coordinates."""
-
-
-class TubeSize(NamedTuple):
-    """Size of the tube in coordinates M̂^½ q.
-
-    Attributes
-    ----------
-    error, error_rate
-        Largest ‖e‖ [rad kg^½ m] and ‖ė‖ [rad kg^½ m/s].
-    """
-
-    error: float
-    error_rate: float
-
-    def rows(self, loop: TrackingLoop) -> Array:
-        """Return the rows of e and ė T over what the tube allows."""
-        return loop.outputs / np.array([[self.error], [self.error_rate * loop.period]])
-
-
-class Disturbances(NamedTuple):
-    """What acts on a robot and a law, each (n,).
-
-    Attributes
-    ----------
-    noise
-        Largest error of a measured position [rad or m].
-    torque_rate, max_torque
-        Largest rate of a disturbing torque [N m/s or N/s], and its largest size [N m or N].
-    friction
-        Largest torque that may change at any time [N m or N].
-    force_share
-        Share of the bound on the forces that is left to the motion within a period.
-    """
-
-    noise: Array
-    torque_rate: Array
-    max_torque: Array
-    friction: Array
-    force_share: float
-
-
-class TubeCase(NamedTuple):
-    """A tube and what a Lyapunov function must tolerate in it.
-
-    Attributes
-    ----------
-    tube, ratios, bounds
-        Its size, the ratios and forces, and what acts on the loop.
-    start
-        Slope over e of the command of a robot at rest [1/s²], what it lacks of that along the reference [rad kg^½
-        m/s²], and ‖M̂^½ q̇ᵈ‖ at the start.
-    """
-
-    tube: TubeSize
-    ratios: RatioSet
-    bounds: InputBounds
-    start: tuple[float, float, float]
 
 
 class RegionCandidate(NamedTuple):

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from tarc.certificates.base import Certificate
-from tarc.certificates.region import RegionEvidence, certify_region, dry_friction
+from tarc.certificates.region import certify_region, dry_friction
+from tarc.certificates.region_evidence import RegionEvidence
 from tarc.core.errors import NotLinearisable, UnsupportedLaw
 from tarc.core.progress import Progress
 from tarc.core.validation import Numbers
