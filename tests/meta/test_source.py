@@ -49,15 +49,8 @@ NEEDS_XARRAY = {
 }
 STARTS_WITHOUT = {
     # the page is up before the libraries that compute are there
-    ("tarc.studio.export_menu", "tarc.studio.exports"),
     ("tarc.studio.robots", "tarc.scenario.loader"),
     ("tarc.studio.robots", "tarc.scenario.model"),
-    ("tarc.studio.scene_panel", "tarc.studio.scene"),
-    ("tarc.studio.session", "tarc.studio.analysis"),
-    ("tarc.studio.session", "tarc.studio.certifying"),
-    ("tarc.studio.session", "tarc.studio.runs"),
-    ("tarc.studio.live_tab", "tarc.studio.live_runs"),
-    ("tarc.studio.study_tab", "tarc.studio.study_runs"),
 }
 INSIDE_FUNCTIONS = STARTS_WITHOUT | PLOT_METHODS | NEEDS_EXTRA | NEEDS_NUMPY | NEEDS_OPTUNA | NEEDS_XARRAY
 """Imports of the package inside functions outside `tarc.cli`, which has them so that ``--help`` is fast."""

@@ -6,9 +6,10 @@ pytest.importorskip("nicegui")
 from tarc.analysis.optimum import law_distances
 from tarc.analysis.stability import stable_intervals, widest_interval
 from tarc.scenario.model import Scenario
-from tarc.studio.analysis import RobotFacts, analyse_loop, robot_facts, stability_map
+from tarc.studio.analysis import analyse_loop, robot_facts, stability_map
 from tarc.studio.design_state import DesignState
 from tarc.studio.figures import cloud_figure, curves_figure, gain_figure, map_figure
+from tarc.studio.results import RobotFacts
 from tarc.studio.robots import Robots
 from tarc.studio.runs import run_pair
 
@@ -51,7 +52,8 @@ def test_numbers_of_the_loop_are_those_of_the_package():
     law = law_of(state)
     assert found.stable == pytest.approx(widest_interval(stable_intervals(law)))
     distance = law_distances(law, [found.ratios[1]])[0]
-    assert found.distance.ratio == pytest.approx(distance.ratio)
+    assert found.error_over_optimum == pytest.approx(distance.ratio)
+    assert found.change_over_optimum == pytest.approx(distance.change_ratio)
     assert found.ratios[0] == pytest.approx(0.08 * 0.5)
     assert found.is_stable == (True, True, True)
     assert np.isfinite(found.torque_noise)
@@ -61,7 +63,7 @@ def test_large_share_is_unstable():
     found = analyse_loop(DesignState(inertia_share=1.0), FACTS)
     assert not any(found.is_stable)
     assert np.isinf(found.torque_noise)
-    assert np.isinf(found.distance.ratio)
+    assert np.isinf(found.error_over_optimum)
 
 
 def test_shares_hold_every_inertia_of_the_motion():
@@ -89,11 +91,11 @@ def test_figures_are_plain_data():
     assert (dot["xanchor"], dot["yanchor"]) == (15.0, 0.08)
     assert len(gain_figure(loop)["data"]) == 3
     pair = run_pair(state, Robots())
-    joint = pair.design.joints[0]
+    joint = pair.curves.design.joints[0]
     for quantity in ("error", "torque"):
-        assert [line["name"] for line in curves_figure(pair, quantity, joint)["data"]] == ["PID (rival)", "TDC"]
+        assert [line["name"] for line in curves_figure(pair.curves, quantity, joint)["data"]] == ["PID (rival)", "TDC"]
     again = run_pair(state.with_changes(inertia_share=0.1), Robots(), pair)
-    assert again.rival is pair.rival
+    assert again.curves.rival is pair.curves.rival
     assert again.design is not pair.design
     completed = np.array([[True, True], [False, True]])
     cloud = cloud_figure(np.array([1.0, 2.0]), np.ones((2, 2)), completed, ["TDC", "PID"], ("mass", "error"), False)

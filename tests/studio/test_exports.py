@@ -10,19 +10,23 @@ import xarray as xr
 from tarc.scenario.model import Scenario
 from tarc.scenario.yaml_text import read_yaml
 from tarc.studio.design_state import DesignState
-from tarc.studio.exports import writers
+from tarc.studio.export_menu import FILES
+from tarc.studio.exports import send_file
 from tarc.studio.robots import Robots
-from tarc.studio.runs import run_pair
-from tarc.studio.study_runs import replay, send_study, study_content
+from tarc.studio.study_runs import send_replay, send_study
 
 STATE = DesignState(law="TARC", natural_frequency=17.0)
 
 
+def file_of(name):
+    sent = []
+    send_file(sent.append, name, STATE, Robots())
+    return sent[0]
+
+
 @pytest.mark.slow
 def test_files_hold_the_design(tmp_path):
-    robots = Robots()
-    pair = run_pair(STATE, robots)
-    content = {name: make() for name, make in writers(STATE, robots, pair).values() if name != "law.fmu"}
+    content = {name: file_of(name) for name in FILES.values() if name != "law.fmu"}
     scenario = Scenario.parse(read_yaml(content["design.yaml"].decode(), "design"))
     assert next(iter(scenario.laws.values()))["natural_frequency"] == 17.0
     names = zipfile.ZipFile(io.BytesIO(content["law.zip"])).namelist()
@@ -34,16 +38,13 @@ def test_files_hold_the_design(tmp_path):
     assert content["runs.pdf"].startswith(b"%PDF")
 
 
-def test_without_a_run_there_are_no_figures():
-    assert {name for name, _ in writers(STATE, Robots(), None).values()} == {"design.yaml", "law.zip", "law.fmu"}
-
-
 @pytest.mark.slow
 def test_replayed_run_is_that_of_the_study():
-    content = study_content(DesignState(), Robots(), 16)
-    chunks = []
-    send_study(chunks.append, content)
+    sent, replayed = [], []
+    send_study(sent.append, DesignState(), Robots(), 16)
+    content, *chunks = sent
     assert sum(len(chunk.runs) for chunk in chunks) == 16
-    pair = replay(content, 5)
+    send_replay(replayed.append, content, 5)
+    (pair,) = replayed
     for column, curves in enumerate((pair.design, pair.rival)):
         assert curves.measures["rms_error"] == pytest.approx(chunks[0].measures["rms_error"][5, column], rel=1e-9)

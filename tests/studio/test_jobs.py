@@ -1,4 +1,5 @@
 import asyncio
+import os
 import time
 
 import pytest
@@ -28,6 +29,10 @@ def fail(send):
     raise InvalidParameter("window: too short")
 
 
+def die(send):
+    os._exit(3)
+
+
 async def collect(job):
     return [result async for result in job.results()]
 
@@ -54,6 +59,11 @@ def test_job_gives_the_message_of_an_error():
         asyncio.run(collect(Job(fail)))
 
 
+def test_job_whose_process_ends_on_its_own_says_so():
+    with pytest.raises(JobError, match="ended with code 3"):
+        asyncio.run(collect(Job(die)))
+
+
 def test_certificates_follow_the_inertia_share():
     robots = Robots()
     certified = {}
@@ -65,7 +75,7 @@ def test_certificates_follow_the_inertia_share():
     assert certified[0.08]["robot"] == "certified"
     assert certified[0.6]["robot"] == "refuted"
     sent = []
-    send_certificates(sent.append, DesignState().to_content(robots.content("two_link_payload")))
+    send_certificates(sent.append, DesignState(), robots)
     assert {row.kind for row in sent[0]} == set(certified[0.08])
 
 

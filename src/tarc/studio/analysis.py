@@ -11,7 +11,7 @@ import numpy as np
 
 from tarc.analysis.inertia_ratio import inertia_spread
 from tarc.analysis.linearise import Channel, decoupled_channels
-from tarc.analysis.optimum import OptimumDistance, distance_from_optimum
+from tarc.analysis.optimum import distance_from_optimum
 from tarc.analysis.stability import CIRCLE_TOLERANCE, noise_to_torque, stable_intervals, widest_interval
 from tarc.core.types import Array
 from tarc.design.noise import torque_noise
@@ -21,6 +21,7 @@ from tarc.numerics.norms import h2_norm
 from tarc.scenario.model import Scenario
 from tarc.signals.sensors import Encoder
 from tarc.studio.design_state import DesignState
+from tarc.studio.results import LoopAnalysis, RobotFacts, StabilityMap
 from tarc.studio.robots import Robots
 
 MAP_FREQUENCIES = np.geomspace(2.0, 100.0, 28)
@@ -32,83 +33,6 @@ BASE_GAINS = np.array([[1.0, 1.0], [2.0, 1.0], [1.0, 2.0]])
 GAIN_UNITS = np.array([400.0, 40.0])
 SPREAD_SAMPLES = 300
 """Sampled postures of the robot's inertia ratios; the certificates take more."""
-
-
-@dataclass(frozen=True, eq=False)
-class RobotFacts:
-    """What the page needs of a robot and its motion.
-
-    Attributes
-    ----------
-    min_ratio, max_ratio
-        Smallest and largest eigenvalue of M(q)⁻¹M̄ along the motion, where M̄ is the mean inertia.
-    mean_inertia
-        M̄ [kg m² or kg], shape (n, n).
-    """
-
-    min_ratio: float
-    max_ratio: float
-    mean_inertia: Array
-
-
-@dataclass(frozen=True, eq=False)
-class StabilityMap:
-    """Stable inertia ratios over the natural frequency.
-
-    Attributes
-    ----------
-    natural_frequencies
-        [rad/s], shape (k,).
-    low, high
-        Ends of the widest stable range of ρ at each, shape (k,); nan for none.
-    """
-
-    natural_frequencies: Array
-    low: Array
-    high: Array
-
-    def shares(self, facts: RobotFacts) -> tuple[Array, Array]:
-        """Return the ends of the inertia share for which every constant ratio of the robot is stable; nan for none."""
-        low, high = self.low / facts.min_ratio, self.high / facts.max_ratio
-        is_empty = ~(low < high)
-        return np.where(is_empty, np.nan, low), np.where(is_empty, np.nan, high)
-
-
-@dataclass(frozen=True, eq=False)
-class LoopAnalysis:
-    """The loop of a design.
-
-    Attributes
-    ----------
-    map
-        Stability over the natural frequency.
-    stable
-        Widest stable range of ρ at the design; None for none.
-    ratios
-        Smallest, mean and largest ρ of the robot.
-    is_stable
-        Whether the loop is stable at each of them.
-    torque_noise
-        Largest RMS torque noise of a joint by the encoder at the mean ratio [N m or N]; infinite for an unstable loop.
-    frequencies
-        [rad/s], shape (m,).
-    loop_gains
-        |L| at the smallest, mean and largest ratio, shape (3, m).
-    crossover
-        Largest frequency at which |L| is one at the mean ratio [rad/s]; nan for none.
-    distance
-        From the optimal linear controller at the mean ratio.
-    """
-
-    map: StabilityMap
-    stable: tuple[float, float] | None
-    ratios: tuple[float, float, float]
-    is_stable: tuple[bool, bool, bool]
-    torque_noise: float
-    frequencies: Array
-    loop_gains: Array
-    crossover: float
-    distance: OptimumDistance
 
 
 @dataclass(frozen=True)
@@ -285,6 +209,7 @@ def analyse_loop(state: DesignState, facts: RobotFacts, computation_delay: int =
     frequencies = ANGLES * state.control_rate
     above = np.flatnonzero(gains[1] >= 1)
     stable = widest_interval(stable_intervals(key.law(position_gain, velocity_gain), channels=[channel]))
+    distance = distance_from_optimum(channel, ratios[1], delay=computation_delay)
     return LoopAnalysis(
         map=stability_map(state, computation_delay),
         stable=stable,
@@ -294,7 +219,8 @@ def analyse_loop(state: DesignState, facts: RobotFacts, computation_delay: int =
         frequencies=frequencies,
         loop_gains=gains,
         crossover=float(frequencies[above[-1]]) if above.size else float("nan"),
-        distance=distance_from_optimum(channel, ratios[1], delay=computation_delay),
+        error_over_optimum=distance.ratio,
+        change_over_optimum=distance.change_ratio,
     )
 
 

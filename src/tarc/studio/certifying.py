@@ -1,11 +1,13 @@
 """The certificates of a design as the page shows them."""
 
-from dataclasses import dataclass
 from typing import Any
 
-from tarc.certificates.base import Certificate, Verdict, describe
+from tarc.certificates.base import Certificate, describe
 from tarc.scenario.model import Scenario
+from tarc.studio.design_state import DesignState
 from tarc.studio.jobs import Sender
+from tarc.studio.results import CertificateRow
+from tarc.studio.robots import Robots
 
 LABELS = {
     "robot": "Robot",
@@ -21,36 +23,6 @@ LABELS = {
     "nominal": "Nominal loop",
 }
 """What the page calls the kinds of certificates."""
-
-
-@dataclass(frozen=True)
-class CertificateRow:
-    """A certificate as the page shows it.
-
-    Attributes
-    ----------
-    kind
-        Name of the test.
-    verdict
-        Its verdict.
-    margin
-        Its margin.
-    reason
-        Why, in one line.
-    claim
-        What it claims.
-    """
-
-    kind: str
-    verdict: Verdict
-    margin: float
-    reason: str
-    claim: str
-
-    @property
-    def label(self) -> str:
-        """Return what the page calls it."""
-        return LABELS.get(self.kind, self.kind)
 
 
 def certificate_rows(content: dict[str, Any]) -> list[CertificateRow]:
@@ -78,9 +50,11 @@ def _row(certificate: Certificate, suggestion: str) -> CertificateRow:
         reason = suggestion
     elif certificate.basis:
         reason += f", on {certificate.basis}"
-    return CertificateRow(certificate.kind, certificate.verdict, certificate.margin, reason, certificate.claim)
+    kind = certificate.kind
+    label = LABELS.get(kind, kind)
+    return CertificateRow(kind, label, str(certificate.verdict), certificate.margin, reason, certificate.claim)
 
 
-def send_certificates(send: Sender, content: dict[str, Any]) -> None:
-    """Send the rows of a scenario's first law, for a `Job`."""
-    send(certificate_rows(content))
+def send_certificates(send: Sender, state: DesignState, robots: Robots) -> None:
+    """Send the rows of a design, for a `Job`."""
+    send(certificate_rows(state.to_content(robots.content(state.robot))))

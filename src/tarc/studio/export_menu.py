@@ -4,10 +4,18 @@ from collections.abc import Awaitable, Callable
 
 from nicegui import ui
 
-from tarc.studio.jobs import DESIGN_ERRORS
-from tarc.studio.session import Session, in_thread
+from tarc.studio.jobs import JobError, first_result
+from tarc.studio.session import Session
 
-LABELS = ("Scenario (YAML)", "Law in C (ZIP)", "Law as FMU", "Run (netCDF)", "Figure (PNG)", "Figure (PDF)")
+FILES = {
+    "Scenario (YAML)": "design.yaml",
+    "Law in C (ZIP)": "law.zip",
+    "Law as FMU": "law.fmu",
+    "Run (netCDF)": "run.nc",
+    "Figure (PNG)": "runs.png",
+    "Figure (PDF)": "runs.pdf",
+}
+"""What can be exported, with the name of its file."""
 
 
 class ExportMenu:
@@ -19,22 +27,15 @@ class ExportMenu:
             ui.button("Export", icon="download").props('flat dense no-caps color=white aria-label="Export"'),
             ui.menu(),
         ):
-            for label in LABELS:
-                ui.menu_item(label, on_click=self._writer(label))
+            for label, name in FILES.items():
+                ui.menu_item(label, on_click=self._writer(name))
 
-    def _writer(self, label: str) -> Callable[[], Awaitable[None]]:
+    def _writer(self, name: str) -> Callable[[], Awaitable[None]]:
         async def write() -> None:
-            from tarc.studio.exports import writers
-
             session = self._session
-            files = writers(session.state, session.robots, session.results.runs)
-            if label not in files:
-                ui.notify("The run is not there yet", type="warning")
-                return
-            name, make = files[label]
             try:
-                content = await in_thread(make)
-            except DESIGN_ERRORS as error:
+                content = await first_result("tarc.studio.exports:send_file", name, session.state, session.robots)
+            except JobError as error:
                 ui.notify(str(error), type="negative", timeout=12000, close_button="Close")
                 return
             ui.download.content(content, name)

@@ -11,15 +11,16 @@ from tarc.export import export_c, export_fmu
 from tarc.scenario.deployment import law_of
 from tarc.scenario.model import Scenario
 from tarc.studio.design_state import DesignState
+from tarc.studio.jobs import Sender
 from tarc.studio.robots import Robots
-from tarc.studio.runs import RunPair
+from tarc.studio.runs import RunPair, run_pair
 
 DPI = 200
 
 
 def figure_file(pair: RunPair, suffix: str) -> bytes:
     """Return the figure of both runs as PNG or PDF."""
-    figure = pair.design.run.plot(others={pair.rival.name: pair.rival.run})
+    figure = pair.design.plot(others={pair.curves.rival.name: pair.rival})
     stream = io.BytesIO()
     figure.savefig(stream, format=suffix, dpi=DPI)
     return stream.getvalue()
@@ -28,7 +29,7 @@ def figure_file(pair: RunPair, suffix: str) -> bytes:
 def run_file(pair: RunPair) -> bytes:
     """Return the run of the design as netCDF."""
     with tempfile.TemporaryDirectory() as folder:
-        return pair.design.run.save(Path(folder) / "run.nc").read_bytes()
+        return pair.design.save(Path(folder) / "run.nc").read_bytes()
 
 
 def scenario_file(state: DesignState, robots: Robots) -> bytes:
@@ -77,17 +78,20 @@ def _law_to_export(state: DesignState, robots: Robots) -> tuple[Any, dict[str, A
     return law, options
 
 
-def writers(state: DesignState, robots: Robots, pair: RunPair | None) -> dict[str, tuple[str, Callable[[], bytes]]]:
-    """Return what can be exported, by label: name of the file and the function that makes its content."""
-    files: dict[str, tuple[str, Callable[[], bytes]]] = {
-        "Scenario (YAML)": ("design.yaml", lambda: scenario_file(state, robots)),
-        "Law in C (ZIP)": ("law.zip", lambda: law_files(state, robots)),
-        "Law as FMU": ("law.fmu", lambda: fmu_file(state, robots)),
+def send_file(send: Sender, name: str, state: DesignState, robots: Robots) -> None:
+    """Send a file of a design by its name, for a `Job`; its runs are simulated again.
+
+    Raises
+    ------
+    InvalidParameter, ScenarioError, RobotFileError, UnsupportedLaw, MissingTool
+        For a design that cannot be built, and for tools that are not there.
+    """
+    makers: dict[str, Callable[[], bytes]] = {
+        "design.yaml": lambda: scenario_file(state, robots),
+        "law.zip": lambda: law_files(state, robots),
+        "law.fmu": lambda: fmu_file(state, robots),
+        "run.nc": lambda: run_file(run_pair(state, robots)),
+        "runs.png": lambda: figure_file(run_pair(state, robots), "png"),
+        "runs.pdf": lambda: figure_file(run_pair(state, robots), "pdf"),
     }
-    if pair is not None:
-        files |= {
-            "Run (netCDF)": ("run.nc", lambda: run_file(pair)),
-            "Figure (PNG)": ("runs.png", lambda: figure_file(pair, "png")),
-            "Figure (PDF)": ("runs.pdf", lambda: figure_file(pair, "pdf")),
-        }
-    return files
+    send(makers[name]())

@@ -1,15 +1,12 @@
 """Figures of the page as plain dictionaries that plotly.js draws; nothing is computed here but colours and shapes."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from tarc.core.types import Array
 from tarc.studio.design_state import CONTROLS, DesignState
-
-if TYPE_CHECKING:
-    from tarc.studio.analysis import LoopAnalysis, RobotFacts
-    from tarc.studio.runs import RunPair
+from tarc.studio.results import CurvePair, LoopAnalysis, RobotFacts
 
 EMPTY: dict[str, Any] = {
     "data": [],
@@ -70,7 +67,7 @@ def _figure(data: list[dict[str, Any]], x: dict[str, Any], y: dict[str, Any], **
     }
 
 
-def map_figure(state: DesignState, analysis: "LoopAnalysis", facts: "RobotFacts") -> dict[str, Any]:
+def map_figure(state: DesignState, analysis: LoopAnalysis, facts: RobotFacts) -> dict[str, Any]:
     """Return the stability map: inertia share over natural frequency, with the design as a dot that can be dragged."""
     x = analysis.map.natural_frequencies
     low, high = analysis.map.shares(facts)
@@ -111,7 +108,7 @@ def map_figure(state: DesignState, analysis: "LoopAnalysis", facts: "RobotFacts"
     return _figure(data, x_axis, y_axis, shapes=[dot])
 
 
-def dot_colour(analysis: "LoopAnalysis") -> str:
+def dot_colour(analysis: LoopAnalysis) -> str:
     """Return the colour of the design's dot, by its linear stability."""
     return DOT_STABLE if all(analysis.is_stable) else DOT_UNSTABLE
 
@@ -137,7 +134,7 @@ def _band(x: Array, low: Array, high: Array, name: str, colour: str, bounds: tup
     }
 
 
-def gain_figure(analysis: "LoopAnalysis") -> dict[str, Any]:
+def gain_figure(analysis: LoopAnalysis) -> dict[str, Any]:
     """Return the loop gain |L| over frequency at the smallest, mean and largest inertia ratio."""
     is_shown = analysis.frequencies > 0.3
     data = [
@@ -160,7 +157,7 @@ def gain_figure(analysis: "LoopAnalysis") -> dict[str, Any]:
     )
 
 
-def curves_figure(pair: "RunPair", quantity: str, joint: str) -> dict[str, Any]:
+def curves_figure(pair: CurvePair, quantity: str, joint: str) -> dict[str, Any]:
     """Return error, torque or gain of design and rival over time.
 
     Parameters
@@ -192,13 +189,13 @@ def curves_figure(pair: "RunPair", quantity: str, joint: str) -> dict[str, Any]:
     if quantity == "gain":
         y_axis = _axis("gain ĉ [rad/s²]")
     else:
-        unit = pair.design.unit({"error": "peak_error", "torque": "peak_torque"}[quantity])
+        unit = pair.design.units[{"error": "peak_error", "torque": "peak_torque"}[quantity]]
         y_axis = _axis(f"{quantity}, {joint or 'norm'} [{unit}]")
         y_axis["range"] = _range(pair, quantity, joint)
     return _figure(data, _axis("time [s]"), y_axis)
 
 
-def _range(pair: "RunPair", quantity: str, joint: str) -> list[float]:
+def _range(pair: CurvePair, quantity: str, joint: str) -> list[float]:
     """Return a range of the ordinate that holds the better run, and of the other what is not far above."""
     peaks = {}
     for curves in (pair.design, pair.rival):

@@ -3,6 +3,7 @@
 import asyncio
 import multiprocessing
 import os
+import pkgutil
 import signal
 from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -38,8 +39,19 @@ DESIGN_ERRORS = (
 )
 """Errors of a design that the page shows."""
 METHODS = ("forkserver", "spawn")
-PRELOADED = ["tarc.studio.certifying", "scipy.optimize", "clarabel", "flint", "highspy"]
+PRELOADED = [
+    "tarc.studio.analysis",
+    "tarc.studio.certifying",
+    "tarc.studio.runs",
+    "scipy.optimize",
+    "clarabel",
+    "flint",
+    "highspy",
+]
 """Modules that the process has imported of which others are copies; they share its memory."""
+
+EXIT_TIME = 5.0
+"""Longest wait for a process that has sent all to leave [s]."""
 
 _WAITING = ThreadPoolExecutor(max_workers=64, thread_name_prefix="studio-job")
 
@@ -58,16 +70,17 @@ class Job:
     Parameters
     ----------
     function
-        A function of a module; its first argument sends a result.
+        A function of a module, or its name as ``module:function``; its first argument sends a result.
     arguments
         The others.
     """
 
-    def __init__(self, function: Callable[..., None], *arguments: Any) -> None:
+    def __init__(self, function: Callable[..., None] | str, *arguments: Any) -> None:
         context = process_context()
         self._receiver, sender = context.Pipe(duplex=False)
         self._process = context.Process(target=_run_and_send, args=(function, arguments, sender), daemon=True)
         self._process.start()
+        self._is_cancelled = False
         sender.close()
 
     async def results(self) -> AsyncIterator[Any]:
@@ -76,7 +89,7 @@ class Job:
         Raises
         ------
         JobError
-            For an error of the design.
+            For an error of the design, and for a process that ended on its own.
         """
         loop = asyncio.get_running_loop()
         try:
@@ -86,7 +99,9 @@ class Job:
                     raise message
                 yield message
         except (EOFError, OSError):
-            return
+            code = None if self._is_cancelled else await loop.run_in_executor(_WAITING, self._exit_code)
+            if code:
+                raise JobError(f"the process that computes ended with code {code}; try again") from None
         finally:
             self.cancel()
 
@@ -97,13 +112,34 @@ class Job:
 
     def cancel(self) -> None:
         """End the process at once."""
+        self._is_cancelled = True
         if self._process.is_alive():
             self._process.kill()
 
+    def _exit_code(self) -> int | None:
+        """Return the exit code once the process has closed its end, or None where it takes long to leave."""
+        self._process.join(EXIT_TIME)
+        return self._process.exitcode
 
-def _run_and_send(function: Callable[..., None], arguments: tuple[Any, ...], connection: Connection) -> None:
+
+async def first_result(function: str, *arguments: Any) -> Any:
+    """Return the first message that a function sends in a process of its own.
+
+    Raises
+    ------
+    JobError
+        For an error of the design, and for a process that ended on its own.
+    """
+    job = await asyncio.to_thread(Job, function, *arguments)
+    async for message in job.results():
+        return message
+    raise JobError("the process that computes sent nothing; try again")
+
+
+def _run_and_send(function: Callable[..., None] | str, arguments: tuple[Any, ...], connection: Connection) -> None:
     try:
-        function(connection.send, *arguments)
+        call = pkgutil.resolve_name(function) if isinstance(function, str) else function
+        call(connection.send, *arguments)
     except DESIGN_ERRORS as error:
         connection.send(JobError(str(error)))
     finally:

@@ -2,15 +2,12 @@
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 from nicegui import events, ui
 
 from tarc.studio.controls import EMIT_VALUE, slider_position, slider_value
 from tarc.studio.design_state import CONTROLS, Control
-
-if TYPE_CHECKING:
-    from tarc.certificates.certified_gains import GainRange
+from tarc.studio.results import LiveGain
 
 Change = Callable[[str, float], object]
 
@@ -18,14 +15,14 @@ Change = Callable[[str, float], object]
 class GainRow:
     """A gain: its certified range, a field for the exact value, and a slider that stays within."""
 
-    def __init__(self, control: Control, gain: "GainRange", value: float, on_change: Change) -> None:
+    def __init__(self, control: Control, gain: LiveGain, on_change: Change) -> None:
         self._control, self._gain, self._on_change = control, gain, on_change
-        self._value = self._shown = value
+        self._shown = gain.value
         unit = f" [{control.unit}]" if control.unit else ""
         label = f"{control.label}{unit}"
         with ui.element("div").classes("control-row"):
             ui.label(label).classes("control-label")
-            self._number = ui.number(value=value, format="%.4g")
+            self._number = ui.number(value=gain.value, format="%.4g")
             self._number.on("keydown.enter", self._on_number).on("blur", self._on_number)
             self._number.props(f'dense borderless aria-label="{label} while it runs, exact value"')
             self._number.classes("control-number").mark(f"live-{control.name}-number")
@@ -33,23 +30,23 @@ class GainRow:
             self._slider.props(f'type=range aria-label="{label} while it runs"')
             self._slider.on("change", self._on_slider, js_handler=EMIT_VALUE)
             self._range = ui.label().classes("gain-range")
-        self.sync(gain, value)
+        self.sync(gain)
 
-    def sync(self, gain: "GainRange", value: float) -> None:
+    def sync(self, gain: LiveGain) -> None:
         """Show a range and a value."""
-        self._gain, self._value = gain, value
+        self._gain = gain
         if gain.values:
-            low, high, step, position = 0.0, len(gain.values) - 1.0, "1", gain.values.index(gain.nearest(value))
+            nearest = min(gain.values, key=lambda value: abs(value - gain.value))
+            low, high, step, position = 0.0, len(gain.values) - 1.0, "1", gain.values.index(nearest)
         else:
             low, high = (slider_position(self._control, end) for end in self._ends())
-            step, position = "any", slider_position(self._control, value)
+            step, position = "any", slider_position(self._control, gain.value)
         self._slider.props(f"min={low:.6g} max={high:.6g} step={step} value={position:.6g}")
-        self._slider.props["aria-valuetext"] = f"{value:.4g} {self._control.unit}"
+        self._slider.props["aria-valuetext"] = f"{gain.value:.4g} {self._control.unit}"
         self._slider.update()
-        text = f"{len(gain.values)} values, {gain.low:g} to {gain.high:g}" if gain.values else str(gain)
-        self._range.set_text(f"certified: {text}")
-        self._shown = value
-        self._number.set_value(value)
+        self._range.set_text(f"certified: {gain.text}")
+        self._shown = gain.value
+        self._number.set_value(gain.value)
 
     def _ends(self) -> tuple[float, float]:
         """Return the ends of the slider: those of the range, or of the Design tab's where there is no limit."""
@@ -59,7 +56,7 @@ class GainRow:
 
     def restore(self) -> None:
         """Show the range and the value that run."""
-        self.sync(self._gain, self._value)
+        self.sync(self._gain)
 
     def set_enabled(self, is_enabled: bool) -> None:
         """Let the gain change, or not."""
@@ -94,17 +91,15 @@ class GainPanel:
         self._refusal = ui.label().classes("refusal").props("role=alert").mark("live-refusal")
         self.end()
 
-    def show(self, ranges: "dict[str, GainRange]", values: dict[str, float], note: str) -> None:
+    def show(self, gains: dict[str, LiveGain], note: str) -> None:
         """Show gains with their ranges and values."""
-        if set(ranges) != set(self._rows):
+        if set(gains) != set(self._rows):
             self._box.clear()
             controls = {control.name: control for control in CONTROLS}
             with self._box:
-                self._rows = {
-                    name: GainRow(controls[name], gain, values[name], self._on_change) for name, gain in ranges.items()
-                }
-        for name, gain in ranges.items():
-            self._rows[name].sync(gain, values[name])
+                self._rows = {name: GainRow(controls[name], gain, self._on_change) for name, gain in gains.items()}
+        for name, gain in gains.items():
+            self._rows[name].sync(gain)
             self._rows[name].set_enabled(True)
         self._note.set_text(note)
         self._refusal.set_text("")

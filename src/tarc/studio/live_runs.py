@@ -1,27 +1,25 @@
-"""The loop on a robot, in a process of its own, and what the page reads of it."""
+"""The loop on a robot, in a process of its own."""
 
-import json
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tarc.certificates.certified_gains import GainRange, certify_gains
+from tarc.certificates.certified_gains import certify_gains
 from tarc.core.errors import InvalidParameter, NotLinearisable, UnsupportedLaw
-from tarc.core.types import Array
 from tarc.laws.base import Law
 from tarc.laws.pole_placement import PolePlacement
 from tarc.runtime import DdsRobot, GainChanges, OnlineReference, Robot, run_live
 from tarc.runtime.log import Log
-from tarc.runtime.ring import Ring
 from tarc.runtime.scenario_parts import safety_limits, scenario_robot, start_up
 from tarc.scenario.deployment import law_of
 from tarc.scenario.model import Scenario, Setup
+from tarc.studio.design_state import DesignState
 from tarc.studio.jobs import Sender
+from tarc.studio.results import LiveEnd, LiveGain, LiveGains, LiveLog, LiveRefusal, LiveStage
+from tarc.studio.robots import Robots
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
@@ -30,74 +28,18 @@ WATCHDOG = 0.05
 """Longest time without a sample of a robot [s]."""
 SIMULATED_WATCHDOG = 1.0
 """The same of a simulated one, which shares the computer with the page [s]."""
-PHASES = ("hold", "push", "ramp", "track", "stop", "safe stop")
-
-
-@dataclass(frozen=True)
-class LiveLog:
-    """Where a loop writes its rows."""
-
-    folder: str
-
-
-@dataclass(frozen=True)
-class LiveStage:
-    """What the process does before the loop runs, in words."""
-
-    text: str
-
-
-@dataclass(frozen=True)
-class LiveGains:
-    """Gains that may change now.
-
-    Attributes
-    ----------
-    ranges
-        Certified range of each; empty for none.
-    values
-        The gains that run.
-    reason
-        Why none may change; empty where one may.
-    """
-
-    ranges: dict[str, GainRange]
-    values: dict[str, float]
-    reason: str
-
-
-@dataclass(frozen=True)
-class LiveRefusal:
-    """Why a change of gains was refused."""
-
-    text: str
-
-
-@dataclass(frozen=True)
-class LiveEnd:
-    """How a run on a robot ended.
-
-    Attributes
-    ----------
-    text
-        Why, with missed periods.
-    is_safe_stop
-        Whether it ended in a safe stop.
-    """
-
-    text: str
-    is_safe_stop: bool
 
 
 def send_live(
     send: Sender,
-    content: dict[str, Any],
+    state: DesignState,
+    robots: Robots,
     connection: str,
     address: str,
     duration: float,
     commands: "Connection",
 ) -> None:
-    """Run a scenario's first law on a robot, for a `Job`.
+    """Run a design on a robot, for a `Job`.
 
     It sends a `LiveStage` now and then, a `LiveLog` and `LiveGains` when the loop starts, and a `LiveEnd`. Each mapping
     of gains that comes by ``commands`` is answered by `LiveGains` or a `LiveRefusal`. An interrupt lets the robot come
@@ -115,6 +57,7 @@ def send_live(
             send(message)
 
     try:
+        content = state.to_content(robots.content(state.robot))
         _run_live(send_one, content, connection, address, duration, commands)
     except KeyboardInterrupt:
         send_one(LiveEnd("stopped before the loop ran", is_safe_stop=False))
@@ -181,9 +124,14 @@ def _changes(send: Sender, scenario: Scenario, setup: Setup, law: Law) -> tuple[
 
 
 def _gains(changes: GainChanges | None, reason: str) -> LiveGains:
-    ranges = {} if changes is None else changes.ranges
-    values = {name: float(np.ravel(getattr(changes.law, name))[0]) for name in ranges} if changes is not None else {}
-    return LiveGains(ranges, values, reason)
+    if changes is None:
+        return LiveGains({}, reason)
+    gains = {}
+    for name, gain in changes.ranges.items():
+        value = float(np.ravel(getattr(changes.law, name))[0])
+        text = f"{len(gain.values)} values, {gain.low:g} to {gain.high:g}" if gain.values else str(gain)
+        gains[name] = LiveGain(value, gain.low, gain.high, gain.values, text)
+    return LiveGains(gains, reason)
 
 
 def _serve(send: Sender, changes: GainChanges, commands: "Connection") -> None:
@@ -214,57 +162,3 @@ def _robot(connection: str, address: str, scenario: Scenario, setup: Setup, peri
     name = f"udp://{address.removeprefix('udp://')}" if connection == "udp" else connection
     with scenario_robot(name, scenario, setup, period, in_step=True) as robot:
         yield robot
-
-
-@dataclass(frozen=True, eq=False)
-class LiveRows:
-    """Rows since the last look.
-
-    Attributes
-    ----------
-    times
-        [s], shape (k,).
-    errors, torques
-        Norm over the joints, shape (k,).
-    lateness
-        How late each period began [µs], shape (k,); nan for a missed one.
-    phase
-        Of the newest row, in words.
-    """
-
-    times: Array
-    errors: Array
-    torques: Array
-    lateness: Array
-    phase: str
-
-
-class LiveReader:
-    """Reads the rows of a loop out of the memory that both map; the loop never waits.
-
-    Raises
-    ------
-    FileNotFoundError
-        For a run that is over already.
-    """
-
-    def __init__(self, log: LiveLog) -> None:
-        folder = Path(log.folder)
-        head = json.loads((folder / "header.json").read_text(encoding="utf-8"))
-        self._places = {part["name"]: slice(part["start"], part["start"] + part["size"]) for part in head["variables"]}
-        self._period = float(head["period"])
-        self._ring = Ring(folder / "ring", "r")
-
-    def read(self) -> LiveRows | None:
-        """Return the rows since the last call; None for none."""
-        rows = self._ring.read()
-        if not len(rows):
-            return None
-        errors = rows[:, self._places["measured_position"]] - rows[:, self._places["reference"]]
-        return LiveRows(
-            times=rows[:, 0] * self._period,
-            errors=np.linalg.norm(errors, axis=1),
-            torques=np.linalg.norm(rows[:, self._places["torque"]], axis=1),
-            lateness=1e6 * rows[:, self._places["lateness"]].ravel(),
-            phase=PHASES[int(rows[-1, self._places["phase"]][0])],
-        )

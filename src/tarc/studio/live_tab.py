@@ -2,7 +2,7 @@
 
 from contextlib import suppress
 from multiprocessing.connection import Connection
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from nicegui import background_tasks, ui
@@ -10,10 +10,9 @@ from nicegui import background_tasks, ui
 from tarc.studio.figures import live_figure
 from tarc.studio.jobs import Job, JobError, process_context
 from tarc.studio.live_gains import GainPanel
+from tarc.studio.live_reader import LiveReader, LiveRows
+from tarc.studio.results import LiveEnd, LiveGains, LiveLog, LiveRefusal, LiveStage
 from tarc.studio.session import Session
-
-if TYPE_CHECKING:
-    from tarc.studio.live_runs import LiveReader, LiveRows
 
 REFRESH = 0.05
 """Time between two looks at the loop [s]."""
@@ -92,18 +91,16 @@ class LiveTab:
 
     def start(self) -> None:
         """Start the loop of the present design."""
-        from tarc.studio.live_runs import send_live
-
         if self._job is not None:
             return
         session = self._session
-        content = session.state.to_content(session.robots.content(session.state.robot))
         self._plot.update_figure(live_figure(list(QUANTITIES.values())))
         self._status.set_text("starting")
         receiver, self._commands = process_context().Pipe(duplex=False)
         self._job = Job(
-            send_live,
-            content,
+            "tarc.studio.live_runs:send_live",
+            session.state,
+            session.robots,
             self._robot.value,
             self._address.value,
             float(self._duration.value or DEFAULT_DURATION),
@@ -146,8 +143,6 @@ class LiveTab:
 
     def _take(self, message: object) -> str:
         """Show what the loop's process sent; return how it ended, if that was it."""
-        from tarc.studio.live_runs import LiveEnd, LiveGains, LiveLog, LiveReader, LiveRefusal, LiveStage
-
         if isinstance(message, LiveStage):
             self._status.set_text(message.text)
         elif isinstance(message, LiveLog):
@@ -155,8 +150,8 @@ class LiveTab:
             self._timer.activate()
             self._status.set_text("running")
         elif isinstance(message, LiveGains):
-            values = ", ".join(f"{name.replace('_', ' ')} {value:.4g}" for name, value in message.values.items())
-            self._gains.show(message.ranges, message.values, message.reason or f"running with {values}")
+            values = ", ".join(f"{name.replace('_', ' ')} {gain.value:.4g}" for name, gain in message.gains.items())
+            self._gains.show(message.gains, message.reason or f"running with {values}")
         elif isinstance(message, LiveRefusal):
             self._gains.refuse(message.text)
         elif isinstance(message, LiveEnd):
@@ -184,7 +179,7 @@ def _has_address(robot: str) -> bool:
     return robot in ("udp", "dds")
 
 
-def _peaks(rows: "LiveRows") -> dict[str, tuple[list[float], list[Any]]]:
+def _peaks(rows: LiveRows) -> dict[str, tuple[list[float], list[Any]]]:
     """Return the largest values in a few parts of the rows, since a curve has fewer points than the loop has rows."""
     looks = (rows.times[-1] - rows.times[0]) / REFRESH  # several, where the browser was busy
     n_points = int(np.clip(POINTS_PER_LOOK * np.ceil(looks), 1, min(MAX_POINTS, len(rows.times))))

@@ -45,10 +45,9 @@ class LoopPanel:
         self._gain.update_figure(gain_figure(loop))
         low, high = loop.ratios[0], loop.ratios[2]
         stable = "none" if loop.stable is None else f"{loop.stable[0]:.3g} … {loop.stable[1]:.3g}"
-        distance = loop.distance
         optimum = "loop unstable"
-        if math.isfinite(distance.ratio):
-            optimum = f"{distance.ratio:.2f} × error, {distance.change_ratio:.2f} × torque change"
+        if math.isfinite(loop.error_over_optimum):
+            optimum = f"{loop.error_over_optimum:.2f} × error, {loop.change_over_optimum:.2f} × torque change"
         noise = f"{loop.torque_noise:.3g} N m RMS" if math.isfinite(loop.torque_noise) else "loop unstable"
         self._show(
             [
@@ -121,6 +120,6 @@ class CertificatePanel:
                 with ui.element("div").classes(f"certificate {row.verdict}"):
                     ui.icon(VERDICT_ICONS[row.verdict]).props("aria-hidden=true")
                     ui.label(row.label).classes("name").tooltip(row.claim)
-                    ui.label(str(row.verdict)).classes("verdict")
+                    ui.label(row.verdict).classes("verdict")
                     ui.label(f"{row.margin:.3g}").classes("margin")
                     ui.label(row.reason).classes("reason")

@@ -1,5 +1,6 @@
 """Robots of a session, each with its motion: shipped scenarios, the file given to the command, and uploads."""
 
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -43,9 +44,7 @@ class Robots:
             For an unknown name.
         """
         check.one_of("robot", name, list(self.labels))
-        if name not in self._contents:
-            self._contents[name] = load_content(name)
-        return self._contents[name]
+        return self._contents[name] if name in self._contents else _shipped_content(name)
 
     def add(self, name: str, label: str, content: dict[str, Any]) -> None:
         """Offer a robot with its motion."""
@@ -77,6 +76,11 @@ def load_content(path: str | Path) -> dict[str, Any]:
     content = read_scenario(file)
     resolve_files(content, file.parent)
     return content
+
+
+@cache
+def _shipped_content(name: str) -> dict[str, Any]:
+    return load_content(name)
 
 
 def state_of(content: dict[str, Any]) -> tuple[DesignState, list[str]]:

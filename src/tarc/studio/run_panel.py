@@ -47,7 +47,7 @@ class RunPanel:
             for text in ("", pair.design.name, pair.rival.name):
                 ui.label(text).classes("head")
             for name, label in MEASURES.items():
-                ui.label(f"{label} [{pair.design.unit(name)}]")
+                ui.label(f"{label} [{pair.design.units[name]}]")
                 for curves in (pair.design, pair.rival):
                     value = curves.measures.get(name, curves.measures.get(f"{name}_revolute"))
                     ui.label("–" if value is None else f"{value:.4g}")

@@ -1,16 +1,19 @@
 """Short runs of a design and of its rival, for the page."""
 
-from dataclasses import dataclass, replace
+from collections import OrderedDict
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from tarc.core.types import Array
+from tarc.plants.shapes import RobotGeometry
 from tarc.scenario.model import Scenario, Setup
-from tarc.simulation.quantities import measure_unit
+from tarc.simulation.quantities import MEASURES, measure_unit
 from tarc.simulation.run import Run
 from tarc.studio.design_state import DesignState
+from tarc.studio.results import CurvePair, Curves
 from tarc.studio.robots import Robots
+from tarc.studio.scene import robot_message, run_geometry, run_message
 
 DURATION = 3.0
 """Longest run of the page [s]; the payload is picked up at half of it."""
@@ -18,46 +21,8 @@ METRICS_START = 0.5
 """Start of the measures [s]."""
 MAX_POINTS = 600
 """Points of a curve."""
-
-
-@dataclass(frozen=True, eq=False)
-class Curves:
-    """What the page draws of a run.
-
-    Attributes
-    ----------
-    name
-        Name of the law.
-    joints
-        Names of the joints.
-    times
-        [s], shape (k,).
-    errors, torques
-        Of each joint [rad or m], [N m or N], shape (k, n).
-    gain
-        Switching gain ĉ [rad/s²], shape (k,); None for a law without.
-    measures
-        Of the run after `METRICS_START`, as `tarc.simulation.Run.metrics`; empty for one that diverged before.
-    status, has_completed
-        How the run ended, in words, and whether at its end.
-    run
-        The run itself.
-    """
-
-    name: str
-    joints: tuple[str, ...]
-    times: Array
-    errors: Array
-    torques: Array
-    gain: Array | None
-    measures: dict[str, float]
-    status: str
-    has_completed: bool
-    run: Run
-
-    def unit(self, measure: str) -> str:
-        """Return the unit of a measure."""
-        return measure_unit(measure, self.run.joint_units, self.run.command_unit)
+MAX_SESSIONS = 32
+"""Sessions whose newest runs are kept."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,21 +41,32 @@ class RunParts:
     scenario: Scenario
     setup: Setup
 
-    def simulate(self, content: dict[str, Any]) -> "Curves":
+    def simulate(self, content: dict[str, Any]) -> tuple[Run, Curves]:
         """Simulate the law of a scenario that shares these parts."""
         law = self.scenario.build_law({**content["law"], "estimator": content["estimator"]}, self.setup)
         run = self.scenario.run_law(law, self.setup, progress=False)
-        return curves_of(run, content["law"]["kind"], self.scenario.metrics_start)
+        return run, curves_of(run, content["law"]["kind"], self.scenario.metrics_start)
 
 
 @dataclass(frozen=True, eq=False)
 class RunPair:
-    """The runs of a design and of its rival, with the parts that they share and the scenario of the rival."""
+    """The runs of a design and of its rival.
 
-    design: Curves
-    rival: Curves
-    parts: RunParts | None = None
-    rival_content: dict[str, Any] | None = None
+    Attributes
+    ----------
+    design, rival
+        The runs.
+    curves
+        What the page draws of them.
+    parts, rival_content
+        What they share, and the scenario of the rival.
+    """
+
+    design: Run
+    rival: Run
+    curves: CurvePair
+    parts: RunParts
+    rival_content: dict[str, Any]
 
 
 def short_base(base: dict[str, Any]) -> dict[str, Any]:
@@ -123,11 +99,12 @@ def run_pair(state: DesignState, robots: Robots, previous: RunPair | None = None
     if parts is None or parts.content != shared:
         scenario = Scenario.parse(content)
         parts = RunParts(shared, scenario, scenario.build())
-    design = parts.simulate(content)
+    design, design_curves = parts.simulate(content)
     if previous is not None and previous.rival_content == rival_content:
-        return RunPair(design, previous.rival, parts, rival_content)
-    rival = parts.simulate(rival_content)
-    return RunPair(design, replace(rival, name=f"{rival.name} (rival)"), parts, rival_content)
+        curves = CurvePair(design_curves, previous.curves.rival)
+        return RunPair(design, previous.rival, curves, parts, rival_content)
+    rival, rival_curves = parts.simulate(rival_content)
+    return RunPair(design, rival, CurvePair.named(design_curves, rival_curves), parts, rival_content)
 
 
 def curves_of(run: Run, name: str, start_time: float) -> Curves:
@@ -142,7 +119,72 @@ def curves_of(run: Run, name: str, start_time: float) -> Curves:
         torques=data["torque"].values[::step],
         gain=data["gain"].values[::step] if "gain" in data else None,
         measures={key: float(np.asarray(value)) for key, value in run.metrics_or_none(start_time).items()},
+        units={name: measure_unit(name, run.joint_units, run.command_unit) for name in MEASURES},
         status=str(run.status),
         has_completed=run.status.completed,
-        run=run,
     )
+
+
+@dataclass
+class _SessionRuns:
+    """The newest runs of a session, and the robot of which its scene is."""
+
+    pair: RunPair
+    robot: str
+    geometry: RobotGeometry | None = None
+
+
+_SESSIONS: OrderedDict[str, _SessionRuns] = OrderedDict()
+"""Of the process that computes runs, by the name of the session."""
+
+
+def newest_runs(session: str, state: DesignState, robots: Robots) -> CurvePair:
+    """Simulate the design of a session and its rival, and keep the runs for the next call.
+
+    Raises
+    ------
+    InvalidParameter, ScenarioError, RobotFileError, UnsupportedLaw
+        For a design that cannot be built.
+    """
+    kept = _SESSIONS.pop(session, None)
+    pair = run_pair(state, robots, None if kept is None else kept.pair)
+    geometry = kept.geometry if kept is not None and kept.robot == state.robot else None
+    _SESSIONS[session] = _SessionRuns(pair, state.robot, geometry)
+    if len(_SESSIONS) > MAX_SESSIONS:
+        _SESSIONS.popitem(last=False)
+    return pair.curves
+
+
+def forget_runs(session: str) -> None:
+    """Drop the runs of a session that is closed."""
+    _SESSIONS.pop(session, None)
+
+
+def newest_scene(session: str, shown_robot: str) -> tuple[str, dict[str, Any] | None, dict[str, Any]] | None:
+    """Return what the browser needs to play the newest run of a session; None for a session without runs.
+
+    Parameters
+    ----------
+    session
+        Name of the session.
+    shown_robot
+        The robot that its scene shows already; empty for none.
+
+    Returns
+    -------
+    tuple
+        Name of the robot, its message as of `tarc.studio.scene.robot_message` or None where it is shown already, and
+        that of the run.
+
+    Raises
+    ------
+    InvalidParameter
+        For a robot without bodies in space.
+    """
+    kept = _SESSIONS.get(session)
+    if kept is None:
+        return None
+    if kept.geometry is None:
+        kept.geometry = run_geometry(kept.pair.design)
+    robot = robot_message(kept.geometry, kept.pair.design) if kept.robot != shown_robot else None
+    return kept.robot, robot, run_message(kept.geometry, kept.pair.design)

@@ -1,17 +1,14 @@
 """The robot in three dimensions, and the panel that shows the newest run of a session in it."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import nicegui.elements.scene  # noqa: F401 - registers three.js, which robot_scene.js imports
 from nicegui import background_tasks, ui
 from nicegui.element import Element
 
-from tarc.core.errors import InvalidParameter
-from tarc.studio.session import Session, in_thread
-
-if TYPE_CHECKING:
-    from tarc.plants.shapes import RobotGeometry
-    from tarc.simulation.run import Run
+from tarc.studio.jobs import JobError
+from tarc.studio.results import CurvePair
+from tarc.studio.session import Session
 
 
 class RobotScene(Element, component="robot_scene.js"):
@@ -46,8 +43,7 @@ class ScenePanel:
         self._problem = ui.label().classes("text-caption")
         self._problem.set_visibility(False)
         self._robot = ""
-        self._geometry: RobotGeometry | None = None
-        self._shown: Run | None = None
+        self._shown: CurvePair | None = None
         self._is_busy = False
         session.listen("runs", self.update)
 
@@ -60,24 +56,25 @@ class ScenePanel:
         """Show runs until the newest one is shown."""
         self._is_busy = True
         try:
-            while (pair := self._session.results.runs) is not None and pair.design.run is not self._shown:
-                self._shown = pair.design.run
-                await self._show(self._session.state.robot, pair.design.run)
+            while (pair := self._session.results.runs) is not None and pair is not self._shown:
+                self._shown = pair
+                await self._show()
         finally:
             self._is_busy = False
 
-    async def _show(self, robot: str, run: "Run") -> None:
-        """Show a run of a robot."""
-        from tarc.studio.scene import robot_message, run_geometry, run_message
-
+    async def _show(self) -> None:
+        """Show the newest run."""
+        problem = ""
         try:
-            if robot != self._robot or self._geometry is None:
-                self._geometry = await in_thread(run_geometry, run)
-                self._robot = robot
-                self._scene.show_robot(await in_thread(robot_message, self._geometry, run))
-            self._scene.show_run(await in_thread(run_message, self._geometry, run))
-        except InvalidParameter as error:
-            self._geometry = None
-            self._problem.set_text(str(error))
-        self._scene.set_visibility(self._geometry is not None)
-        self._problem.set_visibility(self._geometry is None)
+            messages = await self._session.newest_scene(self._robot)
+            if messages is not None:
+                self._robot, robot, run = messages
+                if robot is not None:
+                    self._scene.show_robot(robot)
+                self._scene.show_run(run)
+        except JobError as error:
+            self._robot = ""
+            problem = str(error)
+        self._problem.set_text(problem)
+        self._scene.set_visibility(not problem)
+        self._problem.set_visibility(bool(problem))

@@ -14,14 +14,12 @@ from tarc.studio.design_state import DesignState
 from tarc.studio.jobs import start_first_process
 from tarc.studio.page import add_pages
 from tarc.studio.robots import Robots
-from tarc.studio.session import in_thread, load_computing
+from tarc.studio.worker import LOOPS, RELEASE_PERIOD, RUNS
 
 PORTS = range(8642, 8662)
 """Ports that are tried where none is given."""
 HEAPS = 2
 """Heaps that the threads of the server share."""
-RELEASE_PERIOD = 20.0
-"""Time after which freed memory is given back to the system [s]."""
 
 
 def serve(scenario: str | Path | None, host: str = "127.0.0.1", port: int | None = None, show: bool = True) -> None:
@@ -49,9 +47,10 @@ def serve(scenario: str | Path | None, host: str = "127.0.0.1", port: int | None
     token = new_token(host)
     folders = SessionFolders()
     app.add_middleware(Guard, token=token)
-    app.on_shutdown(folders.close)
+    for close in (LOOPS.close, RUNS.close, folders.close):
+        app.on_shutdown(close)
     app.on_startup(_prepare)
-    app.timer(RELEASE_PERIOD, lambda: in_thread(release_freed_memory))
+    app.timer(RELEASE_PERIOD, lambda: asyncio.to_thread(release_freed_memory))
     add_pages(robots, state, notes, folders)
     path = "/" if token is None else f"/?token={token}"
     app.on_startup(lambda: print(f"tarc studio: http://{host}:{chosen}{path}  (Ctrl+C stops it)", flush=True))
@@ -68,8 +67,8 @@ def serve(scenario: str | Path | None, host: str = "127.0.0.1", port: int | None
 
 
 async def _prepare() -> None:
-    """Import what computes, and start the process of which others are copies, while the page is up already."""
-    await asyncio.gather(in_thread(start_first_process), in_thread(load_computing))
+    """Start the process of which others are copies, while the page is up already."""
+    await asyncio.to_thread(start_first_process)
 
 
 def free_port(host: str, port: int | None) -> int:

@@ -1,41 +1,31 @@
 """A session of the page: the design, its history, and what is computed of it while it moves."""
 
 import asyncio
-import importlib
 import os
+import secrets
 import time
 from collections.abc import Awaitable, Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any
 
 from nicegui import background_tasks
 
 from tarc.studio.design_state import DesignState, History
-from tarc.studio.jobs import DESIGN_ERRORS, Job, JobError
+from tarc.studio.jobs import Job, JobError
+from tarc.studio.results import CertificateRow, CurvePair, LoopAnalysis, RobotFacts
 from tarc.studio.robots import Robots
-
-if TYPE_CHECKING:
-    from tarc.studio.analysis import LoopAnalysis, RobotFacts
-    from tarc.studio.certifying import CertificateRow
-    from tarc.studio.runs import RunPair
+from tarc.studio.worker import LOOPS, RUNS
 
 CERTIFICATE_PAUSE = 0.4
 """Pause after the last move before the certificates start [s]."""
 RUN_PAUSE = 0.05
 """Pause after the last move before the runs start [s]."""
-COMPUTING = ("tarc.studio.analysis", "tarc.studio.runs", "tarc.studio.scene")
-"""Modules that compute. They take longer to import than the page, which is up before."""
 MAX_FACTS = 32
 """Robots and payloads whose facts a session keeps."""
 
 _CERTIFYING = asyncio.Semaphore(os.cpu_count() or 1)
 """Certificates of all sessions that are computed at the same time; each takes a process and its memory."""
-_COMPUTING = ThreadPoolExecutor(max_workers=1, thread_name_prefix="studio")
-"""One thread for all sessions: CasADi fails where two threads use it."""
 
-T = TypeVar("T")
 Listener = Callable[[], object]
 
 
@@ -57,10 +47,10 @@ class Results:
         Wall time of the last loop, runs and certificates [s].
     """
 
-    facts: "RobotFacts | None" = None
-    loop: "LoopAnalysis | None" = None
-    runs: "RunPair | None" = None
-    certificates: "list[CertificateRow] | None" = None
+    facts: RobotFacts | None = None
+    loop: LoopAnalysis | None = None
+    runs: CurvePair | None = None
+    certificates: list[CertificateRow] | None = None
     certificate_problem: str = ""
     problem: str = ""
     times: dict[str, float] = field(default_factory=dict)
@@ -87,6 +77,7 @@ class Session:
         self._listeners: dict[str, list[Listener]] = {"state": [], "loop": [], "runs": [], "certificates": []}
         self.is_closed = False
         self._at_end: list[Listener] = []
+        self._name = secrets.token_hex(8)
         self._facts: dict[tuple[str, float], RobotFacts] = {}
         self._job: Job | None = None
         self._moved = {name: asyncio.Event() for name in ("loop", "runs", "certificates")}
@@ -122,6 +113,8 @@ class Session:
             task.cancel()
         if self._job is not None:
             self._job.cancel()
+        if self._tasks:
+            background_tasks.create(RUNS.compute("tarc.studio.runs:forget_runs", self._name))
 
     def change(self, merge_key: str = "", **changes: Any) -> None:
         """Move the design."""
@@ -163,7 +156,6 @@ class Session:
 
     async def _follow(self, name: str, step: Callable[[DesignState], Awaitable[None]]) -> None:
         """Compute a part for the newest design, again and again; designs that were left at once are skipped."""
-        await in_thread(load_computing)
         pause = {"loop": 0.0, "runs": RUN_PAUSE, "certificates": CERTIFICATE_PAUSE}[name]
         while True:
             await self._moved[name].wait()
@@ -176,41 +168,44 @@ class Session:
             await step(self.state)
             self.results.times[name] = time.perf_counter() - start
 
-    async def _update_loop(self, state: DesignState) -> None:
-        from tarc.studio.analysis import analyse_loop, robot_facts
+    async def newest_scene(self, shown_robot: str) -> tuple[str, dict[str, Any] | None, dict[str, Any]] | None:
+        """Return what `tarc.studio.runs.newest_scene` does.
 
+        Raises
+        ------
+        JobError
+            For a robot without bodies in space.
+        """
+        return await RUNS.compute("tarc.studio.runs:newest_scene", self._name, shown_robot)
+
+    async def _update_loop(self, state: DesignState) -> None:
         try:
             key = state.robot, state.payload
             if key not in self._facts:
                 if len(self._facts) >= MAX_FACTS:
                     self._facts.clear()
-                self._facts[key] = await in_thread(robot_facts, state, self.robots)
+                self._facts[key] = await LOOPS.compute("tarc.studio.analysis:robot_facts", state, self.robots)
             self.results.facts = self._facts[key]
-            self.results.loop = await in_thread(analyse_loop, state, self.results.facts)
+            self.results.loop = await LOOPS.compute("tarc.studio.analysis:analyse_loop", state, self.results.facts)
             self.results.problem = ""
-        except DESIGN_ERRORS as error:
+        except JobError as error:
             self.results.problem = str(error)
         self._tell("loop")
 
     async def _update_runs(self, state: DesignState) -> None:
-        from tarc.studio.runs import run_pair
-
         try:
-            self.results.runs = await in_thread(run_pair, state, self.robots, self.results.runs)
-        except DESIGN_ERRORS as error:
+            self.results.runs = await RUNS.compute("tarc.studio.runs:newest_runs", self._name, state, self.robots)
+        except JobError as error:
             self.results.problem = str(error)
         self._tell("runs")
 
     async def _update_certificates(self, state: DesignState) -> None:
-        from tarc.studio.certifying import send_certificates
-
         rows: list[CertificateRow] | None = None
         problem = ""
         async with _CERTIFYING:
             if state != self.state or self.is_closed:
                 return
-            content = state.to_content(self.robots.content(state.robot))
-            self._job = await in_thread(Job, send_certificates, content)
+            self._job = await asyncio.to_thread(Job, "tarc.studio.certifying:send_certificates", state, self.robots)
             if state != self.state or self.is_closed:
                 self._job.cancel()
             try:
@@ -223,14 +218,3 @@ class Session:
         self.results.certificates = rows
         self.results.certificate_problem = problem
         self._tell("certificates")
-
-
-async def in_thread(function: Callable[..., T], *arguments: Any) -> T:
-    """Return what a function computes in a thread, so that the page stays responsive."""
-    return await asyncio.get_running_loop().run_in_executor(_COMPUTING, partial(function, *arguments))
-
-
-def load_computing() -> None:
-    """Import the modules that compute, unless they are."""
-    for name in COMPUTING:
-        importlib.import_module(name)

@@ -1,15 +1,14 @@
 """A study of the design and its rival on drawn robots, in chunks as they finish."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from tarc.core.types import Array
 from tarc.studio.design_state import DesignState
 from tarc.studio.jobs import Sender
+from tarc.studio.results import CurvePair, StudyChunk
 from tarc.studio.robots import Robots
-from tarc.studio.runs import METRICS_START, RunPair, curves_of, short_base
+from tarc.studio.runs import METRICS_START, curves_of, short_base
 from tarc.study.cases import Cases
 from tarc.study.draws import run_seeds
 from tarc.study.engines import Simulator
@@ -22,28 +21,6 @@ FRICTION = (0.5, 2.0)
 """Drawn friction over that of the robot."""
 NOISE = (1e-6, 1e-4)
 """Drawn noise of the encoders [rad or m]."""
-
-
-@dataclass(frozen=True, eq=False)
-class StudyChunk:
-    """Some finished runs.
-
-    Attributes
-    ----------
-    runs
-        Their numbers, shape (k,).
-    values
-        Drawn values, shape (k, keys).
-    measures
-        Each of shape (k, 2): of the design and its rival; nan for a run without.
-    completed
-        Shape (k, 2).
-    """
-
-    runs: Array
-    values: Array
-    measures: dict[str, Array]
-    completed: Array
 
 
 def study_content(state: DesignState, robots: Robots, runs: int) -> dict[str, Any]:
@@ -66,20 +43,22 @@ def study_content(state: DesignState, robots: Robots, runs: int) -> dict[str, An
     return {"scenario": scenario, "laws": laws, "runs": runs, "sampling": "sobol", "draws": draws}
 
 
-def send_study(send: Sender, content: dict[str, Any]) -> None:
-    """Run a study and send each `StudyChunk`, for a `Job`."""
+def send_study(send: Sender, state: DesignState, robots: Robots, runs: int) -> None:
+    """Send the content of a study of a design, then run it and send each `StudyChunk`, for a `Job`."""
+    content = study_content(state, robots, runs)
+    send(content)
     study = Study.parse(content)
     draws = study.draw()
     integration = choose_study_integration(Cases(study), draws)
     engine = build_engine(study, integration, "auto")
     for start in range(0, study.runs, CHUNK):
-        runs = np.arange(start, min(start + CHUNK, study.runs))
-        result = engine.run(runs, draws.values[runs], draws.seeds[runs])
-        send(StudyChunk(runs, draws.values[runs], result.measures, result.completed))
+        chunk = np.arange(start, min(start + CHUNK, study.runs))
+        result = engine.run(chunk, draws.values[chunk], draws.seeds[chunk])
+        send(StudyChunk(chunk, draws.values[chunk], result.measures, result.completed))
 
 
-def replay(content: dict[str, Any], run: int) -> RunPair:
-    """Simulate one run of a study again, with its trajectories."""
+def send_replay(send: Sender, content: dict[str, Any], run: int) -> None:
+    """Simulate one run of a study again, with its trajectories, and send its curves, for a `Job`."""
     study = Study.parse(content)
     draws = study.draw()
     cases = Cases(study)
@@ -89,4 +68,4 @@ def replay(content: dict[str, Any], run: int) -> RunPair:
         curves_of(simulator.trace(draws.values[run], seed, law), f"{law}, run {run}", METRICS_START)
         for law in study.law_names
     )
-    return RunPair(design, rival)
+    send(CurvePair(design, rival))

@@ -1,19 +1,17 @@
 """The Study tab: many drawn robots, a cloud that fills, and the run behind each dot."""
 
-import importlib
+import asyncio
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from nicegui import background_tasks, events, ui
 
 from tarc.studio.figures import EMPTY, cloud_figure, curves_figure
-from tarc.studio.jobs import DESIGN_ERRORS, Job, JobError
+from tarc.studio.jobs import Job, JobError, first_result
+from tarc.studio.results import CurvePair, StudyChunk
 from tarc.studio.run_panel import MEASURES
-from tarc.studio.session import Session, in_thread
-
-if TYPE_CHECKING:
-    from tarc.studio.study_runs import StudyChunk
+from tarc.studio.session import Session
 
 MAX_RUNS = 5000
 
@@ -62,24 +60,15 @@ class StudyTab:
         """Run the study of the present design from its beginning."""
         self.stop()
         self._summary.set_text("starting")
-        study_runs = await in_thread(importlib.import_module, "tarc.studio.study_runs")
-        self.stop()
         runs = int(min(max(self._runs.value or 8, 8), MAX_RUNS))
-        try:
-            self._content = study_runs.study_content(self._session.state, self._session.robots, runs)
-        except DESIGN_ERRORS as error:
-            self._summary.set_text(str(error))
-            return
-        self._chunks = []
-        keys = list(self._content["draws"])
-        self._x.set_options(keys, value=next((key for key in keys if key.endswith(".mass")), keys[0]))
-        job = await in_thread(Job, study_runs.send_study, self._content)
+        session = self._session
+        job = await asyncio.to_thread(Job, "tarc.studio.study_runs:send_study", session.state, session.robots, runs)
         self.stop()
-        if self._session.is_closed:
+        if session.is_closed:
             job.cancel()
             return
         self._job = job
-        background_tasks.create(self._follow(job, runs))
+        background_tasks.create(self._follow(job))
 
     def stop(self) -> None:
         """End the study; what is there stays."""
@@ -87,16 +76,25 @@ class StudyTab:
             self._job.cancel()
             self._job = None
 
-    async def _follow(self, job: Job, runs: int) -> None:
+    async def _follow(self, job: Job) -> None:
         try:
-            async for chunk in job.results():
+            async for message in job.results():
                 if job is not self._job:
                     return
-                self._chunks.append(chunk)
-                self._progress.set_value(len(self._chunks[-1].runs) / runs + float(chunk.runs[0]) / runs)
-                self._draw()
+                if isinstance(message, StudyChunk):
+                    self._chunks.append(message)
+                    self._progress.set_value((message.runs[-1] + 1) / self._content["runs"])
+                    self._draw()
+                else:
+                    self._begin(message)
         except JobError as error:
             self._summary.set_text(str(error))
+
+    def _begin(self, content: dict[str, Any]) -> None:
+        """Show what the study draws, before its first run."""
+        self._content, self._chunks = content, []
+        keys = list(content["draws"])
+        self._x.set_options(keys, value=next((key for key in keys if key.endswith(".mass")), keys[0]))
 
     def _draw(self) -> None:
         if not self._chunks or self._x.value is None:
@@ -122,13 +120,15 @@ class StudyTab:
             await self._replay_number()
 
     async def _replay_number(self) -> None:
-        from tarc.studio.study_runs import replay
-
         if not self._content:
             self._replayed.set_text("Run a study first.")
             return
         run = int(min(max(self._number.value or 0, 0), self._content["runs"] - 1))
-        pair = await in_thread(replay, self._content, run)
+        try:
+            pair: CurvePair = await first_result("tarc.studio.study_runs:send_replay", self._content, run)
+        except JobError as error:
+            self._replayed.set_text(str(error))
+            return
         self._replayed.set_text(f"Run {run}: design {pair.design.status}, rival {pair.rival.status}")
         for quantity, plot in self._curves.items():
             plot.update_figure(curves_figure(pair, quantity, ""))

@@ -1,12 +1,13 @@
 """Upload of a robot: the button of the page, and the motion that its robot gets."""
 
+import asyncio
 from pathlib import Path
 from typing import Any
 
 from nicegui import events, ui
 
 from tarc.core.errors import RobotFileError
-from tarc.studio.session import Session, in_thread
+from tarc.studio.session import Session
 from tarc.studio.upload import UploadedRobot, read_upload
 from tarc.studio.upload_files import UploadLimits
 
@@ -55,7 +56,7 @@ class UploadPanel:
         self._show("Reading the robot …")
         options = {} if self._armature.value is None else {"armature": float(self._armature.value)}
         try:
-            robot = await in_thread(self._read_files, files, options)
+            robot = await asyncio.to_thread(self._read_files, files, options)
         except RobotFileError as error:
             self._show(str(error))
             return
