@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+import arm_study
+from arm_study import TARC
 from tarc.core.errors import CompilationError, EngineWarning, InvalidParameter, UnsupportedLaw
 from tarc.core.lane_loop import LaneLoop
 from tarc.simulation.integration import Integration
@@ -14,26 +16,7 @@ from tarc.study.engines import Simulator
 from tarc.study.specification import Study
 
 METHOD = Integration("Runge–Kutta", 2)
-TARC = {
-    "kind": "TARC",
-    "inertia": {"fraction": 0.08},
-    "natural_frequency": 15.0,
-    "rise_rate": 2000.0,
-    "fall_rate": 1000.0,
-    "boundary_layer": 0.015,
-    "max_gain": 5.0,
-}
-SCENARIO = {
-    "robot": {"kind": "TwoLinkArm", "viscous": [0.5, 0.5]},
-    "law": [TARC, {"kind": "TDC", "inertia": {"fraction": 0.08}, "natural_frequency": 15.0}],
-    "estimator": {"kind": "Algebraic", "window": 0.01, "degree": 2},
-    "reference": {"kind": "Sinusoid", "amplitude": [0.3, 0.4], "frequency": [2.0, 3.0], "offset": [0.0, 1.5]},
-    "sensor": {"bits": 16, "noise": 1e-5},
-    "initial_torque": "rest",
-    "duration": 0.3,
-    "metrics_start": 0.1,
-    "substeps": 2,
-}
+SCENARIO = {**arm_study.SCENARIO, "sensor": {"bits": 16, "noise": 1e-5}}
 
 
 def make_study(draws=None, runs=6, *, draws_noise=True, **more):

@@ -3,37 +3,18 @@
 import numpy as np
 import pytest
 
+import arm_study
+from arm_study import TARC, TDC
 from tarc.core.errors import InvalidParameter
 from tarc.study import Study, find_worst_case
 from tarc.study.cases import Cases
 from tarc.study.distributions import Choice
 
-TARC = {
-    "kind": "TARC",
-    "inertia": {"fraction": 0.08},
-    "natural_frequency": 15.0,
-    "rise_rate": 2000.0,
-    "fall_rate": 1000.0,
-    "boundary_layer": 0.015,
-    "max_gain": 5.0,
-}
-TDC = {"kind": "TDC", "inertia": {"fraction": 0.08}, "natural_frequency": 15.0}
+LINKS = {"masses": [1.0, 1.0], "lengths": [0.5, 0.5], "centres": [0.3, 0.2], "inertias": [0.02, 0.01]}
 SCENARIO = {
-    "robot": {
-        "kind": "TwoLinkArm",
-        "masses": [1.0, 1.0],
-        "lengths": [0.5, 0.5],
-        "centres": [0.3, 0.2],
-        "inertias": [0.02, 0.01],
-    },
-    "law": [TARC, TDC],
-    "estimator": {"kind": "Algebraic", "window": 0.01, "degree": 2},
-    "reference": {"kind": "Sinusoid", "amplitude": [0.3, 0.4], "frequency": [2.0, 3.0], "offset": [0.0, 1.5]},
+    **arm_study.SCENARIO,
+    "robot": {"kind": "TwoLinkArm", **LINKS},
     "sensor": {"noise": 1e-6},
-    "initial_torque": "rest",
-    "duration": 0.3,
-    "metrics_start": 0.1,
-    "substeps": 2,
 }
 PAYLOAD = {"robot.payload": {"uniform": [0.0, 1.0]}}
 PENDULUM = """<mujoco><worldbody><body><joint axis="0 1 0"/>

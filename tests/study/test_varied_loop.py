@@ -3,33 +3,21 @@
 import numpy as np
 import pytest
 
+import arm_study
 from tarc.simulation.integration import Integration
 from tarc.study import Study, engines
 from tarc.study.cases import Cases
 from tarc.study.engines import Simulator
 
 METHOD = Integration("Runge–Kutta", 2)
-TARC = {
-    "kind": "TARC",
-    "inertia": {"fraction": 0.08},
-    "natural_frequency": 15.0,
-    "rise_rate": 2000.0,
-    "fall_rate": 1000.0,
-    "boundary_layer": 0.015,
-    "max_gain": 5.0,
-    "initial_gain": 0.5,
-}
 SCENARIO = {
-    "robot": {"kind": "TwoLinkArm", "viscous": [0.5, 0.5]},
-    "law": [TARC, {"kind": "ComputedTorque", "model": "robot", "natural_frequency": 10.0}],
-    "estimator": {"kind": "Algebraic", "window": 0.01, "degree": 2},
-    "reference": {"kind": "Sinusoid", "amplitude": [0.3, 0.4], "frequency": [2.0, 3.0], "offset": [0.0, 1.5]},
+    **arm_study.SCENARIO,
+    "law": [
+        {**arm_study.TARC, "initial_gain": 0.5},
+        {"kind": "ComputedTorque", "model": "robot", "natural_frequency": 10.0},
+    ],
     "sensor": {"resolution": 1e-4, "noise": 1e-5},
     "torque_limits": {"magnitude": 80.0, "rate": 1e5},
-    "initial_torque": "rest",
-    "duration": 0.3,
-    "metrics_start": 0.1,
-    "substeps": 2,
 }
 PAYLOAD = {"uniform": [0.0, 1.0]}
 DRAWS = {

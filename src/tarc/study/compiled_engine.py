@@ -16,9 +16,10 @@ from tarc.simulation.batch import BatchLoop, BatchResult
 from tarc.simulation.batch_inputs import LoopCase, RunInputs
 from tarc.simulation.integration import Integration
 from tarc.simulation.simulator import with_limits
-from tarc.study.cases import Case, Cases
+from tarc.study.cases import Cases
 from tarc.study.direct_draws import DirectDraws, DirectRun
 from tarc.study.distributions import Choice
+from tarc.study.drawn_case import Case
 from tarc.study.drawn_keys import NUMBERS
 from tarc.study.engines import ChunkResult, Simulator
 

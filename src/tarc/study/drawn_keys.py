@@ -66,6 +66,11 @@ class DrawnKey:
         """Whether it changes laws, and not what is simulated."""
         return self.section in ("law", "estimator")
 
+    @property
+    def is_of_estimator(self) -> bool:
+        """Whether it changes an estimator of laws."""
+        return self.section == "estimator" or (self.section == "law" and self.path[0] == "estimator")
+
     def overlaps(self, other: "DrawnKey") -> bool:
         """Return whether both are places of one number."""
         if self.section != other.section or (

@@ -27,7 +27,8 @@ from tarc.simulation.run import Run
 from tarc.simulation.sampled_inputs import InitialConditions, SampledInputs, initial_conditions
 from tarc.simulation.simulator import Simulation, prepare_simulation
 from tarc.simulation.varying import DRAWN_BEFORE
-from tarc.study.cases import Case, Cases
+from tarc.study.cases import Cases
+from tarc.study.drawn_case import Case
 from tarc.study.varied_loop import TRIAL_PERIODS, TrialRun, VariedLoop
 
 VIRTUAL_MACHINE = "virtual machine"
