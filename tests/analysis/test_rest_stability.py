@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import tarc
-from tarc.analysis.rest_stability import _unstable_among, unstable_posture
+from tarc.analysis.linearise import _required_states
+from tarc.analysis.rest_stability import RobotAtRest, _unstable_among, fastest_at_rest, unstable_posture
 from tarc.estimators import Algebraic
 from tarc.laws import PID, TARC, TDC, ComputedTorque
 from tarc.plants import TwoLinkArm
@@ -67,7 +68,38 @@ def test_both_ways_find_the_same_mode(synchronised, delay):
         inertia=[0.5, 0.5], natural_frequency=30.0, rise_rate=1e3, fall_rate=1e3, synchronised=synchronised, **COMMON
     )
     postures = np.array([[0.0, 0.4, 1.0], [0.3, 0.9, 2.0]])
-    quick, general = unstable_posture(law, ARM, postures, delay), _unstable_among(law, ARM, postures, delay)
+    robots = [RobotAtRest(ARM, postures)]
+    quick, general = fastest_at_rest(law, robots, delay), _unstable_among(law, robots, delay)
     assert quick is not None
     assert general is not None
     assert general.growth_rate == pytest.approx(quick.growth_rate, rel=1e-6)
+
+
+@pytest.mark.filterwarnings("ignore::tarc.DesignWarning")
+def test_several_robots_give_the_fastest_mode():
+    """Also where the first mode found is not the fastest, and beside a robot that is stable."""
+    law = UNSTABLE[0]
+    light, heavy = (RobotAtRest(TwoLinkArm(payload=payload), POSTURE[:, None]) for payload in (0.0, 2.0))
+    modes = [fastest_at_rest(law, [robot]) for robot in (light, heavy)]
+    rates = [0.0 if mode is None else mode.growth_rate for mode in modes]
+    assert rates[0] != rates[1]
+    for robots in ([light, heavy], [heavy, light]):
+        fastest = fastest_at_rest(law, robots)
+        assert fastest is not None
+        assert fastest.growth_rate == max(rates)
+
+
+def test_required_states_are_those_on_a_walk_from_input_to_output():
+    """Against powers of the matrix, which count the walks; a cycle among the others keeps all."""
+    rng, kept = np.random.default_rng(0), set()
+    for _ in range(300):
+        n = int(rng.integers(1, 7))
+        F, inputs, outputs = (rng.random(shape) < 0.2 for shape in ((n, n), (n, 1), (1, n)))
+        walks = sum(np.linalg.matrix_power(F.astype(int), k) for k in range(n))
+        expected = (walks @ inputs)[:, 0] * (outputs @ walks)[0] > 0
+        rest = F[np.ix_(~expected, ~expected)].astype(int)
+        if np.linalg.matrix_power(rest, len(rest)).any() and len(rest):
+            expected = np.ones(n, dtype=bool)
+        np.testing.assert_array_equal(_required_states(F, inputs, outputs), expected)
+        kept.add((bool(expected.all()), bool(expected.any())))
+    assert len(kept) == 3  # all, some and none of the states

@@ -296,12 +296,16 @@ def _slopes_at_rest(
     slopes = ca.jacobian(ca.vertcat(*rows, output.torque), ca.vertcat(x, position, acceleration))
     inputs = [x, position, acceleration, *([reference] if anywhere else [])]
     inputs += [] if parameters is None else [parameters]
-    evaluate = ca.Function("slopes", inputs, [slopes], {"cse": True})
+    # common subexpressions take longer to find than they save, unless there are many evaluations
+    evaluate = ca.Function("slopes", inputs, [slopes], {"cse": parameters is not None})
+    places = tuple(np.array(indices, dtype=int) for indices in evaluate.sparsity_out(0).get_triplet())
 
     def at(posture: Array, *numbers: Array) -> tuple[Array, int]:
         present = leaves(controller.init(posture)) if anywhere else values
         x_at_rest = pack(tuple(present[i] for i in varying))
-        return np.array(evaluate(x_at_rest, posture, zero, *([posture] if anywhere else []), *numbers)), len(x_at_rest)
+        J = np.zeros(slopes.shape)
+        J[places] = evaluate(x_at_rest, posture, zero, *([posture] if anywhere else []), *numbers).nonzeros()
+        return J, len(x_at_rest)
 
     return at
 
@@ -315,16 +319,22 @@ def _required_states(F: Array, inputs: Array, outputs: Array) -> Array:
     """Return which states an input reaches and an output shows; all, unless the rest only shifts values out."""
     arrows = F != 0
     shown, reached = (outputs != 0).any(axis=0), (inputs != 0).any(axis=1)
-    before = -1
-    while before < (before := int(shown.sum() + reached.sum())):
-        shown, reached = shown | arrows[shown].any(axis=0), reached | arrows[:, reached].any(axis=1)
-    required = shown & reached
+    required = _ancestors(arrows, shown) & _ancestors(arrows.T, reached)
     unused = arrows[np.ix_(~required, ~required)]
-    walks = unused
-    for _ in range(len(unused)):
-        walks = walks @ unused
+    lasting = np.ones(len(unused), dtype=bool)  # states from which a walk among the unused ones goes on
+    while lasting.sum() > (lasting := unused[:, lasting].any(axis=1)).sum():
+        pass
     # a cycle among the unused states could have an eigenvalue of its own
-    return np.ones_like(required) if walks.any() else required
+    return np.ones_like(required) if lasting.any() else required
+
+
+def _ancestors(arrows: Array, marked: Array) -> Array:
+    """Return which states lead to marked ones, or are marked; arrows[i, j] says that state j enters state i."""
+    found, new = marked, marked
+    while new.any():
+        new = arrows[new].any(axis=0) & ~found
+        found = found | new
+    return found
 
 
 def initial_responses(law: Law, computation_delay: int = 0) -> tuple[Array, Array]:

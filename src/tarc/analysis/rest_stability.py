@@ -1,7 +1,8 @@
 """Stability of a robot held at rest in a posture, and what to change where it is unstable."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -23,7 +24,7 @@ from tarc.laws.base import Law
 from tarc.laws.nominal_inertia import NominalInertia
 from tarc.laws.pole_placement import PolePlacement
 from tarc.laws.tde import TDE
-from tarc.numerics.matrix_tests import schur_stability
+from tarc.numerics.matrix_tests import powers_vanish, schur_stability
 from tarc.plants.base import Plant
 
 MAX_POSTURES = 8
@@ -51,11 +52,9 @@ def rest_state_matrix(
     A_loop, _, C_loop = loop
     M, D, G = robot
     n, n_coupled = len(M), len(C_loop)
-    joints = np.eye(n if n_coupled == 1 else 1)
-    F, H = (
-        np.kron(A_loop[2 * n_coupled :, columns], joints) for columns in (slice(2 * n_coupled, None), slice(n_coupled))
-    )
-    C, E = np.kron(C_loop[:, 2 * n_coupled :], joints), np.kron(C_loop[:, :n_coupled], joints)
+    q, x = slice(n_coupled), slice(2 * n_coupled, None)
+    parts = A_loop[x, x], A_loop[x, q], C_loop[:, x], C_loop[:, q]
+    F, H, C, E = (np.kron(part, np.eye(n)) for part in parts) if n_coupled == 1 else parts
     motion = np.zeros((3 * n, 3 * n))
     motion[:n, n : 2 * n] = np.eye(n)
     motion[n : 2 * n] = np.linalg.solve(M, np.hstack([-G, -D, nominal]))
@@ -119,16 +118,46 @@ def loop_with_model(
     return replace(channel, **matrices).with_delay(computation_delay).closed_loop(0.0)[:3]
 
 
-def unstable_posture(
+@dataclass(frozen=True, eq=False)
+class RobotAtRest:
+    """A robot in some postures, with what the checks of all laws there have in common.
+
+    Attributes
+    ----------
+    plant
+        The robot.
+    positions
+        Postures [rad or m], shape (n, k).
+    """
+
+    plant: Plant
+    positions: Array
+
+    @cached_property
+    def inertias(self) -> Array:
+        """Return the inertia M in each posture [kg m² or kg], shape (k, n, n)."""
+        return np.array([self.plant.inertia(q) for q in self.positions.T])
+
+    @cached_property
+    def tangents(self) -> list[tuple[Array, tuple[Array, Array, Array]]]:
+        """Return at most `MAX_POSTURES` of the postures, each with M, D and G of `Plant.linearised`."""
+        chosen = np.unique(np.linspace(0, self.positions.shape[1] - 1, MAX_POSTURES).astype(int))
+        return [(q, self.plant.linearised(q)) for q in self.positions[:, chosen].T]
+
+
+def unstable_posture(law: Law, plant: Plant, positions: Array, computation_delay: int = 0) -> UnstableMode | None:
+    """Return the fastest growing mode of a robot held at rest in some postures, shape (n, k), as `fastest_at_rest`."""
+    return fastest_at_rest(law, [RobotAtRest(plant, np.asarray(positions))], computation_delay)
+
+
+def fastest_at_rest(
     law: Law,
-    plant: Plant,
-    positions: Array,
+    robots: Sequence[RobotAtRest],
     computation_delay: int = 0,
     *,
     channels: Sequence[Channel] | None = None,
-    inertias: Array | None = None,
 ) -> UnstableMode | None:
-    """Return the fastest growing mode of a robot held at rest in one of some postures; None for none.
+    """Return the fastest growing mode of some robots held at rest in their postures; None for none.
 
     This is quick: it linearises the law once, and the robot only where the inertia ratio alone makes the loop unstable.
     A law whose gains differ between the joints, and one with a model of the robot, is linearised in some of the
@@ -138,44 +167,48 @@ def unstable_posture(
     ----------
     law
         The law. None is returned where it is not linearisable.
-    plant
-        The robot; None is returned for one with passive joints or constraints.
-    positions
-        Postures [rad or m], shape (n, k).
+    robots
+        The robots; one with passive joints or constraints is left out.
     computation_delay
         Periods between a measurement and its torque.
     channels
         The linearised loops of the law, where they exist already.
-    inertias
-        The plant's inertia in each posture, shape (k, n, n), where it exists already.
     """
-    if not plant.is_fully_driven or plant.constraints:
-        return None
-    positions = np.asarray(positions)
-    has_nominal = isinstance(law, PolePlacement) and isinstance(law.inertia, NominalInertia)
-    if not joints_share_loop(law) or not isinstance(law, PolePlacement) or (law.has_model and not has_nominal):
-        return _unstable_among(law, plant, positions, computation_delay)
+    robots = [robot for robot in robots if robot.plant.is_fully_driven and not robot.plant.constraints]
+    if isinstance(law, PolePlacement) and joints_share_loop(law) and (not law.has_model or _has_nominal(law)):
+        witnesses = [_unstable_by_ratio(law, robot, computation_delay, channels) for robot in robots]
+        return max(filter(None, witnesses), key=lambda witness: witness.growth_rate, default=None)
+    return _unstable_among(law, robots, computation_delay)
+
+
+def _has_nominal(law: PolePlacement) -> bool:
+    return isinstance(law.inertia, NominalInertia)
+
+
+def _unstable_by_ratio(
+    law: PolePlacement, robot: RobotAtRest, computation_delay: int, channels: Sequence[Channel] | None
+) -> UnstableMode | None:
+    """Return the fastest growing mode at the least and the largest inertia ratio, of a law with one loop for all."""
+    has_nominal = _has_nominal(law)
     if not has_nominal:
-        if not is_symmetric(plant.command_gain[:, None] * law.M):
+        if not is_symmetric(robot.plant.command_gain[:, None] * law.M):
             return None
-        law, (converted,) = in_torque_units(law, [plant])
-        inertias = inertias if converted is plant else None
-        plant = converted
+        law, (converted,) = in_torque_units(law, [robot.plant])
+        robot = robot if converted is robot.plant else RobotAtRest(converted, robot.positions)
     try:
         channels = decoupled_channels(law, computation_delay) if channels is None else channels
     except NotLinearisable:
         return None
     A, B, C = channels[0].closed_loop(0.0)[:3]
-    if inertias is None:
-        inertias = np.array([plant.inertia(q) for q in positions.T])
-    nominal_inertias = np.array([law.inertia_at(q) for q in positions.T])
-    ratios = 1 / inverse_ratios(inertias, nominal_inertias)
+    plant = robot.plant
+    nominal_inertias = np.array([law.inertia_at(q) for q in robot.positions.T])
+    ratios = 1 / inverse_ratios(robot.inertias, nominal_inertias)
     worst_radius, worst = 1.0, None
     for ratio in (ratios.min(), ratios.max()):
         if np.max(np.abs(np.linalg.eigvals(A + ratio * B @ C))) <= 1:
             continue
         index = int(np.argwhere(ratios == ratio)[0, 0])
-        posture, loop = positions[:, index], (A, B, C)
+        posture, loop = robot.positions[:, index], (A, B, C)
         if has_nominal:
             loop = loop_with_model(law, posture, plant.holding_torque(posture), computation_delay)
         state_matrix = rest_state_matrix(loop, nominal_inertias[index], plant.linearised(posture), law.period)
@@ -186,41 +219,42 @@ def unstable_posture(
     return worst
 
 
-def _unstable_among(law: Law, plant: Plant, positions: Array, computation_delay: int) -> UnstableMode | None:
-    """Return the fastest growing mode at rest in `MAX_POSTURES` of some postures, of any law that has slopes there."""
+def _unstable_among(law: Law, robots: Sequence[RobotAtRest], computation_delay: int) -> UnstableMode | None:
+    """Return the fastest growing mode at rest in some postures of each robot, of any law that has slopes there."""
+    worst_radius, worst = 1.0, None
     try:
-        loop_at = _posture_loops(law, plant, computation_delay)
+        loop_at = _posture_loops(law, computation_delay)
+        for robot in robots:
+            for posture, tangent in robot.tangents:
+                state_matrix = rest_state_matrix(*loop_at(robot.plant, posture), tangent, law.period)
+                if powers_vanish(state_matrix / worst_radius):
+                    continue
+                if np.max(np.abs(np.linalg.eigvals(state_matrix))) <= worst_radius:
+                    continue
+                verdict, radius, mode = schur_stability(state_matrix)
+                if verdict == "refuted":
+                    worst_radius, worst = radius, replace(unstable_mode(radius, mode, law.period), posture=posture)
     except (UnsupportedLaw, NotLinearisable):
         return None
-    worst_radius, worst = 1.0, None
-    chosen = np.unique(np.linspace(0, positions.shape[1] - 1, MAX_POSTURES).astype(int))
-    for posture in positions[:, chosen].T:
-        try:
-            loop, nominal = loop_at(posture)
-        except NotLinearisable:
-            return None
-        state_matrix = rest_state_matrix(loop, nominal, plant.linearised(posture), law.period)
-        if np.max(np.abs(np.linalg.eigvals(state_matrix))) <= worst_radius:
-            continue
-        verdict, radius, mode = schur_stability(state_matrix)
-        if verdict == "refuted":
-            worst_radius, worst = radius, replace(unstable_mode(radius, mode, law.period), posture=posture)
     return worst
 
 
 def _posture_loops(
-    law: Law, plant: Plant, computation_delay: int
-) -> Callable[[Array], tuple[tuple[Array, Array, Array], Array]]:
-    """Return a function from a posture to A, B, C of the loop of all joints there, and its nominal inertia."""
+    law: Law, computation_delay: int
+) -> Callable[[Plant, Array], tuple[tuple[Array, Array, Array], Array]]:
+    """Return a function from a robot in a posture to A, B, C of the loop of all joints there, and its nominal inertia.
+
+    It traces the law only once.
+    """
     if isinstance(law, PolePlacement) and isinstance(law.inertia, NominalInertia):
 
-        def with_model(posture: Array) -> tuple[tuple[Array, Array, Array], Array]:
+        def with_model(plant: Plant, posture: Array) -> tuple[tuple[Array, Array, Array], Array]:
             torque = plant.holding_torque(posture)
             return loop_with_model(law, posture, torque, computation_delay), law.inertia_at(posture)
 
         return with_model
     channel_at = posture_channels(law, computation_delay)
-    return lambda posture: (channel_at(posture).closed_loop(0.0)[:3], np.eye(law.n_joints))
+    return lambda _, posture: (channel_at(posture).closed_loop(0.0)[:3], np.eye(law.n_joints))
 
 
 def describe_instability(
@@ -233,7 +267,7 @@ def describe_instability(
     law
         The law.
     witness
-        The mode that `unstable_posture` returned.
+        The mode that `fastest_at_rest` returned.
     computation_delay
         Periods between a measurement and its torque.
     channels

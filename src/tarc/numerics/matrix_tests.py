@@ -22,6 +22,25 @@ def definiteness(form: Array) -> tuple[str, float, Array]:
     return verdict, float(values[0]), vectors[:, 0]
 
 
+MAX_SQUARINGS = 16
+"""Squarings after which a matrix is left to its eigenvalues."""
+SMALL, LARGE = 0.5, 1e6
+"""Norms of a power that end the squarings: below, its eigenvalues are small; above, its rounding is not."""
+
+
+def powers_vanish(A: Array) -> bool:
+    """Return whether a power A^(2^k) is small, which puts the eigenvalues of A inside the unit circle; no proof.
+
+    It is false also for some A with all of them inside. For a large A this is quicker than its eigenvalues.
+    """
+    for _ in range(MAX_SQUARINGS):
+        A = A @ A
+        norm = float(np.linalg.norm(A))
+        if not SMALL <= norm <= LARGE:
+            return norm < SMALL
+    return False
+
+
 def schur_stability(A: Array) -> tuple[str, float, complex]:
     """Return whether A is Schur stable, its spectral radius and its leading eigenvalue.
 

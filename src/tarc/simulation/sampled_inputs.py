@@ -2,11 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
+from tarc.analysis.rest_stability import RobotAtRest
 from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter
+from tarc.core.types import Array
 from tarc.core.validation import Numbers
 from tarc.laws.base import Law
 from tarc.plants.base import Plant
@@ -17,6 +20,8 @@ from tarc.signals.sensors import Encoder
 Event = Disturbance | Payload | ParameterSchedule
 """A disturbance torque, a payload that is picked up, or a parameter that changes over time."""
 
+REST_POSTURES = 60
+"""Postures of the reference in which a loop is checked at rest."""
 MAX_PERIODS = 10_000_000
 """Largest number of control periods in a run."""
 
@@ -175,6 +180,26 @@ def scheduled_plants(plant: Plant, events: Sequence[Event]) -> list[tuple[float,
             values[event.parameter] = np.reshape(value, np.shape(nominal[event.parameter]))
         plants.append((knot, plant.with_parameters(values) if values else plant))
     return plants
+
+
+def robots_at_rest(plant: Plant, events: Sequence[Event], times: Array, positions: Array) -> list[RobotAtRest]:
+    """Return the robot between two changes by `events`, in the postures of the reference then.
+
+    Parameters
+    ----------
+    plant, events
+        The robot, and what happens to it.
+    times, positions
+        Instants [s], shape (k,), and postures [rad or m], shape (n, k); `REST_POSTURES` of them are taken.
+    """
+    chosen = np.unique(np.linspace(0, len(times) - 1, REST_POSTURES).astype(int))
+    times, positions = times[chosen], positions[:, chosen]
+    robots = []
+    for (start, present), (stop, _) in pairwise([*scheduled_plants(plant, events), (np.inf, plant)]):
+        is_present = (times >= start) & (times < stop)
+        if np.any(is_present):
+            robots.append(RobotAtRest(present, positions[:, is_present]))
+    return robots
 
 
 def initial_conditions(

@@ -3,11 +3,10 @@
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
-from tarc.analysis.rest_stability import describe_instability, unstable_posture
+from tarc.analysis.rest_stability import describe_instability, fastest_at_rest
 from tarc.control.digital_controller import DigitalController, checked_limits
 from tarc.core import validation as check
 from tarc.core.errors import DesignWarning, InvalidParameter
@@ -36,8 +35,8 @@ from tarc.simulation.sampled_inputs import (
     SampledInputs,
     check_compatible,
     initial_conditions,
+    robots_at_rest,
     sample_inputs,
-    scheduled_plants,
 )
 
 MAX_JITTER = 0.9
@@ -294,22 +293,13 @@ class Simulation:
         return Run(data.assign_attrs(attributes), self.plant)
 
 
-def describe_instability_at_rest(
-    plant: Plant, law: Law, inputs: SampledInputs, computation_delay: int, n_postures: int = 60
-) -> str:
+def describe_instability_at_rest(plant: Plant, law: Law, inputs: SampledInputs, computation_delay: int) -> str:
     """Return in words the posture of the reference in which a loop is unstable at rest, and the remedy; empty for none.
 
-    Empty also for a law that `unstable_posture` does not decide.
+    Empty also for a law that `fastest_at_rest` does not decide.
     """
-    indices = np.unique(np.linspace(0, len(inputs.times) - 1, n_postures).astype(int))
-    times = inputs.times[indices]
-    postures = inputs.reference[0][:, indices]
-    witnesses = []
-    for (start, present_plant), (stop, _) in pairwise([*scheduled_plants(plant, inputs.events), (np.inf, plant)]):
-        is_present = (times >= start) & (times < stop)
-        if np.any(is_present):
-            witnesses.append(unstable_posture(law, present_plant, postures[:, is_present], computation_delay))
-    worst = max(filter(None, witnesses), key=lambda witness: witness.growth_rate, default=None)
+    robots = robots_at_rest(plant, inputs.events, inputs.times, inputs.reference[0])
+    worst = fastest_at_rest(law, robots, computation_delay)
     return describe_instability(law, worst, computation_delay) if worst else ""
 
 

@@ -4,16 +4,14 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import Any, TypeGuard
 
 import numpy as np
 
 from tarc.analysis.linearise import Channel, decoupled_channels, joints_share_loop
-from tarc.analysis.rest_stability import unstable_posture
+from tarc.analysis.rest_stability import RobotAtRest, fastest_at_rest
 from tarc.control.digital_controller import DigitalController, checked_limits
 from tarc.core.errors import DesignWarning, InvalidParameter, JointLimitWarning, NotLinearisable, ScenarioError
-from tarc.core.types import Array
 from tarc.laws.base import Law
 from tarc.laws.nominal_inertia import NominalInertia
 from tarc.laws.pole_placement import PolePlacement
@@ -32,14 +30,11 @@ from tarc.simulation.sampled_inputs import (
     SampledInputs,
     check_compatible,
     initial_conditions,
+    robots_at_rest,
     sample_inputs,
-    scheduled_plants,
 )
 from tarc.simulation.simulator import PILOT_PERIODS
 from tarc.study.trial_lanes import TrialLanes, lanes_or_none
-
-REST_POSTURES = 60
-"""Postures of the reference in which a loop is checked at rest, as before a run."""
 
 N_COMPARED = 2
 """Laws that are run in both ways before trials run side by side."""
@@ -114,14 +109,10 @@ class TrialScenario:
     def growth_rate(self, law: Law, channels: Sequence[Channel] | None = None) -> float:
         """Return the growth rate of the fastest unstable mode at rest in a posture of the reference [1/s].
 
-        Zero for a loop that is stable there, and for a law that `unstable_posture` does not decide.
+        Zero for a loop that is stable there, and for a law that `fastest_at_rest` does not decide.
         """
-        delay = self.scenario.computation_delay
-        witnesses = [
-            unstable_posture(law, plant, postures, delay, channels=channels, inertias=inertias)
-            for plant, postures, inertias in self._rest
-        ]
-        return max((witness.growth_rate for witness in witnesses if witness is not None), default=0.0)
+        witness = fastest_at_rest(law, self._rest, self.scenario.computation_delay, channels=channels)
+        return 0.0 if witness is None else witness.growth_rate
 
     def run_all(self, laws: Sequence[Law]) -> list[TrialRun]:
         """Simulate some laws, side by side where there is machine code for them."""
@@ -220,20 +211,10 @@ class TrialScenario:
         return TrialRun(measures["rms_error"], measures["torque_variation"], 1.0)
 
     @cached_property
-    def _rest(self) -> list[tuple[Plant, Array, Array | None]]:
-        """The robot between two changes, the postures of the reference then, and its inertias there."""
+    def _rest(self) -> list[RobotAtRest]:
+        """The robot between two changes, in the postures of the reference then."""
         times = np.arange(round(self.scenario.duration / self.scenario.period)) * self.scenario.period
-        times = times[np.unique(np.linspace(0, len(times) - 1, REST_POSTURES).astype(int))]
-        postures = self.setup.reference.sample(times)[0]
-        changes = [*scheduled_plants(self.plant, self.setup.events), (np.inf, self.plant)]
-        groups = []
-        for (start, plant), (stop, _) in pairwise(changes):
-            present = postures[:, (times >= start) & (times < stop)]
-            if present.size:
-                has_inertia = plant.is_fully_driven and not plant.constraints
-                inertias = np.array([plant.inertia(q) for q in present.T]) if has_inertia else None
-                groups.append((plant, present, inertias))
-        return groups
+        return robots_at_rest(self.plant, self.setup.events, times, self.setup.reference.sample(times)[0])
 
     @cached_property
     def _method(self) -> Integration:
