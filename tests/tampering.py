@@ -22,13 +22,18 @@ def _parent(content: Any, path: str) -> tuple[Any, Any]:
     return content, int(last) if isinstance(content, list) else last
 
 
+def rewritten(certificate: Certificate, path: str, value: Any) -> Certificate:
+    """Write a certificate and read it with another value at a path of what is written."""
+    content = certificate.to_dict()
+    parent, key = _parent(content, path)
+    assert key in parent or isinstance(parent, list)
+    parent[key] = value
+    return certificate_from_dict(content)
+
+
 def replaced(certificate: Certificate, path: str, value: Any) -> Certificate:
     """Write a certificate and read it with another value at a path of its evidence."""
-    content = certificate.to_dict()
-    parent, key = _parent(content["evidence"], path)
-    assert key in parent or isinstance(parent, list)
-    parent[key] = to_plain(value)
-    return certificate_from_dict(content)
+    return rewritten(certificate, f"evidence.{path}", to_plain(value))
 
 
 def scaled(certificate: Certificate, path: str, factor: float) -> Certificate:

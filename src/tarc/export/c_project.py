@@ -277,7 +277,7 @@ def law_yaml(
     for key, value in sections.items():
         if isinstance(value, dict) and key not in ("scenario", "watch", "parts"):
             lines.append(f"{key}:")
-            lines += [f"  {inner}: {json.dumps(one, ensure_ascii=False)}" for inner, one in value.items()]
+            lines += [f"  {inner}: {json.dumps(entry, ensure_ascii=False)}" for inner, entry in value.items()]
         else:
             lines.append(f"{key}: {json.dumps(value, ensure_ascii=False)}")
     return "\n".join(lines) + "\n"
@@ -290,7 +290,7 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float):
         return value if np.isfinite(value) else str(value)
     if isinstance(value, np.ndarray | list | tuple):
-        return [_plain(one) for one in np.asarray(value).tolist()]
+        return [_plain(entry) for entry in np.asarray(value).tolist()]
     return str(value)
 
 

@@ -217,7 +217,7 @@ class _LawInterface(Interface):
             return f"next[{element}]"
         if element < self._n_joints:
             return f"out->torque[{element}]"
-        signal = next(one for one in self._source.signals if one.start <= element < one.start + one.size)
+        signal = next(signal for signal in self._source.signals if signal.start <= element < signal.start + signal.size)
         index = "" if signal.size == 1 else f"[{element - signal.start}]"
         return f"out->{signal.name}{index}"
 

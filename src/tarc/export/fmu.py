@@ -157,19 +157,19 @@ def export_fmu(
     }
     compiled = _compile(content, name, fmi, chosen)
     _write(file, {path: text.encode() for path, text in content.items()} | compiled)
-    names = tuple(one.name for one in changeable.tunables)
+    names = tuple(tunable.name for tunable in changeable.tunables)
     return Fmu(file, name, fmi, tuple(compiled), names, changeable.refused)
 
 
 def _texts(source: CSource, fmi: str, variables: list[Variable], tunables: Sequence[Tunable]) -> dict[str, str]:
     """Return model description and sources by their path in the FMU."""
     wrapper, name = WRAPPERS[fmi], source.name
-    own = {f"sources/{one}": read_text("fmi", Path(__file__).parent / "fmi" / one) for one in ("model.h", wrapper)}
+    own = {f"sources/{file}": read_text("fmi", Path(__file__).parent / "fmi" / file) for file in ("model.h", wrapper)}
     own |= {f"sources/{name}.h": source.header, f"sources/{name}.c": source.source}
     config = _config(source, fmi, variables, tunables)
     token = _token(fmi, config, *own.values())
     own["sources/config.h"] = f'{config}#define TOKEN "{token}"\n\n#endif\n'
-    own |= {f"sources/{one}": read_text("fmpy", _headers() / one) for one in HEADERS[fmi]}
+    own |= {f"sources/{file}": read_text("fmpy", _headers() / file) for file in HEADERS[fmi]}
     facts = FmuFacts(name, source.title, token, source.traced.law.period, (f"{name}.c", wrapper))
     if fmi == "2.0":
         return {"modelDescription.xml": description_2(facts, variables), **own}
@@ -179,15 +179,12 @@ def _texts(source: CSource, fmi: str, variables: list[Variable], tunables: Seque
 
 def _config(source: CSource, fmi: str, variables: list[Variable], tunables: Sequence[Tunable]) -> str:
     """Return what ``model.h`` needs to know about the law."""
-    upper, count = source.name.upper(), sum(len(one.values) for one in tunables)
-    table = [
-        f'VARIABLE({one.reference}, {one.count}, {one.member}, {one.kind}, {one.role}, "{one.name}")'
-        for one in variables
-    ]
+    upper, count = source.name.upper(), sum(len(tunable.values) for tunable in tunables)
+    table = [f'VARIABLE({v.reference}, {v.count}, {v.member}, {v.kind}, {v.role}, "{v.name}")' for v in variables]
     arrays = {
-        "parameter_starts": [value for one in tunables for value in one.values],
-        "parameter_least": [value for one in tunables for value in one.least],
-        "parameter_greatest": [value for one in tunables for value in one.greatest],
+        "parameter_starts": [value for tunable in tunables for value in tunable.values],
+        "parameter_least": [value for tunable in tunables for value in tunable.least],
+        "parameter_greatest": [value for tunable in tunables for value in tunable.greatest],
     }
     lines = [
         "/* What the model knows about the law. */",
@@ -245,9 +242,9 @@ def _page(source: CSource, variables: list[Variable], refused: Mapping[str, str]
     """Return the documentation that the FMU has in it."""
     period = source.traced.law.period
     rows = "".join(
-        f"<tr><td>{escape(one.name)}</td><td>{one.role.lower()}</td><td>{one.size or ''}</td>"
-        f"<td>{escape(one.description)}</td></tr>\n"
-        for one in variables
+        f"<tr><td>{escape(variable.name)}</td><td>{variable.role.lower()}</td><td>{variable.size or ''}</td>"
+        f"<td>{escape(variable.description)}</td></tr>\n"
+        for variable in variables
     )
     fixed = "".join(f"<li>{escape(name)}: {escape(reason)}</li>\n" for name, reason in refused.items())
     return f"""<!DOCTYPE html>
@@ -297,7 +294,7 @@ def _check_replaceable(file: Path) -> None:
 
 
 def _content_hash(archive: zipfile.ZipFile) -> bytes:
-    parts = "\n".join(f"{one.filename} {one.CRC:08x}" for one in archive.infolist())
+    parts = "\n".join(f"{entry.filename} {entry.CRC:08x}" for entry in archive.infolist())
     return hashlib.sha256(parts.encode()).hexdigest().encode()
 
 

@@ -173,14 +173,14 @@ def _role_attributes(variable: Variable) -> dict[str, str]:
 
 def _value_attributes(variable: Variable, elements: Sequence[int]) -> dict[str, str]:
     """Return limits and start values; limits of an array only where all of its elements have the same ones."""
-    found = {}
+    attributes = {}
     for name, values in (("min", variable.least), ("max", variable.greatest)):
         own = {values[index] for index in elements} if values else set()
         if len(own) == 1:
-            found[name] = repr(own.pop())
+            attributes[name] = repr(own.pop())
     if variable.start:
-        found["start"] = " ".join(_number(variable, variable.start[index]) for index in elements)
-    return found
+        attributes["start"] = " ".join(_number(variable, variable.start[index]) for index in elements)
+    return attributes
 
 
 def _number(variable: Variable, value: float) -> str:

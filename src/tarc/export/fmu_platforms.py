@@ -91,17 +91,17 @@ def libraries(folder: Path, name: str, sources: Sequence[str], platforms: Sequen
         Where it fails.
     """
     if platforms is None:
-        here = this_platform()
-        built = {here: _compile(folder, compiler(), name, sources, here)}
+        own = this_platform()
+        built = {own: _compile(folder, compiler(), name, sources, own)}
     else:
-        built = {one: _compile(folder, _zig(one), name, sources, one) for one in platforms}
-    found: dict[str, bytes] = {}
-    for one, content in built.items():
-        where = PLATFORMS[one].folder if version == "2.0" else one
-        found[f"binaries/{where}/{name}{PLATFORMS[one].ending}"] = content
+        built = {target: _compile(folder, _zig(target), name, sources, target) for target in platforms}
+    binaries: dict[str, bytes] = {}
+    for target, content in built.items():
+        place = PLATFORMS[target].folder if version == "2.0" else target
+        binaries[f"binaries/{place}/{name}{PLATFORMS[target].ending}"] = content
     if version == "2.0" and set(CPU_TYPES) <= set(built):
-        found[f"binaries/darwin64/{name}.dylib"] = universal({one: built[one] for one in CPU_TYPES})
-    return found
+        binaries[f"binaries/darwin64/{name}.dylib"] = universal({target: built[target] for target in CPU_TYPES})
+    return binaries
 
 
 def _zig(platform_name: str) -> list[str]:
@@ -126,8 +126,8 @@ def universal(parts: dict[str, bytes]) -> bytes:
     """Return one library for both kinds of Mac: a header, then the libraries, each at a multiple of 2^`ALIGNMENT`."""
     header = struct.pack(">II", 0xCAFEBABE, len(parts))
     content, place = b"", 1 << ALIGNMENT
-    for one, part in parts.items():
-        header += struct.pack(">IIIII", *CPU_TYPES[one], place, len(part), ALIGNMENT)
+    for platform_name, part in parts.items():
+        header += struct.pack(">IIIII", *CPU_TYPES[platform_name], place, len(part), ALIGNMENT)
         padded = part + b"\0" * (-len(part) % (1 << ALIGNMENT))
         content, place = content + padded, place + len(padded)
     return header + b"\0" * ((1 << ALIGNMENT) - len(header)) + content

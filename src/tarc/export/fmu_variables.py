@@ -76,14 +76,14 @@ def fmu_variables(source: CSource, tunables: Sequence[Tunable], joint_names: Seq
     """Return the variables of a law's FMU: the time, inputs, outputs, then parameters."""
     n = source.traced.n_joints
     joints = tuple(joint_names)
-    found: list[Variable] = []
+    variables: list[Variable] = []
 
     def add(
         name: str, description: str, size: int, member: str, kind: str, role: str, **more: tuple[float, ...]
     ) -> None:
-        reference = sum(one.count for one in found)
+        reference = sum(variable.count for variable in variables)
         own = joints if size == n == len(joints) else ()
-        found.append(Variable(name, description, reference, size, member, kind, role, joints=own, **more))
+        variables.append(Variable(name, description, reference, size, member, kind, role, joints=own, **more))
 
     add("time", "time [s]", 0, "time", "REAL", "INDEPENDENT")
     for name, description in INPUTS.items():
@@ -105,13 +105,13 @@ def fmu_variables(source: CSource, tunables: Sequence[Tunable], joint_names: Seq
     text = "whether applied_torque is read; else the torque counts as applied"
     add("uses_applied_torque", text, 0, "uses_applied_torque", "BOOLEAN", "FIXED", start=(0.0,))
     place = 0
-    for one in tunables:
-        text = f"parameter {one.name} of the law; a certificate holds for the exported value alone"
-        size = len(one.values) if len(one.values) > 1 else 0
-        limits = {"start": one.values, "least": one.least, "greatest": one.greatest}
-        add(one.name, text, size, f"parameter[{place}]", "REAL", "TUNABLE", **limits)
-        place += len(one.values)
-    return found
+    for tunable in tunables:
+        text = f"parameter {tunable.name} of the law; a certificate holds for the exported value alone"
+        size = len(tunable.values) if len(tunable.values) > 1 else 0
+        limits = {"start": tunable.values, "least": tunable.least, "greatest": tunable.greatest}
+        add(tunable.name, text, size, f"parameter[{place}]", "REAL", "TUNABLE", **limits)
+        place += len(tunable.values)
+    return variables
 
 
 PER_JOINT = ("velocity_estimate",)

@@ -32,11 +32,11 @@ def write_folder(name: str, folder: str | Path, texts: Mapping[str, str]) -> lis
         For files that are in the way, none of which is touched, and a folder that cannot be written.
     """
     root = make_folder(name, folder)
-    known = _hashes(root)
+    earlier = _hashes(root)
     foreign = [
         path
         for path, text in texts.items()
-        if (root / path).exists() and not _is_ours(root / path, text, known.get(path))
+        if (root / path).exists() and not _is_ours(root / path, text, earlier.get(path))
     ]
     if foreign:
         raise InvalidParameter(
@@ -50,17 +50,17 @@ def write_folder(name: str, folder: str | Path, texts: Mapping[str, str]) -> lis
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_text(text, encoding="utf-8")
         files.append(file)
-    hashes = known | {path: _hash(text.encode()) for path, text in texts.items()}
+    hashes = earlier | {path: _hash(text.encode()) for path, text in texts.items()}
     with writing(name, root / MANIFEST):
         (root / MANIFEST).write_text(json.dumps(hashes, indent=1, sort_keys=True) + "\n", encoding="utf-8")
     return files
 
 
-def _is_ours(file: Path, text: str, known: str | None) -> bool:
+def _is_ours(file: Path, text: str, digest: str | None) -> bool:
     if not file.is_file():
         return False
     content = file.read_bytes()
-    return content == text.encode() or _hash(content) == known
+    return content == text.encode() or _hash(content) == digest
 
 
 def _hashes(root: Path) -> dict[str, str]:

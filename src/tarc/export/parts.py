@@ -126,7 +126,7 @@ class Parts:
     def names(self) -> list[str]:
         """Return the parts that there are."""
         has = {"estimator": True, "inertia": self._model is not None, "reference": self.reference is not None}
-        return [name for name, there in has.items() if there]
+        return [name for name, is_present in has.items() if is_present]
 
     def texts(self) -> dict[str, str]:
         """Return header, source, test and its expected bits by path.
@@ -216,7 +216,7 @@ class Parts:
     def _formula(self) -> ca.Function:
         assert self.reference is not None
         time = ca.SX.sym("t")
-        outputs = [ca.densify(ca.SX(one)) for one in self.reference.at(time)]
+        outputs = [ca.densify(ca.SX(expression)) for expression in self.reference.at(time)]
         return ca.Function("reference", [time], outputs, {"cse": True})
 
     @property
@@ -371,10 +371,10 @@ def piecewise(pieces: PolynomialPieces, time: float) -> Array:
     if time < times[0] or time > times[-1]:
         return np.concatenate([coefficients[0, 0] if time < times[0] else end, zero, zero])
     first = min(int(np.searchsorted(times, time, side="right")) - 1, len(coefficients) - 1)
-    u = time - times[first]
+    elapsed = time - times[first]
     q, v, a = coefficients[first, 5], zero, zero
     for j in range(4, -1, -1):
-        a = a * u + v
-        v = v * u + q
-        q = q * u + coefficients[first, j]
+        a = a * elapsed + v
+        v = v * elapsed + q
+        q = q * elapsed + coefficients[first, j]
     return np.concatenate([q, v, real(2) * a])

@@ -146,8 +146,8 @@ def _start(law: Law, limits: TorqueLimits | None) -> ca.Function:
     symbols = ca.vertcat(*(ca.vec(part) for part in leaves(tuple(parts))))
     example = law.model_at_rest(np.zeros(n), np.zeros(n)) if isinstance(law, TDE) and has_model else ()
 
-    def state(z: Array) -> Array:
-        q, applied, *model = unpack((np.zeros(n), np.zeros(n), *example), z)
+    def state(values: Array) -> Array:
+        q, applied, *model = unpack((np.zeros(n), np.zeros(n), *example), values)
         if isinstance(law, TDE) and has_model:
             return pack(law.with_model_state(super(TDE, law).init(q, applied), *model))
         return pack(limited_start(law, limits, q, applied))
@@ -181,9 +181,9 @@ def affine(state: Callable[[Array], Array], symbols: ca.SX, scale: Array, label:
     base = state(np.zeros(size))
     columns = np.array([(state(step * unit) - base) / step for unit, step in zip(np.eye(size), scale, strict=True)])
     rng = np.random.default_rng(0)
-    for z in scale * rng.uniform(-1, 1, (START_PROBES, size)):
-        expected, found = state(z), base + z @ columns
-        if not np.all(np.abs(found - expected) <= START_TOLERANCE * (1 + np.abs(expected))):
+    for values in scale * rng.uniform(-1, 1, (START_PROBES, size)):
+        expected, affine_value = state(values), base + values @ columns
+        if not np.all(np.abs(affine_value - expected) <= START_TOLERANCE * (1 + np.abs(expected))):
             raise UnsupportedLaw(
                 f"export: the state of {label} at the start is not affine in position and torque, so that "
                 "it has no C; run it by Controller, or export another law"

@@ -115,20 +115,20 @@ def tunable_law(law: Law, traced: TracedLaw, names: Sequence[str] | None = None)
 
 def _candidates(law: Law) -> dict[str, Tunable]:
     """Return the law's parameters that are numbers, with the range in which the law can be built."""
-    found = {}
+    candidates = {}
     numbers = {field.name: getattr(law, field.name) for field in fields(law) if field.name not in FIXED}
     if isinstance(law, PolePlacement) and _is_matrix(law.inertia):
         numbers[SCALE] = 1.0
     for name, value in numbers.items():
         if not _is_numbers(value):
             continue
-        values = tuple(float(one) for one in np.atleast_1d(np.asarray(value, dtype=float)))
+        values = tuple(float(number) for number in np.atleast_1d(np.asarray(value, dtype=float)))
         down, up = 1 / RANGE, 1.0 if name in DOWN_ONLY else RANGE
         least = values if _build(law, name, np.multiply(values, down)) is None else _times(values, down)
         greatest = values if _build(law, name, np.multiply(values, up)) is None else _times(values, up)
         if least != greatest:
-            found[name] = Tunable(name, values, least, greatest)
-    return found
+            candidates[name] = Tunable(name, values, least, greatest)
+    return candidates
 
 
 def _is_numbers(value: Any) -> bool:
@@ -176,21 +176,21 @@ def _with_symbols(law: Law, symbols: dict[str, ca.SX]) -> Law:
 
 def _computed(law: Law, symbols: dict[str, ca.SX]) -> dict[str, ca.SX]:
     """Return gains, M̂ and torque limits as far as they depend on symbols."""
-    n, found = law.n_joints, {}
+    n, computed = law.n_joints, {}
     if isinstance(law, PolePlacement) and law.natural_frequency is not None:
         omega, zeta = symbols.get("natural_frequency"), symbols.get("damping_ratio")
         if omega is not None:
-            found["K1"] = ca.diag(_vector(omega * omega, n))
+            computed["K1"] = ca.diag(_vector(omega * omega, n))
         if omega is not None or zeta is not None:
             ratio = _vector(law.damping_ratio if zeta is None else zeta, n)
-            found["K2"] = ca.diag(2 * ratio * _vector(law.natural_frequency if omega is None else omega, n))
+            computed["K2"] = ca.diag(2 * ratio * _vector(law.natural_frequency if omega is None else omega, n))
     if isinstance(law, PolePlacement) and "inertia" in symbols:
-        found["M"] = ca.diag(_vector(symbols["inertia"], n))
+        computed["M"] = ca.diag(_vector(symbols["inertia"], n))
     if isinstance(law, PolePlacement) and SCALE in symbols:
-        found["M"] = symbols[SCALE] * law.M
+        computed["M"] = symbols[SCALE] * law.M
     if "torque_limit" in symbols:
-        found["torque_limits"] = _vector(symbols["torque_limit"], n)
-    return found
+        computed["torque_limits"] = _vector(symbols["torque_limit"], n)
+    return computed
 
 
 def _vector(value: Any, n: int) -> ca.SX:
@@ -201,7 +201,7 @@ def _vector(value: Any, n: int) -> ca.SX:
 
 def _extended(law: Law, traced: TracedLaw, tunables: list[Tunable]) -> tuple[TracedLaw | None, str]:
     """Return the law with the parameters at the end of its state, or None and why not."""
-    symbols = {one.name: ca.SX.sym(one.name, len(one.values)) for one in tunables}
+    symbols = {tunable.name: ca.SX.sym(tunable.name, len(tunable.values)) for tunable in tunables}
     changed = _with_symbols(law, symbols)
     try:
         with warnings.catch_warnings():
@@ -222,7 +222,7 @@ def _extended(law: Law, traced: TracedLaw, tunables: list[Tunable]) -> tuple[Tra
         {"cse": True},
     )
     q, torque = ca.SX.sym("q", law.n_joints), ca.SX.sym("torque", law.n_joints)
-    values = [value for one in tunables for value in one.values]
+    values = [value for tunable in tunables for value in tunable.values]
     at_rest = traced.start(q, torque)
     start = ca.Function("start", [q, torque], [ca.vertcat(at_rest, ca.SX(values))], {"cse": True})
     reason = _difference(law, traced.torque_limits, step, tunables)
@@ -231,27 +231,27 @@ def _extended(law: Law, traced: TracedLaw, tunables: list[Tunable]) -> tuple[Tra
 
 def _difference(law: Law, limits: TorqueLimits | None, step: ca.Function, tunables: list[Tunable]) -> str:
     """Return how the step with changeable parameters differs from the law itself; empty where it does not."""
-    values = np.array([value for one in tunables for value in one.values])
+    values = np.array([value for tunable in tunables for value in tunable.values])
     n_joints, torque = law.n_joints, np.minimum(law.torque_limits / (2 * RANGE), 1.0)
     start = _state_at_start(law, limits, torque)
     expected = _trial(Controller(law, torque_limits=limits).function, start, n_joints)
-    found = _trial(step, start, n_joints, values)
-    if not np.array_equal(found.view(np.uint64), expected.view(np.uint64)):
+    reached = _trial(step, start, n_joints, values)
+    if not np.array_equal(reached.view(np.uint64), expected.view(np.uint64)):
         return "as a number that may change it rounds differently"
     latest = tunables[-1]
     first = len(values) - len(latest.values)
     for end in (latest.least, latest.greatest):
         if end == latest.values:
             continue
-        other = _build(law, latest.name, np.array(end))
-        assert other is not None  # the range was made so
-        if not np.array_equal(_state_at_start(other, limits, torque), start):
+        rebuilt = _build(law, latest.name, np.array(end))
+        assert rebuilt is not None  # the range was made so
+        if not np.array_equal(_state_at_start(rebuilt, limits, torque), start):
             return "it also sets the state at the start"
         tried = values.copy()
         tried[first:] = end
-        expected = _trial(Controller(other, torque_limits=limits).function, start, n_joints)
-        found = _trial(step, start, n_joints, tried)
-        if not np.all(np.abs(found - expected) <= TOLERANCE * (1 + np.abs(expected))):
+        expected = _trial(Controller(rebuilt, torque_limits=limits).function, start, n_joints)
+        reached = _trial(step, start, n_joints, tried)
+        if not np.all(np.abs(reached - expected) <= TOLERANCE * (1 + np.abs(expected))):
             return "it enters numbers that are computed when the law is built"
     return ""
 

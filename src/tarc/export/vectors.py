@@ -86,8 +86,8 @@ def record(source: CSource, position: Array, torque: Array, inputs: Array) -> Ve
     place = slice(traced.past_torque, traced.past_torque + n)
     for row in inputs:
         applied = row[4 * n : 5 * n]
-        known = np.abs(applied) <= ops.HUGE
-        step.state[place][known] = applied[known]
+        is_reported = np.abs(applied) <= ops.HUGE
+        step.state[place][is_reported] = applied[is_reported]
         step.value[: 4 * n] = row[: 4 * n]
         step.value[4 * n :] = row[5 * n :]
         step.step()
@@ -103,8 +103,8 @@ def _record_single(traced: TracedLaw, position: Array, torque: Array, inputs: Ar
     place = slice(traced.past_torque, traced.past_torque + n)
     for row in inputs:
         applied = row[4 * n : 5 * n]
-        known = np.abs(applied) <= np.float32(SINGLE_HUGE)
-        state[place][known] = applied[known]
+        is_reported = np.abs(applied) <= np.float32(SINGLE_HUGE)
+        state[place][is_reported] = applied[is_reported]
         state, output = step(state, np.concatenate([row[: 4 * n], row[5 * n :]]))
         outputs.append(output)
     return Vectors(position, torque, inputs, np.array(outputs))
@@ -115,7 +115,9 @@ def bit_rows(values: Array, single: bool) -> str:
     bits, real = (np.uint32, np.float32) if single else (np.uint64, np.float64)
     digits, suffix = (8, "u") if single else (16, "ull")
     patterns = np.atleast_2d(values).astype(real).view(bits)
-    return ",\n".join("  {" + ", ".join(f"0x{int(one):0{digits}x}{suffix}" for one in row) + "}" for row in patterns)
+    return ",\n".join(
+        "  {" + ", ".join(f"0x{int(pattern):0{digits}x}{suffix}" for pattern in row) + "}" for row in patterns
+    )
 
 
 def header(source: CSource, vectors: Vectors) -> str:

@@ -191,7 +191,7 @@ def numbers_of(parameters: dict[str, Any]) -> dict[str, Any]:
 
     def plain(value: Any) -> Any:
         if isinstance(value, list):
-            return [plain(one) for one in value]
+            return [plain(entry) for entry in value]
         return float(value) if isinstance(value, str) else value
 
     return {name: plain(value) for name, value in parameters.items()}
@@ -308,23 +308,23 @@ def _compare(source: CSource, command: Sequence[str], work: Path, steps: int, se
     steps = min(steps, 2000) if source.single else steps  # the law in single precision is interpreted
     position, torque, inputs = vectors.inputs_of(source, steps, seed)
     expected = vectors.record(source, position, torque, inputs)
-    found = run_compiled(source, [*command, "-O2"], expected, work)
+    outputs = run_compiled(source, [*command, "-O2"], expected, work)
     real = np.float32 if source.single else np.float64
-    same = (found.view(np.uint32 if source.single else np.uint64)) == expected.outputs.astype(real).view(
+    same = (outputs.view(np.uint32 if source.single else np.uint64)) == expected.outputs.astype(real).view(
         np.uint32 if source.single else np.uint64
     )
     with np.errstate(invalid="ignore", over="ignore"):
-        differences = np.abs(found.astype(float) - expected.outputs.astype(float))
+        differences = np.abs(outputs.astype(float) - expected.outputs.astype(float))
         relative = np.where(same, 0.0, differences / (1 + np.abs(expected.outputs.astype(float))))
     counts = [signal.start for signal in source.traced.signals if signal.name in ("missing", "fault")]
-    decisions = int(np.sum(np.any(found[:, counts] != expected.outputs[:, counts], axis=1)))
+    decisions = int(np.sum(np.any(outputs[:, counts] != expected.outputs[:, counts], axis=1)))
     torque_difference = 0.0
     if source.single:
         double = CSource(source.traced, source.name, False, source.title)
         exact = vectors.record(double, position, torque, inputs).outputs
         n = source.traced.n_joints
-        decisions += int(np.sum(np.any(found[:, counts] != exact[:, counts], axis=1)))
-        torque_difference = float(np.max(np.abs(found[:, :n].astype(float) - exact[:, :n])))
+        decisions += int(np.sum(np.any(outputs[:, counts] != exact[:, counts], axis=1)))
+        torque_difference = float(np.max(np.abs(outputs[:, :n].astype(float) - exact[:, :n])))
     return Comparison(steps, int(np.sum(~same)), float(np.max(relative)), decisions, torque_difference)
 
 

@@ -84,13 +84,13 @@ def command_delay(log: LoopLog, plant: Plant) -> CommandDelay | None:
     takes_torques = all(unit.startswith("N") for unit in plant.torque_units)
     if not log.motion_frequency or plant.unmeasured or not takes_torques:
         return None
-    found, wider = (_in_band(log, plant, band * log.motion_frequency) for band in (BAND, WIDER_BAND))
-    if found is None or wider is None:
+    estimate, wider = (_in_band(log, plant, band * log.motion_frequency) for band in (BAND, WIDER_BAND))
+    if estimate is None or wider is None:
         return None
-    by_noise = (wider.delay - found.delay) / 2
+    by_noise = (wider.delay - estimate.delay) / 2
     turn = 2 * np.pi * log.motion_frequency / 2 * log.period  # of the motion in a period [rad]
-    by_model = MIMICRY * np.sqrt(max(1 - found.explained_share, 0.0)) / turn
-    return replace(found, error=float(np.linalg.norm([found.error, by_noise, by_model])))
+    by_model = MIMICRY * np.sqrt(max(1 - estimate.explained_share, 0.0)) / turn
+    return replace(estimate, error=float(np.linalg.norm([estimate.error, by_noise, by_model])))
 
 
 def _in_band(log: LoopLog, plant: Plant, cutoff: float) -> CommandDelay | None:
@@ -101,18 +101,18 @@ def _in_band(log: LoopLog, plant: Plant, cutoff: float) -> CommandDelay | None:
     T = log.period
     margin = min(int(np.ceil(10 / cutoff / T)) + int(LONGEST) + 1, len(log.times) // 4)
     inner = log.times[margin:-margin]
-    at = inner[:: max(len(inner) // MAX_INSTANTS, 1)]
-    position, velocity, acceleration = (motion(at, order) for order in range(3))
+    instants = inner[:: max(len(inner) // MAX_INSTANTS, 1)]
+    position, velocity, acceleration = (motion(instants, order) for order in range(3))
     model = model_torque(plant, position, velocity, acceleration)
     delays = np.arange(-SLACK, LONGEST + STEP / 2, STEP)
-    shifted = np.stack([torque(at - (delay + HOLD) * T) for delay in delays])
+    shifted = np.stack([torque(instants - (delay + HOLD) * T) for delay in delays])
     n = log.n_joints
-    found, weights, explained = np.zeros((N_BLOCKS, n)), np.zeros((N_BLOCKS, n)), np.zeros((N_BLOCKS, n))
-    for k, rows in enumerate(np.array_split(np.arange(len(at)), N_BLOCKS)):
+    best, weights, explained = np.zeros((N_BLOCKS, n)), np.zeros((N_BLOCKS, n)), np.zeros((N_BLOCKS, n))
+    for k, rows in enumerate(np.array_split(np.arange(len(instants)), N_BLOCKS)):
         for i in range(n):
             columns = _columns(model[rows, i], velocity[rows, i])
-            found[k, i], weights[k, i], explained[k, i] = _best(columns, shifted[:, rows, i].T, delays)
-    return _pooled(found, weights, explained, cutoff)
+            best[k, i], weights[k, i], explained[k, i] = _best(columns, shifted[:, rows, i].T, delays)
+    return _pooled(best, weights, explained, cutoff)
 
 
 def _columns(model: Array, velocity: Array) -> Array:
@@ -136,21 +136,21 @@ def _best(basis: Array, torques: Array, delays: Array) -> tuple[float, float, fl
     return best, float(curvature / max(sums[k], 1e-12 * total)), float(1 - sums[k] / total)
 
 
-def _pooled(found: Array, weights: Array, explained: Array, cutoff: float) -> CommandDelay | None:
+def _pooled(delays: Array, weights: Array, explained: Array, cutoff: float) -> CommandDelay | None:
     """Return the weighted mean over parts (rows) and joints (columns), with the scatter of both as its error."""
     if not np.sum(weights) > 0:
         return None
-    mean = float(np.sum(weights * found) / np.sum(weights))
+    mean = float(np.sum(weights * delays) / np.sum(weights))
     variance = 0.0
     for axis in (0, 1):
         size = np.sum(weights, axis=axis)
-        parts = np.sum(weights * found, axis=axis) / np.maximum(size, 1e-300)
+        parts = np.sum(weights * delays, axis=axis) / np.maximum(size, 1e-300)
         share = size / np.sum(size)
         effective = 1 / np.sum(share**2)
         if effective > 1:
             variance += float(np.sum(share * (parts - mean) ** 2) / (effective - 1))
     size = np.sum(weights, axis=0)
-    by_joint = np.where(size > 0, np.sum(weights * found, axis=0) / np.maximum(size, 1e-300), np.nan)
+    by_joint = np.where(size > 0, np.sum(weights * delays, axis=0) / np.maximum(size, 1e-300), np.nan)
     return CommandDelay(
         delay=mean,
         error=float(np.sqrt(variance)),

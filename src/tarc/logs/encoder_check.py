@@ -66,7 +66,7 @@ def check_encoders(log: LoopLog) -> EncoderCheck:
     the samples of all joints along their velocities. So its variance is the slope of the product of two joints' noise
     over the product of their velocities. Independent noise has no effect on it.
     """
-    known: Array = np.isfinite(log.measured)
+    is_measured: Array = np.isfinite(log.measured)
     resolution = np.array([_resolution(column) for column in log.measured.T])
     is_stale, stale = _stale(log, np.fmax(_noise(log.measured), np.nan_to_num(resolution)))
     fresh = np.where(is_stale[:, None], np.nan, log.measured)
@@ -78,8 +78,8 @@ def check_encoders(log: LoopLog) -> EncoderCheck:
     return EncoderCheck(
         resolution=resolution,
         noise=np.sqrt(np.where(moved < MAX_JITTER_SHARE * total, total - moved, np.nan)),
-        missing=np.mean(~known, axis=0),
-        longest_gap=longest_run(~np.all(known, axis=1)),
+        missing=np.mean(~is_measured, axis=0),
+        longest_gap=longest_run(~np.all(is_measured, axis=1)),
         stale=stale,
         jitter=jitter,
         jitter_error=error,
@@ -88,9 +88,9 @@ def check_encoders(log: LoopLog) -> EncoderCheck:
 
 def _resolution(values: Array) -> float:
     """Return the step of which all differences are whole multiples, by Euclid's algorithm; NaN for none."""
-    known = values[np.isfinite(values)]
-    sizes = np.unique(np.abs(np.diff(known)))
-    rounding = 64 * np.finfo(float).eps * float(np.max(np.abs(known), initial=0.0))
+    valid = values[np.isfinite(values)]
+    sizes = np.unique(np.abs(np.diff(valid)))
+    rounding = 64 * np.finfo(float).eps * float(np.max(np.abs(valid), initial=0.0))
     sizes = sizes[sizes > rounding]
     if len(sizes) < 2:
         return float(sizes[0]) if len(sizes) else np.nan
@@ -101,8 +101,8 @@ def _resolution(values: Array) -> float:
         few = small & (counts <= 1000)
         if 2 * np.count_nonzero(small) < len(sizes) or not np.any(few):
             return np.nan
-        left = np.abs(sizes - counts * step)
-        odd: Array = left[small & (left > MULTIPLE * step)]
+        remainders = np.abs(sizes - counts * step)
+        odd: Array = remainders[small & (remainders > MULTIPLE * step)]
         if len(odd) <= (1 - FULL_SHARE) * np.count_nonzero(small):
             return float(np.sum(sizes[few]) / np.sum(counts[few]))
         step = float(np.min(odd))
@@ -142,12 +142,12 @@ def _stamped_jitter(log: LoopLog) -> tuple[float, float] | None:
     if "sample_time" not in data:
         return None
     stamps = data["sample_time"].values
-    known = np.isfinite(stamps)
-    if np.count_nonzero(known) < N_PARTS:
+    is_stamped = np.isfinite(stamps)
+    if np.count_nonzero(is_stamped) < N_PARTS:
         return None
-    ticks = np.arange(len(stamps))[known]
-    left = stamps[known] - np.polyval(np.polyfit(ticks, stamps[known], 1), ticks)
-    deviation = float(np.std(left))
+    ticks = np.arange(len(stamps))[is_stamped]
+    offsets = stamps[is_stamped] - np.polyval(np.polyfit(ticks, stamps[is_stamped], 1), ticks)
+    deviation = float(np.std(offsets))
     return deviation, deviation / np.sqrt(2 * len(ticks))
 
 
@@ -164,12 +164,12 @@ def _jitter(log: LoopLog, measured: Array, resolution: Array) -> tuple[float, fl
         return 0.0, np.inf
     products = _pair_products(np.clip(noise / size, -6, 6))
     speeds = _pair_products(velocity / size)
-    known = np.isfinite(products)
-    products, speeds = np.where(known, products, 0.0), np.where(known, speeds, 0.0)
+    is_valid = np.isfinite(products)
+    products, speeds = np.where(is_valid, products, 0.0), np.where(is_valid, speeds, 0.0)
     parts = np.array_split(np.arange(len(noise)), N_PARTS)
     above = np.array([np.sum(products[rows] * speeds[rows]) for rows in parts])
     below = np.array([np.sum(speeds[rows] ** 2) for rows in parts])
-    if np.count_nonzero(known) < 10 * N_PARTS or not np.sum(below) > 0:
+    if np.count_nonzero(is_valid) < 10 * N_PARTS or not np.sum(below) > 0:
         return 0.0, np.inf
     variance = float(np.sum(above) / np.sum(below))
     scatter = float(np.sqrt(np.sum((above - variance * below) ** 2)) / np.sum(below))

@@ -101,8 +101,8 @@ class EvenRecord:
         parts = []
         for k in range(count):
             rows = slice(k * length, (k + 1) * length)
-            some = {name: value[rows] for name in tables if (value := getattr(self, name)) is not None}
-            parts.append(replace(self, **some))
+            cut = {name: value[rows] for name in tables if (value := getattr(self, name)) is not None}
+            parts.append(replace(self, **cut))
         return parts
 
     def position_noise(self) -> Array:
@@ -116,10 +116,14 @@ class EvenRecord:
         return np.sqrt(np.mean(used**2, axis=0) / comb(2 * DIFFERENCE, DIFFERENCE))
 
 
-def _interpolated(at: Array, times: Array, values: Array) -> Array:
+def _interpolated(instants: Array, times: Array, values: Array) -> Array:
     """Return values (k, n) linear between their times, without those that are NaN."""
     columns = []
     for column in values.T:
-        known = np.isfinite(column)
-        columns.append(np.interp(at, times[known], column[known]) if np.any(known) else np.full(len(at), np.nan))
+        is_valid = np.isfinite(column)
+        columns.append(
+            np.interp(instants, times[is_valid], column[is_valid])
+            if np.any(is_valid)
+            else np.full(len(instants), np.nan)
+        )
     return np.column_stack(columns)

@@ -112,26 +112,28 @@ class IdentifiedModel:
 
     def remarks(self) -> list[str]:
         """Return what the numbers say about the record or the file, beyond themselves."""
-        found = []
+        remarks = []
         negative = [name for name, high in zip(self.joint_names, self.armature.high, strict=True) if high < 0]
         if negative:
-            found.append(
+            remarks.append(
                 f"rotor inertia below zero at {', '.join(negative)}: the torque is measured behind the rotor, or the "
                 "links of the file are too heavy. It counts as zero"
             )
         if self.payload is not None and self.payload.high < 0:
-            found.append(f"the tool of the file is {-float(self.payload.value):.2g} kg heavier than that of the robot")
+            remarks.append(
+                f"the tool of the file is {-float(self.payload.value):.2g} kg heavier than that of the robot"
+            )
         wide = np.flatnonzero(self.armature.high - self.armature.low > np.maximum(np.abs(self.armature.value), 1e-3))
         if wide.size:
-            found.append(
+            remarks.append(
                 f"rotor inertia is uncertain at {', '.join(self.joint_names[i] for i in wide)}: accelerate these "
                 "joints more, such as by tarc.design.excitation_reference"
             )
         if self.actuation_delay.low > 0:
-            found.append(f"torque acts {1e3 * float(self.actuation_delay.value):.1f} ms after it is recorded")
+            remarks.append(f"torque acts {1e3 * float(self.actuation_delay.value):.1f} ms after it is recorded")
         if self.actuation_delay.high < 0:
-            found.append(f"torque is recorded {-1e3 * float(self.actuation_delay.value):.1f} ms after it acts")
-        return found
+            remarks.append(f"torque is recorded {-1e3 * float(self.actuation_delay.value):.1f} ms after it acts")
+        return remarks
 
     def summary(self) -> dict[str, Any]:
         """Return all numbers as lists, intervals with value, low and high."""
@@ -322,8 +324,8 @@ def _torque(record: EvenRecord) -> Array:
 def _misfit(regression: _Regression, width: float) -> float:
     """Return the log of what a fit without delay leaves at the joints, for a width of dry friction."""
     base, X = regression.at(0.0, width)
-    found = fit(X, regression.torque - base, regression.prior[:-1], regression.fitted_part)
-    return float(np.sum(np.log(found.deviations)))
+    solution = fit(X, regression.torque - base, regression.prior[:-1], regression.fitted_part)
+    return float(np.sum(np.log(solution.deviations)))
 
 
 def _solve(regression: _Regression, width: float, bar: Progress) -> _Solution:
@@ -331,22 +333,22 @@ def _solve(regression: _Regression, width: float, bar: Progress) -> _Solution:
     delay = 0.0
     parts = regression.fitted_part, np.ones(len(regression.times), dtype=bool)
     base, X = regression.at(delay, width)
-    found = fit(X, regression.torque - base, regression.prior[:-1], parts[1])
+    solution = fit(X, regression.torque - base, regression.prior[:-1], parts[1])
     for _ in range(N_DELAYS):
-        rate = regression.rate(delay, width, found.parameters[: X.shape[2]])
+        rate = regression.rate(delay, width, solution.parameters[: X.shape[2]])
         base, X = regression.at(delay, width)
         with_rate = np.concatenate([X, rate[:, :, None]], axis=2)
-        found = fit(with_rate, regression.torque - base, regression.prior, parts[1])
-        delay += float(found.parameters[-1])
+        solution = fit(with_rate, regression.torque - base, regression.prior, parts[1])
+        delay += float(solution.parameters[-1])
         bar.advance()
     base, X = regression.at(delay, width)
     begin = fit(X, regression.torque - base, regression.prior[:-1], parts[0])
-    left = (regression.torque - base - X @ begin.parameters)[~parts[0]]
-    return _Solution(fit=found, delay=delay, explained=_explained(left, regression.torque[~parts[0]]))
+    residual = (regression.torque - base - X @ begin.parameters)[~parts[0]]
+    return _Solution(fit=solution, delay=delay, explained=_explained(residual, regression.torque[~parts[0]]))
 
 
-def _explained(left: Array, torque: Array) -> Array:
-    return 1 - np.var(left, axis=0) / np.maximum(np.var(torque, axis=0), 1e-300)
+def _explained(residual: Array, torque: Array) -> Array:
+    return 1 - np.var(residual, axis=0) / np.maximum(np.var(torque, axis=0), 1e-300)
 
 
 def _result(
@@ -359,7 +361,7 @@ def _result(
         name: Interval.about(values[i * n : (i + 1) * n], errors[i * n : (i + 1) * n])
         for i, name in enumerate(PER_JOINT)
     }
-    other = slice(len(PER_JOINT) * n, -1)
+    inertial = slice(len(PER_JOINT) * n, -1)
     end = ~regression.fitted_part
     q, v, a = (record.motion(regression.times[end], order) for order in range(3))
     own = model_torque(plant, q, v, a)
@@ -367,12 +369,12 @@ def _result(
         joint_names=tuple(plant.joint_names),
         **per_joint,
         coulomb_width=width,
-        payload=None if regression.with_links else Interval.about(values[other][0], errors[other][0]),
+        payload=None if regression.with_links else Interval.about(values[inertial][0], errors[inertial][0]),
         actuation_delay=Interval.about(np.array(solution.delay), errors[-1]),
         encoder_noise=_noise(record),
         explained_by_file=_explained(regression.torque[end] - own, regression.torque[end]),
         explained=solution.explained,
-        inertia_ratio=_inertia_ratio(plant, regression, np.maximum(per_joint["armature"].value, 0.0), values[other]),
+        inertia_ratio=_inertia_ratio(plant, regression, np.maximum(per_joint["armature"].value, 0.0), values[inertial]),
         has_links=regression.with_links,
     )
 
@@ -384,21 +386,21 @@ def _noise(record: EvenRecord) -> Interval:
     return Interval.about(value, np.std(parts, axis=0, ddof=1) / np.sqrt(N_BLOCKS))
 
 
-def _inertia_ratio(plant: RigidBody, regression: _Regression, armature: Array, other: Array) -> tuple[float, float]:
+def _inertia_ratio(plant: RigidBody, regression: _Regression, armature: Array, inertial: Array) -> tuple[float, float]:
     """Return the extreme eigenvalues of M_file(q)⁻¹ M(q) along a record."""
     from scipy.linalg import eigh
 
     n = len(armature)
-    rest, found = np.zeros(n), []
+    zero, extremes = np.zeros(n), []
     for q in regression.motion(regression.times[:: len(regression.times) // N_POSTURES], 0):
         M = regression.bare.inertia(q)
         if regression.links is None:
-            change = other[0] * (regression.loaded.inertia(q) - M)
+            change = inertial[0] * (regression.loaded.inertia(q) - M)
         else:
-            gravity = np.array(regression.links(q, rest, rest)) @ other
-            columns = [np.array(regression.links(q, rest, axis)) @ other - gravity for axis in np.eye(n)]
+            gravity = np.array(regression.links(q, zero, zero)) @ inertial
+            columns = [np.array(regression.links(q, zero, axis)) @ inertial - gravity for axis in np.eye(n)]
             change = np.column_stack(columns)
         M = M + np.diag(armature) + (change + change.T) / 2
-        found.append(eigh(M, plant.inertia(q), eigvals_only=True)[[0, -1]])
-    low, high = np.transpose(found)
+        extremes.append(eigh(M, plant.inertia(q), eigvals_only=True)[[0, -1]])
+    low, high = np.transpose(extremes)
     return float(low.min()), float(high.max())

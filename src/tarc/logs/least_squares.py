@@ -80,9 +80,9 @@ def fit(X: Array, y: Array, prior: Array, rows: Array) -> Fit:
         size[size == 0] = 1.0
         inverse = np.linalg.pinv(normal / np.outer(size, size), rcond=1e-12, hermitian=True) / np.outer(size, size)
         parameters = inverse @ np.einsum("knm,kn->m", weighted, y)
-        left = y - X @ parameters
-        scores = np.einsum("knm,kn->km", weighted, left)
-        sums = np.array([scores[block == b].sum(axis=0) for b in range(N_BLOCKS)])
+        residual = y - X @ parameters
+        scores = np.einsum("knm,kn->km", weighted, residual)
+        sums = np.array([scores[block == part].sum(axis=0) for part in range(N_BLOCKS)])
         errors = np.sqrt(np.sum((sums @ inverse) ** 2, axis=0) * N_BLOCKS / (N_BLOCKS - 1))
-        deviations = np.std(left, axis=0)
+        deviations = np.std(residual, axis=0)
     return Fit(parameters=parameters, errors=errors, deviations=deviations)

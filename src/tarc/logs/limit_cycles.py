@@ -75,8 +75,8 @@ def find_limit_cycles(log: LoopLog, noise: Array) -> tuple[LimitCycle, ...]:
     noise
         Standard deviation of the encoders [rad or m], shape (n,).
     """
-    found = (_limit_cycle(log, joint, float(noise[joint])) for joint in range(log.n_joints))
-    return tuple(cycle for cycle in found if cycle is not None)
+    cycles = (_limit_cycle(log, joint, float(noise[joint])) for joint in range(log.n_joints))
+    return tuple(cycle for cycle in cycles if cycle is not None)
 
 
 def torque_spectrum(log: LoopLog, joint: int) -> tuple[Array, Array]:

@@ -131,10 +131,10 @@ def loop_timing(log: LoopLog) -> LoopTiming | None:
 
 
 def _quantiles(values: Array) -> tuple[float, float, float]:
-    known = values[np.isfinite(values)]
-    if not known.size:
+    valid = values[np.isfinite(values)]
+    if not valid.size:
         return np.nan, np.nan, np.nan
-    median, high, largest = np.quantile(known, [0.5, 0.999, 1.0])
+    median, high, largest = np.quantile(valid, [0.5, 0.999, 1.0])
     return float(median), float(high), float(largest)
 
 
@@ -188,14 +188,14 @@ def _flags(log: LoopLog) -> tuple[Assumption, ...] | None:
     names = str(data.attrs.get("flag_names", "")).strip("[] ")
     words = [name.strip(" \"'") for name in names.split(",") if name.strip(" \"'")]
     values = np.nan_to_num(data["assumption_flags"].values).astype(int)
-    found = []
+    assumptions = []
     for bit, name in enumerate(words):
         outside = (values >> bit) & 1 > 0
         rows = np.flatnonzero(outside)
         first = float(log.times[rows[0]]) if len(rows) else np.nan
-        found.append(
+        assumptions.append(
             Assumption(
                 name=FLAGS.get(name, name), share=float(np.mean(outside)), first_time=first, worst=np.nan, joint=None
             )
         )
-    return tuple(found)
+    return tuple(assumptions)

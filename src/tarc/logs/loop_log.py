@@ -124,10 +124,10 @@ class LoopLog:
         rows = np.arange(len(self.times))
         columns = []
         for name, column in zip(self.joint_names, self.measured.T, strict=True):
-            known = np.isfinite(column)
-            if np.count_nonzero(known) < 2:
+            is_valid = np.isfinite(column)
+            if np.count_nonzero(is_valid) < 2:
                 raise InvalidParameter(f"log: {name} has fewer than two valid samples, so that nothing can be said")
-            columns.append(np.interp(rows, rows[known], column[known]))
+            columns.append(np.interp(rows, rows[is_valid], column[is_valid]))
         return np.column_stack(columns)
 
     @cached_property

@@ -71,13 +71,13 @@ def check_model(record: EvenRecord, plant: Plant, cutoff: float) -> ModelCheck |
     motion = (record.motion(record.times, order) for order in range(3))
     model = model_torque(plant, *motion)
     inner = record.inner(1 / cutoff)
-    rest = (record.torque - model)[inner]
+    residual = (record.torque - model)[inner]
     deviation = np.std(record.torque[inner], axis=0)
     return ModelCheck(
         torque=model,
-        explained=1 - np.var(rest, axis=0) / np.maximum(deviation**2, 1e-300),
-        residual=np.std(rest, axis=0),
-        offset=np.mean(rest, axis=0),
+        explained=1 - np.var(residual, axis=0) / np.maximum(deviation**2, 1e-300),
+        residual=np.std(residual, axis=0),
+        offset=np.mean(residual, axis=0),
         deviation=deviation,
     )
 

@@ -120,17 +120,17 @@ def _torque_tables(replay: "Replay") -> list[Table]:
             )
         )
     if replay.delay_estimation is not None:
-        left = replay.delay_estimation
+        tde = replay.delay_estimation
         tables.append(
             _per_joint(
                 replay,
-                f"Time-delay estimation leaves, of the torque's deviation, with a window of {1e3 * left.window:g} ms",
+                f"Time-delay estimation leaves, of the torque's deviation, with a window of {1e3 * tde.window:g} ms",
                 {
-                    "M̂": (np.diag(left.inertia), _number()),
-                    "synchronised": (left.synchronised, _percent),
-                    "literal": (left.literal, _percent),
-                    "synchronised, raw torque": (left.synchronised_raw, _percent),
-                    "literal, raw torque": (left.literal_raw, _percent),
+                    "M̂": (np.diag(tde.inertia), _number()),
+                    "synchronised": (tde.synchronised, _percent),
+                    "literal": (tde.literal, _percent),
+                    "synchronised, raw torque": (tde.synchronised_raw, _percent),
+                    "literal, raw torque": (tde.literal_raw, _percent),
                 },
             )
         )

@@ -191,8 +191,8 @@ def _ticks(
     speed = np.sqrt(energy)
     fast = np.isfinite(by_motion) & (speed > np.median(speed))
     noise = np.median(np.abs(distance[fast]) * speed[fast]) / 0.6745 if np.any(fast) else np.inf
-    known = np.isfinite(by_motion) & (noise < MAX_STEP_ERROR * speed)
-    counts = np.where(known, np.maximum(np.round(np.where(known, by_motion, 0.0)), 0.0), np.nan)
+    is_certain = np.isfinite(by_motion) & (noise < MAX_STEP_ERROR * speed)
+    counts = np.where(is_certain, np.maximum(np.round(np.where(is_certain, by_motion, 0.0)), 0.0), np.nan)
     deviation = _rms(distance[fast]) if np.any(fast) else 0.0
     return _counted(counts, stamps, period, repeats & ~_is_still(repeats)), deviation
 

@@ -132,13 +132,13 @@ def check_velocity(record: EvenRecord, cutoff: float) -> VelocityCheck | None:
         return None
     inner = record.inner(10 / cutoff)
     times = record.times[inner]
-    found = []
+    by_joint = []
     for i, column in enumerate(record.velocity[inner].T):
         motion = record.smooth(record.position[:, [i]], cutoff)
         delay, correlation = _delay(column, _derivative(motion, 1), times, -MAX_RECORDED_DELAY, MAX_RECORDED_DELAY)
         difference = column - motion(times - delay, 1)[:, 0]
-        found.append((delay, correlation, float(np.sqrt(np.mean(difference**2)))))
-    delays, correlations, errors = np.array(found).T
+        by_joint.append((delay, correlation, float(np.sqrt(np.mean(difference**2)))))
+    delays, correlations, errors = np.array(by_joint).T
     return VelocityCheck(delay=delays, correlation=correlations, error=errors)
 
 
@@ -146,11 +146,11 @@ def _delays(
     estimate: Array, values: Array, derivative: int, record: EvenRecord, inner: slice, band: float, window: float
 ) -> Array:
     """Return the delay of each joint's estimate against a derivative of values below a frequency."""
-    found = []
+    delays = []
     for i, column in enumerate(estimate[inner].T):
         slow = _derivative(record.smooth(values[:, [i]], band), derivative)
-        found.append(_delay(column, slow, record.times[inner], -window, window)[0])
-    return np.array(found)
+        delays.append(_delay(column, slow, record.times[inner], -window, window)[0])
+    return np.array(delays)
 
 
 def _delay_by_velocity(estimate: Array, record: EvenRecord, inner: slice, band: float, window: float) -> Array | None:
