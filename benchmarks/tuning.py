@@ -41,7 +41,7 @@ def sampling(space: SearchSpace, count: int) -> float:
     """Return the time of Optuna for a trial [s], for trials that all have the same value."""
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     gains = {key: optuna.distributions.FloatDistribution(*ends, log=True) for key, ends in space.free.items()}
-    study = optuna.create_study(sampler=SeededSampler(gains, 0, count // 3))
+    study = optuna.create_study(sampler=SeededSampler(gains, 0, count // 3, 2 * count // 3))
 
     def search() -> None:
         for _ in range(count):

@@ -194,7 +194,7 @@ def test_the_command_runs_with_its_extra(install: Callable[[str], Installed]) ->
     run(tarc, "run", "two_link_friction", "--set", "duration=1", "--out", "out", cwd=installed.folder)
     assert {path.suffix for path in (installed.folder / "out").iterdir()} == {".yaml", ".nc", ".png", ".pdf"}
     said = run(tarc, "tune", "train_two_link", "--trials", "1", cwd=installed.folder, status=2)
-    assert said.strip().endswith("tune needs optuna; pip install 'tarc-control[study]'")
+    assert said.strip().endswith("tune needs cmaes, optuna; pip install 'tarc-control[study]'")
 
 
 def test_all_runs_a_shipped_scenario(install: Callable[[str], Installed]) -> None:

@@ -29,7 +29,7 @@ def bowl(gains):
 def search(path, *, trials=12, function=bowl, n_objectives=1, seed=0, problem=1, warm=(), margin=None):
     """Search, and return gains and outcome of each trial in their order."""
     optuna.logging.set_verbosity(optuna.logging.WARNING)
-    sampler = SeededSampler(SPACE, seed, trials // 3, warm, trials // 6)
+    sampler = SeededSampler(SPACE, seed, trials // 3, 2 * trials // 3, warm, trials // 6)
     with Workers(path, "law") as workers:
         study = open_study("law", {"problem": problem}, sampler, n_objectives, open_storage(path))
         one = Search(
@@ -52,6 +52,20 @@ def test_finds_the_least():
     best = min(search(None, trials=60), key=lambda trial: trial[2]["rms_errors"][0])[1]
     assert best["x"] == pytest.approx(2.0, rel=0.3)
     assert best["y"] == pytest.approx(0.5, rel=0.3)
+
+
+def test_finds_the_end_of_a_narrow_valley():
+    """The error is small along x y = 1, which is thirty times as narrow as long, and least at x = 4."""
+
+    def valley(gains):
+        along, across = np.log(gains["x"] / gains["y"]) - 2 * np.log(4), np.log(gains["x"] * gains["y"])
+        distance = min(along**2 + (30 * across) ** 2, 100.0)
+        return TrialOutcome((float(np.exp(distance)),), (0.5,), (0.0,), survived=1.0)
+
+    for seed in range(3):
+        best = min(search(None, trials=600, function=valley, seed=seed), key=lambda trial: trial[2]["rms_errors"][0])
+        assert best[1]["x"] == pytest.approx(4.0, rel=0.01)
+        assert best[1]["y"] == pytest.approx(0.25, rel=0.01)
 
 
 def cut(whole, part, share):
@@ -172,6 +186,6 @@ def test_unstable_gains_are_run_until_stable_ones_are_known():
         return [TrialOutcome((1.0,), (0.5,), (growth,), survived=1.0) for _ in sets]
 
     with Workers(None, "law") as workers:
-        study = open_study("law", {}, SeededSampler(SPACE, 0, 3), 1, open_storage(None))
+        study = open_study("law", {}, SeededSampler(SPACE, 0, 3, 6), 1, open_storage(None))
         Search(study, SPACE, 8, LIMITS, evaluate, None, workers).run()
     assert flags == [True, True, True, True, False, False, False, False]

@@ -11,7 +11,7 @@ _ROBOTS = ("mujoco",)
 _SIM = (*_ROBOTS, "flint", "h5netcdf", "h5py", "xarray")
 _CLI = (*_SIM, *_CERTIFY, *_PLOT, "pydantic", "rich", "ruamel.yaml", "typer")
 
-_STUDY = (*_CLI, "bokeh", "dask", "distributed", "optuna", "zarr")
+_STUDY = (*_CLI, "bokeh", "cmaes", "dask", "distributed", "optuna", "zarr")
 _IK = (*_CLI, "daqp", "mink")
 
 EXTRAS = {

@@ -60,10 +60,10 @@ def search_law(
     if not pairs:
         raise InvalidParameter(f"scenarios: {space.fixed['kind']} cannot run in any of the scenarios")
     kept, kept_limits = [scenario for scenario, _ in pairs], [limit for _, limit in pairs]
-    require("study", "tune", "optuna")
+    require("study", "tune", "cmaes", "optuna")
     import optuna
 
-    from tarc.study.optuna_search import Search, SeededSampler, Workers, open_storage, open_study
+    from tarc.study.optuna_search import LOCAL_SHARE, Search, SeededSampler, Workers, open_storage, open_study
 
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     examples = [space.law(values, kept[0].period) for values in space.examples()] if space.free else []
@@ -74,7 +74,9 @@ def search_law(
     trials = options.trials if gains else 1
     n_random = max(round(RANDOM_SHARE * options.trials), 1)
     starts = [values for law in warm_starts if (values := space.values(law))]
-    sampler = SeededSampler(gains, options.seed, n_random, starts, int(WARM_SHARE * options.trials))
+    sampler = SeededSampler(
+        gains, options.seed, n_random, round((1 - LOCAL_SHARE) * trials), starts, int(WARM_SHARE * options.trials)
+    )
     problem = _problem(space, kept, kept_limits, options, objectives)
     name = name or str(space.fixed["kind"])
 

@@ -24,6 +24,7 @@ from optuna.trial import FrozenTrial, TrialState
 from tarc.core.errors import InvalidParameter
 from tarc.core.files import file_in_folder, writing
 from tarc.study.front import is_on_front
+from tarc.study.law_scores import FAILURE_SCORE
 from tarc.study.trials import TrialOutcome
 
 if os.name == "posix":
@@ -35,6 +36,12 @@ BATCHES = 25
 """Fewest batches of a search, since those of a batch learn nothing from each other."""
 MAX_HISTORY = 256
 """Most finished trials from which the sampler learns."""
+LOCAL_SHARE = 1 / 3
+"""Share of the trials that search about the best ones, the last of the search."""
+LOCAL_SOURCES = 100
+"""Best trials from which that begins; the tenth of them with the least objective gives its first distribution."""
+MIN_LOCAL_SOURCES = 10
+"""Fewest trials that ran to the end from which it begins; with fewer, the Parzen estimator goes on."""
 POLL_INTERVAL = 0.3
 """Time between two looks at the trials of other processes [s]."""
 
@@ -94,9 +101,11 @@ def _evenly(count: int, most: int) -> list[int]:
 
 
 class SeededSampler(optuna.samplers.BaseSampler):
-    """Optuna's tree-structured Parzen estimator, whose draws depend on seed, trial number and finished trials alone.
+    """Random draws, then Optuna's tree-structured Parzen estimator, then its evolution strategy (CMA-ES).
 
-    So a search that was killed goes on as if it had not been.
+    The estimator finds where gains are good, and the strategy follows the narrow valleys there, in which gains depend
+    on each other. A search for a front has no strategy. Draws depend on seed, trial number and finished trials alone,
+    so a search that was killed goes on as if it had not been.
 
     Parameters
     ----------
@@ -106,6 +115,8 @@ class SeededSampler(optuna.samplers.BaseSampler):
         Seed of the search.
     n_random
         Number of trials at the start that are drawn at random.
+    first_local
+        Number of the first trial that the evolution strategy draws.
     warm_starts
         Gains to keep in the first trials; the others are drawn at random. They are taken in turn.
     n_warm
@@ -117,18 +128,19 @@ class SeededSampler(optuna.samplers.BaseSampler):
         space: Mapping[str, FloatDistribution],
         seed: int,
         n_random: int,
+        first_local: int,
         warm_starts: Sequence[Mapping[str, float]] = (),
         n_warm: int = 0,
     ):
         self._space: dict[str, BaseDistribution] = dict(space)
-        self._seed, self._n_random = seed, n_random
+        self._seed, self._n_random, self._first_local = seed, n_random, first_local
         self._warm_starts, self._n_warm = warm_starts, n_warm if warm_starts else 0
         self._parzen = optuna.samplers.TPESampler(seed=seed)
         self._chosen: tuple[int, list[FrozenTrial]] = -1, []
 
     def before_trial(self, study: optuna.Study, trial: FrozenTrial) -> None:
         """Seed the sampler anew by the number of the trial."""
-        seed = int(np.random.SeedSequence([self._seed, trial.number]).generate_state(1)[0])
+        seed = self._seed_of(trial)
         self._parzen = optuna.samplers.TPESampler(seed=seed, n_startup_trials=1, constant_liar=True)
         self._parzen.before_trial(study, trial)
 
@@ -139,15 +151,41 @@ class SeededSampler(optuna.samplers.BaseSampler):
     def sample_relative(
         self, study: optuna.Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
     ) -> dict[str, Any]:
-        """Draw all gains by the Parzen estimator."""
+        """Draw all gains by the Parzen estimator or the evolution strategy."""
         if not search_space:
             return {}
+        if trial.number >= self._first_local and len(study.directions) == 1:
+            return self._local(study, trial).sample_relative(study, trial, search_space)
         if trial.number > MAX_HISTORY:
             first = trial.number - trial.number % MAX_BATCH
             if self._chosen[0] != first:
                 self._chosen = first, informative_trials(study, first)
             study = RecentStudy(study, self._chosen[1])
         return self._parzen.sample_relative(study, trial, search_space)
+
+    def _local(self, study: optuna.Study, trial: FrozenTrial) -> optuna.samplers.BaseSampler:
+        """Return the evolution strategy about the best trials before its first; a failed one counts by how far it came.
+
+        What it has learnt is kept in the trials.
+        """
+        before = [trial for trial in study.get_trials(deepcopy=False) if trial.number < self._first_local]
+        complete = [trial for trial in before if trial.state == TrialState.COMPLETE]
+        best = sorted(complete, key=lambda trial: (float(trial.value or 0.0), trial.number))[:LOCAL_SOURCES]
+        if len(best) < MIN_LOCAL_SOURCES:
+            return self._parzen
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+            return optuna.samplers.CmaEsSampler(
+                seed=self._seed_of(trial),
+                source_trials=best,
+                consider_pruned_trials=True,
+                popsize=MAX_BATCH,
+                n_startup_trials=1,
+                warn_independent_sampling=False,
+            )
+
+    def _seed_of(self, trial: FrozenTrial) -> int:
+        return int(np.random.SeedSequence([self._seed, trial.number]).generate_state(1)[0])
 
     def sample_independent(
         self,
@@ -442,7 +480,7 @@ class Search:
                 trial.set_constraint("margin", self.min_margin - outcome.margin)
             if outcome.failure and not several:
                 step, value = outcome.standing
-                trial.report(value, step)
+                trial.report(FAILURE_SCORE + value, step)
         if outcome.failure:
             self.study.tell(trial, state=TrialState.PRUNED, skip_if_finished=True)
             return
