@@ -10,7 +10,9 @@ from tarc.analysis.inertia_ratio import inertia_spread
 from tarc.analysis.motion_forces import MotionCorners
 from tarc.analysis.workspace_boxes import workspace_boxes
 from tarc.certificates import certify_robot, grouped_forces, prove_robot, robot_proof, strengthen_robot
-from tarc.certificates.grouped_forces import group_bounds
+from tarc.certificates.grouped_forces import GroupsLeftOut, group_bounds
+from tarc.numerics import trig_polynomial
+from tarc.numerics.trig_polynomial import too_large
 from tarc.plants import NLinkArm, TwoLinkArm, load_robot
 from two_link_certificate import ARM, LOADED, WORKSPACE, strengthened
 
@@ -120,6 +122,61 @@ def test_bounds_that_no_function_covers_rest_on_search(affine, by_groups, monkey
         "certified on 30 sampled postures and local search; proven for every posture: inertia ratios, "
         "rate of the inertia, relative rate of the inertia"
     )
+
+
+def test_groups_that_need_too_much_memory_are_left_out(affine, by_groups, monkeypatch):
+    monkeypatch.setattr(trig_polynomial, "MAX_NUMBERS", 2000)
+    certificate, law = affine
+    proven = prove_robot(certificate, law, [ARM, LOADED], WORKSPACE, progress=False)
+    assert [part.complete for part in proven.parts] == [True, True, True, False]
+    assert proven.parts[-1].reason == (
+        "bounds by groups are left out: stiffness by gravity and acceleration: 6 functions of 25 coefficients per "
+        "entry need 1.9e-05 GB of at most 1.6e-05 GB; search decides"
+    )
+    assert proven.certificate.certified
+    assert proven.certificate.verdict_in_words.startswith("certified on 30 sampled postures and local search; proven")
+
+
+@pytest.fixture
+def three_links():
+    arm = NLinkArm()
+    return [arm], np.eye(3), MotionCorners((2.0,) * 3, (8.0,) * 3), workspace_boxes(Workspace.from_joint_limits(arm))
+
+
+def test_memory_is_known_before_it_is_needed(three_links, monkeypatch):
+    """The second estimate of each group is the size of its functions, and the sums are made after it alone."""
+    estimates, made = [], []
+    members = trig_polynomial.PolynomialFamily.members
+
+    def estimate(*sizes):
+        estimates.append((sizes, len(made)))
+        return too_large(*sizes)
+
+    def count(family):
+        made.append(family)
+        return members(family)
+
+    monkeypatch.setattr(grouped_forces, "too_large", estimate)
+    monkeypatch.setattr(trig_polynomial.PolynomialFamily, "members", count)
+    bounds = group_bounds(*three_links)
+    assert len(estimates) == 2 * len(bounds) == 6
+    for i, bound in enumerate(bounds):
+        sizes = [2 * part.cosines.shape[0] for part in bound.functions]
+        assert estimates[2 * i + 1] == ((len(sizes), max(sizes), 6), i)
+        assert estimates[2 * i][0][1] >= min(sizes)
+    monkeypatch.setattr(grouped_forces, "too_large", lambda *sizes: "large" if sizes == estimates[-1][0] else "")
+    with pytest.raises(GroupsLeftOut, match="damping"):
+        group_bounds(*three_links)
+
+
+@pytest.mark.parametrize(("deadline", "group"), [(0, 1), (10, 1), (40, 2), (55, 2), (81, 3)])
+def test_groups_end_in_time(three_links, monkeypatch, deadline, group):
+    """The clock goes on by a second each time that it is read."""
+    seconds = iter(range(10**6))
+    monkeypatch.setattr(grouped_forces.time, "monotonic", lambda: next(seconds))
+    with pytest.raises(GroupsLeftOut, match=f"the time ended at group {group} of 3"):
+        group_bounds(*three_links, deadline=deadline)
+    assert next(seconds) == deadline + 1
 
 
 @pytest.mark.parametrize("in_groups", [False, pytest.param(True, marks=pytest.mark.slow)])

@@ -1,6 +1,7 @@
 """Bounds on stiffness and damping by parts of the motion, for robots with too many corners of their motions."""
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from tarc.certificates.affine_cover import ACCELERATION_SHARE, LEAD_FACTORS
 from tarc.certificates.robot_evidence import AffineCover
 from tarc.core.types import Array
 from tarc.numerics.eigenvalue_proof import Boxes
-from tarc.numerics.trig_polynomial import PolynomialFamily, TrigPolynomial
+from tarc.numerics.trig_polynomial import DEGREE, PolynomialFamily, TrigPolynomial, too_large
 from tarc.plants.base import Plant
 
 FORCE_ROOM = 1.1
@@ -26,6 +27,10 @@ N_STARTS = 6
 """Number of corners from whose worst posture a pattern search starts."""
 FIRST_STEP, LAST_STEP = 0.3, 1e-3
 """Steps of that search [rad]."""
+
+
+class GroupsLeftOut(Exception):
+    """Why there are no bounds by groups."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +74,7 @@ class GroupBound:
 
 
 def group_bounds(
-    plants: Sequence[Plant], inverse_root: Array, corners: MotionCorners, boxes: Boxes
+    plants: Sequence[Plant], inverse_root: Array, corners: MotionCorners, boxes: Boxes, *, deadline: float = np.inf
 ) -> list[GroupBound]:
     """Return the groups of forces of plants at all motions, with the largest norm that a search finds.
 
@@ -83,25 +88,57 @@ def group_bounds(
         Speeds and accelerations.
     boxes
         Postures.
+    deadline
+        `time.monotonic` at which they are left out [s].
+
+    Raises
+    ------
+    GroupsLeftOut
+        Where the time ends, and before functions of a group that are `too_large`.
     """
-    bounds = []
+    groups, bounds = corners.groups(), []
     parts = [corners.parts(plant) for plant in plants]
-    for group in corners.groups():
-        rows = [[_dilation(row[place], inverse_root, group.is_damping) for place in group.places] for row in parts]
+    for number, group in enumerate(groups, 1):
+
+        def check_time(place: str = f"group {number} of {len(groups)}, {group.name}") -> None:
+            if time.monotonic() >= deadline:
+                raise GroupsLeftOut(f"the time ended at {place}")
+
+        rows = [
+            [_dilation(row[place], inverse_root, group.is_damping, check_time) for place in group.places]
+            for row in parts
+        ]
         angles = angles_that_matter([function for row in rows for function in row], boxes)
-        functions: list[TrigPolynomial] = []
-        for row, plant in zip(rows, plants, strict=True):
-            functions += _members(corners, group, as_polynomials(row, plant.label, boxes[0][0], angles))
-        largest = largest_eigenvalue(functions, in_angles(boxes, angles))
+        _check_size(group, len(plants) * len(group.places), (2 * DEGREE + 1) ** len(angles), 2 * len(inverse_root))
+        polynomials = [
+            as_polynomials(row, plant.label, boxes[0][0], angles) for row, plant in zip(rows, plants, strict=True)
+        ]
+        families = [_family(corners, group, row) for row in polynomials]
+        n_functions, n_modes = sum(len(family.weights) for family, _ in families), families[-1][0].n_modes
+        _check_size(group, n_functions, 2 * n_modes, 2 * len(inverse_root))
+        functions = [
+            replace(member, left_out=member.left_out + constant)
+            for family, constant in families
+            for member in family.members()
+        ]
+        largest = largest_eigenvalue(functions, in_angles(boxes, angles), check_time)
         bounds.append(GroupBound(group, functions, angles, largest))
     return bounds
 
 
-def _dilation(function: Matrices, inverse_root: Array, is_damping: bool) -> Matrices:
+def _check_size(group: ForceGroup, n_functions: int, n_coefficients: int, size: int) -> None:
+    """Raise GroupsLeftOut for functions of a group that need too much memory."""
+    reason = too_large(n_functions, n_coefficients, size)
+    if reason:
+        raise GroupsLeftOut(f"{group.name}: {reason}")
+
+
+def _dilation(function: Matrices, inverse_root: Array, is_damping: bool, check_time: Callable[[], None]) -> Matrices:
     """Return [0, K; Kᵀ, 0] of a part of [G, D], whose largest eigenvalue is ‖K‖."""
     n = len(inverse_root)
 
     def at(postures: Array) -> Array:
+        check_time()
         values = function(postures)
         matrix = np.zeros((len(values), 2 * n, 2 * n))
         K = inverse_root @ (values[:, :, n:] if is_damping else values[:, :, :n]) @ inverse_root
@@ -112,23 +149,32 @@ def _dilation(function: Matrices, inverse_root: Array, is_damping: bool) -> Matr
     return at
 
 
-def _members(corners: MotionCorners, group: ForceGroup, parts: list[TrigPolynomial]) -> list[TrigPolynomial]:
-    """Return the sums at all corners, with a constant bound on the parts of joints that hardly matter."""
+def _family(corners: MotionCorners, group: ForceGroup, parts: list[TrigPolynomial]) -> tuple[PolynomialFamily, float]:
+    """Return the sums at all corners, and a constant bound on the parts of joints that hardly matter."""
     sizes = np.array([part.sup_norm() for part in parts])
     joints = sorted({joint for part in group.joints for joint in part})
     shares = {joint: sum(s for s, part in zip(sizes, group.joints, strict=True) if joint in part) for joint in joints}
     left_out = [joint for joint in joints if shares[joint] <= NEGLIGIBLE_JOINT * sizes.max()]
     constant = float(sum(s for s, part in zip(sizes, group.joints, strict=True) if set(part) & set(left_out)))
-    members = PolynomialFamily.from_parts(parts, corners.group_weights(group, left_out)).members()
-    return [replace(member, left_out=member.left_out + constant) for member in members]
+    return PolynomialFamily.from_parts(parts, corners.group_weights(group, left_out)), constant
 
 
-def largest_eigenvalue(functions: Sequence[TrigPolynomial], boxes: Boxes) -> float:
-    """Return the largest eigenvalue that samples and pattern search find in boxes, with what functions leave out."""
+def largest_eigenvalue(
+    functions: Sequence[TrigPolynomial], boxes: Boxes, check_time: Callable[[], None] = lambda: None
+) -> float:
+    """Return the largest eigenvalue that samples and pattern search find in boxes, with what functions leave out.
+
+    Parameters
+    ----------
+    functions, boxes
+        The functions, and where to search.
+    check_time
+        Called before each function, to end the search.
+    """
     rng = np.random.default_rng(0)
     chosen = rng.integers(len(boxes[0]), size=SEARCH_SAMPLES)
     postures = boxes[0][chosen] + rng.uniform(-1, 1, (SEARCH_SAMPLES, boxes[0].shape[1])) * boxes[1][chosen]
-    values = np.array([np.linalg.eigvalsh(function(postures))[:, -1] for function in functions])
+    values = np.array([_largest(function, postures, check_time) for function in functions])
     starts = np.argsort(values.max(axis=1))[::-1][:N_STARTS]
     largest = 0.0
     for i in starts.tolist():
@@ -137,6 +183,11 @@ def largest_eigenvalue(functions: Sequence[TrigPolynomial], boxes: Boxes) -> flo
         value = _climb(functions[i], postures[j], float(values[i, j]), low, high)
         largest = max(largest, value + functions[i].left_out)
     return largest
+
+
+def _largest(function: TrigPolynomial, postures: Array, check_time: Callable[[], None]) -> Array:
+    check_time()
+    return np.linalg.eigvalsh(function(postures))[:, -1]
 
 
 def _climb(function: TrigPolynomial, start: Array, value: float, low: Array, high: Array) -> float:

@@ -21,13 +21,13 @@ from tarc.certificates.affine import AffineProof
 from tarc.certificates.ball import Ball
 from tarc.certificates.base import EVERY_POSTURE, Certificate, Verdict
 from tarc.certificates.force_form import ForceForm
-from tarc.certificates.grouped_forces import GroupBound, cover_groups, group_bounds
+from tarc.certificates.grouped_forces import GroupBound, GroupsLeftOut, cover_groups, group_bounds
 from tarc.certificates.robot_evidence import AffineCover, MaxRatePoint, RobotEvidence, linearised_point
 from tarc.core import validation as check
 from tarc.core.formatting import format_vector
 from tarc.core.types import Array
 from tarc.laws.base import Law
-from tarc.numerics.trig_polynomial import PolynomialFamily, TrigPolynomial
+from tarc.numerics.trig_polynomial import PolynomialFamily, TrigPolynomial, too_large
 from tarc.plants.base import Plant
 
 MAX_CORNERS = 2100
@@ -137,6 +137,9 @@ def prove_robot(
     of speeds, and damping are bounded by themselves, and another Lyapunov function is found that covers their sum. It
     needs a verdict by a Lyapunov function; with a ball these forces rest on search.
 
+    These bounds are left out where their functions need more memory than `tarc.numerics.trig_polynomial.too_large`
+    allows, as for seven joints. Its reason is then that of the part.
+
     What time or Ctrl-C ends goes on in the next call, from the folder of `tarc.analysis.stored_proof.proofs_folder`.
 
     Parameters
@@ -146,7 +149,8 @@ def prove_robot(
     law, plant, workspace
         As they were for it.
     time_limit
-        Time after which the proof stops as it is, with the share that it has proven [s].
+        Time after which the proof stops as it is, with the share that it has proven [s]. A semidefinite program that
+        has begun is ended first.
     progress
         Show progress bars when it takes more than two seconds; None for when standard error is a terminal.
 
@@ -349,11 +353,13 @@ class _Prover:
         """Prove the forces by groups, with a Lyapunov function that covers their sum."""
         limits = ", ".join(f"{stiffness:.4g}" for stiffness in cover.proof.ratios.stiffness)
         limits = f"up to {limits} 1/s²" if limits else "within their form"
-        if time.monotonic() >= self.deadline:  # the functions alone take long for seven joints
-            yield ProvenPart("forces", limits, 0.0, 0, TIME_ENDED)
-            return
         corners, before = self._corners(TANGENTS[0]), self.evidence
-        bounds: list[GroupBound] | None = group_bounds(self.plants, self.inverse_root, corners, self.boxes)
+        bounds: list[GroupBound] | None
+        try:
+            bounds = group_bounds(self.plants, self.inverse_root, corners, self.boxes, deadline=self.deadline)
+        except GroupsLeftOut as reason:
+            yield ProvenPart("forces", limits, 0.0, 0, f"bounds by groups are left out: {reason}; search decides")
+            return
         parts: list[ProvenPart] = []
         while bounds is not None:
             grown = cover_groups(cover, bounds)
@@ -444,14 +450,20 @@ class _Prover:
                 for plant in self.plants
             ]
             angles = angles_that_matter([function for row in rows for function in row], self.boxes)
-            if (2 * degree + 1) ** len(angles) > MAX_GRID:
+            n_grid, n_rows = (2 * degree + 1) ** len(angles), rows[0][0](self.boxes[0][:1]).shape[1]
+            if n_grid > MAX_GRID:
                 return replace(part, reason=f"they depend on {len(angles)} angles; search decides")
+            if reason := too_large(len(rows) * len(rows[0]), n_grid, n_rows):
+                return replace(part, reason=f"{reason}; search decides")
             motions = corners.corners()
             weights = [np.concatenate([[1.0], corners.weights(*motion)]) for motion in motions]
-            functions: list[TrigPolynomial] = []
-            for row, plant in zip(rows, self.plants, strict=True):
-                polynomials = as_polynomials(row, plant.label, self.boxes[0][0], angles, degree)
-                functions += PolynomialFamily.from_parts(polynomials, weights).members()
+            families = [
+                PolynomialFamily.from_parts(as_polynomials(row, plant.label, self.boxes[0][0], angles, degree), weights)
+                for row, plant in zip(rows, self.plants, strict=True)
+            ]
+            if reason := too_large(len(rows) * len(weights), 2 * families[-1].n_modes, n_rows):
+                return replace(part, reason=f"{reason}; search decides")
+            functions = [member for family in families for member in family.members()]
             breaks = partial(self._break_motion, motions)
             part = self._prove(name, words, functions, [1.0] * len(functions), breaks, angles)
             if part.reason != RELAXED:

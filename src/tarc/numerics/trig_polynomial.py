@@ -13,6 +13,27 @@ DEGREE = 2
 """Degree in each angle. The inertia of a robot has it, since it is quadratic in the rotation of each joint."""
 NEGLIGIBLE = 1e-12
 """Coefficient, over the largest, that is left out; all of them together are added to every bound."""
+MAX_NUMBERS = 100_000_000
+"""Largest number of coefficients of polynomials that are in memory together; 0.8 GB."""
+
+
+def too_large(n_functions: int, n_coefficients: int, size: int) -> str:
+    """Return why matrices of polynomials need too much memory, in words; empty where `MAX_NUMBERS` contains them.
+
+    Parameters
+    ----------
+    n_functions
+        Number of matrices.
+    n_coefficients
+        Number of coefficients of each entry.
+    size
+        Number of rows, and of columns.
+    """
+    numbers = n_functions * n_coefficients * size**2
+    if numbers <= MAX_NUMBERS:
+        return ""
+    needed, allowed = (f"{8e-9 * count:.2g} GB" for count in (numbers, MAX_NUMBERS))
+    return f"{n_functions} functions of {n_coefficients} coefficients per entry need {needed} of at most {allowed}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,11 +168,25 @@ class PolynomialFamily:
             np.array(weights),
         )
 
+    @cached_property
+    def _totals(self) -> Array:
+        """Sum of the moduli of each member's coefficients, by mode, shape (k, K)."""
+        sizes = np.abs(self.cosines).sum(axis=(2, 3)) + np.abs(self.sines).sum(axis=(2, 3))
+        return np.abs(self.weights) @ sizes
+
+    @cached_property
+    def _is_large(self) -> Array:
+        """Whether coefficients of a mode count beside those of all members, shape (K,)."""
+        return np.any(self._totals > NEGLIGIBLE * max(float(self._totals.max(initial=0)), 1e-300), axis=0)
+
+    @property
+    def n_modes(self) -> int:
+        """Number of modes of each member."""
+        return int(np.sum(self._is_large))
+
     def members(self) -> list[TrigPolynomial]:
         """Return all polynomials, without coefficients that are negligible beside those of all parts."""
-        sizes = np.abs(self.cosines).sum(axis=(2, 3)) + np.abs(self.sines).sum(axis=(2, 3))
-        total = np.abs(self.weights) @ sizes
-        large = np.any(total > NEGLIGIBLE * max(float(total.max(initial=0)), 1e-300), axis=0)
+        total, large = self._totals, self._is_large
         left_out = np.abs(self.weights) @ self.left_out + total[:, ~large].sum(axis=1)
         return [
             TrigPolynomial(
