@@ -1,4 +1,4 @@
-"""Code blocks of README and docs are tests: one namespace a page, in a folder of its own."""
+"""Settings of all tests. Code blocks of README and docs are tests: one namespace a page, in a folder of its own."""
 
 import os
 import tempfile
@@ -6,8 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import settings
 from sybil import Sybil
 from sybil.parsers.markdown import PythonCodeBlockParser
+
+settings.register_profile("tarc", deadline=None)  # an example takes as long as the machine is busy
+settings.load_profile("tarc")
 
 SLOW_PAGES = (
     "docs/explanation/claims.md",

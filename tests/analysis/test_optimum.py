@@ -73,7 +73,7 @@ def test_no_other_gains_are_better(delay):
     ratio=st.floats(0.01, 1.5),
     log_disturbance=st.floats(-2.0, 4.0),
 )
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_no_law_is_better(window, natural_frequency, synchronised, ratio, log_disturbance):
     (channel,) = decoupled_channels(tdc(window, natural_frequency, synchronised=synchronised))
     distance = distance_from_optimum(channel, ratio, disturbance=10**log_disturbance, noise=1.0)

@@ -71,7 +71,7 @@ def test_spectral_radius_is_that_of_the_polynomial_written_by_hand(ratio, window
     assert certificate.evidence.findings.spectral_radius == pytest.approx(radius, rel=1e-6)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(
     window=st.integers(2, 15),
     natural_frequency=st.floats(2.0, 60.0),

@@ -43,7 +43,7 @@ def assert_within(limits, torques, first):
 
 @pytest.mark.parametrize("limits", EVERY_LIMIT, ids=range(5))
 @pytest.mark.parametrize("kind", concrete_laws(), ids=lambda kind: kind.__name__)
-@settings(deadline=None, max_examples=5)
+@settings(max_examples=5)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_no_law_leaves_the_limits(kind, limits, seed):
     """Random positions and references, lost samples included; the applied torque is the newest past one."""

@@ -14,7 +14,7 @@ from tarc.core.errors import InvalidParameter
 from tarc.core.tracing import CompiledStep, trace
 from tarc.core.trees import leaves, names, pack, rebuild, unpack
 
-sampled = settings(deadline=None, max_examples=50)
+sampled = settings(max_examples=50)
 
 
 class Pair(NamedTuple):

@@ -18,7 +18,7 @@ from tarc.estimators import Algebraic, BackwardDifference, Estimate, Estimator, 
 from tarc.estimators.base import TorqueAverage, WindowedEstimator, synchronous_weights
 
 T = 1e-3
-sampled = settings(deadline=None, max_examples=50)
+sampled = settings(max_examples=50)
 EVERY: dict[str, Estimator] = {
     "degree 2": Algebraic(window=0.01, period=T),
     "degree 3": Algebraic(window=0.016, degree=3, period=T),
@@ -207,7 +207,7 @@ def test_synchronous_weights_of_the_second_difference_are_halves() -> None:
 
 
 @every_estimator
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(pulses=arrays(float, (2, 60), elements=st.floats(-5, 5, allow_subnormal=False)))
 def test_torque_average_is_in_step_with_the_acceleration_estimate(estimator: Estimator, pulses: np.ndarray) -> None:
     position, velocity = np.zeros(2), np.zeros(2)
@@ -324,7 +324,7 @@ def test_noise_gain_of_filtered_differences_is_the_geometric_sum() -> None:
 
 
 @pytest.mark.parametrize("lost", [np.nan, np.inf, -np.inf])
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(estimator=algebraic_estimators(), data=st.data())
 def test_missing_samples_leave_polynomials_exact_and_are_flagged_by_joint(
     lost: float, estimator: Algebraic, data: st.DataObject

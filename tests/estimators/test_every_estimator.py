@@ -31,7 +31,7 @@ def test_none_is_left_out():
 @every_estimator
 @pytest.mark.parametrize("joints", [1, 3])
 @pytest.mark.parametrize("symbol", [ca.SX, ca.MX], ids=["SX", "MX"])
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 2**32 - 1), lost=st.sampled_from([None, np.nan, np.inf, -np.inf]))
 def test_traced_equals_numpy(name, joints, symbol, seed, lost):
     estimator = BOUND[name]

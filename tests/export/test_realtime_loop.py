@@ -5,7 +5,6 @@ import re
 import shutil
 import signal
 import subprocess
-import threading
 from pathlib import Path
 from typing import Any
 
@@ -76,6 +75,15 @@ def port_of(robot: MujocoRobot) -> str:
     return str(robot.release_port())
 
 
+def started(command: list[str]) -> "subprocess.Popen[str]":
+    """Start the loop; return it when it has met the robot and catches Ctrl-C."""
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    while not (line := process.stdout.readline()).startswith("scheduler: "):
+        assert line, "the loop ended before it met the robot"
+    return process
+
+
 def test_it_compiles_without_warnings_in_both_precisions(exported, tmp_path):
     compiled(exported)
     compiled(folder_of(tmp_path, real="float", parts=False, reference=None, joint_names=()), reference=False)
@@ -88,7 +96,7 @@ def test_its_makefile_builds_it(exported):
 
 
 def test_it_runs_for_a_second_on_mujoco_and_writes_a_log(exported, arm, tmp_path):
-    loop = compiled(exported, *QUICK, "-DWATCHDOG=2.0", "-DLOG_PERIODS=300L")
+    loop = compiled(exported, *QUICK, "-DWATCHDOG=10.0", "-DLOG_PERIODS=300L")
     log = tmp_path / "log.csv"
     with MujocoRobot(arm, PERIOD, udp=0, watchdog=5.0) as robot:
         command = [str(loop), "127.0.0.1", port_of(robot), "0.5", "0", str(log)]
@@ -121,21 +129,20 @@ def test_a_robot_that_stalls_is_a_safe_stop(exported, arm):
     loop = compiled(exported, *QUICK, "-DWATCHDOG=0.3")
     with MujocoRobot(arm, PERIOD, udp=0, watchdog=5.0) as robot:
         command = [str(loop), "127.0.0.1", port_of(robot), "30"]
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        timer = threading.Timer(3.0, lambda: os.kill(robot.process.pid, signal.SIGSTOP))
-        timer.start()
-        text, _ = process.communicate(timeout=30)
+        process = started(command)
+        os.kill(robot.process.pid, signal.SIGSTOP)
+        text, _ = process.communicate(timeout=300)
     assert process.returncode == 3
     assert "no sample came for the time of the watchdog" in text
 
 
 @pytest.mark.slow
 def test_ctrl_c_lets_it_come_to_rest(exported, arm):
-    loop = compiled(exported, *QUICK, "-DWATCHDOG=2.0")
-    with MujocoRobot(arm, PERIOD, udp=0, watchdog=5.0) as robot:
-        process = subprocess.Popen([str(loop), "127.0.0.1", port_of(robot), "30"], stdout=subprocess.PIPE, text=True)
-        threading.Timer(3.0, lambda: process.send_signal(signal.SIGINT)).start()
-        text, _ = process.communicate(timeout=30)
+    loop = compiled(exported, *QUICK, "-DWATCHDOG=10.0")
+    with MujocoRobot(arm, PERIOD, udp=0, watchdog=20.0) as robot:
+        process = started([str(loop), "127.0.0.1", port_of(robot), "30"])
+        process.send_signal(signal.SIGINT)
+        text, _ = process.communicate(timeout=300)
     assert process.returncode == 0
     assert "stopped by Ctrl-C" in text
 

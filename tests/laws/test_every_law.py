@@ -64,7 +64,7 @@ def traced_law(kind, options, estimator, symbol):
 
 @every_way
 @pytest.mark.parametrize(("estimator", "symbol"), ESTIMATORS_AND_SYMBOLS)
-@settings(deadline=None, max_examples=10)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 2**32 - 1), lost=st.sampled_from([None, np.nan, np.inf]))
 def test_traced_equals_numpy(kind, options, estimator, symbol, seed, lost):
     if options.get("synchronised") and isinstance(ESTIMATORS[estimator], RobustDifferentiator | TrueDerivatives):
@@ -85,7 +85,7 @@ def test_traced_equals_numpy(kind, options, estimator, symbol, seed, lost):
 
 
 @every_way
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(data=st.data())
 def test_never_emits_nan(kind, options, data):
     """Whatever comes in, NaN and infinities and numbers near overflow included, finite torque comes out."""

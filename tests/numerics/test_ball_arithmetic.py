@@ -19,7 +19,7 @@ def spectrum(values, seed):
     return (form + form.T) / 2
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(st.lists(st.floats(-3, 3), min_size=1, max_size=6), st.integers(0, 1000))
 def test_positive_is_proven_where_eigenvalues_are_clearly_positive_and_nowhere_else(values, seed):
     form = spectrum(values, seed)

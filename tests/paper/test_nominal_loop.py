@@ -101,7 +101,7 @@ def test_window_and_delay_scale_with_the_natural_frequency():
     assert 10 * nominal_max_delay(tdc(10.0), window=0.01) == pytest.approx(nominal_max_delay(tdc()), rel=1e-5)
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(
     natural_frequency=st.floats(0.5, 50.0),
     damping_ratio=st.floats(0.3, 2.0),

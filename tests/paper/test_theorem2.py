@@ -64,7 +64,7 @@ def random_part(seed, n, spread=1.0):
     return Theorem2Part(K1=K1, K2=K2, P=P, D=D, L=L)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(
     seed=st.integers(0, 10_000),
     n=st.integers(1, 3),

@@ -17,7 +17,7 @@ from tarc.plants.base import Plant
 
 SHIPPED = {name: MujocoPlant.from_file(name) for name in ("ur5e", "panda")}
 every_robot = pytest.mark.parametrize("robot", SHIPPED.values(), ids=SHIPPED.keys())
-sampled = settings(deadline=None, max_examples=25)
+sampled = settings(max_examples=25)
 
 
 def random_posture(robot: MujocoPlant, data: st.DataObject) -> np.ndarray:

@@ -44,7 +44,7 @@ LOADED: dict[str, EulerLagrange] = {
 }
 PLANTS = BARE | LOADED
 every_plant = pytest.mark.parametrize("plant", PLANTS.values(), ids=PLANTS.keys())
-sampled = settings(deadline=None, max_examples=20)
+sampled = settings(max_examples=20)
 
 
 def vectors(size: int, limit: float = 3.0) -> st.SearchStrategy[np.ndarray]:

@@ -288,7 +288,7 @@ class StepRobot(DdsRobot):
     """A robot whose states are waited for."""
 
     def read(self):
-        end = time.monotonic() + 2 * IDLE
+        end = time.monotonic() + 100 * IDLE
         while np.all(np.isnan(position := super().read())) and time.monotonic() < end:
             time.sleep(1e-4)
         return position
@@ -300,7 +300,7 @@ DOMAIN = 101 + os.getpid() % 100
 @pytest.mark.slow
 def test_a_law_runs_a_robot_over_dds():
     law = make_law()
-    with Peer(DOMAIN) as peer, StepRobot(JOINTS, domain=DOMAIN) as robot:
+    with Peer(DOMAIN) as peer, StepRobot(JOINTS, domain=DOMAIN, timeout=30.0) as robot:
         reference = robot.reference = OnlineReference(position=[0.0, 0.0])
         points = [JointTrajectoryPoint([0.2, 0.1], [0.0, 0.0], [0.0, 0.0], [], Duration(1, 0))]
         message = JointTrajectory(Header(), ["elbow", "shoulder"], points)
@@ -311,7 +311,7 @@ def test_a_law_runs_a_robot_over_dds():
             1.5,
             limits=SafetyLimits(error=0.5),
             start_up=StartUp(hold_time=0.1, ramp_time=0.1, brake_time=0.05),
-            watchdog=5.0,
+            watchdog=60.0,
             clock=SimulatedClock(),
             on_log=lambda _: peer.trajectory.write(message),
         )
@@ -322,16 +322,25 @@ def test_a_law_runs_a_robot_over_dds():
     assert result.counts["malformed"] == result.counts["refused"] == 0
 
 
+def refusal_of_strangers(domain: int) -> str:
+    """Return why a robot with other joints is refused; a busy machine may take long to find it."""
+    text = ""
+    for timeout in (1.0, 5.0, 30.0):
+        with pytest.raises(InvalidParameter) as refused:
+            DdsRobot(JOINTS, domain=domain, timeout=timeout)
+        text = str(refused.value)
+        if "nothing at all" not in text:
+            break
+    return text
+
+
 @pytest.mark.slow
 def test_robots_that_do_not_fit_are_refused(monkeypatch):
     domain = DOMAIN + 1
-    with (
-        Peer(domain, names=("gripper", "elbow", "wrist")),
-        pytest.raises(InvalidParameter, match="gripper, elbow, wrist"),
-    ):
-        DdsRobot(JOINTS, domain=domain, timeout=1.0)
-    with Peer(domain + 1, period=0.01), pytest.raises(InvalidParameter, match="come at 100 Hz; the law is for 200 Hz"):
-        DdsRobot(JOINTS, period=0.005, domain=domain + 1)
+    with Peer(domain, names=("gripper", "elbow", "wrist")):
+        assert "one had the joints gripper, elbow, wrist" in refusal_of_strangers(domain)
+    with Peer(domain + 1, period=0.04), pytest.raises(InvalidParameter, match="come at 25 Hz; the law is for 200 Hz"):
+        DdsRobot(JOINTS, period=0.005, domain=domain + 1, timeout=30.0)
     with pytest.raises(InvalidParameter, match="nothing at all"):
         DdsRobot(JOINTS, domain=domain + 2, timeout=0.2)
     with pytest.raises(InvalidParameter, match="domain"):

@@ -4,6 +4,7 @@ import socket
 import struct
 import time
 import zlib
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tarc.core.errors import InvalidParameter
+from tarc.runtime import packet_robot
 from tarc.runtime.packet_robot import HELLO_PAUSE, PacketRobot, udp_robot
 from tarc.runtime.packets import HEADER, Flag, Kind, decode, encode, is_newer
 from tarc.runtime.transports import Mailbox, UdpTransport, udp_address
@@ -151,11 +153,12 @@ def test_a_robot_reads_the_newest_state_once(pair):
     assert robot.counts["lost"] == 2
 
 
-def test_a_silent_robot_is_greeted_until_the_brakes_are_released(pair):
+def test_a_silent_robot_is_greeted_until_the_brakes_are_released(pair, monkeypatch):
     robot = connected(pair)
     robot.read()
     pair.robot.receive()
-    time.sleep(2 * HELLO_PAUSE)
+    now = time.monotonic() + 2 * HELLO_PAUSE
+    monkeypatch.setattr(packet_robot, "time", SimpleNamespace(monotonic=lambda: now))
     robot.read()
     robot.read()
     (packet,) = [decode(data) for data in pair.robot.receive()]
@@ -164,7 +167,7 @@ def test_a_silent_robot_is_greeted_until_the_brakes_are_released(pair):
     pair.robot.send(state(2, 0.2))
     np.testing.assert_array_equal(robot.read(), [0.2])
     robot.release_brakes()
-    time.sleep(2 * HELLO_PAUSE)
+    now += 2 * HELLO_PAUSE
     robot.read()
     assert pair.robot.receive() == []
 

@@ -34,7 +34,7 @@ from tarc.signals.disturbances import payload_schedule
 from tarc.signals.readings import ReadingCheck
 from tarc.signals.sensors import EncoderInput
 
-sampled = settings(deadline=None, max_examples=50)
+sampled = settings(max_examples=50)
 POINTS = [[0.0, 1.0], [0.5, -0.2], [-0.3, 0.4], [1.0, 0.0]]
 PASSED = [0.5, 1.0, 2.0, 3.0]
 SINUSOID = Sinusoid(amplitude=[0.5, 0.2], frequency=[2.0, 5.0], phase=[0.3, 0.0], offset=[0.1, -0.4])

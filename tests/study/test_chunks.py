@@ -10,7 +10,7 @@ from tarc.study import chunks as chunks_module
 from tarc.study.chunks import FIRST_PART, PART_TIME, ChunkCollector, ChunkQueue, Pace
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     n_runs=st.integers(1, 300),
     size=st.integers(1, 64),

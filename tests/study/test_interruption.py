@@ -53,8 +53,8 @@ def wait_for_marks(folder: Path, n_marks: int) -> None:
 
 
 def is_gone(group: int) -> bool:
-    """Return whether all processes of a group end within ten seconds."""
-    for _ in range(100):
+    """Return whether all processes of a group end within two minutes."""
+    for _ in range(1200):
         try:
             os.killpg(group, 0)
         except ProcessLookupError:
@@ -78,7 +78,7 @@ def test_ctrl_c_keeps_what_is_finished_and_the_rest_follows(tmp_path):
         # the command computes while its workers start, and a fast machine is done before they are all there
         wait_for_marks(tmp_path / "runs" / "swings.study" / "done", 4)
         os.killpg(process.pid, signal.SIGINT)  # as a terminal does, to the workers as well
-        _, errors = process.communicate(timeout=60)
+        _, errors = process.communicate(timeout=300)
     assert process.returncode == 130, errors
     *before, last = errors.splitlines()
     assert all(line.startswith("2 processes; dashboard") for line in before)

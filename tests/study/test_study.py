@@ -3,9 +3,9 @@
 import errno
 import json
 import shutil
+import signal
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -297,12 +297,25 @@ def test_a_damaged_folder_is_run_again_or_refused(finished, tmp_path, damage):
 @pytest.mark.slow
 def test_a_process_that_is_killed_and_several_processes_give_the_same_bits(tmp_path, monkeypatch):
     content = {"scenario": SCENARIO, "draws": DRAWS, "runs": 120, "sampling": "latin_hypercube"}
-    code = f"from tarc.study import Study; Study.parse({content!r}).run('killed.study', jobs=1)"
+    code = f"""
+import os, signal
+from pathlib import Path
+from tarc.study import Study
+from tarc.study.store import Store
+
+mark = Store._mark
+
+def killing_mark(store, start, stop):
+    mark(store, start, stop)
+    if len(list(Path("killed.study/done").iterdir())) == 4:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+Store._mark = killing_mark
+Study.parse({content!r}).run("killed.study", jobs=1)
+"""
     folder = tmp_path / "killed.study"
-    with subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path) as process:
-        while process.poll() is None and len(list(folder.glob("done/*-*"))) < 4:
-            time.sleep(0.01)
-        process.kill()
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=False)
+    assert done.returncode == -signal.SIGKILL
     own = Study.parse(content)
     begun = StudyResult.open(folder).data.sizes["run"]
     assert 0 < begun < 120

@@ -433,6 +433,7 @@ static void take_real_time(void)
   printf("memory: %s\n", locked == 0 ? "locked" : "not locked, allow it by ulimit -l");
   const int fifo = PRIORITY ? sched_setscheduler(0, SCHED_FIFO, &parameter) : -1;
   printf("scheduler: %s\n", fifo == 0 ? "SCHED_FIFO" : "ordinary, allow SCHED_FIFO by ulimit -r");
+  (void)fflush(stdout); /* now, also where it is no terminal */
 }
 
 /* Say hello until a valid position and the names are there; return whether they came and fit. */
