@@ -8,7 +8,7 @@ from tarc.analysis import Workspace
 from tarc.analysis.operating_points import SEARCH_MARGIN
 from tarc.certificates import certify_known_inertia
 from tarc.core.errors import InvalidParameter
-from tarc.design.link_lengths import robots_with_lengths
+from tarc.design.link_lengths import robots_with_lengths, with_lengths
 from tarc.estimators import Algebraic
 from tarc.laws import TDC
 from tarc.laws.nominal_inertia import NominalInertia
@@ -105,6 +105,13 @@ def test_robots_within_the_lengths_break_no_certified_law(planar):
     share, random = 0.02, np.random.default_rng(2)
     certificate = certify_known_inertia(law, robots_with_lengths([planar], share, workspace, 0), workspace, samples=60)
     assert certificate.certified
+    worded = with_lengths(certificate, planar, share)
+    assert worded.verdict_in_words == (
+        "certified on 60 sampled postures and local search; ends of 3 link lengths chosen at 200 sampled motions"
+    )
+    assert "of their 8 ends those with the extreme inertia" in worded.assumptions[-1]
+    assert with_lengths(certificate, ARM, share).basis.endswith("; each link shorter, as it is and longer")
+    assert with_lengths(certificate, planar, 0.0) is certificate
     evidence = certificate.evidence
     reference = Sinusoid(amplitude=[0.4, 0.4, 0.4], frequency=[2.5, 2.0, 1.7])
     for _ in range(4):

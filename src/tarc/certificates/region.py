@@ -211,7 +211,11 @@ def _supported(law: Law, computation_delay: int) -> TDC | TARC:
     if not np.isfinite(law.robust_slope_bound):
         raise UnsupportedLaw("law: nothing bounds the gain of its robust term; give max_gain")
     if law.has_model and computation_delay:
-        raise UnsupportedLaw("law: certify_region does not cover M̂(q) with a computation delay; leave the delay out")
+        raise UnsupportedLaw(
+            f"law: M̂(q) with a computation delay of {computation_delay} periods; certify_region covers M̂(q) without "
+            "one, and a constant M̂ with any. Use a constant M̂, or a loop that applies its torque at once with "
+            "computation_delay=0; certify_known_inertia certifies this law near its motion, without a region"
+        )
     refuse_oracle(law.estimator)
     if law.torque_limit is not None or law.actuation_delay:
         raise UnsupportedLaw("law: certify_region does not cover a torque limit and an actuation delay; leave them out")

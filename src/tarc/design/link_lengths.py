@@ -1,11 +1,14 @@
 """Robots whose links may be shorter or longer: which of them a certificate must have."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 
 from tarc.analysis.workspace import Workspace
+from tarc.certificates.base import Certificate
+from tarc.certificates.known_inertia_evidence import KnownInertiaEvidence
 from tarc.core.errors import InvalidParameter
 from tarc.core.types import Array
 from tarc.plants.base import Plant
@@ -75,6 +78,34 @@ def robots_with_lengths(robots: Sequence[Plant], share: float, workspace: Worksp
         _check_dip(scale @ robot.linearised_at(*motion)[0] @ scale, inertias, share)
     worst = {id(end): end for _, end in chosen.values()}
     return [*robots, *worst.values()]
+
+
+def with_lengths(
+    certificate: Certificate[KnownInertiaEvidence], robot: Plant, share: float
+) -> Certificate[KnownInertiaEvidence]:
+    """Return a certificate of `robots_with_lengths` whose verdict and assumptions say on which lengths it rests.
+
+    Parameters
+    ----------
+    certificate
+        The certificate.
+    robot
+        One of the robots.
+    share
+        As there; without one the certificate is returned as it is.
+    """
+    if not share:
+        return certificate
+    lengths = f"link lengths within {share:.3g} of their own, each by itself"
+    if "length_factors" in robot.parameters:
+        chosen = f"ends of {robot.n_joints} link lengths chosen at {N_POSTURES} sampled motions"
+        line = f"{lengths}: of their {2**robot.n_joints} ends those with the extreme inertia, stiffness and damping at "
+        line += f"{N_POSTURES} sampled motions are certified; other ends, and lengths between, are left to the margin"
+    else:
+        chosen = "each link shorter, as it is and longer"
+        line = f"{lengths}: each link shorter, as it is and longer is certified; lengths between are left to the margin"
+    basis = f"{certificate.basis}; {chosen}"
+    return replace(certificate, basis=basis, assumptions=(*certificate.assumptions, line))
 
 
 def _planar_arms(arm: Plant, share: float) -> list[Plant]:

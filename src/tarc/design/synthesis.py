@@ -21,6 +21,7 @@ from tarc.design.candidates import Candidate, enumerate_candidates
 from tarc.design.choice import DesignChoice
 from tarc.design.infeasible import infeasible_design
 from tarc.design.known_model import KnownModel
+from tarc.design.link_lengths import with_lengths
 from tarc.design.noise import torque_noise
 from tarc.design.problem import DesignProblem, with_payloads
 from tarc.design.reasons import explain_adaptation, explain_certificate, explain_inertia, explain_loop
@@ -146,6 +147,7 @@ def _complete_with_model(selection: LoopSelection, known: KnownModel, load: Grav
         best = selection.pick()
         law, adaptation = _build_law(problem, known.law_options(best), best)
         certificate = certify_known_inertia(law, known.robots, problem.workspace, worst=known.worst, **sampling)
+        certificate = with_lengths(certificate, known.robots[0], requirements.length_error)
         if certificate.certified:
             break
         selection = replace(selection, candidates=[loop for loop in selection.candidates if loop != best])
