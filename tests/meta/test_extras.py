@@ -12,7 +12,8 @@ import pytest
 from tarc.core import optional
 from tarc.core.errors import MissingTool, TarcError
 
-PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 EXTRAS = PROJECT["optional-dependencies"]
 
 
@@ -46,7 +47,9 @@ def test_a_missing_module_is_named_with_its_extra(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(optional, "find_spec", find)
     for name in ("mujoco", "xarray"):
         monkeypatch.delitem(sys.modules, name, raising=False)
-    with pytest.raises(MissingTool, match=r"^a run needs mujoco, xarray; pip install 'tarc-control\[sim\]'$"):
+    with pytest.raises(
+        MissingTool, match=rf"^a run needs mujoco, xarray; pip install -e '{re.escape(str(ROOT))}\[sim\]'$"
+    ):
         optional.require("sim", "a run")
     optional.require("sim", "a run", "h5py")
 

@@ -69,7 +69,7 @@ def test_jobs_beside_a_scheduler():
 
 def test_several_jobs_need_dask(monkeypatch):
     monkeypatch.setattr("tarc.core.optional.is_installed", lambda module: module != "distributed")
-    with pytest.raises(MissingTool, match=r"more than one job needs distributed; pip install 'tarc-control\[study\]'"):
+    with pytest.raises(MissingTool, match=r"more than one job needs distributed; pip install .*\[study\]'"):
         run_chunks(FakeEngine(), Recipe(), [], 0, jobs=2)
 
 

@@ -9,7 +9,7 @@ import typer
 from tarc.cli.options import Figures, Json
 from tarc.cli.run import run_scenario
 from tarc.core.files import make_folder
-from tarc.core.optional import EXTRAS, is_installed
+from tarc.core.optional import EXTRAS, install_command, is_installed
 
 if TYPE_CHECKING:
     from tarc.scenario.model import Scenario
@@ -36,7 +36,7 @@ def demo(out: DemoFolder = Path("runs/demo"), as_json: Json = False, figures: Fi
     if figures and all(is_installed(module) for module in EXTRAS["view"]):
         animation = make_folder("--out", out) / "animation.html"
     elif figures:
-        print("no animation: it needs the extra view; pip install 'tarc-control[view]'", file=sys.stderr)
+        print(f"no animation: it needs the extra view; {install_command('view')}", file=sys.stderr)
     scenario = Scenario.load("ur5e_model")
     run_scenario(scenario, out, as_json, figures, animation, verdicts=_verdicts(scenario))
 

@@ -64,7 +64,7 @@ def replay(
     as_json: Json = False,
     figures: Figures = True,
 ) -> None:
-    """Hold the log of a real robot against estimators, model and law.
+    """Compare the log of a real robot with estimators, model and law.
 
     It reports rate, jitter, stale and missing samples, and finds the true
     time of each row from the motion that all joints share. On these times

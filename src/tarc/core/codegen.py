@@ -19,6 +19,7 @@ import numpy as np
 
 from tarc.core.c_emitter import Constants, StepInterface, emit
 from tarc.core.errors import CompilationError, InvalidParameter, MissingTool
+from tarc.core.optional import install_command
 from tarc.core.types import Array
 
 try:
@@ -53,7 +54,7 @@ def compiler() -> list[str]:
         return [sys.executable, "-m", "ziglang", "cc"]
     raise MissingTool(
         "native: no C compiler found; looked for $CC, cc, gcc, clang and the ziglang package. Install one, for example "
-        "pip install 'tarc-control[ship]', or leave native out: the virtual machine needs none"
+        f"{install_command('ship')}, or leave native out: the virtual machine needs none"
     )
 
 

@@ -2,6 +2,7 @@
 
 import sys
 from importlib.util import find_spec
+from pathlib import Path
 
 from tarc.core.errors import MissingTool
 
@@ -41,6 +42,16 @@ def is_installed(module: str) -> bool:
         return False
 
 
+def install_command(extra: str) -> str:
+    """Return the command that installs an extra, from the repository where the package runs in one."""
+    root = Path(__file__).resolve().parents[3]
+    return (
+        f"pip install -e '{root}[{extra}]'"
+        if (root / "pyproject.toml").is_file()
+        else f"pip install 'tarc-control[{extra}]'"
+    )
+
+
 def require(extra: str, part: str, *modules: str) -> None:
     """Check that the modules of an extra are installed.
 
@@ -60,4 +71,4 @@ def require(extra: str, part: str, *modules: str) -> None:
     """
     missing = [module for module in modules or EXTRAS[extra] if not is_installed(module)]
     if missing:
-        raise MissingTool(f"{part} needs {', '.join(missing)}; pip install 'tarc-control[{extra}]'")
+        raise MissingTool(f"{part} needs {', '.join(missing)}; {install_command(extra)}")

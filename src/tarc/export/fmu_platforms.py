@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from tarc.core.codegen import compiler
 from tarc.core.errors import CompilationError, InvalidParameter, MissingTool
+from tarc.core.optional import install_command
 
 OVERRIDE = "FMI3_OVERRIDE_FUNCTION_PREFIX"
 """Defined for a shared library by FMI 3.0, whose functions have no prefix."""
@@ -106,7 +107,7 @@ def libraries(folder: Path, name: str, sources: Sequence[str], platforms: Sequen
 
 def _zig(platform_name: str) -> list[str]:
     if find_spec("ziglang") is None:
-        raise MissingTool("platforms: needs ziglang, which compiles for all of them; pip install 'tarc-control[ship]'")
+        raise MissingTool(f"platforms: needs ziglang, which compiles for all of them; {install_command('ship')}")
     return [sys.executable, "-m", "ziglang", "cc", "-target", PLATFORMS[platform_name].target]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from tarc.core import validation as check
 from tarc.core.errors import InvalidParameter
-from tarc.core.optional import is_installed, require
+from tarc.core.optional import install_command, is_installed, require
 from tarc.study.chunks import Chunk, ChunkCollector, ChunkQueue, Pace
 from tarc.study.cluster import check_scheduler, remote_cluster, run_parts, send_libraries, starting_cluster
 from tarc.study.engines import ChunkResult, Engine
@@ -118,7 +118,7 @@ def _run(
     count = n_cores() if jobs is None else jobs
     yield from _run_here(engine, queue, collector, pace, advance, np.inf if count == 1 else SERIAL_TIME)
     if queue.remaining and not is_installed("distributed"):
-        notify("one process: Dask is not installed; pip install 'tarc-control[study]' to use all cores")
+        notify(f"one process: Dask is not installed; to use all cores, {install_command('study')}")
         yield from _run_here(engine, queue, collector, pace, advance)
     if queue.remaining:
         with starting_cluster(count, recipe, notify) as starting:
