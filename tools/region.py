@@ -72,7 +72,7 @@ def falls(p, low, high):
 
 
 def region(e, witness):
-    """Decide whether errors up to r never exceed R and end below b, all in coordinates M̂^½ q."""
+    """Decide whether errors up to R0 never exceed R and end below R∞, all in coordinates M̂^½ q."""
     p = e["proof"]
     if witness or p is None:
         return -1, "no Lyapunov function"

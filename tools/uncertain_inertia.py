@@ -328,7 +328,7 @@ def affine_proof(proof, T, slope):
 
 
 def form_in_period(form, split, T, moved, change, swing, high):
-    """Return b, c, π, a0, a1, a2 and e: (a0 + a1 λ − a2 λ²)|k'|² + 2π ms(ẋ·k') ≤ b ms(x) + c ms(ẋ) + e λ|v|².
+    """Return b, c, α2, a0, a1, a2 and e: (a0 + a1 λ − a2 λ²)|k'|² + 2α2 ms(ẋ·k') ≤ b ms(x) + c ms(ẋ) + e λ|v|².
 
     Here k' = Ē⁻¹E(t)k, and x and ẋ are those at the mean acceleration. A share of 1/64 of x and ẋ, and 1/32 of k, is
     left to what they differ by; |Ē⁻¹ − E(t)⁻¹| ≤ moved.

@@ -20,12 +20,12 @@ from tarc.signals.disturbances import Disturbance
 BITS, SAMPLES = 17, 200
 HEADS = [
     "robot, R [mrad]",
-    "start r [mrad]",
-    "end b [mrad]",
+    "start R₀ [mrad]",
+    "end R∞ [mrad]",
     "decay rate [1/s]",
     "runs, of which left the tube",
     "largest error in them, of R",
-    "error in the end, of b",
+    "error in the end, of R∞",
 ]
 FREQUENCIES = 3.0, 10.0, 20.0, 40.0
 

@@ -192,14 +192,14 @@ class RatioSet:
 class PeriodForm(NamedTuple):
     """What a form of the forces says of mean and moment of k' over a period, in terms of its start.
 
-        (a0 + a1 λ − a2 λ²) |(mean, moment) of k'|² + 2π ms(ẋᵀk') ≤ b ms(x) + c ms(ẋ) + e λ |v|²
+        (a0 + a1 λ − a2 λ²) |(mean, moment) of k'|² + 2 α2 ms(ẋᵀk') ≤ b ms(x) + c ms(ẋ) + e λ |v|²
 
     The means of x and ẋ are those at the mean acceleration. The left factor must be positive on the whole range.
 
     Attributes
     ----------
     position, velocity, power
-        b, c and π.
+        b, c and α2.
     torque, energy, acceleration
         a0, a1 and a2.
     change

@@ -2,9 +2,9 @@
 
 With ẍ = E (v + k), k = −M̂^−½ (G M̂^−½ x + D M̂^−½ ẋ) the torque by stiffness and damping, all operating points satisfy
 
-    α0 |k|² + α1 kᵀEk + 2π ẋᵀk ≤ β |x|² + γ |ẋ|².
+    α0 |k|² + α1 kᵀEk + 2 α2 ẋᵀk ≤ β0 |x|² + β1 |ẋ|².
 
-Norms of k alone are this with π = 0. The power ẋᵀk sees that Coriolis forces do little work, since Ṁ − 2C is skew, and
+Norms of k alone are this with α2 = 0. The power ẋᵀk sees that Coriolis forces do little work, since Ṁ − 2C is skew, and
 that viscous friction takes energy.
 """
 
@@ -34,19 +34,19 @@ MAX_MARGIN = 0.5
 BISECTIONS = 30
 """Number of steps in which it is found."""
 ROUNDING_ROOM = 1 + 1e-9
-"""Factor on β and γ beyond the largest value found."""
+"""Factor on β0 and β1 beyond the largest value found."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ForceForm:
-    """The form α0 |k|² + α1 kᵀEk + 2π ẋᵀk ≤ β |x|² + γ |ẋ|².
+    """The form α0 |k|² + α1 kᵀEk + 2 α2 ẋᵀk ≤ β0 |x|² + β1 |ẋ|².
 
     Attributes
     ----------
     torque, energy, power
-        α0, α1 and π [1/s].
+        α0, α1 and α2 [1/s].
     position, velocity
-        β [1/s⁴] and γ [1/s²].
+        β0 [1/s⁴] and β1 [1/s²].
     split
         Damping [1/s] at which what E changes within a period is split between ẋ and the acceleration E k.
     """
@@ -60,12 +60,12 @@ class ForceForm:
 
     @property
     def lead_time(self) -> float:
-        """√(γ/β) [s]."""
+        """√(β1/β0) [s]."""
         return float(np.sqrt(self.velocity / self.position))
 
     @property
     def coefficients(self) -> Array:
-        """Return α0, α1, π, β and γ, shape (5,)."""
+        """Return α0, α1, α2, β0 and β1, shape (5,)."""
         return np.array([self.torque, self.energy, self.power, self.position, self.velocity])
 
     def grown(self, share: float) -> "ForceForm":
@@ -77,7 +77,7 @@ class ForceForm:
         return replace(self, torque=factor**2 * self.torque, energy=factor**3 * self.energy, power=factor * self.power)
 
     def loosened(self, factor: float) -> "ForceForm":
-        """Return the form with β and γ times a factor."""
+        """Return the form with β0 and β1 times a factor."""
         return replace(self, position=factor * self.position, velocity=factor * self.velocity)
 
     def values(self, samples: UncertaintySamples) -> Array:
@@ -139,7 +139,7 @@ class FormValue:
 
         With y = (x, ẋ) where it is reached, r = R y and R = M̂^−½ [G, D] M̂^−½, they are those of
 
-            2 (α0 r + α1 E r − π ẋ)ᵀ dR y − α1 (E r)ᵀ dE⁻¹ (E r).
+            2 (α0 r + α1 E r − α2 ẋ)ᵀ dR y − α1 (E r)ᵀ dE⁻¹ (E r).
         """
         M, D, G = linearise_point(point)
         inverse_root, form, n = matrix_roots(self.nominal)[1], self.form, len(M)
@@ -172,7 +172,7 @@ class FormUnits(NamedTuple):
 
     @property
     def of_coefficients(self) -> Array:
-        """Return units of α0, α1, π, β and γ, shape (5,)."""
+        """Return units of α0, α1, α2, β0 and β1, shape (5,)."""
         return np.array([1.0, 1 / self.ratio, self.damping, self.stiffness**2, self.damping**2])
 
 
@@ -212,7 +212,7 @@ class ForcePoints:
         self.active = np.unique(np.concatenate(worst)).tolist()
 
     def forms(self, index: int) -> tuple[Array, ...]:
-        """Return what α0, α1, π, β and γ add to right less left side at a point, in their units, each (2n, 2n)."""
+        """Return what α0, α1, α2, β0 and β1 add to right less left side at a point, in their units, each (2n, 2n)."""
         torques, inertia = self.torques[index], self.inertia[index]
         n = len(inertia)
         work = np.zeros((2 * n, 2 * n))
@@ -237,7 +237,7 @@ class ForcePoints:
         )
 
     def covering(self, coefficients: Array) -> ForceForm:
-        """Return the form of coefficients in their units, with β and γ enlarged so that it covers all points.
+        """Return the form of coefficients in their units, with β0 and β1 enlarged so that it covers all points.
 
         Points that need it become active.
         """

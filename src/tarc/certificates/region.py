@@ -80,8 +80,8 @@ def certify_region(
     where G̃ and D̃ are means of ∂(M q̈ᵈ + N)/∂q and ∂N/∂q̇ between (qᵈ, q̇ᵈ) and (q, q̇). As long as (e, ė) stays in a
     tube, their norms are at most those found over the tube. The law is linear in positions and torques, and its memory
     in errors is that of τ − τ*, both without feed-forward. So V = Σ xᵀ (P0⊗I + P1⊗M̂^−½ M(q) M̂^−½) x of the whole
-    state, the window and the past torque included, obeys V⁺ ≤ ϱ V + g in the tube. A level of V in the tube is never
-    left if g ≤ (1 − ϱ) of it.
+    state, the window and the past torque included, obeys V⁺ ≤ ϱ V + g in the tube. A level V0 of V in the tube is
+    never left if g ≤ (1 − ϱ) V0.
 
     With M̂(q) the memory is in accelerations, less c* = M̂(qᵈ)⁻¹ (τ* − ĥ − f), and V = Σ xᵀ (P0⊗M̂(q̂) + P1⊗M(q)) x with
     M̂ at the measured position q̂. It gains s0 S0, S0 ± P0 ⪰ 0, with s0 the relative change of M̂(q̂) in a period. The
@@ -117,7 +117,7 @@ def certify_region(
     Returns
     -------
     Certificate
-        Its evidence has r, the largest initial error, and b, the bound in the end, in coordinates M̂^½ q, and
+        Its evidence has R0, the largest initial error, and R∞, the bound in the end, in coordinates M̂^½ q, and
         `RegionEvidence.joint_errors` turns them into those of joints. The margin is 1 less the level that V approaches
         over the level that fits the tube.
 
@@ -325,7 +325,7 @@ def _certificate(law: TDC | TARC, evidence: RegionEvidence, samples: int) -> Cer
     return Certificate(
         evidence=evidence,
         claim=claim,
-        problem="V⁺ ≤ ϱ V + g in the tube, for all inertia ratios; g ≤ (1 − ϱ) c for a level c in the tube",
+        problem="V⁺ ≤ ϱ V + g in the tube, for all inertia ratios; g ≤ (1 − ϱ) V0 for a level V0 in the tube",
         verdict=verdict,
         margin=margin,
         margin_meaning="1 less the level that V approaches over that of the tube",

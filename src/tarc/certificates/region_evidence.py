@@ -42,7 +42,7 @@ class RegionProof:
     decay
         ϱ: V⁺ ≤ ϱ V + g.
     level
-        c: a level of V in the tube, also between samples.
+        V0: a level of V in the tube, also between samples.
     rest_stiffness
         Largest ‖M̂^−½ (∂N/∂q) M̂^−½‖ at rest in the tube [1/s²], with `MARGIN`.
     start_torque, start_velocity
@@ -87,7 +87,7 @@ class RegionProof:
 
     @property
     def start_error(self) -> float:
-        """r: largest ‖M̂^½ e‖ at the start; the robot is at rest, and so held, and its window is full of q."""
+        """R0: largest ‖M̂^½ e‖ at the start; the robot is at rest, and so held, and its window is full of q."""
         error, rate, window, torque = self.loop.starts.T
         taken = self._norm(torque) * self.start_torque + self._norm(rate) * self.start_velocity * self.ratios.period
         taken += self._norm(window) * self.bounds.noise
@@ -96,7 +96,7 @@ class RegionProof:
 
     @property
     def final_error(self) -> float:
-        """b: ‖M̂^½ e‖ in the end, between samples too; from the start it decays to it as √ϱ per period."""
+        """R∞: ‖M̂^½ e‖ in the end, between samples too; from the start it decays to it as √ϱ per period."""
         return self._largest(self.final_level)[0]
 
     @property
@@ -207,7 +207,7 @@ class RegionEvidence(Evidence):
     max_error
         R, largest error of each joint that is allowed [rad or m], shape (n,).
     start_error, final_error
-        r and b: largest ‖M̂^½ e‖ at the start and in the end; zero and infinite without a proof.
+        R0 and R∞: largest ‖M̂^½ e‖ at the start and in the end; zero and infinite without a proof.
     """
 
     kind: ClassVar[str] = "region"
@@ -245,12 +245,12 @@ class RegionEvidence(Evidence):
 
     @property
     def start_errors(self) -> Array:
-        """r: largest initial error of each joint if the others have none [rad or m], shape (n,)."""
+        """R0: largest initial error of each joint if the others have none [rad or m], shape (n,)."""
         return self.start_error / np.sqrt(np.diag(self.nominal_inertia))
 
     @property
     def final_errors(self) -> Array:
-        """b: bound on the error of each joint in the end [rad or m], shape (n,)."""
+        """R∞: bound on the error of each joint in the end [rad or m], shape (n,)."""
         return self.joint_errors(self.final_error)
 
     def start_contains(self, error: Array) -> bool:
