@@ -14,7 +14,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,8 @@ import numpy as np
 
 ARGUMENTS = ("--no-sandbox", "--disable-3d-apis")
 """Of chromium: without a graphics card it would draw the robots of ten pages on the processor that is measured."""
-SLIDERS = ("Natural frequency [rad/s]", "Damping ratio", "Inertia share", "Window [periods]", "Payload [kg]")
+FREQUENCY = "Natural frequency [rad/s]"
+SLIDERS = (FREQUENCY, "Damping ratio", "Inertia share", "Window [periods]", "Payload [kg]")
 PRESETS = ("Calm", "Balanced", "Stiff", "Adaptive", "Too eager")
 ACTIONS = {
     "slide": 120,
@@ -46,22 +47,25 @@ READY = 120_000
 """Longest wait for the page [ms]."""
 BLOCKED = 3_000
 """Longest wait of a monkey for what it clicks, which a menu may cover [ms]."""
+EXIT_TIME = 2
+"""Longest wait for the exit code of a server that does not answer [s]."""
 USERS = 10
 SAMPLES = 40
 """Measurements of the memory over the actions of a monkey."""
 MOVE = """
-([label, position, target]) => new Promise((resolve) => {
+([label, target]) => new Promise((resolve) => {
   const input = [...document.querySelectorAll("input[type=range]")].find((one) => one.ariaLabel === label);
   const start = performance.now();
   const end = (value) => { observer.disconnect(); resolve(value); };
   const observer = new MutationObserver(() => end(performance.now() - start));
   observer.observe(document.querySelector(target), { childList: true, subtree: true, characterData: true });
   setTimeout(() => end(null), 60000);
-  input.value = position;
+  const next = +input.value + 0.02;
+  input.value = next < 0.9 || next > 1.04 ? 0.9 : next;
   input.dispatchEvent(new Event("input", { bubbles: true }));
 })
 """
-"""Moves a slider and returns the time until a part of the page changes [ms]."""
+"""Moves the natural frequency, 8 to 11 rad/s, and returns the time until a part of the page changes [ms]."""
 SLIDE = """
 ([label, share]) => {
   const input = [...document.querySelectorAll("input[type=range]")].find((one) => one.ariaLabel === label);
@@ -89,19 +93,36 @@ class Server:
 
         Pages that processes share count once (proportional set size).
         """
+        return sum(_proportional(pid) for pid in self._pids())
+
+    def cpu(self) -> dict[int, float]:
+        """Return the processor time of the server and of each process that it started [s]."""
+        times = {}
+        for pid in self._pids():
+            with suppress(OSError):  # one that has ended meanwhile
+                times[pid] = processor_time(pid)
+        return times
+
+    def _pids(self) -> list[int]:
         pids = [self.process.pid]
         for pid in pids:
             for children in Path(f"/proc/{pid}/task").glob("*/children"):
-                pids += [int(child) for child in children.read_text().split()]
-        return sum(_proportional(pid) for pid in pids)
+                with suppress(OSError):
+                    pids += [int(child) for child in children.read_text().split()]
+        return pids
 
-    def cpu(self) -> float:
-        """Return the processor time of the server, without that of the processes that it started [s]."""
-        return processor_time(self.process.pid)
+    def failures(self) -> int:
+        """Return how many exceptions and crashes the server and its processes have printed."""
+        text = self.log.read_text(encoding="utf-8")
+        return text.count("Traceback") + text.count("Fatal Python error")
 
-    def tracebacks(self) -> int:
-        """Return how many exceptions the server has printed."""
-        return self.log.read_text(encoding="utf-8").count("Traceback")
+    def print_log(self) -> None:
+        """Print the log, with the exit code of a server that has ended."""
+        try:
+            state = f"ended with code {self.process.wait(EXIT_TIME)}"
+        except subprocess.TimeoutExpired:
+            state = "still runs"
+        print(f"the server {state}; its log:\n{self.log.read_text(encoding='utf-8')}", flush=True)
 
 
 @dataclass
@@ -152,7 +173,14 @@ def serving() -> Iterator[Server]:
                     if process.poll() is not None:
                         raise SystemExit(log.read_text()) from None
                     time.sleep(0.02)
-            yield Server(url, process, log, time.perf_counter() - started, processor_time(process.pid))
+            server = Server(url, process, log, time.perf_counter() - started, processor_time(process.pid))
+            try:
+                yield server
+            except Exception:
+                server.print_log()
+                raise
+            if server.failures():
+                server.print_log()
         finally:
             process.terminate()
             process.wait(30)
@@ -178,7 +206,9 @@ def open_page(browser: Any, url: str) -> Any:
     return page
 
 
-def latencies(page: Any, target: str, moves: int, pause: int = 600, is_quiet: bool = False) -> list[float]:
+def latencies(
+    page: Any, target: str, moves: int, pause: int = 600, is_quiet: bool = False, busy: Any = None
+) -> list[float]:
     """Return the times from moves of a slider to a change of a part of the page [s]; infinite for none.
 
     Parameters
@@ -193,15 +223,18 @@ def latencies(page: Any, target: str, moves: int, pause: int = 600, is_quiet: bo
         Between them [ms].
     is_quiet
         Whether each move waits for the certificates of the one before instead.
+    busy
+        A page of another user, who moves as well; None for none.
     """
     times = []
-    for number in range(moves):
+    for _ in range(moves):
+        if busy is not None:
+            busy.evaluate(SLIDE, [FREQUENCY, random.random()])
         if is_quiet:
             page.wait_for_function(QUIET, timeout=READY)
         else:
             page.wait_for_timeout(pause)
-        position = 0.9 + 0.02 * (number % 7)
-        found = page.evaluate(MOVE, ["Natural frequency [rad/s]", position, target])
+        found = page.evaluate(MOVE, [FREQUENCY, target])
         times.append(np.inf if found is None else found / 1000)
     return times
 
@@ -284,15 +317,17 @@ def _drag(page: Any, rng: random.Random) -> None:
     page.mouse.up()
 
 
-def report_latencies(server: Server, page: Any, label: str, measures: dict[str, tuple[str, int, bool]]) -> None:
+def report_latencies(
+    server: Server, page: Any, label: str, measures: dict[str, tuple[str, int, bool]], busy: Any = None
+) -> None:
     """Print the latencies of a page, by name: the part that changes, the number of moves, and whether they wait.
 
-    The processor time is that of all that follows a move, but for the process of the certificates.
+    The processor time is that of all processes that live on, so without those of the certificates.
     """
     for name, (target, moves, is_quiet) in measures.items():
         cpu = server.cpu()
-        times = latencies(page, target, moves, is_quiet=is_quiet)
-        spent = (server.cpu() - cpu) / moves
+        times = latencies(page, target, moves, is_quiet=is_quiet, busy=busy)
+        spent = sum(time - cpu[pid] for pid, time in server.cpu().items() if pid in cpu) / moves
         print(
             f"{label}, {name}: median {np.median(times):.3f} s, 95 % {np.quantile(times, 0.95):.3f} s, "
             f"largest {max(times):.3f} s of {moves}; processor time of the server {spent:.3f} s a move",
@@ -332,13 +367,19 @@ def main() -> None:
             report_latencies(server, pages[0], label, measures)
         pages[0].goto(server.url)
         pages[0].wait_for_selector(".measures .head", timeout=READY)
+        pages[1].goto(server.url + "?robot=panda_multisine&model_known=True")
+        pages[1].wait_for_selector(".measures .head", timeout=READY)
+        label = "two-link arm while another user moves a Panda with M̂(q)"
+        report_latencies(server, pages[0], label, fast, busy=pages[1])
+        pages[1].goto(server.url)
+        pages[1].wait_for_selector(".measures .head", timeout=READY)
         print(f"up to here {time.perf_counter() - started:.0f} s", flush=True)
         report = monkey(pages[0], server, options.actions)
         quarter = len(report.memory) // 4
         early, late = np.mean(report.memory[quarter : 2 * quarter]), np.mean(report.memory[-quarter:])
         print(
             f"monkey: {report.actions} actions, {report.blocked} of them blocked by a menu, "
-            f"{len(report.errors)} errors of the page, {server.tracebacks()} exceptions of the server"
+            f"{len(report.errors)} errors of the page, {server.failures()} exceptions and crashes of the server"
         )
         print(
             f"memory over the second and last quarter of its actions: {early:.0f} and {late:.0f} MB, largest "

@@ -24,4 +24,4 @@ def test_ten_users_and_a_short_monkey() -> None:
             page.close()
         report = studio.monkey(pages[0], server, 40)
         assert not report.errors
-        assert not server.tracebacks()
+        assert not server.failures()
