@@ -47,6 +47,8 @@ READY = 120_000
 """Longest wait for the page [ms]."""
 BLOCKED = 3_000
 """Longest wait of a monkey for what it clicks, which a menu may cover [ms]."""
+RELOADED = "Execution context was destroyed"
+"""What Playwright says where the page loads itself again meanwhile, as after a lost connection."""
 EXIT_TIME = 2
 """Longest wait for the exit code of a server that does not answer [s]."""
 USERS = 10
@@ -67,8 +69,7 @@ MOVE = """
 """
 """Moves the natural frequency, 8 to 11 rad/s, and returns the time until a part of the page changes [ms]."""
 SLIDE = """
-([label, share]) => {
-  const input = [...document.querySelectorAll("input[type=range]")].find((one) => one.ariaLabel === label);
+(input, share) => {
   input.value = +input.min + share * (input.max - input.min);
   input.dispatchEvent(new Event("input", { bubbles: true }));
 }
@@ -127,7 +128,7 @@ class Server:
 
 @dataclass
 class Report:
-    """What a monkey found: errors of the page, actions that a menu blocked, and memory of the server [MB]."""
+    """What a monkey found: errors of the page, actions that were blocked, and memory of the server [MB]."""
 
     actions: int = 0
     errors: list[str] = field(default_factory=list)
@@ -229,7 +230,7 @@ def latencies(
     times = []
     for _ in range(moves):
         if busy is not None:
-            busy.evaluate(SLIDE, [FREQUENCY, random.random()])
+            _slide(busy, FREQUENCY, random.random())
         if is_quiet:
             page.wait_for_function(QUIET, timeout=READY)
         else:
@@ -253,6 +254,7 @@ def monkey(page: Any, server: Server, actions: int, seed: int = 1) -> Report:
     seed
         Of the random numbers.
     """
+    from playwright.sync_api import Error
     from playwright.sync_api import TimeoutError as BlockedError
 
     rng = random.Random(seed)
@@ -262,12 +264,15 @@ def monkey(page: Any, server: Server, actions: int, seed: int = 1) -> Report:
     for number in range(actions):
         try:
             _act(page, rng)
-        except BlockedError:
+        except Error as error:
+            if not isinstance(error, BlockedError) and RELOADED not in str(error):
+                raise
             report.blocked += 1
             page.keyboard.press("Escape")
         page.wait_for_timeout(rng.choice(PAUSES))
         if number % max(actions // SAMPLES, 1) == 0:
             report.memory.append(server.memory())
+            print(f"action {number}: {report.memory[-1]:.0f} MB, {report.blocked} blocked", flush=True)
     page.set_default_timeout(READY)
     page.get_by_role("tab", name="Design").click()
     page.wait_for_function(QUIET, timeout=READY)
@@ -279,7 +284,7 @@ def _act(page: Any, rng: random.Random) -> None:
     """Do one random thing."""
     kind = rng.choices(list(ACTIONS), list(ACTIONS.values()))[0]
     if kind == "slide":
-        page.evaluate(SLIDE, [rng.choice(SLIDERS), rng.random()])
+        _slide(page, rng.choice(SLIDERS), rng.random())
     elif kind == "preset":
         page.get_by_role("button", name=rng.choice(PRESETS), exact=True).click()
     elif kind in ("undo", "redo"):
@@ -299,6 +304,11 @@ def _act(page: Any, rng: random.Random) -> None:
     else:
         page.reload(timeout=READY)
         page.wait_for_selector(".control-row", timeout=READY)
+
+
+def _slide(page: Any, label: str, share: float) -> None:
+    """Move a slider to a share of its length, once it is there."""
+    page.locator(f'input[type=range][aria-label="{label}"]').evaluate(SLIDE, share)
 
 
 def _drag(page: Any, rng: random.Random) -> None:
@@ -335,11 +345,36 @@ def report_latencies(
         )
 
 
+def report_all_latencies(server: Server, pages: list[Any], moves: int) -> None:
+    """Print the latencies of the first page, while the others are idle, and while the second is not."""
+    few = max(moves // 7, 1)
+    fast = {"map, stable range and noise": (".numbers", moves, False)}
+    runs = {"runs": (".measures", moves, True), "certificates": (".certificates", few, True)}
+    known = {"certificates with M̂(q)": (".certificates", few, True)}
+    report_latencies(server, pages[0], "two-link arm", fast | runs)
+    for query, label, measures in (
+        ("?robot=ur5e", "UR5e", fast | runs),
+        ("?robot=ur5e&model_known=True", "UR5e", known),
+        ("?robot=panda_multisine&model_known=True", "Panda", known),
+    ):
+        pages[0].goto(server.url + query)
+        pages[0].wait_for_selector(".measures .head", timeout=READY)
+        report_latencies(server, pages[0], label, measures)
+    pages[0].goto(server.url)
+    pages[0].wait_for_selector(".measures .head", timeout=READY)
+    pages[1].goto(server.url + "?robot=panda_multisine&model_known=True")
+    pages[1].wait_for_selector(".measures .head", timeout=READY)
+    label = "two-link arm while another user moves a Panda with M̂(q)"
+    report_latencies(server, pages[0], label, fast, busy=pages[1])
+    pages[1].goto(server.url)
+    pages[1].wait_for_selector(".measures .head", timeout=READY)
+
+
 def main() -> None:
     """Print the measures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--actions", type=int, default=300, help="actions of the monkey")
-    parser.add_argument("--moves", type=int, default=20, help="moves whose latency is measured")
+    parser.add_argument("--moves", type=int, default=20, help="moves whose latency is measured; 0 for none")
     options = parser.parse_args()
     started = time.perf_counter()
     with serving() as server, browsing() as browser:
@@ -352,28 +387,9 @@ def main() -> None:
             page.wait_for_function(QUIET, timeout=READY)
         each = (server.memory() - first) / (USERS - 1)
         print(f"memory, shared pages counted once: {first:.0f} MB with one user, {each:.1f} MB for each further one")
-        few = max(options.moves // 7, 1)
-        fast = {"map, stable range and noise": (".numbers", options.moves, False)}
-        runs = {"runs": (".measures", options.moves, True), "certificates": (".certificates", few, True)}
-        known = {"certificates with M̂(q)": (".certificates", few, True)}
-        report_latencies(server, pages[0], "two-link arm", fast | runs)
-        for query, label, measures in (
-            ("?robot=ur5e", "UR5e", fast | runs),
-            ("?robot=ur5e&model_known=True", "UR5e", known),
-            ("?robot=panda_multisine&model_known=True", "Panda", known),
-        ):
-            pages[0].goto(server.url + query)
-            pages[0].wait_for_selector(".measures .head", timeout=READY)
-            report_latencies(server, pages[0], label, measures)
-        pages[0].goto(server.url)
-        pages[0].wait_for_selector(".measures .head", timeout=READY)
-        pages[1].goto(server.url + "?robot=panda_multisine&model_known=True")
-        pages[1].wait_for_selector(".measures .head", timeout=READY)
-        label = "two-link arm while another user moves a Panda with M̂(q)"
-        report_latencies(server, pages[0], label, fast, busy=pages[1])
-        pages[1].goto(server.url)
-        pages[1].wait_for_selector(".measures .head", timeout=READY)
-        print(f"up to here {time.perf_counter() - started:.0f} s", flush=True)
+        if options.moves:
+            report_all_latencies(server, pages, options.moves)
+            print(f"up to here {time.perf_counter() - started:.0f} s", flush=True)
         report = monkey(pages[0], server, options.actions)
         quarter = len(report.memory) // 4
         early, late = np.mean(report.memory[quarter : 2 * quarter]), np.mean(report.memory[-quarter:])
