@@ -202,6 +202,7 @@ def browsing() -> Iterator[Any]:
 def open_page(browser: Any, url: str) -> Any:
     """Open the page and wait for its first run."""
     page = browser.new_page(viewport={"width": 1280, "height": 900})
+    page.set_default_timeout(READY)
     page.goto(url)
     page.wait_for_selector(".measures .head", timeout=READY)
     return page
