@@ -8,13 +8,16 @@ import numpy as np
 
 from tarc.analysis.command_units import in_torque_units
 from tarc.analysis.inertia_ratio import as_plants
-from tarc.analysis.linearise import refuse_nominal_inertia, require_inertia
+from tarc.analysis.linearise import require_inertia
 from tarc.analysis.workspace import Workspace
 from tarc.certificates.base import Certificate, Verdict
+from tarc.certificates.known_inertia import WorstKnownPoints, certify_known_inertia, check_known_robot
+from tarc.certificates.known_inertia_evidence import KnownInertiaEvidence
 from tarc.certificates.robot import certify_robot
 from tarc.certificates.robot_evidence import RobotEvidence
 from tarc.certificates.robot_points import RobotPoints
 from tarc.core.errors import InvalidParameter
+from tarc.laws.nominal_inertia import NominalInertia
 from tarc.laws.pole_placement import PolePlacement
 from tarc.laws.tarc import TARC
 from tarc.plants.base import Plant
@@ -31,6 +34,8 @@ SIGNIFICANT_DIGITS = 3
 """Of a natural frequency that is tried."""
 EQUAL = 1e-9
 """Relative distance at which two natural frequencies are the same."""
+
+AnyCertificate = Certificate[RobotEvidence] | Certificate[KnownInertiaEvidence]
 
 
 @dataclass(frozen=True)
@@ -92,7 +97,7 @@ class CertifiedGains:
 
     law: PolePlacement
     slopes: Mapping[float, float]
-    certificate: Certificate[RobotEvidence]
+    certificate: AnyCertificate
 
     @property
     def reason(self) -> str:
@@ -171,12 +176,13 @@ def certify_gains(
 
     Natural frequencies are certified one by one, in steps of 10 %, down and up from that of the law. The search stops
     at the first that is not certified, and at half and twice the law's. For TARC the largest slope α ĉ ‖P2‖/ε of the
-    robust term is searched at the law's own natural frequency, to 5 %.
+    robust term is searched at the law's own natural frequency, to 5 %. With M̂(q) of a model each certificate is that
+    of `certify_known_inertia` with ``quick``: a ball, whose loop has the slope anywhere between zero and the largest.
 
     Parameters
     ----------
     law
-        A law with a constant inertia M̂ and one natural frequency for all joints.
+        A law with an inertia, constant or M̂(q), and one natural frequency for all joints.
     plant, workspace, computation_delay, samples, seed
         As in `tarc.certify_law`.
     on_certificate
@@ -190,34 +196,24 @@ def certify_gains(
     Raises
     ------
     UnsupportedLaw
-        For a law without an inertia, and for M̂(q) of a model.
+        For a law without an inertia, and for M̂(q) in a workspace without speeds.
     NotLinearisable
         For a law that has no linearisation at rest.
     InvalidParameter
         For natural frequencies that differ, or gains K1 and K2 in their place.
     """
     law = require_inertia(law, "certify_gains")
-    refuse_nominal_inertia(law, "the certificate of a robot")
     frequencies = np.unique(np.ravel(np.inf if law.natural_frequency is None else law.natural_frequency))
     if len(frequencies) != 1 or not np.isfinite(frequencies[0]):
         raise InvalidParameter(
             f"natural_frequency: got {law.natural_frequency!r}; needs one number for all joints", "natural_frequency"
         )
-    torque_law, plants = in_torque_units(law, as_plants(plant))
-    points = RobotPoints.from_robot(plants, torque_law.M, workspace, samples=samples, seed=seed)
+    certify_law = _certifier(law, as_plants(plant), workspace, computation_delay, samples, seed)
     count = 0
 
-    def certify(**gains: float) -> Certificate[RobotEvidence]:
+    def certify(**gains: float) -> AnyCertificate:
         nonlocal count
-        certificate = certify_robot(
-            replace(torque_law, **gains),
-            plants,
-            workspace,
-            computation_delay=computation_delay,
-            samples=samples,
-            seed=seed,
-            points=points,
-        )
+        certificate = certify_law(**gains)
         count += 1
         on_certificate(count)
         return certificate
@@ -238,6 +234,42 @@ def certify_gains(
     return CertifiedGains(law=law, slopes=slopes, certificate=certificate)
 
 
+def _certifier(
+    law: PolePlacement,
+    plants: Sequence[Plant],
+    workspace: Workspace,
+    computation_delay: int,
+    samples: int,
+    seed: int,
+) -> Callable[..., AnyCertificate]:
+    """Return a function that certifies the law with other gains; what the robot is along its motions is found once."""
+    if isinstance(law.inertia, NominalInertia):
+        workspace = workspace.for_joints(plants[0].joint_names)
+        check_known_robot(law, plants, workspace)
+        worst = WorstKnownPoints.search(law.inertia, plants, workspace, samples, seed)
+        return lambda **gains: certify_known_inertia(
+            replace(law, **gains),
+            plants,
+            workspace,
+            computation_delay=computation_delay,
+            samples=samples,
+            seed=seed,
+            quick=True,
+            worst=worst,
+        )
+    torque_law, plants = in_torque_units(law, plants)
+    points = RobotPoints.from_robot(plants, torque_law.M, workspace, samples=samples, seed=seed)
+    return lambda **gains: certify_robot(
+        replace(torque_law, **gains),
+        plants,
+        workspace,
+        computation_delay=computation_delay,
+        samples=samples,
+        seed=seed,
+        points=points,
+    )
+
+
 def _first_slope(law: PolePlacement, changed: PolePlacement) -> float:
     """Return the bound on the slope of a changed law in its first step, whose gain is that of the law before."""
     if isinstance(law, TARC) and isinstance(changed, TARC) and law.max_gain is not None:
@@ -245,7 +277,7 @@ def _first_slope(law: PolePlacement, changed: PolePlacement) -> float:
     return changed.robust_slope_bound
 
 
-def _largest_slope(law: PolePlacement, certify: Callable[..., Certificate[RobotEvidence]]) -> float:
+def _largest_slope(law: PolePlacement, certify: Callable[..., AnyCertificate]) -> float:
     """Return the largest slope of the robust term that is found certified at the law's natural frequency."""
     if not isinstance(law, TARC) or law.max_gain is None:
         return law.robust_slope_bound

@@ -175,7 +175,7 @@ def certify_known_inertia(
     inertia = _known(law)
     plants = as_plants(plant)
     workspace = workspace.for_joints(plants[0].joint_names)
-    _check_robot(law, plants, workspace)
+    check_known_robot(law, plants, workspace)
     known = KnownInertia(inertia)
     channel = decoupled_channels(law, computation_delay)[0]
     if worst is None:
@@ -302,8 +302,16 @@ def _known(law: PolePlacement) -> NominalInertia:
     return law.inertia
 
 
-def _check_robot(law: PolePlacement, plants: Sequence[Plant], workspace: Workspace) -> None:
-    """Refuse gains that differ between the joints, other joints, and a workspace without speeds."""
+def check_known_robot(law: PolePlacement, plants: Sequence[Plant], workspace: Workspace) -> None:
+    """Refuse what `certify_known_inertia` does not cover, before anything is searched.
+
+    Raises
+    ------
+    UnsupportedLaw
+        For gains that differ between the joints, and a workspace without speeds.
+    InvalidParameter
+        For numbers of joints that differ.
+    """
     if not joints_share_loop(law):
         raise UnsupportedLaw(
             "law: its gains differ between the joints, which certify_known_inertia does not cover; give one natural "

@@ -3,6 +3,7 @@
 Run as ``python -m tarc.runtime.law_preparer``; it reads laws from standard input and writes steps to standard output.
 """
 
+import os
 import pickle
 import signal
 import subprocess
@@ -19,6 +20,8 @@ from tarc.core.errors import CompilationError, InvalidParameter, MissingTool, Un
 from tarc.laws.base import Law
 from tarc.signals.torque_limits import TorqueLimits
 
+LOWEST_PRIORITY = 19
+"""Niceness of the process and of its compiler: the loop, its robot and its log go first."""
 READY = b"ready"
 """What the process writes once it has imported all."""
 
@@ -39,8 +42,10 @@ class LawPreparer:
 
     def __enter__(self) -> "LawPreparer":
         command = [sys.executable, "-m", "tarc.runtime.law_preparer"]
+        # a group of its own, which Ctrl-C does not reach, but not a session: Linux shares the processor among sessions
+        # first, whatever the priorities are
         self._process = subprocess.Popen(
-            command, start_new_session=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+            command, process_group=0, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
         )
         assert self._process.stdout is not None
         self._process.stdout.read(len(READY))  # so that its start takes no time from the loop
@@ -105,6 +110,8 @@ def _prepared(law: Law, limits: TorqueLimits | None, is_native: bool) -> tuple[s
 
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(os, "nice"):
+        os.nice(LOWEST_PRIORITY)
     sys.stdout.buffer.write(READY)
     sys.stdout.buffer.flush()
     serve(sys.stdin.buffer, sys.stdout.buffer)
