@@ -63,7 +63,7 @@ def search_law(
     require("study", "tune", "cmaes", "optuna")
     import optuna
 
-    from tarc.study.optuna_search import LOCAL_SHARE, Search, SeededSampler, Workers, open_storage, open_study
+    from tarc.study.optuna_search import Search, SeededSampler, Workers, first_local, open_storage, open_study
 
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     examples = [space.law(values, kept[0].period) for values in space.examples()] if space.free else []
@@ -75,7 +75,7 @@ def search_law(
     n_random = max(round(RANDOM_SHARE * options.trials), 1)
     starts = [values for law in warm_starts if (values := space.values(law))]
     sampler = SeededSampler(
-        gains, options.seed, n_random, round((1 - LOCAL_SHARE) * trials), starts, int(WARM_SHARE * options.trials)
+        gains, options.seed, n_random, first_local(trials), starts, int(WARM_SHARE * options.trials)
     )
     problem = _problem(space, kept, kept_limits, options, objectives)
     name = name or str(space.fixed["kind"])

@@ -37,7 +37,9 @@ BATCHES = 25
 MAX_HISTORY = 256
 """Most finished trials from which the sampler learns."""
 LOCAL_SHARE = 1 / 3
-"""Share of the trials that search about the best ones, the last of the search."""
+"""Share of the trials that search about the best ones, the last of a long search."""
+MIN_BEFORE_LOCAL = 200
+"""Fewest trials before these: of fewer, the best are not where the least is."""
 LOCAL_SOURCES = 100
 """Best trials from which that begins; the tenth of them with the least objective gives its first distribution."""
 MIN_LOCAL_SOURCES = 10
@@ -98,6 +100,11 @@ def informative_trials(study: optuna.Study, before: int) -> list[FrozenTrial]:
 def _evenly(count: int, most: int) -> list[int]:
     """Return numbers from 0 to the count, evenly spaced, at most this many."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).astype(int)).tolist() if count else []
+
+
+def first_local(trials: int) -> int:
+    """Return the number of the first trial that searches about the best ones; a short search has none."""
+    return max(round((1 - LOCAL_SHARE) * trials), MIN_BEFORE_LOCAL)
 
 
 class SeededSampler(optuna.samplers.BaseSampler):

@@ -30,10 +30,10 @@ def tune(
 ) -> tuple[dict[str, Any], float]:
     """Search a law's gains for the least mean log RMS error over training scenarios, under limits on torque variation.
 
-    On logarithmic scales, a third of the trials are drawn at random, half of these with the gains of a warm start. A
-    third are drawn by Optuna's tree-structured Parzen estimator, and the last by its evolution strategy about the best.
-    A trial that diverges in a scenario is not run in the next. Gains that are unstable at rest are not run, as soon as
-    others are known that are stable and completed.
+    On logarithmic scales, a third of the trials are drawn at random, half of these with the gains of a warm start. The
+    others are drawn by Optuna's tree-structured Parzen estimator, and of more than 200 trials the last third by its
+    evolution strategy about the best. A trial that diverges in a scenario is not run in the next. Gains that are
+    unstable at rest are not run, as soon as others are known that are stable and completed.
 
     Parameters
     ----------
