@@ -70,6 +70,7 @@ def test_import_is_light():
 
 
 LONG_EXAMPLES = {
+    "change_gains",
     "affine_certificate",
     "certify_robot",
     "compare_laws",
