@@ -27,6 +27,7 @@ from benchmarks.page_values.registry import (
 )
 
 SIGNIFICANT_LINES = re.compile(r"^│ (RMS error|peak error|torque variation) .*$", re.MULTILINE)
+TUNED_ERROR = re.compile(r"^│ (tdc|LeakyIntegral)[ *]*│ +([\d.]+) ", re.MULTILINE)
 Z1_JOINTS = [f"joint{number}" for number in range(1, 7)]
 Z1_CHANGES: dict[str, tuple[str, dict[str, Any]]] = {
     "base": ("as above", {}),
@@ -78,6 +79,7 @@ def idea_to_firmware() -> dict[str, Value]:
         )
         for name, part in zip(("LeakyIntegral", "TDC"), measured, strict=True)
     ]
+    tuned = {law: float(error) for law, error in TUNED_ERROR.findall(compare)}
     verified = re.sub(r", \d+ ns a step( *)", lambda match: " " * len(match[0]), verify)
     return {
         "ratio": measured[0]["rms_error"] / measured[1]["rms_error"],
@@ -85,6 +87,7 @@ def idea_to_firmware() -> dict[str, Value]:
         "verdict": text_block(_first_rows(certify)),
         "strong": text_block(_first_rows(strong)),
         "compared": text_block(compare),
+        "tuned_ratio": tuned["LeakyIntegral"] / tuned["tdc"],
         "verified": text_block(verified),
         "firmware": text_block(firmware),
     }
