@@ -266,3 +266,14 @@ def test_bad_input():
     )
     with pytest.raises(UnsupportedLaw, match="joints' gains differ"):
         certify_affine(uneven, (0.1, 1.0), 1.0)
+
+
+def test_the_first_proof_takes_fewer_programs_and_may_decay_slower():
+    wanted = certify_affine(SYNCHRONISED.law, (0.05, 2.5), 100.0, slope=5.0).evidence.proof
+    assert wanted is not None
+    programs: list[int] = []
+    found = find_proof(wanted.loop.full.loop, wanted.ratios, lambda: programs.append(1), first=True)
+    assert len(programs) == 1
+    assert found is not None
+    assert found.is_proven()
+    assert 1 < found.growth < wanted.growth

@@ -330,6 +330,7 @@ def find_proof(
     orders: Sequence[int] = ORDERS,
     max_programs: int = MAX_PROGRAMS,
     forces: ForcePoints | None = None,
+    first: bool = False,
 ) -> AffineProof | None:
     """Return a Lyapunov function with the fastest decay that is proven; None where none was found.
 
@@ -349,6 +350,9 @@ def find_proof(
         Largest number of semidefinite programs per order.
     forces
         Points that a form of the forces must cover, in place of bounds on their norms in the ratios.
+    first
+        Return the first Lyapunov function that is proven, of programs that are solved roughly. Further programs and
+        more digits may give one that decays faster.
     """
     lag_periods = computation_delay if len(ratios.lag_weights) else 0
     loop = loop.with_past_position(lag_periods)
@@ -359,13 +363,18 @@ def find_proof(
         loop=loop, centre=float(centres[radii.argmin()]), scales=_output_scales(loop, ratios, lag_periods, forces)
     )
     slowest = -float(np.log(radii.max()))
+
+    def is_proven(candidate: AffineCandidate) -> bool:
+        return _fastest_decay(candidate, slowest) is not None
+
+    is_enough = is_proven if first else None
     tried = 0
     for order in orders:
         reduced = reduce_loop(full, order)
         if reduced is None or len(reduced.A) == tried:
             break
         tried = len(reduced.A)
-        candidate = find_affine(reduced, ratios, on_program, max_programs, forces)
+        candidate = find_affine(reduced, ratios, on_program, max_programs, forces, is_enough=is_enough)
         proof = None if candidate is None else _fastest_decay(candidate, slowest)
         if proof is not None:
             return proof

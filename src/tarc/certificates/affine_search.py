@@ -1,6 +1,6 @@
 """Search for a Lyapunov function that is affine in the inertia, by semidefinite programs on a few ratios."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -44,6 +44,17 @@ SOLVER_OPTIONS: tuple[dict[str, float], ...] = (
     {"static_regularization_constant": 1e-7},
 )
 """Settings of the solver, tried in turn; the states are scaled already."""
+ROUGH_OPTIONS: tuple[dict[str, float], ...] = (
+    {
+        **SOLVER_OPTIONS[0],
+        "tol_feas": 1e-6,
+        "tol_gap_abs": MIN_DECREASE,
+        "tol_gap_rel": MIN_DECREASE,
+        "reduced_tol_feas": 1e-3,
+    },
+    *SOLVER_OPTIONS[1:],
+)
+"""The same for a rough solution, where one is enough: what it is worth is decided without the solver."""
 N_COEFFICIENTS = 5
 """Number of coefficients of a form of the forces."""
 MIN_FACTOR = 0.01
@@ -67,6 +78,7 @@ def find_affine(
     on_program: Callable[[], object] = lambda: None,
     max_programs: int = MAX_PROGRAMS,
     forces: ForcePoints | None = None,
+    is_enough: Callable[[AffineCandidate], bool] | None = None,
 ) -> AffineCandidate | None:
     """Return a Lyapunov function that decreases at all tested ratios; None where none was found.
 
@@ -85,6 +97,8 @@ def find_affine(
         Largest number of programs.
     forces
         Points that a form of the forces must cover, which is found as well.
+    is_enough
+        Whether a Lyapunov function is returned without a further program. Programs are then solved roughly.
     """
     if not np.isfinite(ratios.condition) or not np.all(np.isfinite(ratios.force_bounds())):
         return None
@@ -92,14 +106,15 @@ def find_affine(
     points = list(np.geomspace(low, high, N_FIRST_RATIOS))
     grid = np.geomspace(low, high, N_TESTED_RATIOS)
     best, n_failed = None, 0
+    options = SOLVER_OPTIONS if is_enough is None else ROUGH_OPTIONS
     for _ in range(max_programs):
-        candidate, margin = _solve(loop, ratios, points, forces)
+        candidate, margin = _solve(loop, ratios, points, forces, options)
         on_program()
         if candidate is None:
             return best
         decreases = _least_decreases(candidate, grid)
         if decreases.min() > 0:
-            if best is not None or margin > 1e-2:
+            if best is not None or margin > 1e-2 or (is_enough is not None and is_enough(candidate)):
                 return candidate
             best = candidate
         elif best is not None:
@@ -136,7 +151,11 @@ def _rescaled(candidate: AffineCandidate, ratio: float) -> ReducedLoop:
 
 
 def _solve(
-    loop: ReducedLoop, ratios: RatioSet, points: list[float], forces_to_cover: ForcePoints | None = None
+    loop: ReducedLoop,
+    ratios: RatioSet,
+    points: list[float],
+    forces_to_cover: ForcePoints | None = None,
+    options: Sequence[dict[str, float]] = SOLVER_OPTIONS,
 ) -> tuple[AffineCandidate | None, float]:
     """Return the Lyapunov function with the largest least decrease at some ratios, and that decrease."""
     import cvxpy as cp
@@ -176,7 +195,7 @@ def _solve(
         constraints.append(_symmetric(drop) >> margin * np.diag(strictness))
     constraints += [] if unknown is None else unknown.constraints()
     used = [variable for variable in variables if variable is not None]
-    values = _values(cp.Problem(cp.Maximize(margin), constraints), weights, margin, *used)
+    values = _values(options, cp.Problem(cp.Maximize(margin), constraints), weights, margin, *used)
     if values is None:
         return None, 0.0
     weight_values, margin_value, *found = values
@@ -239,10 +258,12 @@ def _has_two_parts(ratios: RatioSet) -> bool:
     return ratios.relative_rate < (1 - 1e-9) * ratios.rate * ratios.max_ratio
 
 
-def _values(problem: "cp.Problem", *expressions: "cp.Expression") -> list[Array] | None:
+def _values(
+    options: Sequence[dict[str, float]], problem: "cp.Problem", *expressions: "cp.Expression"
+) -> list[Array] | None:
     """Return the values of a solution, by the first settings with which the solver succeeds; None for none."""
-    for options in SOLVER_OPTIONS:
-        values = sdp.solve(problem, *expressions, **options)
+    for settings in options:
+        values = sdp.solve(problem, *expressions, **settings)
         if values is not None:
             return values
     return None

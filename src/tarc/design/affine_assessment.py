@@ -172,7 +172,7 @@ class AffineAssessment:
             forces = force_points(self.samples.for_scaled_inertia(loop.inertia_scale))
         delay = loop.computation_delay
         options = {"orders": ORDERS, "max_programs": max_programs, "computation_delay": delay}
-        return find_proof(uncertain, ratios, on_program, forces=forces, **options)
+        return find_proof(uncertain, ratios, on_program, forces=forces, first=True, **options)
 
     def best(
         self, loops: Sequence[Candidate], selection: LoopSelection, done: Callable[[], object]
