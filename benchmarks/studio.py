@@ -75,6 +75,18 @@ SLIDE = """
 }
 """
 """Moves a slider."""
+REFRESHES = """
+(seconds) => new Promise((resolve) => {
+  let count = 0;
+  const observer = new MutationObserver(() => { count += 1; });
+  const time = document.querySelector(".live-numbers dd");
+  observer.observe(time, { childList: true, subtree: true, characterData: true });
+  setTimeout(() => { observer.disconnect(); resolve(count / seconds); }, 1000 * seconds);
+})
+"""
+"""Returns how often per second the time of a loop changes in the Live tab."""
+REFRESH_TIME = 10
+"""Time in which these changes are counted [s]."""
 QUIET = "() => document.querySelector('.certificate') && !document.querySelector('.certificates.stale')"
 """Whether the certificates of the present design are there, the last that a move computes."""
 
@@ -346,6 +358,17 @@ def report_latencies(
         )
 
 
+def report_refreshes(page: Any) -> None:
+    """Start a loop on a simulated robot in the Live tab, and print how often the page shows it."""
+    page.get_by_role("tab", name="Live").click()
+    page.get_by_role("button", name="Start").click()
+    page.wait_for_function("() => /track/.test(document.querySelector('.live-numbers').textContent)", timeout=READY)
+    print(f"Live tab: {page.evaluate(REFRESHES, REFRESH_TIME):.1f} refreshes per second", flush=True)
+    page.get_by_role("button", name="Stop").click()
+    page.get_by_text("stopped by Ctrl-C").wait_for(timeout=READY)
+    page.get_by_role("tab", name="Design").click()
+
+
 def report_all_latencies(server: Server, pages: list[Any], moves: int) -> None:
     """Print the latencies of the first page, while the others are idle, and while the second is not."""
     few = max(moves // 7, 1)
@@ -390,6 +413,7 @@ def main() -> None:
         print(f"memory, shared pages counted once: {first:.0f} MB with one user, {each:.1f} MB for each further one")
         if options.moves:
             report_all_latencies(server, pages, options.moves)
+            report_refreshes(pages[0])
             print(f"up to here {time.perf_counter() - started:.0f} s", flush=True)
         report = monkey(pages[0], server, options.actions)
         quarter = len(report.memory) // 4
