@@ -94,6 +94,10 @@ def test_figures_are_plain_data():
     joint = pair.curves.design.joints[0]
     for quantity in ("error", "torque"):
         assert [line["name"] for line in curves_figure(pair.curves, quantity, joint)["data"]] == ["PID (rival)", "TDC"]
+    error = curves_figure(pair.curves, "error", joint)
+    assert error["layout"]["yaxis"]["title"]["text"].endswith("[mrad]")
+    largest = np.abs(pair.design.data["position"] - pair.design.data["reference"]).sel(joint=joint).max().item()
+    assert max(np.abs(error["data"][1]["y"])) == pytest.approx(1e3 * largest, rel=0.05)
     again = run_pair(state.with_changes(inertia_share=0.1), Robots(), pair)
     assert again.curves.rival is pair.curves.rival
     assert again.design is not pair.design

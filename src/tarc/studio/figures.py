@@ -170,6 +170,8 @@ def curves_figure(pair: CurvePair, quantity: str, joint: str) -> dict[str, Any]:
         Name of a joint; empty for the norm over all.
     """
     data = []
+    measure = {"error": "peak_error", "torque": "peak_torque", "gain": "peak_gain"}[quantity]
+    scale = pair.design.scales[measure]
     for curves, colour in ((pair.rival, RIVAL), (pair.design, DESIGN)):
         values = {"error": curves.errors, "torque": curves.torques, "gain": curves.gain}[quantity]
         if values is None:
@@ -179,7 +181,7 @@ def curves_figure(pair: CurvePair, quantity: str, joint: str) -> dict[str, Any]:
         data.append(
             {
                 "x": curves.times.tolist(),
-                "y": [float(f"{value:.5g}") for value in values],
+                "y": [float(f"{scale * value:.5g}") for value in values],
                 "mode": "lines",
                 "name": curves.name,
                 "line": {"color": colour, "width": 1.4},
@@ -189,9 +191,8 @@ def curves_figure(pair: CurvePair, quantity: str, joint: str) -> dict[str, Any]:
     if quantity == "gain":
         y_axis = _axis("gain ĉ [rad/s²]")
     else:
-        unit = pair.design.units[{"error": "peak_error", "torque": "peak_torque"}[quantity]]
-        y_axis = _axis(f"{quantity}, {joint or 'norm'} [{unit}]")
-        y_axis["range"] = _range(pair, quantity, joint)
+        y_axis = _axis(f"{quantity}, {joint or 'norm'} [{pair.design.units[measure]}]")
+        y_axis["range"] = [scale * end for end in _range(pair, quantity, joint)]
     return _figure(data, _axis("time [s]"), y_axis)
 
 

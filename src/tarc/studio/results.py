@@ -105,8 +105,8 @@ class Curves:
         Switching gain ĉ [rad/s²], shape (k,); None for a law without.
     measures
         Of the run, as `tarc.simulation.Run.metrics`; empty for one that diverged before.
-    units
-        Of the measures of any run, by name.
+    units, scales
+        Units in which the page shows the measures, by name, and their factors from SI units.
     status, has_completed
         How the run ended, in words, and whether at its end.
     """
@@ -119,6 +119,7 @@ class Curves:
     gain: Array | None
     measures: dict[str, float]
     units: dict[str, str]
+    scales: dict[str, float]
     status: str
     has_completed: bool
 

@@ -50,7 +50,7 @@ class RunPanel:
                 ui.label(f"{label} [{pair.design.units[name]}]")
                 for curves in (pair.design, pair.rival):
                     value = curves.measures.get(name, curves.measures.get(f"{name}_revolute"))
-                    ui.label("–" if value is None else f"{value:.4g}")
+                    ui.label("–" if value is None else f"{value * curves.scales[name]:.4g}")
             ui.label("run")
             for curves in (pair.design, pair.rival):
                 ui.label(curves.status)

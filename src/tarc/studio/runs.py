@@ -120,6 +120,7 @@ def curves_of(run: Run, name: str, start_time: float) -> Curves:
         gain=data["gain"].values[::step] if "gain" in data else None,
         measures={key: float(np.asarray(value)) for key, value in run.metrics_or_none(start_time).items()},
         units={name: measure_unit(name, run.joint_units, run.command_unit) for name in MEASURES},
+        scales={name: measure.scale for name, measure in MEASURES.items()},
         status=str(run.status),
         has_completed=run.status.completed,
     )
