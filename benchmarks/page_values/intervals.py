@@ -13,17 +13,22 @@ DIFFERENCE, WINDOW = "TARC, equal rates, difference", "TARC, equal rates, window
 FASTER = "TARC, five times the rates, window"
 MEASURES = ("rms_error", "peak_error", "torque_variation", "mean_gain")
 QUOTED = (
-    ("two_link_friction", "computed-torque-integral"),
-    ("dropout_delay", "computed-torque-integral"),
-    ("coarse_encoder", "tdarc"),
-    ("coarse_encoder", "asmc-tde"),
     ("coarse_encoder", "barrier"),
+    ("coarse_encoder", "tdarc"),
+    ("coarse_encoder", "tdc-kalman"),
+    ("dropout_delay", "computed-torque-integral"),
+    ("series_elastic", "asmc-tde"),
+    ("two_link_friction", "computed-torque-integral"),
+    ("two_link_friction", "projection"),
+    ("underwater", "adrc"),
+    ("two_link_payload", "pid"),
     ("two_link_payload", "tdcim"),
-    ("dropout_delay", "tdcim"),
+    ("wheeled_figure_eight", "computed-torque-integral"),
+    ("wheeled_figure_eight", "projection"),
 )
 """Scenarios and laws whose interval of the error stands in the text."""
 
-MODELS = ("tdc-model", "tarc-model", "tdarc-model")
+MODELS = ("tdc-model", "tarc-model", "tdarc-model", "barrier-model")
 GROWN = {"mean_gain": "mean gain", "rms_error": "RMS error", "torque_variation": "torque variation"}
 
 
@@ -126,7 +131,7 @@ def _model_table(summaries: dict[str, Measured]) -> str:
 def _cell(one: PairedComparison, summary: Measured) -> str:
     """Return the interval of a comparison, with the share of the draws on which the law diverged."""
     lost = one.only_law_diverged + one.both_diverged
-    return f"{shown(one)}, {100 * lost / summary.n_runs:.2g} % diverged" if lost else shown(one)
+    return f"{shown(one)}, {100 * lost / summary.n_runs:.3g} % diverged" if lost else shown(one)
 
 
 def shown(one: PairedComparison) -> str:
