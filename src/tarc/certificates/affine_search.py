@@ -200,21 +200,24 @@ def _solve(
         return None, 0.0
     weight_values, margin_value, *found = values
     ratios = ratios if unknown is None else unknown.found(1 / inputs**2)
-    solved = iter(found)
-    P0_value, P1_value, S_value, Q1_value, R_value, S0_value = (
-        np.zeros((n_states, n_states)) if variable is None else next(solved) for variable in variables
-    )
-    matrices = LyapunovMatrices(
-        P0=P0_value,
-        P1=middle * P1_value,
-        Q1=middle * Q1_value,
-        S=middle * _above(S_value, P1_value),
-        R=middle * _above(R_value, Q1_value),
-        S0=_above(S0_value, P0_value) if has_model else S0_value,
-    )
+    matrices = _matrices(variables, found, middle)
     weight_values = np.maximum(weight_values, 1e-12) / inputs**2
     multipliers = _named_weights(weight_values, len(forces), bool(change), bool(slope))
     return AffineCandidate(loop, ratios, matrices, multipliers), float(margin_value)
+
+
+def _matrices(variables: "Sequence[cp.Variable | None]", found: Sequence[Array], middle: float) -> LyapunovMatrices:
+    """Return the matrices of a solved program; those that it has not are zero."""
+    solved, none = iter(found), np.zeros_like(found[0])
+    P0, P1, S, Q1, R, S0 = (none if variable is None else next(solved) for variable in variables)
+    return LyapunovMatrices(
+        P0=P0,
+        P1=middle * P1,
+        Q1=middle * Q1,
+        S=middle * _above(S, P1),
+        R=middle * _above(R, Q1),
+        S0=S0 if variables[-1] is None else _above(S0, P0),
+    )
 
 
 class _UnknownForm:
