@@ -17,7 +17,7 @@ CONTENT = {
     **STUDY,
     "scenario": {**SCENARIO, "duration": 1.0},
     "draws": {**STUDY["draws"], "sensor.noise": {"uniform": [0.0, 1e-4]}},
-    "runs": 600,
+    "runs": 1800,
     "traces": 0,
 }
 COMMAND = """
@@ -88,7 +88,7 @@ def test_ctrl_c_keeps_what_is_finished_and_the_rest_follows(tmp_path):
 
     study = Study.load(tmp_path / "study.yaml")
     finished = int(last.split()[1])
-    assert 32 <= finished < 600
+    assert 32 <= finished < CONTENT["runs"]
     resumed = study.run(tmp_path / "runs" / "swings.study", engine=ENGINE, jobs=1)
     undisturbed = study.run(tmp_path / "undisturbed", engine=ENGINE, jobs=1)
     assert resumed.is_complete
