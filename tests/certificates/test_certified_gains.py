@@ -66,7 +66,7 @@ def with_model(**gains: float) -> tarc.laws.TDC:
         inertia=tarc.NominalInertia(ARM, 0.1),
         period=1e-3,
         estimator=tarc.estimators.Algebraic(window=0.010),
-        **gains,  # type: ignore[arg-type]
+        **gains,  # type: ignore[arg-type] - gains by their names
     )
 
 
