@@ -6,9 +6,10 @@ from scipy.linalg import expm
 
 import tarc
 from tarc.analysis import Workspace
+from tarc.analysis.inertia_rate import InertiaRate
 from tarc.analysis.inertia_ratio import extreme_ratio_functions
 from tarc.analysis.operating_points import OperatingPoint, UncertaintySamples, linearise_point, linearise_points
-from tarc.analysis.worst_points import InertiaRate, UncertaintyNorm
+from tarc.analysis.point_functions import UncertaintyNorm
 from tarc.plants.base import Plant
 from tarc.signals.references import Sinusoid
 

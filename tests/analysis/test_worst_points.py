@@ -7,7 +7,8 @@ import tarc
 from slow_cases import slow
 from tarc.analysis import Workspace, best_inertia_shape, inertia_spread
 from tarc.analysis.operating_points import OperatingPoint
-from tarc.analysis.worst_points import SampledPoints, UncertaintyNorm
+from tarc.analysis.point_functions import UncertaintyNorm
+from tarc.analysis.worst_points import SampledPoints
 
 MISSED = np.array([0.3941, -4.7125, 3.1416, 1.5702, 3.1432, 2.0162])
 """A posture of the UR5e without load that needs a larger radius than a certificate with 5 kg allowed."""

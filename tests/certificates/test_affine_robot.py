@@ -9,8 +9,9 @@ from scipy.optimize import differential_evolution
 from law_catalogue import make_tdc
 from tampering import replaced, reread, scaled
 from tarc.analysis import Workspace, best_inertia_shape, inertia_spread
+from tarc.analysis.inertia_rate import InertiaRate
 from tarc.analysis.operating_points import OperatingPoint, uncertainty_samples
-from tarc.analysis.worst_points import ForceNorm, InertiaRate
+from tarc.analysis.point_functions import ForceNorm
 from tarc.certificates import certify_robot, strengthen_robot
 from tarc.estimators import Algebraic
 from tarc.laws import TDC

@@ -9,7 +9,7 @@ from tarc.analysis import Workspace, stored_proof
 from tarc.analysis.inertia_ratio import inertia_spread
 from tarc.analysis.motion_forces import MotionCorners
 from tarc.analysis.workspace_boxes import workspace_boxes
-from tarc.certificates import certify_robot, grouped_forces, prove_robot, robot_proof, strengthen_robot
+from tarc.certificates import bound_prover, certify_robot, grouped_forces, prove_robot, strengthen_robot
 from tarc.certificates.grouped_forces import GroupsLeftOut, group_bounds
 from tarc.numerics import trig_polynomial
 from tarc.numerics.trig_polynomial import too_large
@@ -30,7 +30,7 @@ def affine():
 @pytest.fixture
 def by_groups(monkeypatch):
     """Leave too few corners for two joints, so that they are proven as six are."""
-    monkeypatch.setattr(robot_proof, "MAX_CORNERS", 8)
+    monkeypatch.setattr(bound_prover, "MAX_CORNERS", 8)
 
 
 def bounds_of(plant, speed, acceleration=(8.0, 8.0), *, has_friction=False):
@@ -182,7 +182,7 @@ def test_groups_end_in_time(three_links, monkeypatch, deadline, group):
 @pytest.mark.parametrize("in_groups", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_friction_that_was_left_out_is_met(affine, in_groups, monkeypatch):
     if in_groups:
-        monkeypatch.setattr(robot_proof, "MAX_CORNERS", 8)
+        monkeypatch.setattr(bound_prover, "MAX_CORNERS", 8)
     certificate, law = affine
     arms = [arm.with_parameters({"viscous": 60.0}) for arm in (ARM, LOADED)]
     proven = prove_robot(certificate, law, arms, WORKSPACE, progress=False)

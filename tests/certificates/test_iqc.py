@@ -15,10 +15,10 @@ from slow_cases import slow
 from tampering import replaced, reread, scaled, without
 from tarc import plants, signals, simulate
 from tarc.analysis import Workspace, stable_interval
+from tarc.analysis.inertia_rate import inertia_rates
 from tarc.analysis.linearise import decoupled_channels
 from tarc.analysis.operating_points import OperatingPoint, uncertainty_samples
 from tarc.analysis.uncertain_loop import UncertainLoop
-from tarc.analysis.worst_points import inertia_rates
 from tarc.certificates import certify_robot, certify_varying_ratio
 from tarc.certificates.ball_radius import max_radius
 from tarc.certificates.iqc import Multiplier, rate_penalty, satisfies_iqc

@@ -18,7 +18,7 @@ from tarc.analysis.uncertain_loop import UncertainLoop
 from tarc.certificates import certify_known_inertia, certify_varying_ratio
 from tarc.certificates.affine import find_proof
 from tarc.certificates.affine_form import RatioSet
-from tarc.certificates.known_inertia import WorstKnownPoints
+from tarc.certificates.known_points import WorstKnownPoints
 from tarc.certification import certificate_from_json
 from tarc.core.errors import InvalidParameter, UnsupportedLaw
 from tarc.plants import MassSpringDamper, NLinkArm, TwoLinkArm

@@ -12,7 +12,8 @@ from law_catalogue import make_tdc
 from tampering import scaled
 from tarc.analysis import Workspace, inertia_spread
 from tarc.analysis.operating_points import SEARCH_MARGIN, OperatingPoint, UncertaintySamples, uncertainty_samples
-from tarc.analysis.worst_points import GrownNorm, SampledPoints, UncertaintyNorm
+from tarc.analysis.point_functions import GrownNorm, UncertaintyNorm
+from tarc.analysis.worst_points import SampledPoints
 from tarc.certificates import certify_robot, strengthen_robot
 from tarc.estimators import Algebraic
 from tarc.laws import TDC

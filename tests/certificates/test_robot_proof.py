@@ -9,7 +9,7 @@ from law_catalogue import make_tdc
 from tampering import reread, scaled
 from tarc.analysis import Workspace, stored_proof
 from tarc.analysis.motion_forces import MotionCorners
-from tarc.certificates import prove_robot, robot_proof
+from tarc.certificates import bound_prover, prove_robot
 from tarc.certification import certify_law
 from tarc.plants import NLinkArm
 from tarc.signals import Sinusoid
@@ -120,7 +120,7 @@ def test_corners_of_the_motions_contain_all_motions(arm, n_tangents):
 
 def test_six_joints_have_too_many_corners():
     corners = MotionCorners((1.0,) * 6, (4.0,) * 6)
-    assert corners.count() == 2 * 4**5 * 2**6 > robot_proof.MAX_CORNERS
+    assert corners.count() == 2 * 4**5 * 2**6 > bound_prover.MAX_CORNERS
     counts = [len(corners.group_weights(group)) for group in corners.groups()]
     assert counts == [2**6, 32 * 33 // 2, 2**5]
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from tarc.analysis.inertia_rate import InertiaRate
 from tarc.analysis.operating_points import OperatingPoint, UncertaintySamples, uncertainty_samples
-from tarc.analysis.worst_points import InertiaRate
 from tarc.plants import TwoLinkArm, load_robot
 
 

@@ -9,7 +9,8 @@ import pytest
 
 from law_catalogue import ESTIMATORS, concrete_laws, make_law
 from tarc import estimators, laws
-from tarc.core.c_emitter import ARITHMETIC, COMPARISONS, LOGICAL, Constants, emit
+from tarc.core.c_constants import ARITHMETIC, COMPARISONS, LOGICAL, Constants
+from tarc.core.c_emitter import emit
 from tarc.core.codegen import CompiledLoop, compiled, compiler
 from tarc.core.errors import InvalidParameter
 from tarc.core.tracing import trace

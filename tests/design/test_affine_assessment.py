@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tarc import plants
-from tarc.analysis.worst_points import SampledPoints, max_rate_point
+from tarc.analysis.inertia_rate import max_rate_point
+from tarc.analysis.worst_points import SampledPoints
 from tarc.certificates.affine_cover import robot_ratios
 from tarc.certificates.robot_evidence import MaxRatePoint
 from tarc.design.affine_assessment import LOWER_SLOPE, AffineAssessment, scaled_ratios

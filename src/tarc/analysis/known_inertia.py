@@ -7,9 +7,9 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from tarc.analysis.inertia_rate import inertia_rates
 from tarc.analysis.operating_points import OperatingPoint, UncertaintySamples, biases, linearise_points
 from tarc.analysis.workspace import Workspace
-from tarc.analysis.worst_points import inertia_rates
 from tarc.core.types import Array
 from tarc.laws.nominal_inertia import NominalInertia
 from tarc.numerics.local_search import local_maximum

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from tarc.analysis.inertia_rate import inertia_rates, max_rate_point
 from tarc.analysis.inertia_ratio import inertia_spread
 from tarc.analysis.known_inertia import worst_points
 from tarc.analysis.operating_points import OperatingPoint, to_nominal_coordinates
 from tarc.analysis.workspace import Workspace
-from tarc.analysis.worst_points import inertia_rates, max_rate_point, sample_points
+from tarc.analysis.worst_points import sample_points
 from tarc.core.errors import InvalidParameter
 from tarc.core.types import Array
 from tarc.laws.tde import TDE

@@ -8,8 +8,9 @@ import numpy as np
 from tarc.analysis.inertia_ratio import InertiaSpread
 from tarc.analysis.linearise import Channel
 from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS, SEARCH_MARGIN, UncertaintySamples
+from tarc.analysis.point_functions import ForceNorm
 from tarc.analysis.uncertain_loop import UncertainLoop
-from tarc.analysis.worst_points import ForceNorm, SampledPoints
+from tarc.analysis.worst_points import SampledPoints
 from tarc.certificates.affine import AffineProof, find_proof
 from tarc.certificates.affine_form import RatioSet
 from tarc.certificates.force_form import ForceForm, ForcePoints, FormValue
@@ -176,3 +177,20 @@ def force_points(samples: UncertaintySamples) -> ForcePoints:
 def _form_values(form: ForceForm, samples: UncertaintySamples) -> Array:
     """Return the larger value of each point without and with viscous friction, shape (k,)."""
     return form.values(samples.with_friction()).reshape(-1, len(samples.inertia)).max(axis=0)
+
+
+def with_fewest_bounds(cover: AffineCover) -> AffineCover:
+    """Return a cover whose proof needs fewer bounds on the forces, those of the largest multipliers."""
+    ratios, multipliers = cover.proof.ratios, cover.proof.multipliers
+    order = np.argsort(multipliers.forces)[::-1]
+    for count in range(1, len(order)):
+        kept = np.sort(order[:count])
+        bounds = {name: getattr(ratios, name)[kept] for name in ("powers", "lead_times", "stiffness", "shares")}
+        proof: AffineProof = replace(
+            cover.proof,
+            ratios=replace(ratios, **bounds),
+            multipliers=multipliers._replace(forces=multipliers.forces[kept]),
+        )
+        if proof.is_proven():
+            return replace(cover, proof=proof)
+    return cover

@@ -8,8 +8,9 @@ import numpy as np
 
 from tarc.analysis.linearise import Channel
 from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS, SEARCH_MARGIN, UncertaintySamples
+from tarc.analysis.point_functions import GrownNorm
 from tarc.analysis.uncertain_loop import FrequencyResponses, UncertainLoop
-from tarc.analysis.worst_points import GrownNorm, SampledPoints
+from tarc.analysis.worst_points import SampledPoints
 from tarc.certificates.ball import Ball, RadiusProof, make_ball
 from tarc.certificates.ball_centre import FEW_FREQUENCIES, best_centre
 from tarc.certificates.ball_radius import max_radius

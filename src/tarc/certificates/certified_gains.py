@@ -11,8 +11,9 @@ from tarc.analysis.inertia_ratio import as_plants
 from tarc.analysis.linearise import require_inertia
 from tarc.analysis.workspace import Workspace
 from tarc.certificates.base import Certificate, Verdict
-from tarc.certificates.known_inertia import WorstKnownPoints, certify_known_inertia, check_known_robot
+from tarc.certificates.known_inertia import certify_known_inertia, check_known_robot
 from tarc.certificates.known_inertia_evidence import KnownInertiaEvidence
+from tarc.certificates.known_points import WorstKnownPoints
 from tarc.certificates.robot import certify_robot
 from tarc.certificates.robot_evidence import RobotEvidence
 from tarc.certificates.robot_points import RobotPoints

@@ -5,12 +5,12 @@ from typing import ClassVar
 
 import numpy as np
 
+from tarc.analysis.inertia_rate import inertia_rates
 from tarc.analysis.known_inertia import lagged_force_norms, to_posture_coordinates
 from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS, SEARCH_MARGIN, UncertaintySamples
 from tarc.analysis.rest_stability import rest_state_matrix
 from tarc.analysis.stability import UnstableMode, Witness, unstable_mode
 from tarc.analysis.uncertain_loop import System, UncertainLoop, scaled_system
-from tarc.analysis.worst_points import inertia_rates
 from tarc.certificates.affine import AffineProof
 from tarc.certificates.base import Evidence, Judgement, LoopMatrices, Verdict, fastest_decay, require_held_torque
 from tarc.certificates.robot_evidence import LinearisedPoint, MaxRatePoint

@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from tarc.analysis.inertia_rate import inertia_rates
 from tarc.analysis.operating_points import (
     NEGLIGIBLE_STIFFNESS,
     SEARCH_MARGIN,
@@ -16,7 +17,6 @@ from tarc.analysis.operating_points import (
 from tarc.analysis.rest_stability import rest_state_matrix
 from tarc.analysis.stability import UnstableMode, Witness, unstable_mode
 from tarc.analysis.workspace import Workspace
-from tarc.analysis.worst_points import inertia_rates
 from tarc.certificates.affine import AffineProof
 from tarc.certificates.ball import Ball
 from tarc.certificates.base import Evidence, Judgement, LoopMatrices, Verdict, require_held_torque

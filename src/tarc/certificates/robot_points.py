@@ -5,9 +5,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from tarc.analysis.inertia_rate import max_rate_point
 from tarc.analysis.inertia_ratio import InertiaSpread, inertia_spread
+from tarc.analysis.point_functions import GrownNorm
 from tarc.analysis.workspace import Workspace
-from tarc.analysis.worst_points import GrownNorm, SampledPoints, max_rate_point
+from tarc.analysis.worst_points import SampledPoints
 from tarc.certificates.robot_evidence import MaxRatePoint
 from tarc.core.types import Array
 from tarc.plants.base import Plant

@@ -17,7 +17,8 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from tarc.core.c_emitter import Constants, StepInterface, emit
+from tarc.core.c_constants import Constants
+from tarc.core.c_emitter import StepInterface, emit
 from tarc.core.errors import CompilationError, InvalidParameter, MissingTool
 from tarc.core.optional import install_command
 from tarc.core.types import Array

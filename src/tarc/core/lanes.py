@@ -2,7 +2,7 @@
 
 import casadi as ca
 
-from tarc.core.c_emitter import Constants, Templates
+from tarc.core.c_constants import Constants, Templates
 from tarc.core.lanes_c import FUNCTIONS, TYPES
 
 ARITHMETIC = {

@@ -6,10 +6,11 @@ from itertools import islice
 
 import numpy as np
 
+from tarc.analysis.inertia_rate import max_rate_point
 from tarc.analysis.inertia_ratio import InertiaSpread
 from tarc.analysis.operating_points import UncertaintySamples
 from tarc.analysis.uncertain_loop import UncertainLoop
-from tarc.analysis.worst_points import SampledPoints, max_rate_point
+from tarc.analysis.worst_points import SampledPoints
 from tarc.certificates.affine import AffineProof, find_proof
 from tarc.certificates.affine_cover import force_points, robot_ratios
 from tarc.certificates.affine_form import RatioSet

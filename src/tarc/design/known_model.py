@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 
 from tarc.analysis.workspace import Workspace
-from tarc.certificates.known_inertia import WorstKnownPoints, certify_known_inertia, known_ratios
+from tarc.certificates.known_forces import known_ratios
+from tarc.certificates.known_inertia import certify_known_inertia
 from tarc.certificates.known_inertia_evidence import KNOWN_PARTS, KnownInertiaEvidence
+from tarc.certificates.known_points import WorstKnownPoints
 from tarc.core.errors import InvalidParameter
 from tarc.design.affine_assessment import AffineAssessment, scaled_ratios
 from tarc.design.candidates import Candidate

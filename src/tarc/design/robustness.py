@@ -5,10 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tarc.analysis.inertia_rate import max_inertia_rate
 from tarc.analysis.inertia_ratio import InertiaSpread
 from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS, UncertaintySamples
 from tarc.analysis.workspace import Workspace
-from tarc.analysis.worst_points import SampledPoints, max_inertia_rate
+from tarc.analysis.worst_points import SampledPoints
 from tarc.core import validation as check
 from tarc.plants.base import Plant
 

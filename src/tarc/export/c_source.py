@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from string import Template
 
-from tarc.core.c_emitter import Constants, Interface, definitions
+from tarc.core.c_constants import Constants
+from tarc.core.c_emitter import Interface, definitions
 from tarc.export.traced_law import Signal, TracedLaw
 
 HEADER = Template("""/* $title

@@ -3,7 +3,7 @@
 from string import Template
 
 from tarc.core import array_ops as ops
-from tarc.core.c_emitter import Constants
+from tarc.core.c_constants import Constants
 from tarc.export.c_source import CSource
 
 FUZZ = Template("""/* Absurd inputs: NaN, infinities, huge numbers, denormals, random bits, lost samples and references.

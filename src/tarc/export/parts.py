@@ -8,7 +8,8 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from tarc.core.c_emitter import Constants, Interface, definitions
+from tarc.core.c_constants import Constants
+from tarc.core.c_emitter import Interface, definitions
 from tarc.core.errors import InvalidParameter, UnsupportedLaw
 from tarc.core.tracing import trace
 from tarc.core.trees import pack

@@ -8,7 +8,8 @@ import casadi as ca
 import numpy as np
 
 from tarc.core import array_ops as ops
-from tarc.core.c_emitter import SINGLE_HUGE, called_names
+from tarc.core.c_constants import SINGLE_HUGE
+from tarc.core.c_emitter import called_names
 from tarc.core.errors import UnsupportedLaw
 from tarc.core.types import Array
 
@@ -57,7 +58,7 @@ OPERATIONS: dict[int, Callable[..., Any]] = {
     ca.OP_OR: lambda x, y: Single(x != 0 or y != 0),
     ca.OP_IF_ELSE_ZERO: lambda x, y: y if x != 0 else Single(0),
 }
-"""What each instruction gives, as the C of `tarc.core.c_emitter` writes it."""
+"""What each instruction gives, as the C of `tarc.core.c_constants` writes it."""
 
 
 class SinglePrecision:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tarc.core import array_ops as ops
-from tarc.core.c_emitter import SINGLE_HUGE
+from tarc.core.c_constants import SINGLE_HUGE
 from tarc.core.tracing import CompiledStep
 from tarc.core.types import Array
 from tarc.export.c_source import CSource

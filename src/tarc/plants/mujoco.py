@@ -131,31 +131,10 @@ class MujocoPlant(Plant):
 
         Parameters
         ----------
-        path
-            The file.
-        joints
-            Names of the joints to drive; None for those with an actuator, or all in a file without actuators.
-        lock
-            Joints to lock in the home posture, by name, or positions [rad or m] to lock them at, by name.
-        passive
-            Names of joints that move without a torque, beside those without an actuator.
-        home
-            Home posture [rad or m]: one number per joint in the order of ``joints`` or of the file, or numbers by name.
-            A name may also be that of a locked joint. None for the keyframe ``home``, else as in `load_robot`.
-        armature, viscous, coulomb
-            Rotor inertia [kg m²], viscous [N m s/rad] and Coulomb friction [N m]: one number, or one per joint in the
-            order of ``joints`` or of the file. None keeps the values of the file.
-        payload
-            Mass at the tool [kg].
-        tool
-            Body or site that carries the payload; None for a site named ``tool``, else the last body, which may be
-            a finger.
-        contact
-            Compute contacts.
-        balance_inertia
-            Replace the moments of an inertia that no body has by their mean, with a warning.
-        actuators
-            ``"file"`` or ``"torque"``, as in `load_robot`.
+        path, joints, lock, passive, home
+            The file, and which joints it drives, as in `load_robot`.
+        armature, viscous, coulomb, payload, tool, contact, balance_inertia, actuators
+            What is changed of it, as in `load_robot`.
 
         Raises
         ------
