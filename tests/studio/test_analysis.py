@@ -78,6 +78,7 @@ def test_shares_hold_every_inertia_of_the_motion():
 def test_facts_enclose_those_of_the_mean_inertia():
     facts = robot_facts(DesignState(payload=0.0), Robots())
     loaded = robot_facts(DesignState(payload=4.0), Robots())
+    assert robot_facts(DesignState(payload=0.0), Robots()).min_ratio == facts.min_ratio
     assert facts.min_ratio < 1 < facts.max_ratio
     assert loaded.min_ratio < facts.min_ratio  # more mass, smaller M⁻¹M̄
 

@@ -4,7 +4,8 @@ The open loop is G = G0 + K1 G1 + K2 G2 in the gains, since both enter the auxil
 responses hold the map of every natural frequency and damping ratio, and they change with the estimator alone.
 """
 
-from dataclasses import dataclass
+import json
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -18,7 +19,7 @@ from tarc.design.noise import torque_noise
 from tarc.estimators.algebraic import Algebraic
 from tarc.laws.tdc import TDC
 from tarc.numerics.norms import h2_norm
-from tarc.scenario.model import Scenario
+from tarc.scenario.model import Scenario, Setup
 from tarc.signals.sensors import Encoder
 from tarc.studio.design_state import DesignState
 from tarc.studio.results import LoopAnalysis, RobotFacts, StabilityMap
@@ -31,6 +32,8 @@ ANGLES = np.geomspace(1e-4, np.pi, 240)
 BASE_GAINS = np.array([[1.0, 1.0], [2.0, 1.0], [1.0, 2.0]])
 """Gains over 400/s² and 40/s at which the loop is linearised."""
 GAIN_UNITS = np.array([400.0, 40.0])
+MAX_ROBOTS = 4
+"""Robots whose parts are kept, for all sessions."""
 SPREAD_SAMPLES = 300
 """Sampled postures of the robot's inertia ratios; the certificates take more."""
 
@@ -172,13 +175,20 @@ def robot_facts(state: DesignState, robots: Robots) -> RobotFacts:
     InvalidParameter, RobotFileError, ScenarioError
         For a robot or a motion that cannot be built.
     """
-    base = robots.content(state.robot)
-    scenario = Scenario.parse(DesignState(robot=state.robot, payload=state.payload).to_content(base))
-    setup = scenario.build()
-    workspace, plants = scenario.certified_region(setup)
+    content = DesignState(robot=state.robot, payload=state.payload).to_content(robots.content(state.robot))
+    scenario = Scenario.parse(content)
+    setup = _unloaded(json.dumps(content | {"disturbance": []}))
+    events = [part.build() for part in scenario.sections.disturbances]
+    workspace, plants = scenario.certified_region(replace(setup, events=events))
     mean = setup.mean_inertia.matrix
     spread = inertia_spread(plants, mean, workspace, samples=SPREAD_SAMPLES, refine=1)
     return RobotFacts(spread.min_ratio, spread.max_ratio, mean)
+
+
+@lru_cache(maxsize=MAX_ROBOTS)
+def _unloaded(content: str) -> Setup:
+    """Return the parts of a scenario in JSON, so that a move of the payload does not construct them again."""
+    return Scenario.parse(json.loads(content)).build()
 
 
 def analyse_loop(state: DesignState, facts: RobotFacts, computation_delay: int = 0) -> LoopAnalysis:

@@ -14,7 +14,7 @@ from tarc.studio.design_state import DesignState
 from tarc.studio.jobs import start_first_process
 from tarc.studio.page import add_pages
 from tarc.studio.robots import Robots
-from tarc.studio.worker import LOOPS, RELEASE_PERIOD, RUNS
+from tarc.studio.worker import FACTS, LOOPS, RELEASE_PERIOD, RUNS
 
 PORTS = range(8642, 8662)
 """Ports that are tried where none is given."""
@@ -47,7 +47,7 @@ def serve(scenario: str | Path | None, host: str = "127.0.0.1", port: int | None
     token = new_token(host)
     folders = SessionFolders()
     app.add_middleware(Guard, token=token)
-    for close in (LOOPS.close, RUNS.close, folders.close):
+    for close in (FACTS.close, LOOPS.close, RUNS.close, folders.close):
         app.on_shutdown(close)
     app.on_startup(_prepare)
     app.timer(RELEASE_PERIOD, lambda: asyncio.to_thread(release_freed_memory))

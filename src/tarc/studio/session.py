@@ -14,7 +14,7 @@ from tarc.studio.design_state import DesignState, History
 from tarc.studio.jobs import Job, JobError
 from tarc.studio.results import CertificateRow, CurvePair, LoopAnalysis, RobotFacts
 from tarc.studio.robots import Robots
-from tarc.studio.worker import LOOPS, RUNS
+from tarc.studio.worker import FACTS, LOOPS, RUNS
 
 CERTIFICATE_PAUSE = 0.4
 """Pause after the last move before the certificates start [s]."""
@@ -184,7 +184,7 @@ class Session:
             if key not in self._facts:
                 if len(self._facts) >= MAX_FACTS:
                     self._facts.clear()
-                self._facts[key] = await LOOPS.compute("tarc.studio.analysis:robot_facts", state, self.robots)
+                self._facts[key] = await FACTS.compute("tarc.studio.analysis:robot_facts", state, self.robots)
             self.results.facts = self._facts[key]
             self.results.loop = await LOOPS.compute("tarc.studio.analysis:analyse_loop", state, self.results.facts)
             self.results.problem = ""

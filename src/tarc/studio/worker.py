@@ -85,7 +85,9 @@ class Worker:
 
 
 LOOPS = Worker("studio-loops")
-"""Facts of robots, loops and maps. No run waits here, so that the map follows while runs are computed."""
+"""Loops and maps alone, so that the map of a user follows while others load robots and runs are computed."""
+FACTS = Worker("studio-facts")
+"""Facts of robots, which take longer than a map."""
 RUNS = Worker("studio-runs")
 """Runs and the scenes of them."""
 
