@@ -39,7 +39,7 @@ class ControlRow:
         self.row = ui.element("div").classes("control-row")
         with self.row:
             ui.label(label).classes("control-label").tooltip(control.hint)
-            self._number = ui.number(value=value, format="%.4g", on_change=self._on_number)
+            self._number = ui.number(value=value, format="%.7g", on_change=self._on_number)
             self._number.props(f'dense borderless debounce=300 aria-label="{label}, exact value"')
             self._number.classes("control-number").mark(f"{control.name}-number")
             self._slider = ui.element("input").classes("control-slider").mark(control.name)
@@ -62,7 +62,7 @@ class ControlRow:
         if math.isnan(self._position) or slider_value(self._control, self._position) != value:
             self._position = slider_position(self._control, value)
             self._slider.props["value"] = f"{self._position:.6g}"
-        self._slider.props["aria-valuetext"] = f"{value:.4g} {self._control.unit}"
+        self._slider.props["aria-valuetext"] = f"{value:.7g} {self._control.unit}"
         self._slider.update()
         self._is_syncing = False
 

@@ -33,11 +33,14 @@ class ExportMenu:
     def _writer(self, name: str) -> Callable[[], Awaitable[None]]:
         async def write() -> None:
             session = self._session
+            note = ui.notification(f"writing {name}", spinner=True, timeout=None)
             try:
                 content = await first_result("tarc.studio.exports:send_file", name, session.state, session.robots)
             except JobError as error:
                 ui.notify(str(error), type="negative", timeout=12000, close_button="Close")
                 return
+            finally:
+                note.dismiss()
             ui.download.content(content, name)
 
         return write

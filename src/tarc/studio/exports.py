@@ -34,9 +34,19 @@ def run_file(pair: RunPair) -> bytes:
 
 def scenario_file(state: DesignState, robots: Robots) -> bytes:
     """Return the design with its rival as a scenario in YAML, with the whole duration of the robot's motion."""
-    base = robots.content(state.robot)
+    base = _portable(state.robot, robots)
     content = state.to_content(base)
     return Scenario.parse(content | {"law": [content["law"], state.rival_content(base)["law"]]}).to_yaml().encode()
+
+
+def _portable(name: str, robots: Robots) -> dict[str, Any]:
+    """Return the content of a robot; the file of an upload has the path that it has there, not that on the server."""
+    content = robots.content(name)
+    parts = Path(content["robot"].get("file", "")).parts
+    if name not in parts[:-1]:
+        return content
+    inside = Path(*parts[parts.index(name) + 1 :])
+    return content | {"robot": {**content["robot"], "file": inside.as_posix()}}
 
 
 def law_files(state: DesignState, robots: Robots) -> bytes:
@@ -68,7 +78,8 @@ def _law_to_export(state: DesignState, robots: Robots) -> tuple[Any, dict[str, A
     """Return the law with the robot's torque limits, and the options of its export."""
     scenario = Scenario.parse(state.to_content(robots.content(state.robot)))
     name, law, limits, joints = law_of(scenario)
-    content = scenario.model_dump(mode="json", exclude_defaults=True)
+    portable = Scenario.parse(state.to_content(_portable(state.robot, robots)))
+    content = portable.model_dump(mode="json", exclude_defaults=True)
     options = {
         "torque_limits": limits,
         "joint_names": joints,

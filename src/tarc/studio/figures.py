@@ -1,5 +1,6 @@
 """Figures of the page as plain dictionaries that plotly.js draws; nothing is computed here but colours and shapes."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ EMPTY: dict[str, Any] = {
 """A figure before its first result."""
 GRID = "rgba(128,128,128,0.25)"
 STABLE = "rgba(0,140,110,0.30)"
-STABLE_AT_MEAN = "rgba(0,114,178,0.15)"
+STABLE_AT_MEAN = "rgba(0,114,178,0.20)"
 DESIGN = "#0072b2"
 RIVAL = "#d55e00"
 DOT_STABLE = "#008c6e"
@@ -79,7 +80,7 @@ def map_figure(state: DesignState, analysis: LoopAnalysis, facts: RobotFacts) ->
             analysis.map.low / mean,
             analysis.map.high / mean,
             "stable at the mean inertia",
-            "rgba(0,114,178,0.15)",
+            STABLE_AT_MEAN,
             bounds,
         ),
         _band(x, low, high, "stable at every inertia", STABLE, bounds),
@@ -103,8 +104,8 @@ def map_figure(state: DesignState, analysis: LoopAnalysis, facts: RobotFacts) ->
         "fillcolor": dot_colour(analysis),
         "line": {"color": "white", "width": 2},
     }
-    x_axis = _axis("natural frequency [rad/s]", type="log", range=_log_range("natural_frequency"), fixedrange=True)
-    y_axis = _axis("inertia share M̂ / mean inertia", type="log", range=_log_range("inertia_share"), fixedrange=True)
+    x_axis = _control_axis("natural frequency [rad/s]", "natural_frequency")
+    y_axis = _control_axis("inertia share M̂ / mean inertia", "inertia_share")
     return _figure(data, x_axis, y_axis, shapes=[dot])
 
 
@@ -113,8 +114,14 @@ def dot_colour(analysis: LoopAnalysis) -> str:
     return DOT_STABLE if all(analysis.is_stable) else DOT_UNSTABLE
 
 
-def _log_range(name: str) -> list[float]:
-    return [float(value) for value in np.log10(RANGES[name])]
+def _control_axis(title: str, name: str) -> dict[str, Any]:
+    """Return the logarithmic axis of a control over its range, with numbers at 1, 2 and 5 of each decade."""
+    low, high = RANGES[name]
+    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    ticks = [float(f"{digit}e{decade}") for decade in decades for digit in (1, 2, 5)]
+    shown = [tick for tick in ticks if low <= tick <= high]
+    ends = [math.log10(low), math.log10(high)]
+    return _axis(title, type="log", range=ends, fixedrange=True, tickvals=shown, ticktext=[f"{x:g}" for x in shown])
 
 
 def _band(x: Array, low: Array, high: Array, name: str, colour: str, bounds: tuple[float, float]) -> dict[str, Any]:
@@ -151,8 +158,8 @@ def gain_figure(analysis: LoopAnalysis) -> dict[str, Any]:
     one = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": 1, "y1": 1, "line": {"color": "gray", "width": 1}}
     return _figure(
         data,
-        _axis("frequency [rad/s]", type="log"),
-        _axis("loop gain", type="log", range=[-2.5, 3.5]),
+        _axis("frequency [rad/s]", type="log", dtick=1),
+        _axis("loop gain", type="log", dtick=2, range=[-2.5, 3.5]),
         shapes=[one],
     )
 
@@ -268,7 +275,8 @@ def live_figure(titles: list[str]) -> dict[str, Any]:
     ]
     share = 1 / n
     axes = {
-        f"yaxis{k + 1}": _axis(title, domain=[1 - share * (k + 0.9), 1 - share * k]) for k, title in enumerate(titles)
+        f"yaxis{k + 1}": _axis(title, domain=[1 - share * (k + 0.9), 1 - share * k], exponentformat="none")
+        for k, title in enumerate(titles)
     }
     figure = _figure(data, _axis("time [s]", anchor=f"y{n}"), axes.pop("yaxis1"), showlegend=False)
     figure["layout"] |= axes

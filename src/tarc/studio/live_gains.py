@@ -22,7 +22,7 @@ class GainRow:
         label = f"{control.label}{unit}"
         with ui.element("div").classes("control-row"):
             ui.label(label).classes("control-label")
-            self._number = ui.number(value=gain.value, format="%.4g")
+            self._number = ui.number(value=gain.value, format="%.7g")
             self._number.on("keydown.enter", self._on_number).on("blur", self._on_number)
             self._number.props(f'dense borderless aria-label="{label} while it runs, exact value"')
             self._number.classes("control-number").mark(f"live-{control.name}-number")
@@ -42,7 +42,7 @@ class GainRow:
             low, high = (slider_position(self._control, end) for end in self._ends())
             step, position = "any", slider_position(self._control, gain.value)
         self._slider.props(f"min={low:.6g} max={high:.6g} step={step} value={position:.6g}")
-        self._slider.props["aria-valuetext"] = f"{gain.value:.4g} {self._control.unit}"
+        self._slider.props["aria-valuetext"] = f"{gain.value:.7g} {self._control.unit}"
         self._slider.update()
         self._range.set_text(f"certified: {gain.text}")
         self._shown = gain.value
@@ -106,7 +106,7 @@ class GainPanel:
 
     def wait(self, name: str, value: float) -> None:
         """Show that a change is on its way."""
-        self._note.set_text(f"preparing {name.replace('_', ' ')} {value:.4g}")
+        self._note.set_text(f"preparing {name.replace('_', ' ')} {value:.7g}")
         self._refusal.set_text("")
 
     def refuse(self, text: str) -> None:

@@ -22,7 +22,7 @@ class LiveRows:
     times
         [s], shape (k,).
     errors, torques
-        Norm over the joints, shape (k,).
+        Norm over the joints, shape (k,), in the units of the reader.
     lateness
         How late each period began [µs], shape (k,); nan for a missed one.
     phase
@@ -39,6 +39,11 @@ class LiveRows:
 class LiveReader:
     """Reads the rows of a loop out of the memory that both map; the loop never waits.
 
+    Attributes
+    ----------
+    units
+        Of ``error`` and ``torque``: mrad or mm, but rad or m where joints of both kinds mix.
+
     Raises
     ------
     FileNotFoundError
@@ -50,6 +55,10 @@ class LiveReader:
         head = json.loads((folder / "header.json").read_text(encoding="utf-8"))
         self._places = {part["name"]: slice(part["start"], part["start"] + part["size"]) for part in head["variables"]}
         self._period = float(head["period"])
+        position = str(head["position_unit"])
+        is_plain = position in ("rad", "m")
+        self._error_scale = 1e3 if is_plain else 1.0
+        self.units = {"error": f"m{position}" if is_plain else position, "torque": str(head["torque_unit"])}
         self._ring = Ring(folder / "ring", "r")
 
     def read(self) -> LiveRows | None:
@@ -60,7 +69,7 @@ class LiveReader:
         errors = rows[:, self._places["measured_position"]] - rows[:, self._places["reference"]]
         return LiveRows(
             times=rows[:, 0] * self._period,
-            errors=np.linalg.norm(errors, axis=1),
+            errors=self._error_scale * np.linalg.norm(errors, axis=1),
             torques=np.linalg.norm(rows[:, self._places["torque"]], axis=1),
             lateness=1e6 * rows[:, self._places["lateness"]].ravel(),
             phase=PHASES[int(rows[-1, self._places["phase"]][0])],

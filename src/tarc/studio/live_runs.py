@@ -110,6 +110,7 @@ def _changes(send: Sender, scenario: Scenario, setup: Setup, law: Law) -> tuple[
     workspace, plants = scenario.certified_region(setup)
     if not isinstance(law, PolePlacement):
         return None, "no certificate applies to this law, so that no gain of it may change while it runs"
+    send(LiveStage("certifying the law, then its gains"))
     try:
         certified = certify_gains(
             law,

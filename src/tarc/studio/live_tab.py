@@ -24,11 +24,8 @@ POINTS_PER_LOOK = 2
 """Points that a curve gets in the time of a look."""
 DEFAULT_DURATION = 60
 """[s]."""
-QUANTITIES = {
-    "error": "error, norm [rad or m]",
-    "torque": "torque, norm [N m or N]",
-    "lateness": "jitter: lateness [µs]",
-}
+QUANTITIES = {"error": "error, norm", "torque": "torque, norm", "lateness": "jitter: lateness [µs]"}
+"""Curves, with their titles; those of error and torque get the units of the robot."""
 ROBOTS = {
     "mujoco": "Simulated robot",
     "mujoco:udp": "Simulated robot over UDP",
@@ -38,10 +35,11 @@ ROBOTS = {
 NUMBERS = {
     "time": "time [s]",
     "phase": "phase",
-    "error": "error [rad or m]",
-    "torque": "torque [N m or N]",
+    "error": "error",
+    "torque": "torque",
     "lateness": "jitter [µs]",
 }
+FORMATS = {"error": ".3g", "torque": ".3g", "lateness": ".0f"}
 
 
 class LiveTab:
@@ -71,19 +69,19 @@ class LiveTab:
         self._duration = ui.number("Duration [s]", value=DEFAULT_DURATION, min=1, max=3600).classes("w-full")
         self._duration.props('dense outlined aria-label="Duration in seconds"')
         with ui.row().classes("gap-2"):
-            ui.button("Start", icon="play_arrow", on_click=self.start).props("dense no-caps").mark("live-start")
-            ui.button("Stop", icon="stop", on_click=self.stop, color=None).props("dense no-caps outline").mark(
-                "live-stop"
-            )
+            self._start = ui.button("Start", icon="play_arrow", on_click=self.start).props("dense no-caps")
+            self._start.mark("live-start")
+            self._stop = ui.button("Stop", icon="stop", on_click=self.stop, color=None).props("dense no-caps outline")
+            self._stop.mark("live-stop").set_enabled(False)
         self._status = ui.label("Not connected.").props("role=status").mark("live-status")
 
     def _build_measurements(self) -> None:
-        self._numbers = {}
+        self._numbers, self._titles = {}, {}
         with ui.element("dl").classes("numbers live-numbers"):
             for name, title in NUMBERS.items():
                 with ui.element("div"):
                     with ui.element("dt"):
-                        ui.label(title)
+                        self._titles[name] = ui.label(title)
                     with ui.element("dd"):
                         self._numbers[name] = ui.label("–").mark(f"live-number-{name}")
         self._plot = ui.plotly(live_figure(list(QUANTITIES.values()))).classes("w-full live-curves").mark("live-curves")
@@ -96,6 +94,7 @@ class LiveTab:
         session = self._session
         self._plot.update_figure(live_figure(list(QUANTITIES.values())))
         self._status.set_text("starting")
+        self._set_running(True)
         receiver, self._commands = process_context().Pipe(duplex=False)
         self._job = Job(
             "tarc.studio.live_runs:send_live",
@@ -138,6 +137,7 @@ class LiveTab:
             if self._commands is not None:
                 self._commands.close()
             self._reader = self._job = self._commands = None
+            self._set_running(False)
             self._gains.end()
         self._status.set_text(text)
 
@@ -147,16 +147,31 @@ class LiveTab:
             self._status.set_text(message.text)
         elif isinstance(message, LiveLog):
             self._reader = LiveReader(message)
+            self._show_units(self._reader.units)
             self._timer.activate()
             self._status.set_text("running")
         elif isinstance(message, LiveGains):
-            values = ", ".join(f"{name.replace('_', ' ')} {gain.value:.4g}" for name, gain in message.gains.items())
+            values = ", ".join(f"{name.replace('_', ' ')} {gain.value:.7g}" for name, gain in message.gains.items())
             self._gains.show(message.gains, message.reason or f"running with {values}")
         elif isinstance(message, LiveRefusal):
             self._gains.refuse(message.text)
         elif isinstance(message, LiveEnd):
             return message.text
         return ""
+
+    def _set_running(self, is_running: bool) -> None:
+        """Let the loop be started, or stopped."""
+        self._start.set_enabled(not is_running)
+        self._stop.set_enabled(is_running)
+
+    def _show_units(self, units: dict[str, str]) -> None:
+        """Show the units of the robot that runs."""
+        axes = {}
+        for place, (name, title) in enumerate(QUANTITIES.items()):
+            if name in units:
+                self._titles[name].set_text(f"{NUMBERS[name]} [{units[name]}]")
+                axes[f"yaxis{place + 1 if place else ''}.title.text"] = f"{title} [{units[name]}]"
+        self._plot.run_plot_method("relayout", axes)
 
     async def _look(self) -> None:
         """Add what was measured since the last look, and wait until the browser has drawn it."""
@@ -168,7 +183,7 @@ class LiveTab:
         self._numbers["phase"].set_text(rows.phase)
         for name, (_, values) in peaks.items():
             known = [value for value in values if value is not None]
-            self._numbers[name].set_text(f"{max(known):.3g}" if known else "–")
+            self._numbers[name].set_text(f"{max(known):{FORMATS[name]}}" if known else "–")
         update = {"x": [peaks[name][0] for name in QUANTITIES], "y": [peaks[name][1] for name in QUANTITIES]}
         traces = list(range(len(QUANTITIES)))
         with suppress(TimeoutError):  # a browser that is busy, or gone

@@ -1,7 +1,7 @@
 """What other processes compute for the page, as plain numbers; nothing here imports what computes."""
 
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -161,6 +161,26 @@ class CertificateRow:
     margin: float
     reason: str
     claim: str
+
+
+@dataclass(frozen=True, eq=False)
+class StudyStart:
+    """What a study draws and measures.
+
+    Attributes
+    ----------
+    content
+        Of the study.
+    labels
+        What the page calls each drawn value, with its unit.
+    units, scales
+        Units in which the page shows the measures, by name, and their factors from SI units.
+    """
+
+    content: dict[str, Any]
+    labels: dict[str, str]
+    units: dict[str, str]
+    scales: dict[str, float]
 
 
 @dataclass(frozen=True, eq=False)

@@ -99,7 +99,7 @@ export default {
       this.root.add(grid);
       const middle = low.clone().add(high).multiplyScalar(0.5);
       this.controls?.target.copy(middle);
-      this.camera.position.set(middle.x + 0.5 * size, middle.y - 1.9 * size, middle.z + 0.6 * size);
+      this.camera.position.set(middle.x + 0.5 * size, middle.y - 1.6 * size, middle.z + 0.6 * size);
       this.controls?.update();
       this.request();
     },

@@ -22,6 +22,7 @@ class RunPanel:
         self._session = session
         self._joint = ui.select([ALL_JOINTS], value=ALL_JOINTS, label="Joint", on_change=self.update)
         self._joint.props('dense outlined options-dense aria-label="Joint of the curves"').classes("w-full")
+        self._problem = ui.label().classes("refusal").props("role=alert").mark("run-problem")
         self._plots = {}
         for quantity in ("error", "torque", "gain"):
             plot = ui.plotly(EMPTY).classes("w-full curve").mark(quantity)
@@ -31,7 +32,8 @@ class RunPanel:
 
     def update(self) -> None:
         """Show the newest runs."""
-        pair = self._session.results.runs
+        problem, pair = self._session.results.run_problem, self._session.results.runs
+        self._problem.set_text(f"{problem}; the curves are those of an earlier design" if problem and pair else problem)
         if pair is None:
             return
         options = [ALL_JOINTS, *pair.design.joints]

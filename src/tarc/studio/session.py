@@ -41,8 +41,8 @@ class Results:
         Of the design and its rival; those of an earlier design stay until the new ones are there.
     certificates
         Rows; None while they are computed.
-    certificate_problem, problem
-        Messages where certificates, or the rest, cannot be computed.
+    certificate_problem, run_problem, problem
+        Messages where certificates, runs, or the rest, cannot be computed.
     times
         Wall time of the last loop, runs and certificates [s].
     """
@@ -52,6 +52,7 @@ class Results:
     runs: CurvePair | None = None
     certificates: list[CertificateRow] | None = None
     certificate_problem: str = ""
+    run_problem: str = ""
     problem: str = ""
     times: dict[str, float] = field(default_factory=dict)
 
@@ -195,8 +196,9 @@ class Session:
     async def _update_runs(self, state: DesignState) -> None:
         try:
             self.results.runs = await RUNS.compute("tarc.studio.runs:newest_runs", self._name, state, self.robots)
+            self.results.run_problem = ""
         except JobError as error:
-            self.results.problem = str(error)
+            self.results.run_problem = str(error)
         self._tell("runs")
 
     async def _update_certificates(self, state: DesignState) -> None:

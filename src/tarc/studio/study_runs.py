@@ -4,9 +4,12 @@ from typing import Any
 
 import numpy as np
 
+from tarc.core.units import unit_for_joints
+from tarc.plants.base import Plant
+from tarc.simulation.quantities import MEASURES, measure_unit
 from tarc.studio.design_state import DesignState
 from tarc.studio.jobs import Sender
-from tarc.studio.results import CurvePair, StudyChunk
+from tarc.studio.results import CurvePair, StudyChunk, StudyStart
 from tarc.studio.robots import Robots
 from tarc.studio.runs import METRICS_START, curves_of, short_base
 from tarc.study.cases import Cases
@@ -43,13 +46,33 @@ def study_content(state: DesignState, robots: Robots, runs: int) -> dict[str, An
     return {"scenario": scenario, "laws": laws, "runs": runs, "sampling": "sobol", "draws": draws}
 
 
+def study_start(content: dict[str, Any], plant: Plant) -> StudyStart:
+    """Return the content of a study with what the page says of its drawn values and measures."""
+    labels = {}
+    for key in content["draws"]:
+        if key.startswith("robot.viscous"):
+            joint = key.removeprefix("robot.viscous").removeprefix(".")
+            of_joint = f" of {plant.joint_names[int(joint)]}" if joint else ""
+            unit = unit_for_joints("N m s/rad", [plant.units[int(joint)]] if joint else plant.units)
+            labels[key] = f"viscous friction{of_joint} [{unit}]"
+        elif key == "sensor.noise":
+            labels[key] = f"noise of the encoders [{unit_for_joints('rad', plant.units)}]"
+        else:
+            labels[key] = "payload [kg]"
+    commands = {unit for unit in plant.torque_units if not unit.startswith("N")}
+    command = commands.pop() if len(commands) == 1 else ""
+    units = {name: measure_unit(name, plant.units, command) for name in MEASURES}
+    return StudyStart(content, labels, units, {name: measure.scale for name, measure in MEASURES.items()})
+
+
 def send_study(send: Sender, state: DesignState, robots: Robots, runs: int) -> None:
-    """Send the content of a study of a design, then run it and send each `StudyChunk`, for a `Job`."""
+    """Send the `StudyStart` of a design, then run the study and send each `StudyChunk`, for a `Job`."""
     content = study_content(state, robots, runs)
-    send(content)
     study = Study.parse(content)
+    cases = Cases(study)
+    send(study_start(content, cases.nominal.simulated))
     draws = study.draw()
-    integration = choose_study_integration(Cases(study), draws)
+    integration = choose_study_integration(cases, draws)
     engine = build_engine(study, integration, "auto")
     for start in range(0, study.runs, CHUNK):
         chunk = np.arange(start, min(start + CHUNK, study.runs))

@@ -2,14 +2,13 @@
 
 import asyncio
 import math
-from typing import Any
 
 import numpy as np
 from nicegui import background_tasks, events, ui
 
 from tarc.studio.figures import EMPTY, cloud_figure, curves_figure
 from tarc.studio.jobs import Job, JobError, first_result
-from tarc.studio.results import CurvePair, StudyChunk
+from tarc.studio.results import CurvePair, StudyChunk, StudyStart
 from tarc.studio.run_panel import MEASURES
 from tarc.studio.session import Session
 
@@ -21,7 +20,7 @@ class StudyTab:
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        self._content: dict[str, Any] = {}
+        self._start: StudyStart | None = None
         self._chunks: list[StudyChunk] = []
         self._job: Job | None = None
         session.at_end(self.stop)
@@ -83,35 +82,37 @@ class StudyTab:
                     return
                 if isinstance(message, StudyChunk):
                     self._chunks.append(message)
-                    self._progress.set_value((message.runs[-1] + 1) / self._content["runs"])
                     self._draw()
                 else:
                     self._begin(message)
         except JobError as error:
             self._summary.set_text(str(error))
 
-    def _begin(self, content: dict[str, Any]) -> None:
+    def _begin(self, start: StudyStart) -> None:
         """Show what the study draws, before its first run."""
-        self._content, self._chunks = content, []
-        keys = list(content["draws"])
-        self._x.set_options(keys, value=next((key for key in keys if key.endswith(".mass")), keys[0]))
+        self._start, self._chunks = start, []
+        keys = list(start.labels)
+        self._x.set_options(start.labels, value=next((key for key in keys if key.endswith(".mass")), keys[0]))
 
     def _draw(self) -> None:
-        if not self._chunks or self._x.value is None:
+        start = self._start
+        if start is None or not self._chunks or self._x.value is None:
             return
         names = self._y.value, f"{self._y.value}_revolute"
         name = next((name for name in names if name in self._chunks[0].measures), names[0])
-        column = list(self._content["draws"]).index(self._x.value)
+        column = list(start.labels).index(self._x.value)
         x = np.concatenate([chunk.values[:, column] for chunk in self._chunks])
         empty = np.full((1, 2), math.nan)
         y = np.concatenate([chunk.measures.get(name, np.repeat(empty, len(chunk.runs), 0)) for chunk in self._chunks])
         completed = np.concatenate([chunk.completed for chunk in self._chunks])
-        titles = self._x.value, MEASURES[self._y.value]
-        is_logarithmic = "log_uniform" in self._content["draws"][self._x.value]
-        kinds = [str(law["kind"]) for law in self._content["laws"]]
-        self._cloud.update_figure(cloud_figure(x, y, completed, kinds, titles, is_logarithmic))
+        titles = start.labels[self._x.value], f"{MEASURES[self._y.value]} [{start.units[name]}]"
+        is_logarithmic = "log_uniform" in start.content["draws"][self._x.value]
+        kinds = [str(law["kind"]) for law in start.content["laws"]]
+        self._cloud.update_figure(cloud_figure(x, start.scales[name] * y, completed, kinds, titles, is_logarithmic))
         shares = [f"{kind} {share:.1%}" for kind, share in zip(kinds, completed.mean(axis=0), strict=True)]
-        self._summary.set_text(f"{len(x)} of {self._content['runs']} runs; completed: {', '.join(shares)}")
+        runs = start.content["runs"]
+        self._progress.set_value(len(x) / runs)
+        self._summary.set_text(f"{len(x)} of {runs} runs; completed: {', '.join(shares)}")
 
     async def _on_click(self, event: events.GenericEventArguments) -> None:
         points = event.args.get("points") or []
@@ -120,12 +121,12 @@ class StudyTab:
             await self._replay_number()
 
     async def _replay_number(self) -> None:
-        if not self._content:
+        if self._start is None:
             self._replayed.set_text("Run a study first.")
             return
-        run = int(min(max(self._number.value or 0, 0), self._content["runs"] - 1))
+        run = int(min(max(self._number.value or 0, 0), self._start.content["runs"] - 1))
         try:
-            pair: CurvePair = await first_result("tarc.studio.study_runs:send_replay", self._content, run)
+            pair: CurvePair = await first_result("tarc.studio.study_runs:send_replay", self._start.content, run)
         except JobError as error:
             self._replayed.set_text(str(error))
             return

@@ -62,7 +62,7 @@ class UploadPanel:
             return
         finally:
             self._field.reset()
-        name = robot.file.parent.name
+        name = robot.file.relative_to(self._folder).parts[0]  # of its upload, since many have a folder "urdf"
         self._session.robots.add(name, f"{robot.file.stem} (uploaded)", scenario_content(robot, options))
         self._show("; ".join([f"{robot.file.name}: {len(robot.joint_names)} joints", *robot.warnings]))
         self._session.change(robot=name, payload=0.0)
