@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
-import numpy as np
 from rich.console import Console
 from rich.table import Table
 
@@ -38,12 +37,6 @@ class Loss(NamedTuple):
     share: float
 
 
-def without_forces(ratios: RatioSet) -> RatioSet:
-    """Return ratios with no bound on stiffness and damping."""
-    none = np.zeros(0)
-    return replace(ratios, powers=none, lead_times=none, stiffness=none, shares=none)
-
-
 def losses(name: str) -> Iterator[Loss]:
     """Yield the shares of an arm; the last one knows the power of stiffness and damping."""
     case = Case(ARMS[name], None)
@@ -62,7 +55,7 @@ def losses(name: str) -> Iterator[Loss]:
         stiffness=ratios.stiffness / room,
     )
     still = replace(ratios, rate=MIN_RATE, relative_rate=MIN_RATE * ratios.max_ratio)
-    free = without_forces(ratios)
+    free = ratios.without_norms()
 
     def greatest(covered: RatioSet, forces: ForcePoints | None = None) -> float:
         low, high = LOWEST, 1.0

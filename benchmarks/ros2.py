@@ -12,6 +12,7 @@ import time
 import numpy as np
 
 import tarc
+from reference.malformed_messages import damaged
 from tarc.runtime.ros2_inbox import Inbox
 from tarc.runtime.ros2_types import Header, JointState, Time, encoded
 
@@ -21,27 +22,10 @@ LOOPBACK = (
     "<Peers><Peer Address='127.0.0.1'/></Peers></Discovery></Domain></CycloneDDS>"
 )
 JOINTS = ("shoulder", "elbow")
-WORDS = (b"\xff\xff\xff\xff", b"\0\0\0\x80", b"\0\0\xf0\x7f", b"\0\0\0\0")
 MAX_MISSING = 50
 """Samples in a row that the law bridges: on a machine shared with others a process may stand still for 10 ms."""
 KNOWN = 512
 """Right messages, of which the others are made."""
-
-
-def nonsense(rng: np.random.Generator, right: list[bytes], k: int) -> bytes:
-    """Return a message that is right, cut, changed in a byte or a word, or random."""
-    data = bytearray(right[k % len(right)])
-    choice = rng.integers(0, 5)
-    if choice == 0:
-        data[rng.integers(0, len(data))] = rng.integers(0, 256)
-    elif choice == 1:
-        data = data[: rng.integers(0, len(data))]
-    elif choice == 2:
-        data = bytearray(rng.bytes(int(rng.integers(0, 120))))
-    elif choice == 3:
-        place = 4 * int(rng.integers(0, len(data) // 4))
-        data[place : place + 4] = WORDS[rng.integers(0, len(WORDS))]
-    return bytes(data)
 
 
 def fuzz(count: int) -> None:
@@ -65,7 +49,7 @@ def fuzz(count: int) -> None:
     for k in range(count):
         if k % KNOWN == 0:
             inbox = _restarted(inbox)
-        data = nonsense(rng, right, k)
+        data = damaged(rng, right[k % KNOWN])
         inbox.take_state(data, 1)
         inbox.trajectory(data)
         position = inbox.position()

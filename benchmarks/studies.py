@@ -21,6 +21,7 @@ from rich.console import Console
 from rich.table import Table
 
 import tarc
+from arm_study import SCENARIO, TARC
 from benchmarks.agreement import agreement
 from benchmarks.measure import Row
 from tarc.control.digital_controller import DigitalController
@@ -307,25 +308,9 @@ def ur5e(rounds: int = 3) -> list[Row]:
 
 STUDY: dict[str, Any] = {
     "scenario": {
-        "robot": {"kind": "TwoLinkArm", "viscous": [0.5, 0.5]},
-        "law": {
-            "kind": "TARC",
-            "inertia": {"fraction": 0.08},
-            "natural_frequency": 15.0,
-            "rise_rate": 2000.0,
-            "fall_rate": 1000.0,
-            "boundary_layer": 0.015,
-            "max_gain": 5.0,
-        },
-        "estimator": {"kind": "Algebraic", "window": 0.010, "degree": 2},
-        "reference": {
-            "kind": "Sinusoid",
-            "amplitude": [0.3, 0.4],
-            "frequency": [2.0, 3.0],
-            "offset": [0.0, 1.5],
-        },
+        **{key: value for key, value in SCENARIO.items() if key != "substeps"},
+        "law": TARC,
         "sensor": {"bits": 16, "noise": 1e-5},
-        "initial_torque": "rest",
         "duration": 10.0,
         "metrics_start": 1.0,
     },

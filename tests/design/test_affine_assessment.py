@@ -65,11 +65,7 @@ def test_bounds_of_another_scale_are_those_of_the_scaled_inertia(problem, robot,
 def test_decay_rate_is_that_of_the_slowest_constant(affine):
     channel = loop(20.0)[0].channel()
     A, B, C = channel.closed_loop(0.0)[:3]
-    bare = AffineAssessment(
-        replace(affine.ratios, stiffness=np.zeros(0), powers=np.zeros(0), lead_times=np.zeros(0), shares=np.zeros(0)),
-        affine.spec,
-        0.0,
-    )
+    bare = AffineAssessment(affine.ratios.without_norms(), affine.spec, 0.0)
     ratios = scaled_ratios(bare.ratios, 0.2)
     radii = [
         np.abs(np.linalg.eigvals(channel.state_matrix(ratio))).max()

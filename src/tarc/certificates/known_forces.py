@@ -4,21 +4,13 @@ import numpy as np
 
 from tarc.analysis.known_inertia import lagged_force_norms, to_posture_coordinates
 from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS, SEARCH_MARGIN, UncertaintySamples
+from tarc.certificates.affine_cover import ACCELERATION_SHARE, LEAD_FACTORS, POWERS
 from tarc.certificates.affine_form import RatioSet
 from tarc.certificates.known_inertia_evidence import KnownInertiaEvidence
 from tarc.core.types import Array
 
-POWERS = 0.0, 0.5, 1.0
-"""Powers p of the bounds ‖E^−p [H, C/θ]‖ of the Lyapunov function."""
-
-FORCE_LEAD_FACTORS = 0.25, 0.5, 1.0, 2.0
-"""Lead times θ of these bounds, over that at which damping counts as much as stiffness."""
-
 LAG_SHARE = 0.5
 """Weight of what q changes since the sample of the torque, over that of θ q̇."""
-
-ACCELERATION_SHARE = 0.01
-"""Share of these bounds that is left to the motion within a period."""
 
 
 def force_bounds(uncertainty: UncertaintySamples, period: float, delay: int) -> list[tuple[float, float, float]]:
@@ -26,7 +18,7 @@ def force_bounds(uncertainty: UncertaintySamples, period: float, delay: int) -> 
     found = []
     for power in POWERS:
         longest = uncertainty.force_lead_time(power)
-        for lead_time in [factor * longest for factor in FORCE_LEAD_FACTORS] if longest else [0.0]:
+        for lead_time in [factor * longest for factor in LEAD_FACTORS] if longest else [0.0]:
             found.append((power, lead_time, LAG_SHARE * (lead_time or period) / ((1 + delay) * period)))
     return found
 
