@@ -6,7 +6,7 @@ import numpy as np
 
 from tarc.certificates import Certificate
 from tarc.certificates.encoding import to_plain
-from tarc.certification import certificate_from_dict, certificate_from_json
+from tarc.stored_certificates import certificate_from_dict, certificate_from_json
 
 
 def reread(certificate: Certificate) -> Certificate:

@@ -1,6 +1,5 @@
 """All certificates of a law on a robot at once."""
 
-import json
 from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -21,19 +20,16 @@ from tarc.analysis.linearise import (
 from tarc.analysis.rest_stability import describe_instability
 from tarc.analysis.stability import disturbance_to_error, noise_to_torque, stable_intervals, widest_interval
 from tarc.analysis.workspace import Workspace
-from tarc.certificates.affine import AffineEvidence
 from tarc.certificates.ball import Ball
-from tarc.certificates.base import Certificate, Evidence, certificate_from_plain
-from tarc.certificates.constant_ratio import ConstantRatioEvidence, certify_constant_ratio
-from tarc.certificates.known_inertia_evidence import KnownInertiaEvidence
-from tarc.certificates.region_evidence import RegionEvidence
+from tarc.certificates.base import Certificate
+from tarc.certificates.constant_ratio import certify_constant_ratio
 from tarc.certificates.robot import certify_robot, strengthen_robot
 from tarc.certificates.robot_evidence import RobotEvidence
 from tarc.certificates.robot_points import RobotPoints
 from tarc.certificates.robot_proof import ProvenRobot, prove_robot
-from tarc.certificates.sector import SectorEvidence, certify_sector
-from tarc.certificates.varying_ratio import VaryingRatioEvidence, certify_varying_ratio, widest_ball
-from tarc.core.errors import InvalidParameter, NoStableRatio
+from tarc.certificates.sector import certify_sector
+from tarc.certificates.varying_ratio import certify_varying_ratio, widest_ball
+from tarc.core.errors import NoStableRatio
 from tarc.core.types import Array
 from tarc.estimators.algebraic import Algebraic
 from tarc.laws.base import Law
@@ -42,7 +38,7 @@ from tarc.laws.tarc import TARC
 from tarc.laws.tde import TDE
 from tarc.numerics.norms import max_singular_values
 from tarc.paper.law_parts import delay_or_default
-from tarc.paper.lemma1 import ConditionC2Evidence, Lemma1Evidence, check_condition_c2, check_lemma1
+from tarc.paper.lemma1 import check_condition_c2, check_lemma1
 from tarc.paper.nominal_loop import NominalEvidence, check_nominal_loop
 from tarc.paper.theorem1 import Theorem1Evidence, check_theorem1
 from tarc.paper.theorem2 import Theorem2Evidence, check_theorem2
@@ -464,54 +460,3 @@ class LawCertification:
             f"frequency, a smaller max_gain, more rotor inertia or {slower} narrow the gap; inconclusive does not mean "
             "unstable"
         )
-
-
-def _evidence_types() -> dict[str, type[Evidence]]:
-    """Return the class of evidence of each kind of certificate."""
-    classes: tuple[type[Evidence], ...] = (
-        RobotEvidence,
-        ConstantRatioEvidence,
-        SectorEvidence,
-        VaryingRatioEvidence,
-        AffineEvidence,
-        RegionEvidence,
-        Lemma1Evidence,
-        ConditionC2Evidence,
-        Theorem1Evidence,
-        Theorem2Evidence,
-        NominalEvidence,
-        KnownInertiaEvidence,
-    )
-    return {evidence_type.kind: evidence_type for evidence_type in classes}
-
-
-def certificate_from_dict(content: dict[str, Any]) -> Certificate:
-    """Return the certificate that `Certificate.to_dict` wrote.
-
-    Raises
-    ------
-    InvalidParameter
-        For content that is no certificate.
-    """
-    try:
-        evidence_type = _evidence_types()[content["kind"]]
-        return certificate_from_plain(evidence_type, content, content["evidence"])
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise InvalidParameter(f"certificate: cannot read it ({error}); needs what Certificate.to_dict wrote") from None
-
-
-def certificate_from_json(text: str) -> Certificate:
-    """Return the certificate that `Certificate.to_json` wrote.
-
-    Raises
-    ------
-    InvalidParameter
-        For text that is no certificate.
-    """
-    try:
-        content = json.loads(text)
-    except ValueError as error:
-        raise InvalidParameter(
-            f"certificate: the text is no JSON ({error}); needs what Certificate.to_json wrote"
-        ) from None
-    return certificate_from_dict(content)

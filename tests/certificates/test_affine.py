@@ -16,10 +16,10 @@ from tarc.certificates import certify_affine
 from tarc.certificates.affine import AffineProof, find_proof
 from tarc.certificates.affine_form import RatioSet, decrease
 from tarc.certificates.reduced_loop import CentredLoop, reduce_loop
-from tarc.certification import certificate_from_dict
 from tarc.core.errors import InvalidParameter, UnsupportedLaw
 from tarc.laws import TDC
 from tarc.numerics.matrix_polynomial import evaluate
+from tarc.stored_certificates import certificate_from_dict
 
 SYNCHRONISED, LITERAL = LawParameters(window=5, synchronised=True), LawParameters(window=5)
 

@@ -1,9 +1,6 @@
 """All certificates at once: from Python, from a scenario, from the command line."""
 
 import json
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,11 +9,12 @@ import tarc
 from law_catalogue import make_law, make_tdc
 from tampering import reread
 from tarc.analysis import Workspace
-from tarc.certification import certificate_from_dict, certify_law
+from tarc.certification import certify_law
 from tarc.core.errors import UnsupportedLaw
 from tarc.scenario.yaml_text import write_yaml
+from tarc.stored_certificates import certificate_from_dict
+from tarc_command import run_tarc
 
-TARC = str(Path(sys.executable).parent / "tarc")
 ARM = tarc.plants.TwoLinkArm()
 BOX = Workspace.box([-0.5, 1.0], [0.5, 2.0])
 
@@ -91,14 +89,8 @@ def scenario(tmp_path):
     return tmp_path
 
 
-def run_certify(*arguments, cwd, status=0):
-    done = subprocess.run([TARC, "certify", *arguments], cwd=cwd, capture_output=True, text=True, check=False)
-    assert done.returncode == status, done.stderr
-    return done
-
-
 def test_command_prints_verdicts_and_writes_certificates(scenario):
-    done = run_certify("swing.yaml", "--prove", cwd=scenario)
+    done = run_tarc("certify", "swing.yaml", "--prove", cwd=scenario)
     assert "TDC: certified for every posture inertia ratios from" in " ".join(done.stdout.split())
     for part in ("certified", "this robot", "Lemma 1", "Theorem 2", "least ratio", "ball arithmetic", "spread"):
         assert part in done.stdout
@@ -109,7 +101,9 @@ def test_command_prints_verdicts_and_writes_certificates(scenario):
 
 
 def test_command_as_json_with_settings(scenario):
-    done = run_certify("swing.yaml", "--json", "--no-figures", "--set", "law.0.inertia.fraction=0.5", cwd=scenario)
+    done = run_tarc(
+        "certify", "swing.yaml", "--json", "--no-figures", "--set", "law.0.inertia.fraction=0.5", cwd=scenario
+    )
     content = json.loads(done.stdout)
     verdict = content["certificates"]["TDC"]["robot"]
     assert verdict["verdict"] == "refuted"
@@ -121,7 +115,7 @@ def test_command_as_json_with_settings(scenario):
 def test_command_tries_an_affine_function_after_the_quick_verdicts(tmp_path):
     (tmp_path / "arm.yaml").write_text(AFFINE_ARM)
     options = ["arm.yaml", "--full-range", "--speed", "2", "--samples", "60", "--no-figures"]
-    quick, whole = run_certify(*options, "--quick", cwd=tmp_path), run_certify(*options, cwd=tmp_path)
+    quick, whole = run_tarc("certify", *options, "--quick", cwd=tmp_path), run_tarc("certify", *options, cwd=tmp_path)
     line = "TDC by a Lyapunov function affine in the inertia: certified on 60 sampled"
     assert line not in " ".join(quick.stdout.split())
     assert line in " ".join(whole.stdout.split())
@@ -167,7 +161,7 @@ def test_full_range_is_wider_than_the_path(scenario):
     ],
 )
 def test_bad_input(scenario, arguments, message):
-    done = run_certify(*arguments, "--no-figures", cwd=scenario, status=2)
+    done = run_tarc("certify", *arguments, "--no-figures", cwd=scenario, status=2)
     assert message in done.stderr
     assert "Traceback" not in done.stderr
 

@@ -26,10 +26,10 @@ from tarc.certificates import (
     certify_sector,
     certify_varying_ratio,
 )
-from tarc.certification import certificate_from_dict
 from tarc.core.errors import InvalidParameter
 from tarc.paper.kernel import lag_area
 from tarc.signals import Quintic
+from tarc.stored_certificates import certificate_from_dict
 
 ARM = plants.TwoLinkArm()
 PATH = Workspace.box([-0.5, 1.0], [0.5, 2.0])

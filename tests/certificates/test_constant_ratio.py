@@ -14,10 +14,10 @@ from tarc import estimators, laws, plants, signals
 from tarc.analysis import h2_norm, hinf_norm, stable_interval, stable_intervals
 from tarc.analysis.linearise import decoupled_channels
 from tarc.certificates import certify_constant_ratio
-from tarc.certification import certificate_from_dict, certificate_from_json
 from tarc.control.digital_controller import DigitalController
 from tarc.core.errors import InvalidParameter, NoStableRatio, UnsupportedLaw
 from tarc.simulation.closed_loop import ClosedLoop, LoopInput
+from tarc.stored_certificates import certificate_from_dict, certificate_from_json
 
 
 def tdc(window=10, synchronised=False, natural_frequency: Any = 10.0, joints=1, **options):

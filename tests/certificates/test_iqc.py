@@ -22,9 +22,9 @@ from tarc.analysis.uncertain_loop import UncertainLoop
 from tarc.certificates import certify_robot, certify_varying_ratio
 from tarc.certificates.ball_radius import max_radius
 from tarc.certificates.iqc import Multiplier, rate_penalty, satisfies_iqc
-from tarc.certification import certificate_from_dict
 from tarc.core.errors import InvalidParameter
 from tarc.numerics.norms import fdi_negative
+from tarc.stored_certificates import certificate_from_dict
 
 LITERAL, SYNCHRONISED = LawParameters(window=10), LawParameters(window=10, synchronised=True)
 BOTH = [(LITERAL, 0.079), (SYNCHRONISED, 1.074)]

@@ -19,9 +19,9 @@ from tarc.certificates import certify_known_inertia, certify_varying_ratio
 from tarc.certificates.affine import find_proof
 from tarc.certificates.affine_form import RatioSet
 from tarc.certificates.known_points import WorstKnownPoints
-from tarc.certification import certificate_from_json
 from tarc.core.errors import InvalidParameter, UnsupportedLaw
 from tarc.plants import MassSpringDamper, NLinkArm, TwoLinkArm
+from tarc.stored_certificates import certificate_from_json
 
 T = 1e-3
 ARM = TwoLinkArm(viscous=0.2)

@@ -17,11 +17,11 @@ from tarc.analysis.tube import feedforward_along, torques_along
 from tarc.certificates import certify_region
 from tarc.certificates.region import reference_residuals, tracking_loop
 from tarc.certificates.region_evidence import RegionProof
-from tarc.certification import certificate_from_json
 from tarc.core.errors import InvalidParameter, UnsupportedLaw
 from tarc.plants import Pendulum, TwoLinkArm
 from tarc.signals import Encoder, Quintic
 from tarc.signals.disturbances import Disturbance
+from tarc.stored_certificates import certificate_from_json
 
 T, BITS = 1e-3, 17
 HALF_STEP = np.pi / 2**BITS

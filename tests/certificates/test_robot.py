@@ -23,8 +23,9 @@ from tarc.analysis.worst_points import sample_points
 from tarc.certificates import certify_robot, certify_varying_ratio
 from tarc.certificates.ball import Ball
 from tarc.certificates.base import Certificate
-from tarc.certification import LawCertification, certificate_from_dict
+from tarc.certification import LawCertification
 from tarc.core.errors import InvalidParameter, UnsupportedLaw
+from tarc.stored_certificates import certificate_from_dict
 
 ARM, LOADED = plants.TwoLinkArm(), plants.TwoLinkArm(payload=2.0)
 BOX = Workspace.box([-1.0, 0.8], [1.0, 2.2])

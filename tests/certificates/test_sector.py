@@ -16,8 +16,8 @@ from tampering import replaced, reread, scaled, without
 from tarc import estimators, laws
 from tarc.certificates import certify_constant_ratio, certify_sector, certify_varying_ratio
 from tarc.certificates.sector import circle_limit
-from tarc.certification import certificate_from_dict
 from tarc.core.errors import InvalidParameter, UnsupportedLaw
+from tarc.stored_certificates import certificate_from_dict
 
 LITERAL, SYNCHRONISED = LawParameters(window=10), LawParameters(window=10, synchronised=True)
 

@@ -10,24 +10,21 @@ from reference.law_recurrence import recurrence
 from reference.soundness_checks import check_ratio, tally_certificates
 from reference.soundness_tally import Tally
 from reference.uncertain_case import UncertainCase, growth_per_period
-from slow_cases import slow
 from tarc.analysis import stable_interval
 from tarc.analysis.linearise import decoupled_channels
 
-KINDS = ["constant_ratio", "constant_ratio, a range", "varying_ratio", "sector"]
 
-
-@pytest.fixture(scope="module", params=[slow("few designs"), slow("many designs")])
-def tallies(request):
-    if request.param == "few designs":
-        return tally_certificates(64, 12, steps=700, kinds=KINDS)
+@pytest.fixture(scope="module")
+def tallies():
     return tally_certificates(160, 12, steps=1500)
 
 
+@pytest.mark.slow
 def test_nothing_contradicts_a_certificate(tallies):
     assert {name: tally.violations for name, tally in tallies.items() if tally.violations} == {}
 
 
+@pytest.mark.slow
 def test_each_verdict_occurs(tallies):
     for name in ("constant_ratio", "constant_ratio, a range", "sector"):
         assert min(tallies[name].certified, tallies[name].refuted) > 0

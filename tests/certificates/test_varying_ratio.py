@@ -28,9 +28,9 @@ from tarc.analysis.linearise import coupled_channel, decoupled_channels
 from tarc.analysis.uncertain_loop import FrequencyResponses, UncertainLoop, scaled_system
 from tarc.certificates import certify_varying_ratio
 from tarc.certificates.ball_radius import max_radius_any_rate
-from tarc.certification import certificate_from_dict
 from tarc.core.errors import InvalidParameter, NoStableRatio, UnsupportedLaw
 from tarc.numerics.matrix_tests import schur_stability
+from tarc.stored_certificates import certificate_from_dict
 
 LITERAL, SYNCHRONISED = LawParameters(window=10), LawParameters(window=10, synchronised=True)
 

@@ -1,4 +1,4 @@
-"""The command line, run as a user runs it."""
+"""The command line: what it prints and writes, once as it is installed."""
 
 import importlib.metadata
 import json
@@ -13,14 +13,9 @@ from typer.main import get_command
 from tarc import Run
 from tarc.cli.main import app
 from tarc.scenario.yaml_text import write_yaml
+from tarc_command import run_tarc
 
 TARC = str(Path(sys.executable).parent / "tarc")
-
-
-def run_tarc(*arguments, cwd, status=0):
-    done = subprocess.run([TARC, *arguments], cwd=cwd, capture_output=True, text=True, check=False)
-    assert done.returncode == status, done.stderr
-    return done
 
 
 @pytest.fixture
@@ -53,9 +48,10 @@ def test_help_shows_units():
     assert [text for text in texts if re.search(r"(?<!\\)\[[a-zN]", text)] == []
 
 
-def test_run_writes_what_it_says(scenario):
-    out = run_tarc("run", "swing.yaml", "--set", "law.natural_frequency=12", cwd=scenario).stdout
-    assert "RMS error" in out
+def test_the_installed_command_writes_what_it_says(scenario):
+    call = [TARC, "run", "swing.yaml", "--set", "law.natural_frequency=12"]
+    done = subprocess.run(call, cwd=scenario, capture_output=True, text=True, check=True)
+    assert "RMS error" in done.stdout
     folder = scenario / "runs" / "swing"
     assert {file.name for file in folder.iterdir()} == {
         "scenario.yaml",

@@ -12,12 +12,13 @@ from rich.cells import cell_len
 from typer.testing import CliRunner
 
 import tarc.design
+from slow_cases import slow
 from tarc import TarcError, plants
-from tarc.certification import certificate_from_dict
 from tarc.cli.main import app
 from tarc.design import Design, DesignChoice, StressLimit, design_controller
 from tarc.scenario.model import Scenario
 from tarc.scenario.yaml_text import read_yaml
+from tarc.stored_certificates import certificate_from_dict
 from urdf_text import arm, joint, link
 
 ENDLESS = '<limit effort="80" velocity="3"/>'
@@ -179,30 +180,23 @@ def test_the_scenario_runs_from_anywhere(designed_folder, tmp_path, monkeypatch)
     assert run.metrics(start_time=0.4)["rms_error"] < 0.02
 
 
-def test_speed_is_that_of_the_file_or_as_asked(designed_folder, tmp_path):
+def test_speed_is_that_of_the_file(designed_folder):
     folder, printed = designed_folder
     assert "speed" in printed
     proof = json.loads((folder / "out-certificates.json").read_text())["robot"]
     assert proof["evidence"]["max_rate_point"]["velocity_limits"] == [3.0, 3.0]
-    wanted = {"inf": "any", "0.7,0.4": "0.7, 0.4 rad/s"}
-    for given, said in wanted.items():
-        options = [
-            *ASKED,
-            "--law",
-            "tdc",
-            "--speed",
-            given,
-            "--json",
-            "--no-figures",
-            "-o",
-            str(tmp_path / "some.yaml"),
-        ]
-        found = json.loads(invoke_tarc("design", str(folder / "arm.urdf"), *options, folder=tmp_path).stdout)
-        assert found["choices"]["speed"]["value"] == said
-        sines = Scenario.load(tmp_path / "some.yaml").build_reference()
-        _, velocity, _ = sines.sample(np.linspace(0, 10, 2000))
-        if given != "inf":
-            assert np.all(np.abs(velocity).max(axis=1) <= [0.7, 0.4])
+
+
+@pytest.mark.parametrize(("given", "said"), [("inf", "any"), slow("0.7,0.4", "0.7, 0.4 rad/s")])
+def test_speed_is_as_asked(designed_folder, tmp_path, given, said):
+    folder, _ = designed_folder
+    options = [*ASKED, "--law", "tdc", "--speed", given, "--json", "--no-figures", "-o", str(tmp_path / "some.yaml")]
+    found = json.loads(invoke_tarc("design", str(folder / "arm.urdf"), *options, folder=tmp_path).stdout)
+    assert found["choices"]["speed"]["value"] == said
+    sines = Scenario.load(tmp_path / "some.yaml").build_reference()
+    _, velocity, _ = sines.sample(np.linspace(0, 10, 2000))
+    if given != "inf":
+        assert np.all(np.abs(velocity).max(axis=1) <= [0.7, 0.4])
 
 
 def test_it_certifies_again_over_the_full_range(designed_folder, tmp_path):

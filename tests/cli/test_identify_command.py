@@ -1,13 +1,13 @@
-"""`tarc identify`, run as a user runs it."""
+"""`tarc identify`: its tables, files and refusals."""
 
 import json
 
 import numpy as np
 import pytest
 
-from cli.test_cli import run_tarc
 from tarc.logs.model_check import model_torque
 from tarc.plants import load_robot
+from tarc_command import run_tarc
 
 ARMATURE = [0.4, 0.35, 0.3, 0.08, 0.07, 0.06]
 

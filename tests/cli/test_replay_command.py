@@ -1,11 +1,11 @@
-"""`tarc replay`, run as a user runs it."""
+"""`tarc replay`: its tables, files and refusals."""
 
 import json
 
 import numpy as np
 import pytest
 
-from cli.test_cli import run_tarc
+from tarc_command import run_tarc
 
 
 @pytest.fixture(scope="module")

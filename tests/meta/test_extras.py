@@ -3,6 +3,7 @@
 import re
 import sys
 import tomllib
+from collections.abc import Mapping
 from importlib.machinery import ModuleSpec
 from importlib.metadata import packages_distributions
 from pathlib import Path
@@ -29,9 +30,14 @@ def distributions(extra: str) -> set[str]:
     return names
 
 
+@pytest.fixture(scope="module")
+def owners() -> Mapping[str, list[str]]:
+    """Return the installed distributions of each module."""
+    return packages_distributions()
+
+
 @pytest.mark.parametrize("extra", optional.EXTRAS)
-def test_an_extra_is_checked_by_the_modules_that_it_installs(extra: str) -> None:
-    owners = packages_distributions()
+def test_an_extra_is_checked_by_the_modules_that_it_installs(extra: str, owners: Mapping[str, list[str]]) -> None:
     installed = {owners[module.partition(".")[0]][0].lower().removesuffix("-core") for module in optional.EXTRAS[extra]}
     assert installed == distributions(extra)
 

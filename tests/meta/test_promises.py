@@ -79,8 +79,10 @@ LONG_EXAMPLES = {
     "how_sure",
     "largest_error",
     "literal_or_synchronised",
+    "live_loop",
     "my_law",
     "replay_log",
+    "study_of_loads",
     "tune_front",
 }
 

@@ -12,11 +12,11 @@ from law_catalogue import make_law, make_tdc
 from tarc import laws
 from tarc.analysis.workspace import Workspace
 from tarc.certificates import certify_constant_ratio
-from tarc.certification import certificate_from_json
 from tarc.core.errors import InvalidParameter, UnsupportedLaw
 from tarc.numerics.ball_arithmetic import balls, is_positive_definite
 from tarc.paper.lemma1 import check_condition_c2, check_lemma1, lemma1_form
 from tarc.plants import MassSpringDamper, MujocoPlant, NLinkArm, TwoLinkArm
+from tarc.stored_certificates import certificate_from_json
 
 ARM = TwoLinkArm()
 ALL = Workspace.from_joint_limits(ARM)

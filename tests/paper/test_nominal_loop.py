@@ -12,10 +12,10 @@ from law_catalogue import make_tdc
 from tampering import rewritten
 from tarc import estimators, laws
 from tarc.certificates import certify_constant_ratio
-from tarc.certification import certificate_from_json
 from tarc.core.errors import InvalidParameter, UnsupportedLaw
 from tarc.paper import nominal_loop
 from tarc.paper.nominal_loop import NominalLoop, _Program, check_nominal_loop, nominal_max_delay, nominal_max_window
+from tarc.stored_certificates import certificate_from_json
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(20)
 

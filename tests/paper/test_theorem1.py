@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from law_catalogue import make_tdc
 from tampering import rewritten
 from tarc import laws
-from tarc.certification import certificate_from_json
 from tarc.core.errors import InvalidParameter, UnsupportedLaw
 from tarc.numerics.ball_arithmetic import FLOATS
 from tarc.numerics.lmi import solve_lmi
@@ -18,6 +17,7 @@ from tarc.paper import theorem1
 from tarc.paper.law_parts import independent_parts
 from tarc.paper.theorem1 import Theorem1Condition, Theorem1Part, _Program, check_theorem1, psi, theorem1_max_delay
 from tarc.paper.ultimate_bound import ultimate_bound
+from tarc.stored_certificates import certificate_from_json
 
 
 def tdc(natural_frequency: Any = 1.0, joints=1, **options):

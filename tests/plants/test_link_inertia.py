@@ -112,7 +112,18 @@ def test_all_impossible_links_are_named_at_once(read):
     assert robot.inertia([0.0, 0.0])[1, 1] == pytest.approx(0.1 / 3 + 0.1**2)
 
 
-@pytest.mark.parametrize("file", sorted(DATA.rglob("*.urdf")), ids=lambda file: f"{file.parents[1].name}-{file.stem}")
+def public_files():
+    """Yield all files, those slow that have the robot of a file before them and neither options nor a refusal."""
+    seen = set()
+    for file in sorted(DATA.rglob("*.urdf")):
+        robot = file.relative_to(DATA).parts[0]
+        is_slow = robot in seen and file.stem not in WITHOUT_JOINTS | OPTIONS.keys()
+        seen.add(robot)
+        marks = pytest.mark.slow if is_slow else ()
+        yield pytest.param(file, id=f"{file.parents[1].name}-{file.stem}", marks=marks)
+
+
+@pytest.mark.parametrize("file", list(public_files()))
 def test_outcome_of_every_public_file(file):
     if file.stem in WITHOUT_JOINTS:
         with pytest.raises(RobotFileError, match="it has no hinge or slide joint to control"):

@@ -1,15 +1,13 @@
 """Settings that `tarc certify` proposes for a law that is not certified: with them it is."""
 
 import shlex
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
 import tarc
 from tarc.scenario.loader import apply_setting
 from tarc.scenario.repair import certifying_settings
+from tarc_command import run_tarc
 
 TDC = {"kind": "TDC", "inertia": {"fraction": 0.6}, "natural_frequency": 12.0}
 TARC = {**TDC, "kind": "TARC", "rise_rate": 100.0, "fall_rate": 200.0, "max_gain": 1.0}
@@ -72,11 +70,8 @@ def test_no_settings_for_what_no_change_certifies():
 @pytest.mark.slow
 def test_the_command_that_is_printed_certifies(tmp_path):
     arm(TDC).save(tmp_path / "arm.yaml")
-    tarc_command = str(Path(sys.executable).parent / "tarc")
-    words = [tarc_command, "certify", "arm.yaml", "--samples", "40", "--no-figures"]
-    printed = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    printed = run_tarc("certify", "arm.yaml", "--samples", "40", "--no-figures", cwd=tmp_path).stdout
     (line,) = [line for line in printed.splitlines() if line.startswith("Try: tarc certify arm.yaml")]
-    words = [tarc_command, *shlex.split(line.removeprefix("Try: "))[1:]]
-    printed = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    printed = run_tarc(*shlex.split(line.removeprefix("Try: "))[1:], cwd=tmp_path).stdout
     assert "certified on 40" in " ".join(printed.split())
     assert "Try:" not in printed

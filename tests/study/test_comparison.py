@@ -2,11 +2,9 @@
 
 import csv
 import json
-import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,8 +13,8 @@ import pytest
 import tarc
 from tarc.core.errors import InvalidParameter
 from tarc.study import compare, default_search_spaces, tuned_laws
+from tarc_command import run_tarc
 
-TARC = str(Path(sys.executable).parent / "tarc")
 SHORT = ["duration=1.2", "metrics_start=0.4"]
 
 
@@ -144,12 +142,12 @@ def test_every_tuned_law_is_bounded_on_the_two_link_arm(name):
 @pytest.mark.slow
 def test_command(tmp_path):
     arguments = ["two_link_payload", "--laws", "tarc,tdc", "--set", "duration=1.2", "--set", "metrics_start=0.4"]
-    call = [TARC, "compare", *arguments, "--out", "here", "--jobs", "1"]
-    done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True, check=True)
+    call = ["compare", *arguments, "--out", "here", "--jobs", "1"]
+    done = run_tarc(*call, cwd=tmp_path)
     assert "tarc *" in done.stdout or "tdc *" in done.stdout
     assert "[mrad]" in done.stdout
     assert (tmp_path / "here" / "comparison.tex").is_file()
-    plain = subprocess.run([*call, "--json", "--no-figures"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    plain = run_tarc(*call, "--json", "--no-figures", cwd=tmp_path)
     content = json.loads(plain.stdout)
     assert set(content["laws"]) == {"tarc", "tdc"}
     assert content["failures"] == {}
@@ -163,9 +161,7 @@ def test_command(tmp_path):
     ],
 )
 def test_bad_input(tmp_path, arguments, message):
-    call = [TARC, "compare", "two_link_payload", *arguments]
-    done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode == 2
+    done = run_tarc("compare", "two_link_payload", *arguments, cwd=tmp_path, status=2)
     assert message in done.stderr
 
 

@@ -54,6 +54,7 @@ def test_each_run_is_that_of_a_scenario_with_its_text(tmp_path, engine):
             np.testing.assert_allclose(ours, theirs, rtol=1e-7, err_msg=name)
 
 
+@pytest.mark.slow
 def test_kinds_of_law_and_robot_have_all_their_measures_and_reach_the_report(tmp_path):
     """Both robots are the same arm, by equations of two links and of n."""
     draws = {

@@ -1,9 +1,5 @@
 """The search of gains: it finds what a sweep finds, keeps to its limit, and is the same every time."""
 
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -12,8 +8,8 @@ from tarc import TarcError
 from tarc.scenario.yaml_text import read_yaml
 from tarc.study import SearchSpace, TuningOptions, tune
 from tarc.study.law_scores import FAILURE_SCORE, objective
+from tarc_command import run_tarc
 
-TARC = str(Path(sys.executable).parent / "tarc")
 SHORT = ["duration=1.0", "metrics_start=0.3"]
 TDC = SearchSpace(
     {"kind": "TDC", "inertia": {"fraction": 0.08}, "estimator": {"kind": "Algebraic", "degree": 2, "window": 0.01}},
@@ -92,13 +88,12 @@ def test_limits_must_match():
 
 @pytest.mark.slow
 def test_command_writes_gains_and_how_they_were_found(tmp_path):
-    call = [TARC, "tune", "train_two_link", "--laws", "tdc,pid", "--trials", "2", "--jobs", "1", "-o", "g.yaml"]
-    done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True, check=True)
+    call = ["tune", "train_two_link", "--laws", "tdc,pid", "--trials", "2", "--jobs", "1", "-o", "g.yaml"]
+    done = run_tarc(*call, cwd=tmp_path)
     assert "written: g.yaml" in done.stdout
     assert "train_two_link: torque variation at most 1" in done.stdout
     content = read_yaml((tmp_path / "g.yaml").read_text(), "g.yaml")
     assert set(content["laws"]) == {"tdc", "pid"}
     assert content["command"].startswith("tarc tune train_two_link --laws tdc,pid --trials 2")
-    wrong = subprocess.run([*call[:3], "--laws", "xyz"], cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert wrong.returncode == 2
+    wrong = run_tarc("tune", "train_two_link", "--laws", "xyz", cwd=tmp_path, status=2)
     assert "laws: got 'xyz'" in wrong.stderr

@@ -264,7 +264,7 @@ class Certificate(Generic[E]):
         return "\n".join([*lines, "Assumed:", *(f"- {assumption}" for assumption in self.assumptions)])
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the certificate as plain data, ready for JSON; `tarc.certification.certificate_from_dict` reads it."""
+        """Return the certificate as plain data for JSON; `tarc.stored_certificates.certificate_from_dict` reads it."""
         return {"kind": self.kind} | to_plain(self)
 
     def to_json(self) -> str:

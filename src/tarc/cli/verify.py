@@ -61,8 +61,8 @@ def certificates_of(file: Path) -> "Iterator[tuple[str, Certificate]]":
     InvalidParameter
         For a file that cannot be read, and one without certificates.
     """
-    from tarc.certification import certificate_from_dict
     from tarc.core.errors import InvalidParameter
+    from tarc.stored_certificates import certificate_from_dict
 
     try:
         content: Any = json.loads(file.expanduser().read_text(encoding="utf-8"))
