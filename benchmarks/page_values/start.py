@@ -80,7 +80,7 @@ def idea_to_firmware() -> dict[str, Value]:
         for name, part in zip(("LeakyIntegral", "TDC"), measured, strict=True)
     ]
     tuned = {law: float(error) for law, error in TUNED_ERROR.findall(compare)}
-    verified = re.sub(r", \d+ ns a step( *)", lambda match: " " * len(match[0]), verify)
+    verified = re.sub(r", \d+ ns per step( *)", lambda match: " " * len(match[0]), verify)
     return {
         "ratio": measured[0]["rms_error"] / measured[1]["rms_error"],
         "runs": table(["law", "RMS error [mrad]", "peak error [mrad]", "torque variation [N m/s]"], rows),

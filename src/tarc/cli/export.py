@@ -243,7 +243,7 @@ def _print_report(report: "ExportReport") -> None:
     if report.is_same_law is not None:
         table.add_row("the law gives the same C", "yes" if report.is_same_law else "[red]no[/red]")
     for replay in report.replays:
-        text = f"{replay.different} of {replay.total} numbers differ, {1e9 * replay.step_time:.0f} ns a step"
+        text = f"{replay.different} of {replay.total} numbers differ, {1e9 * replay.step_time:.0f} ns per step"
         if not replay.passed:
             text = f"[red]{text}[/red]"
         table.add_row(f"recorded steps, {replay.command}", text + (", with warnings" if replay.warnings else ""))

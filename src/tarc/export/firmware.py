@@ -141,7 +141,7 @@ int main(void)
   print_number((uint64_t)result.wrong);
   print(" by more than $tolerance\\n");
   print_number(sum * INSTRUCTIONS / ((uint64_t)TICKS * VECTORS));
-  print(" instructions a step, ");
+  print(" instructions per step, ");
   print_number((uint64_t)longest * INSTRUCTIONS / TICKS);
   print(" at most\\n");
   return !is_right(&result);

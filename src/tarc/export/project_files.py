@@ -147,7 +147,7 @@ int main(int argc, char **argv)
       (void)${name}_step(&law, &in, &out);
     }
     const double seconds = (double)(clock() - begin) / CLOCKS_PER_SEC;
-    printf("%.1f ns a step\\n", 1e9 * seconds / (double)repeats);
+    printf("%.1f ns per step\\n", 1e9 * seconds / (double)repeats);
   }
   return !is_right(&result);
 }

@@ -32,7 +32,7 @@ TIMED_STEPS = 200_000
 TOLERANCES = {"double": 1e-9, "float": 1e-3}
 """Largest difference, relative to one more than the number, for a law with functions that libraries round."""
 REPLAYED = re.compile(r"(\d+) steps, (\d+) of (\d+) numbers differ, by (\d+) units")
-TIMED = re.compile(r"([\d.]+) ns a step")
+TIMED = re.compile(r"([\d.]+) ns per step")
 
 
 @dataclass(frozen=True)
