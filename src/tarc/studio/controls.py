@@ -93,7 +93,7 @@ class ControlPanel:
             for name, changes in PRESETS.items():
                 ui.button(name, on_click=self._preset(changes), color=None).props("dense outline no-caps size=sm")
         self._rows = [ControlRow(session, control) for control in CONTROLS]
-        with ui.row().classes("gap-4"):
+        with ui.row().classes("gap-x-4 gap-y-0"):
             self._model = ui.checkbox("Model known, M̂(q)", value=state.model_known, on_change=self._set("model_known"))
             self._synchronised = ui.checkbox(
                 "Synchronised", value=state.synchronised, on_change=self._set("synchronised")
