@@ -29,7 +29,12 @@ def adaptive() -> tarc.laws.TARC:
 
 def test_each_listed_gain_is_certified_and_the_next_one_is_not() -> None:
     law = adaptive()
-    found = certify_gains(law, ARM, WORKSPACE, samples=50)
+    progress: list[tuple[int, int]] = []
+    found = certify_gains(
+        law, ARM, WORKSPACE, samples=50, on_certificate=lambda count, most: progress.append((count, most))
+    )
+    assert progress == [(count, 19) for count in range(1, len(progress) + 1)]  # the law, 4 slopes, 7 steps each way
+    assert len(progress) <= 19
     ranges = found.ranges()
 
     def is_certified(**gains: float) -> bool:

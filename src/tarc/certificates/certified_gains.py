@@ -1,5 +1,6 @@
 """Gains that may change while a law runs, each with the values for which the law is certified."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -171,7 +172,7 @@ def certify_gains(
     computation_delay: int = 0,
     samples: int = 2000,
     seed: int = 0,
-    on_certificate: Callable[[int], object] = lambda count: None,
+    on_certificate: Callable[[int, int], object] = lambda count, most: None,
 ) -> CertifiedGains:
     """Search the gains with which a law stays certified on a robot, so that they may change while it runs.
 
@@ -187,7 +188,7 @@ def certify_gains(
     plant, workspace, computation_delay, samples, seed
         As in `tarc.certify_law`.
     on_certificate
-        Called with the number of certificates that were made, to show progress.
+        Called with the number of certificates that were made, and the most that there may be, to show progress.
 
     Returns
     -------
@@ -210,13 +211,15 @@ def certify_gains(
             f"natural_frequency: got {law.natural_frequency!r}; needs one number for all joints", "natural_frequency"
         )
     certify_law = _certifier(law, as_plants(plant), workspace, computation_delay, samples, seed)
+    n_steps = int(math.log(MAX_FACTOR) / math.log(FREQUENCY_STEP) + EQUAL)
+    most = 1 + _n_slopes(law) + 2 * n_steps
     count = 0
 
     def certify(**gains: float) -> AnyCertificate:
         nonlocal count
         certificate = certify_law(**gains)
         count += 1
-        on_certificate(count)
+        on_certificate(count, most)
         return certificate
 
     own = float(frequencies[0])
@@ -225,13 +228,11 @@ def certify_gains(
     if certificate.verdict == Verdict.CERTIFIED:
         slopes[own] = _largest_slope(law, certify)
         for step in (1 / FREQUENCY_STEP, FREQUENCY_STEP):
-            value = own * step
-            while 1 / MAX_FACTOR <= value / own <= MAX_FACTOR:
-                rounded = float(f"{value:.{SIGNIFICANT_DIGITS}g}")
+            for number in range(1, n_steps + 1):
+                rounded = float(f"{own * step**number:.{SIGNIFICANT_DIGITS}g}")
                 if certify(natural_frequency=rounded).verdict != Verdict.CERTIFIED:
                     break
                 slopes[rounded] = replace(law, natural_frequency=rounded).robust_slope_bound
-                value *= step
     return CertifiedGains(law=law, slopes=slopes, certificate=certificate)
 
 
@@ -278,12 +279,19 @@ def _first_slope(law: PolePlacement, changed: PolePlacement) -> float:
     return changed.robust_slope_bound
 
 
+def _n_slopes(law: PolePlacement) -> int:
+    """Return the number of slopes of the robust term that are tried; each takes the root of the ratio of the ends."""
+    if not isinstance(law, TARC) or law.max_gain is None:
+        return 0
+    return math.ceil(math.log2(math.log(SLOPE_FACTOR) / math.log(SLOPE_TOLERANCE)))
+
+
 def _largest_slope(law: PolePlacement, certify: Callable[..., AnyCertificate]) -> float:
     """Return the largest slope of the robust term that is found certified at the law's natural frequency."""
     if not isinstance(law, TARC) or law.max_gain is None:
         return law.robust_slope_bound
     low, high = 1.0, SLOPE_FACTOR
-    while high / low > SLOPE_TOLERANCE:
+    for _ in range(_n_slopes(law)):
         factor = (low * high) ** 0.5
         if certify(max_gain=factor * law.max_gain).verdict == Verdict.CERTIFIED:
             low = factor

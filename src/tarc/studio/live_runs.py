@@ -117,7 +117,7 @@ def _changes(send: Sender, scenario: Scenario, setup: Setup, law: Law) -> tuple[
             plants,
             workspace,
             computation_delay=scenario.computation_delay,
-            on_certificate=lambda count: send(LiveStage(f"certifying gains, {count} so far")),
+            on_certificate=lambda count, most: send(LiveStage(f"certifying gains: {count} of at most {most}")),
         )
     except (UnsupportedLaw, NotLinearisable) as error:
         return None, f"no gain may change while it runs: {error}"
