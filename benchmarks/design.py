@@ -36,16 +36,14 @@ from rich.console import Console
 from rich.table import Table
 
 import tarc
-from tarc.analysis import Workspace, inertia_spread, stable_intervals
+from tarc.analysis import Workspace
 from tarc.analysis.rest_stability import unstable_posture
 from tarc.certificates import Certificate
-from tarc.certificates.robot import certify_robot
+from tarc.certificates.robot import certify_robot, strengthen_robot
 from tarc.core.errors import InfeasibleDesign
-from tarc.design import Design, assess_candidates, choose_adaptation, design_controller, expected_step
+from tarc.design import Design, choose_adaptation, design_controller, expected_step
 from tarc.design.candidates import Candidate
 from tarc.design.noise import measurement_deviation
-from tarc.design.robustness import RobustnessSpec
-from tarc.design.selection import MIN_SPREAD_MARGIN
 from tarc.design.trial_motion import BASE_FREQUENCY
 from tarc.plants.base import Plant
 from tarc.simulation.run import Run
@@ -176,8 +174,6 @@ class Result:
         RMS torque noise of each joint.
     shares
         The prediction over the torque limit.
-    ceilings
-        Greatest natural frequency at the window chosen, by what is left out of the certificate.
     """
 
     name: str
@@ -201,7 +197,6 @@ class Result:
     measured: tuple[float, ...]
     shares: tuple[float, ...]
     picks: tuple[Pick, ...]
-    ceilings: dict[str, float]
 
     @property
     def ratios(self) -> np.ndarray:
@@ -354,12 +349,18 @@ def for_motion(trial: Trial, limit: float, **options: Any) -> tuple[Pick, Any]:
     count = bisect_right(front, limit, key=variation)
     for one in reversed(front[:count]):
         law = law_of(one)
-        if certify_robot(law, found.plants, tube, computation_delay=delay, samples=SAMPLES).certified:
+        if certified(law, found.plants, tube, delay).certified:
             own, kind = trial.measures(trial.run(law)), f"{type(law).__name__}{'' if one.synchronised else ', literal'}"
             window, tried = one.window * one.period, len(found.candidates)
             values = own["rms_error"], own["torque_variation"], "in the tube"
             return Pick(blank.sweep, tried, "full", window, one.natural_frequency, kind, *values), law
     return blank, None
+
+
+def certified(law: Any, plants: Sequence[Plant], workspace: Workspace, delay: int) -> Certificate:
+    """Return the certificate of the robot, by balls or a Lyapunov function affine in the inertia."""
+    given: dict[str, Any] = {"computation_delay": delay, "samples": SAMPLES}
+    return strengthen_robot(certify_robot(law, plants, workspace, **given), law, plants, workspace, **given)
 
 
 def _spread_out(index: int) -> np.ndarray:
@@ -388,56 +389,9 @@ def judged(pick: Pick, law: Any, trial: Trial) -> Pick:
     if law is None:
         return pick
     made, delay = trial.made, trial.scenario.computation_delay
-    found = certify_robot(law, made.plants, made.workspace, computation_delay=delay, samples=SAMPLES)
+    found = certified(law, made.plants, made.workspace, delay)
     verdict = pick.verdict if pick.verdict == "in the tube" else found.verdict
     return pick._replace(verdict=verdict, margin=found.margin, elsewhere=trial.elsewhere(law, found))
-
-
-def ceilings(made: Design) -> dict[str, float]:
-    """Return the largest natural frequency [rad/s] at the chosen window, by what is left out of the certificate."""
-    chosen = made.candidate
-    there = inertia_spread(made.plants, made.shape, made.workspace, samples=SAMPLES)
-    full = RobustnessSpec.from_robot(made.plants, made.workspace, made.shape, there)
-    light = RobustnessSpec.from_spread(made.spread, full.max_rate)
-    slope = chosen.robust_slope / chosen.natural_frequency**2
-
-    def at(speed: float) -> Candidate:
-        return replace(chosen, natural_frequency=speed, inertia_scale=0.0)
-
-    def ball(demand: RobustnessSpec, share: float, room: float) -> Callable[[float], bool]:
-        return lambda speed: any(
-            one.feasible for one in assess_candidates([at(speed)], demand, slope_ratio=share, min_margin=room)
-        )
-
-    def still(speed: float) -> bool:
-        law = tarc.laws.TDC(inertia=1.0, estimator=chosen.estimator, **at(speed).law_options())
-        intervals = stable_intervals(law, computation_delay=chosen.computation_delay)
-        return any(high >= made.spread * low for low, high in intervals)
-
-    tests = {
-        "any speed": ball(replace(full, max_rate=np.inf), slope, MIN_SPREAD_MARGIN),
-        "chosen for": ball(full, slope, MIN_SPREAD_MARGIN),
-        "no switching gain": ball(full, 0.0, MIN_SPREAD_MARGIN),
-        "no room": ball(full, 0.0, 0.0),
-        "no stiffness": ball(light, 0.0, 0.0),
-        "constant M": still,
-    }
-    return {name: _greatest(test, chosen.natural_frequency) for name, test in tests.items()}
-
-
-def _greatest(test: Callable[[float], bool], start: float) -> float:
-    """Return the largest natural frequency [rad/s] that passes, to a hundredth; NaN where none near the start does."""
-    low, high = start, 2 * start
-    while not test(low) and low > start / 20:
-        low, high = low / 1.3, low
-    if not test(low):
-        return np.nan
-    while test(high) and high < 100 * start:
-        low, high = high, 2 * high
-    for _ in range(6):
-        middle = (low * high) ** 0.5
-        low, high = (middle, high) if test(middle) else (low, middle)
-    return low
 
 
 def hand_picks(
@@ -572,7 +526,6 @@ def measure(
             measured=tuple(trial.noise(run).tolist()),
             shares=tuple((made.torque_noise / limit).tolist()),
             picks=tuple(picks),
-            ceilings=ceilings(made),
         )
 
 
@@ -619,7 +572,7 @@ class Sheet(NamedTuple):
 
 def sheets(found: Sequence[Result]) -> list[Sheet]:
     """All tables."""
-    return [_designs(found), _noise(found), _picks(found), _ceilings(found)]
+    return [_designs(found), _noise(found), _picks(found)]
 
 
 def _designs(found: Sequence[Result]) -> Sheet:
@@ -727,26 +680,8 @@ def _picks(found: Sequence[Result]) -> Sheet:
     return Sheet("Hand picks within the design's torque variation and processor time", heads, rows, note)
 
 
-def _number(value: float) -> str:
-    return "–" if np.isnan(value) else f"{value:.3g}"
-
-
 def _times(ratio: float) -> str:
     return "–" if np.isnan(ratio) else "lost" if np.isinf(ratio) else f"{ratio:.2g}×"
-
-
-def _ceilings(found: Sequence[Result]) -> Sheet:
-    names = list(found[0].ceilings)
-    rows = [
-        [one.name, f"{one.natural_frequency:.3g}", *(_number(one.ceilings[name]) for name in names)] for one in found
-    ]
-    note = (
-        "The greatest natural frequency that tolerates the spread at the window chosen, – for none; each column "
-        "leaves one thing "
-        "more out of what is asked, first of all that the inertia may change at any speed. The "
-        "last tolerates every inertia of the workspace as long as it does not change, no proof for a robot that moves."
-    )
-    return Sheet("What holds the natural frequency back [rad/s]", ["robot", "chosen", *names], rows, note)
 
 
 def verdicts(found: Sequence[Result]) -> list[str]:
@@ -800,7 +735,6 @@ def write(found: Sequence[Result], failures: dict[str, str], folder: Path) -> No
             for i in range(one.joints)
         ],
         "picks": [{"name": one.name, **pick._asdict()} for one in found for pick in one.picks],
-        "natural_frequencies": [{"name": one.name, **one.ceilings} for one in found],
     }
     for name, rows in tables.items():
         with (folder / f"{name}.csv").open("w", newline="", encoding="utf-8") as file:
