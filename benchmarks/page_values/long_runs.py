@@ -40,14 +40,12 @@ def comparison() -> dict[str, Value]:
 
 @long_source
 def six_arms() -> dict[str, Value]:
-    """Designs for six arms, hand-picked gains beside them, and what limits the natural frequency."""
+    """Designs for six arms, and hand-picked gains beside them."""
     run_benchmark("benchmarks.design")
     folder = ROOT / "runs" / "design"
     named = tables(folder / "design.md")
-    designs, limits = (
-        next(text for title, text in named.items() if word in title) for word in ("Certified", "frequency")
-    )
-    return {"designs": designs, "limits": limits, "picks": _picks(folder / "picks.csv", folder / "designs.csv")}
+    designs = next(text for title, text in named.items() if "Certified" in title)
+    return {"designs": designs, "picks": _picks(folder / "picks.csv", folder / "designs.csv")}
 
 
 @long_source

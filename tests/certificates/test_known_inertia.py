@@ -21,6 +21,7 @@ from tarc.certificates.affine_form import RatioSet
 from tarc.certificates.known_points import WorstKnownPoints
 from tarc.core.errors import InvalidParameter, UnsupportedLaw
 from tarc.plants import MassSpringDamper, NLinkArm, TwoLinkArm
+from tarc.scenario.certified_laws import CertifiedLaws
 from tarc.stored_certificates import certificate_from_json
 
 T = 1e-3
@@ -118,7 +119,13 @@ def test_affine_with_a_computation_delay(tmp_path):
     law = known_law(0.15, 6, 60.0, synchronised=False, gravity=True)
     heavy = ARM.with_parameters({"payload": 2.0})
     slow = Workspace.box([-1.0, 0.8], [1.0, 2.0], speed=0.5)
-    proven = certify_known_inertia(law, [ARM, heavy], slow, samples=40, computation_delay=1)
+    laws = CertifiedLaws(None, [ARM, heavy], slow, 40)  # pyright: ignore[reportArgumentType]
+    laws.laws_with_model["delayed"] = law
+    laws.known_inertia["delayed"] = certify_known_inertia(
+        law, [ARM, heavy], slow, samples=40, computation_delay=1, quick=True
+    )
+    laws.strengthen(progress=False)
+    proven = laws.known_inertia["delayed"]
     evidence = proven.evidence
     assert proven.certified
     assert evidence.affine is not None

@@ -1,6 +1,6 @@
 """The Lyapunov function affine in the inertia that covers a robot, with stiffness and damping as torques."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +11,7 @@ from tarc.analysis.operating_points import NEGLIGIBLE_STIFFNESS, SEARCH_MARGIN, 
 from tarc.analysis.point_functions import ForceNorm
 from tarc.analysis.uncertain_loop import UncertainLoop
 from tarc.analysis.worst_points import SampledPoints
-from tarc.certificates.affine import AffineProof, find_proof
+from tarc.certificates.affine import ORDERS, AffineProof, find_proof
 from tarc.certificates.affine_form import RatioSet
 from tarc.certificates.force_form import ForceForm, ForcePoints, FormValue
 from tarc.certificates.robot_evidence import AffineCover, MaxRatePoint, linearised_point
@@ -102,6 +102,7 @@ def cover_robot(
     on_program: Callable[[], object] = lambda: None,
     *,
     start: AffineProof | None = None,
+    orders: Sequence[int] = ORDERS,
 ) -> AffineCover | None:
     """Return a Lyapunov function that covers a robot with the margin `SEARCH_MARGIN`; None where none was found.
 
@@ -125,14 +126,16 @@ def cover_robot(
         Called after each semidefinite program, to show progress.
     start
         A Lyapunov function with a form, for the same loop and fewer points, which is tried before others.
+    orders
+        As in `tarc.certificates.affine.find_proof`.
     """
     ratios, norms, sampled = robot_ratios(spread, sampled, rate_points, channel.period, known)
     loop = UncertainLoop.from_channel(channel, slope, intersample=True)
-    proof = find_proof(loop, ratios, on_program) if start is None else None
+    proof = find_proof(loop, ratios, on_program, orders=orders) if start is None else None
     if proof is not None:
         worst = list(dict.fromkeys(int(np.argmax(row[: len(sampled.points)])) for row in norms))
     else:
-        found = _prove_form(loop, ratios, sampled, known, on_program, start) if len(norms) else None
+        found = _prove_form(loop, ratios, sampled, known, on_program, start, orders) if len(norms) else None
         if found is None:
             return None
         proof, form, sampled = found
@@ -148,6 +151,7 @@ def _prove_form(
     known: UncertaintySamples,
     on_program: Callable[[], object],
     start: AffineProof | None,
+    orders: Sequence[int],
 ) -> tuple[AffineProof, ForceForm, SampledPoints] | None:
     """Return a Lyapunov function with a form that no search breaks, that form less the margin, and the points."""
     ratios, share = ratios.without_norms(), ROUNDING_ROOM * SEARCH_MARGIN
@@ -155,7 +159,7 @@ def _prove_form(
     for _ in range(MAX_FORM_ROUNDS):
         if proof is None:
             points = force_points(sampled.uncertainty | known)
-            proof = find_proof(loop, ratios, on_program, forces=points)
+            proof = find_proof(loop, ratios, on_program, forces=points, orders=orders)
         if proof is None or proof.ratios.form is None:
             return None
         form = proof.ratios.form.grown(share)

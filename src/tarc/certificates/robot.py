@@ -19,7 +19,7 @@ from tarc.analysis.operating_points import SEARCH_MARGIN
 from tarc.analysis.uncertain_loop import UncertainLoop
 from tarc.analysis.workspace import Workspace
 from tarc.analysis.worst_points import SampledPoints
-from tarc.certificates.affine import AffineProof, spectral_radii
+from tarc.certificates.affine import ORDERS, AffineProof, spectral_radii
 from tarc.certificates.affine_cover import cover_robot
 from tarc.certificates.ball_search import NO_CANDIDATE, BallCandidate, fit_ball
 from tarc.certificates.base import Certificate, LoopMatrices, Verdict
@@ -171,6 +171,7 @@ def strengthen_robot(
     points: RobotPoints | None = None,
     on_program: Callable[[], object] = lambda: None,
     start: AffineProof | None = None,
+    orders: Sequence[int] = ORDERS,
 ) -> Certificate[RobotEvidence]:
     """Return the better of a robot certificate and one by a Lyapunov function affine in the inertia.
 
@@ -195,6 +196,9 @@ def strengthen_robot(
         Called after each semidefinite program, to show progress.
     start
         A Lyapunov function with a form, for the same loop and fewer points, which is tried before others.
+    orders
+        Numbers of states to which the loop is reduced, tried in turn. Without the last one a search that fails takes a
+        tenth of the time.
     """
     evidence = certificate.evidence
     if certificate.verdict != Verdict.INCONCLUSIVE or evidence.ball is None or workspace.speed is None:
@@ -214,7 +218,7 @@ def strengthen_robot(
     rate_points = tuple(point for point in found if point is not None)
     known = evidence.uncertainty()
     slope, sampled = evidence.slope, robot.sampled
-    cover = cover_robot(channel, slope, spread, sampled, rate_points, known, on_program, start=start)
+    cover = cover_robot(channel, slope, spread, sampled, rate_points, known, on_program, start=start, orders=orders)
     if cover is None:
         return certificate
     evidence = replace(evidence, affine=cover)

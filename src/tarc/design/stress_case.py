@@ -2,14 +2,17 @@
 
 import warnings
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from tarc.analysis.workspace import Workspace
+from tarc.certificates.affine import AffineProof
 from tarc.certificates.base import Certificate
 from tarc.certificates.known_inertia import certify_known_inertia
-from tarc.certificates.robot import certify_robot
+from tarc.certificates.robot import certify_robot, strengthen_robot
 from tarc.core.errors import DesignWarning
+from tarc.design.affine_assessment import ORDERS
 from tarc.design.known_model import uncertain_robots
 from tarc.design.prediction import predict_error
 from tarc.design.result import Design
@@ -138,7 +141,10 @@ class StressCase:
         return replace(self, law=slower, delay=computation_delay)
 
     def certificate(self) -> Certificate:
-        """Certify the case on the robot."""
+        """Certify the case on the robot: by balls, else by a Lyapunov function of the order that designs are tried at.
+
+        `tarc certify` tries the same, and a higher order then.
+        """
         plants = [self.design.plants[0]]
         if self.payload is not None:
             plants.append(plants[0].with_parameters({"payload": self.payload}))
@@ -148,7 +154,16 @@ class StressCase:
             return certify_known_inertia(
                 self.law, robots, self.workspace, computation_delay=self.delay, samples=samples
             )
-        return certify_robot(self.law, plants, self.workspace, computation_delay=self.delay, samples=samples)
+        given: dict[str, Any] = {"computation_delay": self.delay, "samples": samples}
+        certificate = certify_robot(self.law, plants, self.workspace, **given)
+        options: dict[str, Any] = {**given, "start": self._start(), "orders": ORDERS}
+        return strengthen_robot(certificate, self.law, plants, self.workspace, **options)
+
+    def _start(self) -> AffineProof | None:
+        """Return the design's own Lyapunov function with a form, where the case leaves the loop as it is."""
+        cover = self.design.certificates["robot"].evidence.affine
+        is_same_loop = self.law is self.design.law and self.delay == self.law.actuation_delay
+        return cover.proof if is_same_loop and cover is not None and cover.proof.ratios.form is not None else None
 
     def simulate(self, value: float, duration: float, max_error: float = np.inf) -> StressRun:
         """Simulate the motion of `Design.scenario`, or the workspace's reference; the payload comes at half-time."""

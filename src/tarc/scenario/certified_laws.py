@@ -70,12 +70,12 @@ class CertifiedLaws(dict[str, LawCertification]):
                 if strengthened is not certification:
                     changed[name] = strengthened
             for name, certificate in self.known_inertia.items():
-                evidence = certificate.evidence
-                if certificate.verdict == Verdict.INCONCLUSIVE and not evidence.computation_delay:
+                if certificate.verdict == Verdict.INCONCLUSIVE:
                     self.known_inertia[name] = certify_known_inertia(
                         self.laws_with_model[name],
                         self.plants,
                         self.workspace,
+                        computation_delay=certificate.evidence.computation_delay,
                         samples=self.samples,
                         on_program=bar.advance,
                     )
