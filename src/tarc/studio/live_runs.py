@@ -102,7 +102,7 @@ def _run_live(
             changes=changes,
             on_log=announce,
         )
-    send(LiveEnd(f"{result.ended}; {result.overruns} of {result.n_periods} periods missed", result.is_safe_stop))
+    send(LiveEnd(f"{result.ended}; {result.n_periods} periods run, {result.overruns} missed", result.is_safe_stop))
 
 
 def _changes(send: Sender, scenario: Scenario, setup: Setup, law: Law) -> tuple[GainChanges | None, str]:
