@@ -34,6 +34,19 @@ def test_diverged_runs_keep_a_distribution_below_all():
     assert lines_of(axes)[1] == [40, 60]
 
 
+def test_many_laws_differ_by_line_style_and_their_legend_is_beside_the_curves():
+    rng = np.random.default_rng(3)
+    values = {f"law {number}": rng.lognormal(size=50) for number in range(20)}
+    figure = distribution_figure(values, {name: {} for name in values}, "error")
+    (axes,) = figure.axes
+    assert len({(line.get_color(), line.get_linestyle()) for line in axes.lines}) == 20
+    figure.draw_without_rendering()
+    legend, curves = figure.legends[0].get_window_extent(), axes.get_window_extent()
+    assert curves.x1 < legend.x0
+    assert legend.y0 >= 0
+    assert legend.y1 <= figure.bbox.y1
+
+
 def test_ratios_show_which_interval_excludes_one():
     reference = np.random.default_rng(1).lognormal(size=(100, 1))
     comparisons = compare_laws(reference * [1.0, 0.5, 1.0], ["TDC", "less", "same"])
@@ -55,6 +68,15 @@ def test_sensitivities_of_words_have_no_coefficient():
     left, right = sensitivity_figure({"TDC": found}, ["a", "b"]).axes
     assert len(left.lines) == 5  # two bars, two points and the entry of the legend
     assert len(right.lines) == 3  # a bar, a point and zero
+
+
+def test_of_many_laws_and_draws_a_figure_has_those_that_matter():
+    keys = [f"key {number}" for number in range(40)]
+    index = {key: Interval(0.02, 0.01 if key == "key 30" else -0.01, 0.05) for key in keys}
+    found = Sensitivity(tuple(keys), index, dict.fromkeys(keys), 0.7, 100, True)
+    left, _ = sensitivity_figure({f"law {number}": found for number in range(9)}, keys).axes
+    assert [text.get_text() for text in left.get_yticklabels()] == ["key 30"]
+    assert len({line.get_label() for line in left.lines if not line.get_label().startswith("_")}) == 7
 
 
 def test_scatter_matrix_is_a_triangle():

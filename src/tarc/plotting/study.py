@@ -1,6 +1,7 @@
 """Figures of studies: rates, distributions, paired ratios, what matters, the worst case and rare events."""
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,6 +35,15 @@ FEW_VALUES = 6
 MANY_TIMES = 30
 """Ratio of the largest to the least value of a draw from which on its axis is logarithmic."""
 
+STYLES = ("-", "--", ":", "-.")
+"""Line styles of a distribution: the next one where the colours have been used."""
+
+MAX_LAWS = len(COLOURS)
+"""Laws of a figure of what matters: the first ones, since each needs a colour."""
+
+MAX_ROWS = 20
+"""Draws of a figure of what matters; of more, those that matter to none of its laws are left out."""
+
 WIDTH = 7.6
 ROW = 0.34
 
@@ -63,15 +73,17 @@ def distribution_figure(
     label
         Of the measure, with its unit.
     """
-    figure = StyledFigure(figsize=(WIDTH, 3.4), layout="constrained")
+    is_crowded = len(values) > len(COLOURS)
+    height = max(3.4, 0.16 * len(values) + 0.4) if is_crowded else 3.4
+    figure = StyledFigure(figsize=(WIDTH, height), layout="constrained")
     axes = figure.subplots()
     shown = []
     for place, (name, column) in enumerate(values.items()):
         ordered = np.sort(column[np.isfinite(column)])
-        colour = COLOURS[place % len(COLOURS)]
+        colour, style = COLOURS[place % len(COLOURS)], STYLES[place // len(COLOURS) % len(STYLES)]
         if ordered.size:
             chosen = np.unique(np.linspace(0, ordered.size - 1, POINTS).astype(int))
-            axes.plot(ordered[chosen], 100 * (chosen + 1) / column.size, color=colour, lw=1.4, label=name)
+            axes.plot(ordered[chosen], 100 * (chosen + 1) / column.size, color=colour, ls=style, lw=1.4, label=name)
             shown.append(ordered)
         for probability, interval in quantiles[name].items():
             ends = [end for end in (interval.low, interval.high) if np.isfinite(end)]
@@ -83,7 +95,9 @@ def distribution_figure(
     axes.set_ylabel("runs up to this value [%]")
     axes.set_ylim(0, 101)
     axes.grid(alpha=0.3)
-    if shown:
+    if is_crowded:
+        figure.legend(loc="outside right upper", fontsize="x-small", frameon=False)
+    elif shown:
         axes.legend(fontsize="small", frameon=False, loc="lower right")
     return figure
 
@@ -103,7 +117,19 @@ def ratio_figure(comparisons: Sequence["PairedComparison"], label: str) -> Figur
 
 
 def sensitivity_figure(sensitivities: Mapping[str, "Sensitivity"], keys: Sequence[str]) -> Figure:
-    """Draw the first-order index of each draw with its interval, and the rank coefficient, for every law."""
+    """Draw the first-order index of each draw with its interval, and the rank coefficient.
+
+    Parameters
+    ----------
+    sensitivities
+        Of each law. The first `MAX_LAWS` are drawn.
+    keys
+        The draws. Of more than `MAX_ROWS`, those whose index is above zero for one of these laws.
+    """
+    sensitivities = dict(islice(sensitivities.items(), MAX_LAWS))
+    if len(keys) > MAX_ROWS:
+        matters = [key for key in keys if any(found.first_order[key].low > 0 for found in sensitivities.values())]
+        keys = (matters or list(keys))[:MAX_ROWS]
     count = len(sensitivities)
     figure = StyledFigure(figsize=(WIDTH, 1.1 + ROW * len(keys) * (0.7 + 0.4 * count)), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)

@@ -116,7 +116,7 @@ def other_measures(data: xr.Dataset, summary: StudySummary) -> str:
 
 def sensitivity_section(data: xr.Dataset, summary: StudySummary) -> str:
     """Return which draws matter."""
-    from tarc.plotting.study import sensitivity_figure
+    from tarc.plotting.study import MAX_LAWS, sensitivity_figure
 
     if not summary.sensitivities:
         return ""
@@ -127,6 +127,8 @@ def sensitivity_section(data: xr.Dataset, summary: StudySummary) -> str:
         keys = first.order
         parts.append(f"<h3>{escape(capitalised(info.label))}</h3>")
         parts.append(f"<p>{_sensitivity_sentence(info.label, by_law)}</p>")
+        if len(by_law) > MAX_LAWS:
+            parts.append(f"<p>The figure has the first {MAX_LAWS} laws, and of many draws those that matter.</p>")
         parts.append(
             svg_figure(sensitivity_figure(by_law, keys), f"{measure}-matters", f"What {info.label} depends on")
         )
