@@ -14,7 +14,7 @@ import optuna
 from tarc import Scenario
 from tarc.study import SearchSpace, default_search_spaces
 from tarc.study.law_scores import objective
-from tarc.study.optuna_search import MAX_BATCH, SeededSampler
+from tarc.study.search_sampler import MAX_BATCH, SeededSampler
 from tarc.study.trials import Trials
 
 SCENARIOS = ("train_two_link", "train_ur5e", "train_masses")
@@ -41,7 +41,7 @@ def sampling(space: SearchSpace, count: int) -> float:
     """Return the time of Optuna for a trial [s], for trials that all have the same value."""
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     gains = {key: optuna.distributions.FloatDistribution(*ends, log=True) for key, ends in space.free.items()}
-    study = optuna.create_study(sampler=SeededSampler(gains, 0, count // 3, 2 * count // 3))
+    study = optuna.create_study(sampler=SeededSampler(gains, 0, count // 3, is_long=True))
 
     def search() -> None:
         for _ in range(count):

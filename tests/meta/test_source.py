@@ -42,7 +42,8 @@ NEEDS_NUMPY = {
     ("tarc.design.requirements", "tarc.signals.sensors"),
 }
 NEEDS_OPTUNA = {
-    ("tarc.study.law_search", "tarc.study.optuna_search"),
+    ("tarc.study.law_search", f"tarc.study.{module}")
+    for module in ("optuna_search", "search_sampler", "search_storage")
 }
 NEEDS_XARRAY = {
     ("tarc.scenario.model", "tarc.simulation.simulator"),  # what certifies and simulates nothing needs no xarray

@@ -7,7 +7,9 @@ import optuna
 import pytest
 
 from tarc import TarcError
-from tarc.study.optuna_search import Search, SeededSampler, Workers, open_storage, open_study
+from tarc.study.optuna_search import Search
+from tarc.study.search_sampler import LONG_SEARCH, SeededSampler
+from tarc.study.search_storage import Workers, open_storage, open_study
 from tarc.study.trials import DIVERGED, NOT_CERTIFIED, UNSTABLE, TrialOutcome
 
 SPACE = {name: optuna.distributions.FloatDistribution(0.1, 10.0, log=True) for name in ("x", "y")}
@@ -29,7 +31,7 @@ def bowl(gains):
 def search(path, *, trials=12, function=bowl, n_objectives=1, seed=0, problem=1, warm=(), margin=None):
     """Search, and return gains and outcome of each trial in their order."""
     optuna.logging.set_verbosity(optuna.logging.WARNING)
-    sampler = SeededSampler(SPACE, seed, trials // 3, 2 * trials // 3, warm, trials // 6)
+    sampler = SeededSampler(SPACE, seed, trials // 3, trials >= LONG_SEARCH, warm, trials // 6)
     with Workers(path, "law") as workers:
         study = open_study("law", {"problem": problem}, sampler, n_objectives, open_storage(path))
         one = Search(
@@ -63,7 +65,9 @@ def test_finds_the_end_of_a_narrow_valley():
         return TrialOutcome((float(np.exp(distance)),), (0.5,), (0.0,), survived=1.0)
 
     for seed in range(3):
-        best = min(search(None, trials=600, function=valley, seed=seed), key=lambda trial: trial[2]["rms_errors"][0])
+        best = min(
+            search(None, trials=LONG_SEARCH, function=valley, seed=seed), key=lambda trial: trial[2]["rms_errors"][0]
+        )
         assert best[1]["x"] == pytest.approx(4.0, rel=0.01)
         assert best[1]["y"] == pytest.approx(0.25, rel=0.01)
 
@@ -186,6 +190,6 @@ def test_unstable_gains_are_run_until_stable_ones_are_known():
         return [TrialOutcome((1.0,), (0.5,), (growth,), survived=1.0) for _ in sets]
 
     with Workers(None, "law") as workers:
-        study = open_study("law", {}, SeededSampler(SPACE, 0, 3, 6), 1, open_storage(None))
+        study = open_study("law", {}, SeededSampler(SPACE, 0, 3, is_long=False), 1, open_storage(None))
         Search(study, SPACE, 8, LIMITS, evaluate, None, workers).run()
     assert flags == [True, True, True, True, False, False, False, False]

@@ -144,7 +144,7 @@ def test_a_front_is_of_stable_gains_that_no_others_beat():
 @pytest.mark.slow
 def test_every_law_has_the_same_number_of_warm_starts(tmp_path):
     """A plain law starts at the scenario's law, one that extends it at its best."""
-    from tarc.study.optuna_search import open_storage
+    from tarc.study.search_storage import open_storage
 
     one = scenario()
     found = tune_all(

@@ -63,7 +63,9 @@ def search_law(
     require("study", "tune", "cmaes", "optuna")
     import optuna
 
-    from tarc.study.optuna_search import Search, SeededSampler, Workers, first_local, open_storage, open_study
+    from tarc.study.optuna_search import Search
+    from tarc.study.search_sampler import LONG_SEARCH, SeededSampler
+    from tarc.study.search_storage import Workers, open_storage, open_study
 
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     examples = [space.law(values, kept[0].period) for values in space.examples()] if space.free else []
@@ -74,9 +76,8 @@ def search_law(
     trials = options.trials if gains else 1
     n_random = max(round(RANDOM_SHARE * options.trials), 1)
     starts = [values for law in warm_starts if (values := space.values(law))]
-    sampler = SeededSampler(
-        gains, options.seed, n_random, first_local(trials), starts, int(WARM_SHARE * options.trials)
-    )
+    n_warm, is_long = int(WARM_SHARE * options.trials), trials >= LONG_SEARCH
+    sampler = SeededSampler(gains, options.seed, n_random, is_long, starts, n_warm)
     problem = _problem(space, kept, kept_limits, options, objectives)
     name = name or str(space.fixed["kind"])
 

@@ -108,9 +108,9 @@ def user_search_space(kind: str, ranges: dict[str, tuple[float, float]]) -> Sear
     return SearchSpace(_law(kind, **model), free)
 
 
-INERTIA = {"inertia.fraction": (0.02, 1.5)}
-POLES = {"natural_frequency": (4.0, 60.0)}
-WINDOW = {"estimator.window": (0.002, 0.030)}
+INERTIA = {"inertia.fraction": (0.02, 5.0)}
+POLES = {"natural_frequency": (2.0, 200.0)}
+WINDOW = {"estimator.window": (0.002, 0.050)}
 COMMON = {**INERTIA, **POLES, **WINDOW}
 LAYER = {"boundary_layer": (0.01, 2.0)}
 GAIN = (0.1, 100.0)
@@ -145,7 +145,6 @@ BOUND_CAPS = {"max_gain": 100.0, "max_state_gain": 100.0}
 
 KNOWN = {"inertia": {"model": True, "gravity": True, "coriolis": True}}
 """M̂(q) of the scenario's own robot, without its friction."""
-WITH_MODEL = {**COMMON, "natural_frequency": (4.0, 120.0)}
 
 SPACES: dict[str, SearchSpace] = {
     "tdc": SearchSpace(_law("TDC"), COMMON),
@@ -181,7 +180,7 @@ SPACES: dict[str, SearchSpace] = {
     ),
     "nonsingular": SearchSpace(
         _law("NonsingularTerminal"),
-        {**COMMON, "reaching_gain": GAIN, "exponent": (1.05, 1.9), "reaching_exponent": (0.3, 0.9), **LAYER},
+        {**COMMON, "reaching_gain": GAIN, "exponent": (1.05, 1.9), "reaching_exponent": (0.3, 0.99), **LAYER},
         extends="tdc",
     ),
     "smc-tde": SearchSpace(_law("SlidingMode"), {**COMMON, "gain": GAIN, **LAYER}, extends="tdc"),
@@ -208,15 +207,15 @@ SPACES: dict[str, SearchSpace] = {
     "pd-gravity": SearchSpace(_law("PID", model="robot"), COMMON),
     "adrc": SearchSpace(_law("ADRC"), {**INERTIA, **POLES, "observer_bandwidth": (20.0, 1000.0)}),
     "super-twisting": SearchSpace(
-        _law("SuperTwisting"), {**COMMON, "disturbance_rate": (1.0, 1e4), "boundary_layer": (1e-3, 1.0)}
+        _law("SuperTwisting"), {**COMMON, "disturbance_rate": (1.0, 1e5), "boundary_layer": (1e-3, 1.0)}
     ),
-    "ipid": SearchSpace(_law("IntelligentPID"), COMMON),
+    "ipid": SearchSpace(_law("IntelligentPID"), {**COMMON, "window": WINDOW["estimator.window"]}),
     "corless-leitmann": SearchSpace(
         _law("CorlessLeitmann"), {**COMMON, "uncertainty_bound": GAIN, "boundary_layer": (1e-3, 1.0)}
     ),
     "fuzzy": SearchSpace(
         _law("AdaptiveFuzzy", max_consequent=300.0),
-        {**COMMON, "adaptation_rate": (1.0, 1e5), "position_span": (0.5, 6.3)},
+        {**COMMON, "adaptation_rate": (1.0, 1e7), "position_span": (0.5, 6.3)},
     ),
     "projection": SearchSpace(
         _law("ProjectionARC", model="robot", parameter_bounds=ARM),
@@ -233,12 +232,10 @@ SPACES: dict[str, SearchSpace] = {
         _law("ComputedTorque", model="robot", friction_at_reference=True),
         {**POLES, **WINDOW, "integral_gain": (0.1, 30.0)},
     ),
-    "tdc-model": SearchSpace(_law("TDC", **KNOWN), WITH_MODEL),
-    "tarc-model": SearchSpace(_law("TARC", max_gain=10.0, **KNOWN), {**WITH_MODEL, **TARC_GAINS}, extends="tdc-model"),
-    "tdarc-model": SearchSpace(
-        _law("TDARC", **BOUND_CAPS, **KNOWN), {**WITH_MODEL, **TDARC_GAINS}, extends="tdc-model"
-    ),
+    "tdc-model": SearchSpace(_law("TDC", **KNOWN), COMMON),
+    "tarc-model": SearchSpace(_law("TARC", max_gain=10.0, **KNOWN), {**COMMON, **TARC_GAINS}, extends="tdc-model"),
+    "tdarc-model": SearchSpace(_law("TDARC", **BOUND_CAPS, **KNOWN), {**COMMON, **TDARC_GAINS}, extends="tdc-model"),
     "barrier-model": SearchSpace(
-        _law("BarrierTDARC", **BOUND_CAPS, **KNOWN), {**WITH_MODEL, **BARRIER_GAINS}, extends="tdc-model"
+        _law("BarrierTDARC", **BOUND_CAPS, **KNOWN), {**COMMON, **BARRIER_GAINS}, extends="tdc-model"
     ),
 }

@@ -31,9 +31,9 @@ def tune(
     """Search a law's gains for the least mean log RMS error over training scenarios, under limits on torque variation.
 
     On logarithmic scales, a third of the trials are drawn at random, half of these with the gains of a warm start. The
-    others are drawn by Optuna's tree-structured Parzen estimator, and of more than 200 trials the last third by its
-    evolution strategy about the best. A trial that diverges in a scenario is not run in the next. Gains that are
-    unstable at rest are not run, as soon as others are known that are stable and completed.
+    others are drawn by Optuna's tree-structured Parzen estimator, from 1,000 trials on by its evolution strategy
+    (CMA-ES), which begins at the best of the random ones. A trial that diverges in a scenario is not run in the next.
+    Gains that are unstable at rest are not run, as soon as others are known that are stable and completed.
 
     Parameters
     ----------
