@@ -3,7 +3,7 @@
 import os
 import signal
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
@@ -87,8 +87,8 @@ def search_laws(
     """
     for name in names:
         check.one_of("laws", name, spaces)
-    rounds = _rounds(names, spaces)
-    total = sum(map(len, rounds))
+    waiting = _with_bases(names, spaces)
+    total = len(waiting)
     contents = [scenario.model_dump() for scenario in scenarios]
     jobs = min(os.cpu_count() or 1, len(names)) if options.jobs is None else options.jobs
     results: dict[str, T] = {}
@@ -96,17 +96,18 @@ def search_laws(
         ProcessPoolExecutor(max(jobs, 1), mp_context=get_context("spawn"), initializer=_end_at_interrupt) as pool,
         Progress(f"tuning {total} laws, {options.trials} trials each", total, options.progress) as bar,
     ):
-        for group in rounds:
-            futures = {}
-            for name in group:
+        futures: dict[Future[T], str] = {}
+        while waiting or futures:
+            under_way = {*waiting, *futures.values()}
+            for name in [name for name in waiting if spaces[name].extends not in under_way]:
                 base = spaces[name].extends
                 starts = starts_of(results[base]) if base in results else [_own_law(scenarios[0])]
                 task = LawTask(name, spaces[name], contents, list(limits), options, objectives, starts, choose)
                 futures[pool.submit(task)] = name
+                waiting.remove(name)
             try:
-                for future in as_completed(futures):
-                    name = futures[future]
-                    _collect(name, future, results, failures)
+                for future in wait(futures, return_when=FIRST_COMPLETED).done:
+                    _collect(futures.pop(future), future, results, failures)
                     bar.advance()
             except (KeyboardInterrupt, InvalidParameter, UnsupportedLaw, NotConverged):
                 # without the laws that no process has begun
@@ -132,19 +133,19 @@ def _collect(name: str, future: Future[T], results: dict[str, T], failures: dict
         raise InvalidParameter("jobs: a process was killed, perhaps for lack of memory; use fewer jobs") from None
 
 
-def _rounds(names: Sequence[str], spaces: Mapping[str, SearchSpace]) -> list[list[str]]:
-    """Return the laws and those that they extend, in groups of which each extends only laws of the groups before."""
-    depth: dict[str, int] = {}
+def _with_bases(names: Sequence[str], spaces: Mapping[str, SearchSpace]) -> list[str]:
+    """Return the laws and those that they extend, first those that many wait for."""
+    found: list[str] = []
 
-    def place(name: str) -> int:
-        if name not in depth:
-            base = spaces[name].extends
-            depth[name] = place(base) + 1 if base else 0
-        return depth[name]
+    def place(name: str) -> None:
+        if name and name not in found:
+            place(spaces[name].extends)
+            found.append(name)
 
     for name in names:
         place(name)
-    return [[name for name in depth if depth[name] == level] for level in range(max(depth.values(), default=-1) + 1)]
+    bases = [spaces[name].extends for name in found]
+    return sorted(found, key=lambda name: -bases.count(name))
 
 
 def _own_law(scenario: Scenario) -> dict[str, Any]:
