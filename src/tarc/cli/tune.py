@@ -95,7 +95,7 @@ def tune(
     laws: Laws = "",
     law: OwnLaw = "",
     range_: Range = None,
-    trials: Trials = 60,
+    trials: Trials = 200,
     budget: Budget = "",
     objectives: Objectives = "error",
     margin: Margin = None,

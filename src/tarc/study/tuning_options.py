@@ -33,7 +33,7 @@ class TuningOptions:
         For a number of trials or of processes below one, a negative seed, and a margin at or below −1.
     """
 
-    trials: int = 60
+    trials: int = 200
     seed: int = 0
     margin: float | None = None
     storage: str | Path | None = None
