@@ -76,7 +76,7 @@ def test_of_many_laws_and_draws_a_figure_has_those_that_matter():
     found = Sensitivity(tuple(keys), index, dict.fromkeys(keys), 0.7, 100, True)
     left, _ = sensitivity_figure({f"law {number}": found for number in range(9)}, keys).axes
     assert [text.get_text() for text in left.get_yticklabels()] == ["key 30"]
-    assert len({line.get_label() for line in left.lines if not line.get_label().startswith("_")}) == 7
+    assert len({line.get_label() for line in left.lines if not str(line.get_label()).startswith("_")}) == 7
 
 
 def test_scatter_matrix_is_a_triangle():
