@@ -256,7 +256,8 @@ def finish(axes: Axes) -> None:
             frameon=False,
             borderpad=0.2,
             handletextpad=0.4,
-            columnspacing=1.2,
+            handlelength=1.2,
+            columnspacing=0.9,
         )
 
 
