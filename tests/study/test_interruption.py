@@ -21,6 +21,7 @@ CONTENT = {
     "traces": 0,
 }
 COMMAND = """
+import time
 from concurrent.futures import wait
 from contextlib import contextmanager
 
@@ -35,11 +36,18 @@ def started(*options):
         yield starting
 
 
+def slowly(*arguments):
+    for finished in run(*arguments):
+        yield finished
+        time.sleep(0.3)
+
+
 scheduling.SERIAL_TIME = 0.0
+run, scheduling._run = scheduling._run, slowly
 starting_cluster, scheduling.starting_cluster = scheduling.starting_cluster, started
 main()
 """
-"""The command, with processes that run the study from its first part on."""
+"""The command, with processes that run the study from its first part on, and slow enough for a signal in its midst."""
 ENGINE = "virtual machine"
 
 
