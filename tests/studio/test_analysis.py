@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -40,6 +42,14 @@ def test_map_is_that_of_the_eigenvalues(state):
             assert np.isnan(low)
         else:
             assert (low, high) == pytest.approx(exact, rel=2e-2)
+
+
+def test_computation_delay_of_a_scenario_is_in_the_map():
+    state = DesignState()
+    late = analyse_loop(state, replace(FACTS, computation_delay=1))
+    exact = widest_interval(stable_intervals(law_of(state), computation_delay=1))
+    assert late.stable == pytest.approx(exact, rel=1e-9)
+    assert late.stable[1] < 0.9 * analyse_loop(state, FACTS).stable[1]
 
 
 def test_even_delay_is_stable_nowhere():

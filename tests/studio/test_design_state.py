@@ -87,6 +87,20 @@ def test_scenario_says_what_the_page_cannot_express():
         assert part in text
 
 
+def test_limits_of_the_robot_reach_the_runs():
+    base = Robots().content("two_link_payload") | {
+        "law": {"kind": "TDC", "inertia": {"fraction": 0.1}, "natural_frequency": 15.0, "torque_limit": [30.0, 20.0]},
+        "torque_limits": {"rate": 500.0},
+        "computation_delay": 1,
+    }
+    state, notes = state_of(base)
+    assert notes == ["torque_limits: in the runs; map and certificates do not know it"]
+    for content in (state.to_content(base), state.rival_content(base)):
+        scenario = Scenario.parse(content)
+        assert next(iter(scenario.laws.values()))["torque_limit"] == [30.0, 20.0]
+        assert (scenario.torque_limits, scenario.computation_delay) == ({"rate": 500.0}, 1)
+
+
 @given(states)
 @settings(max_examples=10, deadline=None)
 def test_every_design_is_a_scenario(state):

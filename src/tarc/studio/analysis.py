@@ -182,7 +182,7 @@ def robot_facts(state: DesignState, robots: Robots) -> RobotFacts:
     workspace, plants = scenario.certified_region(replace(setup, events=events))
     mean = setup.mean_inertia.matrix
     spread = inertia_spread(plants, mean, workspace, samples=SPREAD_SAMPLES, refine=1)
-    return RobotFacts(spread.min_ratio, spread.max_ratio, mean)
+    return RobotFacts(spread.min_ratio, spread.max_ratio, mean, scenario.computation_delay)
 
 
 @lru_cache(maxsize=MAX_ROBOTS)
@@ -191,7 +191,7 @@ def _unloaded(content: str) -> Setup:
     return Scenario.parse(json.loads(content)).build()
 
 
-def analyse_loop(state: DesignState, facts: RobotFacts, computation_delay: int = 0) -> LoopAnalysis:
+def analyse_loop(state: DesignState, facts: RobotFacts) -> LoopAnalysis:
     """Return map, stable range, noise, loop gain and distance from the optimum of a design.
 
     Parameters
@@ -200,10 +200,8 @@ def analyse_loop(state: DesignState, facts: RobotFacts, computation_delay: int =
         The design.
     facts
         Of its robot, see `robot_facts`.
-    computation_delay
-        Periods between a measurement and its torque.
     """
-    key = _LoopKey.of(state, computation_delay)
+    key = _LoopKey.of(state, facts.computation_delay)
     loop = _affine_loop(key)
     position_gain, velocity_gain = state.natural_frequency**2, 2 * state.damping_ratio * state.natural_frequency
     channel = key.channel(position_gain, velocity_gain)
@@ -219,9 +217,9 @@ def analyse_loop(state: DesignState, facts: RobotFacts, computation_delay: int =
     frequencies = ANGLES * state.control_rate
     above = np.flatnonzero(gains[1] >= 1)
     stable = widest_interval(stable_intervals(key.law(position_gain, velocity_gain), channels=[channel]))
-    distance = distance_from_optimum(channel, ratios[1], delay=computation_delay)
+    distance = distance_from_optimum(channel, ratios[1], delay=facts.computation_delay)
     return LoopAnalysis(
-        map=stability_map(state, computation_delay),
+        map=stability_map(state, facts.computation_delay),
         stable=stable,
         ratios=ratios,
         is_stable=(is_stable[0], is_stable[1], is_stable[2]),

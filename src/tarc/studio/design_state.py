@@ -20,6 +20,8 @@ MERGE_PAUSE = 1.0
 """Longest pause between two moves of a slider that are undone together [s]."""
 OBSERVER_SPEED = 5.0
 """Observer bandwidth of ADRC over its natural frequency."""
+TORQUE_LIMIT = "torque_limit"
+"""Option of a scenario's law that every law of the page keeps, since it belongs to the robot."""
 
 
 @dataclass(frozen=True)
@@ -182,13 +184,13 @@ class DesignState:
         Parameters
         ----------
         base
-            Content of the scenario with robot, reference and duration.
+            Content of the scenario with robot, reference and duration. The torque limit of its first law is kept.
         """
         content = {key: value for key, value in base.items() if key not in ("law", "estimator", "disturbance")}
         others = [part for part in base.get("disturbance", []) if part.get("kind") != "Payload"]
         load = {"kind": "Payload", "mass": self.payload, "start_time": base["duration"] / 2}
         content |= {
-            "law": self._law(self.law),
+            "law": self._law(self.law, base),
             "estimator": {"kind": "Algebraic", "window": self.window / self.control_rate, "degree": self.degree},
             "sensor": {**base.get("sensor", {}), "bits": self.encoder_bits},
             "disturbance": [*others, *([load] if self.payload else [])],
@@ -198,9 +200,9 @@ class DesignState:
 
     def rival_content(self, base: dict[str, Any]) -> dict[str, Any]:
         """Return the same scenario with the rival as its law, on the same natural frequency and damping ratio."""
-        return self.to_content(base) | {"law": self._law(self.rival)}
+        return self.to_content(base) | {"law": self._law(self.rival, base)}
 
-    def _law(self, kind: str) -> dict[str, Any]:
+    def _law(self, kind: str, base: dict[str, Any]) -> dict[str, Any]:
         part: dict[str, Any] = {
             "kind": kind,
             "inertia": {"fraction": 1.0},  # M̂ is a gain for time-delay estimation, and a model for the others
@@ -220,6 +222,10 @@ class DesignState:
             part |= {name: getattr(self, name) for name in names}
         if kind == "ADRC":
             part["observer_bandwidth"] = OBSERVER_SPEED * self.natural_frequency
+        laws = base.get("law", {})
+        first = laws[0] if isinstance(laws, list) else laws
+        if TORQUE_LIMIT in first:
+            part[TORQUE_LIMIT] = first[TORQUE_LIMIT]
         return part
 
 

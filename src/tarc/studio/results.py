@@ -18,11 +18,14 @@ class RobotFacts:
         Smallest and largest eigenvalue of M(q)⁻¹M̄ along the motion, where M̄ is the mean inertia.
     mean_inertia
         M̄ [kg m² or kg], shape (n, n).
+    computation_delay
+        Periods between a measurement and its torque.
     """
 
     min_ratio: float
     max_ratio: float
     mean_inertia: Array
+    computation_delay: int = 0
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from tarc.core import validation as check
-from tarc.studio.design_state import CONTROLS, LAWS, DesignState
+from tarc.studio.design_state import CONTROLS, LAWS, TORQUE_LIMIT, DesignState
 
 SHIPPED = {"two_link_payload": "Two-link arm", "ur5e": "UR5e", "panda_multisine": "Panda"}
 """Shipped scenarios whose robots the page offers, with what it calls them."""
-KEPT_KEYS = ("name", "robot", "reference", "duration", "sensor", "initial_torque", "disturbance", "metrics_start")
-"""Keys of a scenario that the page takes over as they are, but for the bits of the sensor and the payload."""
+BEYOND_THE_LOOP = ("gearbox", "torque_limits", "drive", "jitter")
+"""Keys of a scenario that runs have, and that neither the map nor a certificate knows."""
 
 
 class Robots:
@@ -85,7 +85,7 @@ def _shipped_content(name: str) -> dict[str, Any]:
 
 def state_of(content: dict[str, Any]) -> tuple[DesignState, list[str]]:
     """Return the design of a scenario's first law, and a line for all that the page cannot express."""
-    notes = [f"{key}: left out" for key in content if key not in {*KEPT_KEYS, "law", "estimator", "period"}]
+    notes = [f"{key}: in the runs; map and certificates do not know it" for key in BEYOND_THE_LOOP if key in content]
     laws = content["law"] if isinstance(content["law"], list) else [content["law"]]
     law = dict(laws[0])
     rate = round(1 / float(content.get("period", 1e-3)))
@@ -107,6 +107,8 @@ def state_of(content: dict[str, Any]) -> tuple[DesignState, list[str]]:
         law["delay"] = round(float(law["delay"]) * rate)
     scalars = {control.name for control in CONTROLS} | {"synchronised"}
     for key, value in law.items():
+        if key == TORQUE_LIMIT:
+            continue  # `DesignState.to_content` keeps it
         if key in scalars and isinstance(value, int | float):
             changes[key] = value
         else:
