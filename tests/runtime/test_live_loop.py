@@ -143,6 +143,14 @@ def test_a_missed_period_stops_the_run_on_request():
     assert result.ended == "the loop missed 3 periods"
 
 
+def test_a_period_too_late_to_bridge_says_how_many_samples_were_missing():
+    clock = SimulatedClock()
+    law = example_law()
+    result, _ = rows_of(LateRobot(clock, 400, (law.max_missing + 2.2) * PERIOD), law, clock=clock)
+    assert result.is_safe_stop
+    assert result.ended == f"{law.max_missing + 1} samples missing in a row"
+
+
 def test_bridging_is_what_the_law_does_with_missing_samples_under_the_held_torque():
     clock = SimulatedClock()
     law = example_law()

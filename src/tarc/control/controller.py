@@ -80,6 +80,8 @@ class Controller:
     fault
         Whether more than ``law.max_missing`` were missing in a row; then the safe torque is applied until the next
         `reset`.
+    fault_reason
+        Why it gave up, in words.
 
     Raises
     ------
@@ -145,7 +147,7 @@ class Controller:
         places = {name: place for place, name in _places(example.signals, n)}
         self._missing, self._fault = output[places["missing"]], output[places["fault"]]
         self.signals = {name: output[place] for name, place in places.items()}
-        self._warned = False
+        self._fault_reason = ""
         self._ready = False
 
     def prepare(self, law: Law, function: ca.Function | None = None) -> PreparedLaw:
@@ -255,7 +257,7 @@ class Controller:
         state = limited_start(self.law, self._limits, initial_position, initial_torque)
         self._call.reset(self._packed(state))
         self._call.output[:] = 0
-        self._warned, self._ready = False, True
+        self._fault_reason, self._ready = "", True
         if self._stamped is not None:
             self._stamped.reset(state.position)
 
@@ -317,11 +319,11 @@ class Controller:
         if time is not None:
             self._take_time(time)
         self._call.step()
-        if self._fault[0] and not self._warned:
-            self._warned = True
+        if self._fault[0] and not self._fault_reason:
+            self._fault_reason = f"{self.missing} samples missing in a row" if self.missing else "the law gave up"
             log.error(
                 "%s: the safe torque (%s) is applied until reset",
-                f"{self.missing} samples missing in a row" if self.missing else "the law gave up",
+                self._fault_reason,
                 getattr(self.law.safe_torque, "__name__", self.law.safe_torque),
             )
         return self._torque
@@ -384,6 +386,11 @@ class Controller:
     def fault(self) -> bool:
         """Return whether the law gave up and applies its safe torque."""
         return bool(self._fault[0])
+
+    @property
+    def fault_reason(self) -> str:
+        """Return why the law gave up, also once samples come again; empty where it has not."""
+        return self._fault_reason
 
 
 def _refuse_other_structure(law: Law, other: Law) -> None:

@@ -413,7 +413,7 @@ class LiveLoop:
         if late:
             return late
         if self._controller.fault:
-            return f"{self._controller.missing} samples missing in a row"
+            return self._controller.fault_reason
         error = np.abs(position - self._target[0])
         if np.any(error > self._max_error):
             i = int(np.nanargmax(error / self._max_error))

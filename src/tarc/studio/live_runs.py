@@ -13,6 +13,7 @@ from tarc.laws.base import Law
 from tarc.laws.pole_placement import PolePlacement
 from tarc.runtime import DdsRobot, GainChanges, OnlineReference, Robot, run_live
 from tarc.runtime.log import Log
+from tarc.runtime.real_time import real_time
 from tarc.runtime.scenario_parts import safety_limits, scenario_robot, start_up
 from tarc.scenario.deployment import law_of
 from tarc.scenario.model import Scenario, Setup
@@ -28,6 +29,8 @@ WATCHDOG = 0.05
 """Longest time without a sample of a robot [s]."""
 SIMULATED_WATCHDOG = 1.0
 """The same of a simulated one, which shares the computer with the page [s]."""
+PRIORITY = 80
+"""Real-time priority of a loop on a robot, where the system allows it."""
 
 
 def send_live(
@@ -80,8 +83,10 @@ def _run_live(
         if changes is not None:
             threading.Thread(target=_serve, args=(send, changes, commands), daemon=True).start()
 
-    with _robot(connection, address, scenario, setup, law.period) as robot:
-        is_simulated = connection.startswith("mujoco")
+    is_simulated = connection.startswith("mujoco")
+    priority = 0 if is_simulated else PRIORITY
+    # the threads of DDS inherit the priority
+    with real_time(priority), _robot(connection, address, scenario, setup, law.period) as robot:
         online = robot.reference if isinstance(robot, DdsRobot) else None
         result = run_live(
             law,
@@ -95,14 +100,15 @@ def _run_live(
             allow_unlimited_torque=is_simulated,
             watchdog=SIMULATED_WATCHDOG if is_simulated else WATCHDOG,
             overrun="shift" if is_simulated else "bridge",
-            priority=0,
+            priority=priority,
             joint_names=names,
             units=setup.plant.units,
             label=setup.plant.label,
             changes=changes,
             on_log=announce,
         )
-    send(LiveEnd(f"{result.ended}; {result.n_periods} periods run, {result.overruns} missed", result.is_safe_stop))
+    ended = result.ended.removesuffix(" by Ctrl-C")  # the page stops it by a button
+    send(LiveEnd(f"{ended}; {result.n_periods} periods run, {result.overruns} missed", result.is_safe_stop))
 
 
 def _changes(send: Sender, scenario: Scenario, setup: Setup, law: Law) -> tuple[GainChanges | None, str]:
