@@ -148,15 +148,12 @@ class BoundProver:
         moving = [place for place, angle in enumerate(self.angles) if self.speed[angle] > 0]
         if not moving:
             return ProvenPart(name, "zero", 1.0, 0)
-        functions = []
+        functions: list[TrigPolynomial] = []
         for inertia in self.inertias:
             slopes = [float(self.speed[self.angles[place]]) * inertia.derivative(place) for place in moving]
             start = (-limit if relative else 0.0) * inertia
-            for signs in product((-1.0, 1.0), repeat=len(moving)):
-                total = start
-                for sign, slope in zip(signs, slopes, strict=True):
-                    total = total + sign * slope
-                functions.append(total)
+            weights = [np.array([1.0, *signs]) for signs in product((-1.0, 1.0), repeat=len(moving))]
+            functions += PolynomialFamily.from_parts([start, *slopes], weights).members()
         bounds = [0.0 if relative else limit] * len(functions)
         return self._prove(name, f"up to {limit:.4g} 1/s", functions, bounds, self._fastest)
 

@@ -117,13 +117,6 @@ class TrigPolynomial:
         used = np.any(self.cosines, axis=(1, 2)) | np.any(self.sines, axis=(1, 2))
         return TrigPolynomial(self.modes[used], self.cosines[used], self.sines[used], self.left_out)
 
-    def __add__(self, other: "TrigPolynomial") -> "TrigPolynomial":
-        modes, inverse = np.unique(np.concatenate([self.modes, other.modes]), axis=0, return_inverse=True)
-        cosines, sines = np.zeros((2, len(modes), *self.cosines.shape[1:]))
-        np.add.at(cosines, inverse.ravel(), np.concatenate([self.cosines, other.cosines]))
-        np.add.at(sines, inverse.ravel(), np.concatenate([self.sines, other.sines]))
-        return TrigPolynomial(modes, cosines, sines, self.left_out + other.left_out)
-
     def __rmul__(self, factor: float) -> "TrigPolynomial":
         return TrigPolynomial(self.modes, factor * self.cosines, factor * self.sines, abs(factor) * self.left_out)
 
@@ -158,15 +151,13 @@ class PolynomialFamily:
     @classmethod
     def from_parts(cls, parts: Sequence[TrigPolynomial], weights: Sequence[Array]) -> "PolynomialFamily":
         """Return the family of parts and of the factors of each member."""
-        zero = 0.0 * sum(parts[1:], start=parts[0])
-        padded = [part + zero for part in parts]
-        return cls(
-            padded[0].modes,
-            np.array([part.cosines for part in padded]),
-            np.array([part.sines for part in padded]),
-            np.array([part.left_out for part in parts]),
-            np.array(weights),
-        )
+        modes, places = np.unique(np.concatenate([part.modes for part in parts]), axis=0, return_inverse=True)
+        cosines, sines = np.zeros((2, len(parts), len(modes), *parts[0].cosines.shape[1:]))
+        ends = np.cumsum([len(part.modes) for part in parts])
+        for number, (part, own) in enumerate(zip(parts, np.split(places.ravel(), ends[:-1]), strict=True)):
+            np.add.at(cosines[number], own, part.cosines)
+            np.add.at(sines[number], own, part.sines)
+        return cls(modes, cosines, sines, np.array([part.left_out for part in parts]), np.array(weights))
 
     @cached_property
     def _totals(self) -> Array:
