@@ -107,7 +107,7 @@ def test_examples_differ_in_every_gain():
     assert len({one["a"] for one in drawn}) == len(drawn)
 
 
-@pytest.mark.parametrize("law", ["tdc", "tarc", "tdc-kalman", "pid"])
+@pytest.mark.parametrize("law", ["tdc", "tarc", "tdc-kalman", "pid", "adrc"])
 def test_one_function_linearises_all_gains(law):
     trial, space, _ = trials_of("train_masses", law)
     laws = laws_within(space, trial, 9)

@@ -10,6 +10,7 @@ from tarc.control.digital_controller import ControllerInput, DigitalController
 from tarc.core import array_ops as ops
 from tarc.core import validation as check
 from tarc.core.errors import NotLinearisable, UnsupportedLaw
+from tarc.core.tracing import numpy_on_symbols
 from tarc.core.trees import leaves, names, pack, rebuild
 from tarc.core.types import Array, Vector
 from tarc.estimators.oracle import refuse_oracle
@@ -290,7 +291,8 @@ def _slopes_at_rest(
     symbolic_state = rebuild(state, [symbols.get(i, value) for i, value in enumerate(values)])
     value = ControllerInput(position, zero, reference, zero, acceleration, zero)
     stepping = controller if symbolic is None else DigitalController(Encoder(), symbolic)
-    next_state, output = stepping.step(symbolic_state, value)
+    with numpy_on_symbols():
+        next_state, output = stepping.step(symbolic_state, value)
     x = ca.vertcat(*(_column(symbol) for symbol in symbols.values())) if symbols else ca.SX(0, 1)
     rows = [_column(leaf) for i, leaf in enumerate(leaves(next_state)) if i in symbols]
     slopes = ca.jacobian(ca.vertcat(*rows, output.torque), ca.vertcat(x, position, acceleration))

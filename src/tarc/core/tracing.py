@@ -1,6 +1,8 @@
 """Trace a step into a ``casadi.Function``, and call it over fixed memory."""
 
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import casadi as ca
@@ -32,6 +34,14 @@ def _symbols(tree: Tree, kind: type) -> tuple[Vector, Tree]:
     return vector, rebuild(tree, pieces)
 
 
+@contextmanager
+def numpy_on_symbols() -> Iterator[None]:
+    """Let functions of NumPy take symbols, without the warning of CasADi that a later version may treat numbers anew."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FutureWarning)
+        yield
+
+
 def expressions(
     step: Step,
     state: Tree,
@@ -46,7 +56,8 @@ def expressions(
     """
     state_symbol, state_tree = _symbols(state, symbol)
     value_symbol, value_tree = _symbols(value, symbol)
-    next_state, output = step(state_tree, value_tree)
+    with numpy_on_symbols():
+        next_state, output = step(state_tree, value_tree)
     for old, new, label in zip(leaves(state_tree), leaves(next_state), names(state), strict=True):
         new = new if isinstance(new, symbol) else symbol(new)
         if old.shape != new.shape:

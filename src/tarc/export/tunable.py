@@ -1,7 +1,6 @@
 """Parameters of a law that stay changeable in its C, where the law allows it."""
 
 import copy
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
@@ -204,11 +203,9 @@ def _extended(law: Law, traced: TracedLaw, tunables: list[Tunable]) -> tuple[Tra
     symbols = {tunable.name: ca.SX.sym(tunable.name, len(tunable.values)) for tunable in tunables}
     changed = _with_symbols(law, symbols)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", FutureWarning)  # of CasADi, where NumPy is handed a symbol
-            inputs, results = expressions(
-                lambda state, value: limited_step(changed, traced.torque_limits, state, value), *law.example()
-            )
+        inputs, results = expressions(
+            lambda state, value: limited_step(changed, traced.torque_limits, state, value), *law.example()
+        )
     except TRACE_ERRORS:
         return None, "the law decides or computes by its value before it runs"
     parameters = ca.vertcat(*symbols.values())

@@ -1,6 +1,5 @@
 """Many runs of one closed loop in machine code: the loop over time inside, several runs side by side."""
 
-import warnings
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -214,9 +213,7 @@ class BatchLoop:
             return self._step(case, masks, state, value)
 
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", FutureWarning)  # of CasADi, where NumPy is handed a symbol
-                inputs, results = expressions(step, self._state, value, name="period")
+            inputs, results = expressions(step, self._state, value, name="period")
         except TRACE_ERRORS as error:
             if masks and is_checked:
                 return None
