@@ -66,7 +66,8 @@ def test_finds_the_end_of_a_narrow_valley():
 
     for seed in range(3):
         best = min(
-            search(None, trials=LONG_SEARCH, function=valley, seed=seed), key=lambda trial: trial[2]["rms_errors"][0]
+            search(None, trials=5 * LONG_SEARCH, function=valley, seed=seed),
+            key=lambda trial: trial[2]["rms_errors"][0],
         )
         assert best[1]["x"] == pytest.approx(4.0, rel=0.01)
         assert best[1]["y"] == pytest.approx(0.25, rel=0.01)

@@ -19,7 +19,7 @@ MAX_BATCH = 8
 """Most trials that are drawn before the first of them is run."""
 MAX_HISTORY = 256
 """Most finished trials from which the Parzen estimator learns."""
-LONG_SEARCH = 1000
+LONG_SEARCH = 200
 """Fewest trials of a search by the evolution strategy; with fewer, the Parzen estimator finds better gains."""
 GENERATION = 3 * MAX_BATCH
 """Trials of a generation of the evolution strategy; of fewer, it stops on the edge that a limit makes."""

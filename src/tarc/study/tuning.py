@@ -31,7 +31,7 @@ def tune(
     """Search a law's gains for the least mean log RMS error over training scenarios, under limits on torque variation.
 
     On logarithmic scales, a third of the trials are drawn at random, half of these with the gains of a warm start. The
-    others are drawn by Optuna's tree-structured Parzen estimator. From 1,000 trials on, its evolution strategy (CMA-ES)
+    others are drawn by Optuna's tree-structured Parzen estimator. From 200 trials on, its evolution strategy (CMA-ES)
     draws them, beginning at the best of the random ones. A trial that diverges in a scenario is not run in the next.
     Gains that are unstable at rest are not run, as soon as others are known that are stable and completed.
 
