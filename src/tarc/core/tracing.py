@@ -36,7 +36,7 @@ def _symbols(tree: Tree, kind: type) -> tuple[Vector, Tree]:
 
 @contextmanager
 def numpy_on_symbols() -> Iterator[None]:
-    """Let functions of NumPy take symbols, without the warning of CasADi that a later version may treat numbers anew."""
+    """Let functions of NumPy take symbols, without CasADi's warning that a later version may do so otherwise."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FutureWarning)
         yield
