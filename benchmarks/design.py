@@ -13,7 +13,7 @@ workspace as well, and run where its loop is worst. Designs with M̂(q) of the f
 model, run on the same motion. A second design is certified for a tube about the motion, within the
 torque variation of the first.
 
-The sweeps are limited by time, so their numbers vary a little from run to run.
+The sweeps are limited by time, so their numbers vary from run to run.
 """
 
 import argparse
@@ -130,6 +130,7 @@ class Sweep(NamedTuple):
     kinds: tuple[str, ...]
     free: bool = False
     checked: bool = False
+    like_model: bool = False
 
 
 SWEEPS = (
@@ -140,6 +141,8 @@ SWEEPS = (
 )
 """M̂ = m I, one number for all joints. M̂ = m diag of the mean inertia along the motion. Both with the natural frequency
 swept too. Those that are stable at rest in every sampled posture, with and without payload."""
+LIKE_MODEL = Sweep("any ωn, as M̂(q)", ("m I", "m diag"), free=True, like_model=True)
+"""Within the torque variation of the first design with M̂(q), which may be less."""
 
 
 class Pick(NamedTuple):
@@ -394,16 +397,11 @@ def judged(pick: Pick, law: Any, trial: Trial) -> Pick:
     return pick._replace(verdict=verdict, margin=found.margin, elsewhere=trial.elsewhere(law, found))
 
 
-def hand_picks(
-    trial: Trial, sweeps: Sequence[Sweep], limit: float, budget: float, done: Callable[[str], object]
-) -> list[Pick]:
-    """Return the best pick of each sweep within a torque variation and a processor time [s]."""
-    picks = []
-    for one in sweeps:
-        pick, law = sweep(one, trial, limit, budget)
-        picks.append(judged(pick, law, trial))
-        done(f"{pick.tried} hand picks, {one.name}")
-    return picks
+def hand_pick(trial: Trial, which: Sweep, limit: float, budget: float, done: Callable[[str], object]) -> Pick:
+    """Return the best pick of a sweep within a torque variation and a processor time [s]."""
+    pick, law = sweep(which, trial, limit, budget)
+    done(f"{pick.tried} hand picks, {which.name}")
+    return judged(pick, law, trial)
 
 
 def with_model(
@@ -496,14 +494,18 @@ def measure(
         trial = Trial(made, duration)
         run, loaded = trial.run(made.law), trial.run(made.law, loaded=True)
         own, verdict = trial.measures(run), made.certificates["robot"]
-        picks = hand_picks(trial, sweeps, own["torque_variation"], cpu if budget is None else budget, done)
+        modelled = [
+            with_model(model, trial, payload, options, done, noise) for model in models for noise in (None, *noises)
+        ]
+        picks = []
+        for one in sweeps:
+            limit = modelled[0].variation if one.like_model else own["torque_variation"]
+            picks.append(hand_pick(trial, one, limit, cpu if budget is None else budget, done))
         if motion:
             picks.append(judged(*for_motion(trial, own["torque_variation"], **options), trial))
             done("designed for the motion")
-        picks += [
-            with_model(model, trial, payload, options, done, noise) for model in models for noise in (None, *noises)
-        ]
-        chosen, limit = made.candidate, np.asarray(made.law.torque_limits, dtype=float)
+        picks += modelled
+        chosen, limits = made.candidate, np.asarray(made.law.torque_limits, dtype=float)
         return Result(
             name=name,
             joints=plant.n_joints,
@@ -524,7 +526,7 @@ def measure(
             loaded=str(loaded.status),
             predicted=tuple(made.torque_noise.tolist()),
             measured=tuple(trial.noise(run).tolist()),
-            shares=tuple((made.torque_noise / limit).tolist()),
+            shares=tuple((made.torque_noise / limits).tolist()),
             picks=tuple(picks),
         )
 
@@ -766,7 +768,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.design", description=__doc__)
     parser.add_argument("--robots", default="all", help=f"some of {names}, with commas between; all is the first six")
     parser.add_argument("--no-picks", action="store_true", help="the designs alone, in two minutes")
-    sweeps = [one.name for one in SWEEPS]
+    sweeps = [one.name for one in (*SWEEPS, LIKE_MODEL)]
     parser.add_argument("--sweep", choices=sweeps, help="hand picks by this sweep alone, and no design for the motion")
     parser.add_argument("--models", default="inertia,known", help="what laws with M̂(q) know; empty for none")
     parser.add_argument("--noise", default="", help="further designs with M̂(q), with so much torque noise [%%], as 2,3")
@@ -779,9 +781,14 @@ def main() -> None:
         parser.error(f"--robots: got {options.robots!r}; needs some of {names}")
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # each process that measures has a core to itself
     begin, answers = time.perf_counter(), {}
-    chosen = [one for one in SWEEPS if not options.no_picks and options.sweep in (None, one.name)]
+    models = tuple(name for name in options.models.split(",") if name)
+    if options.sweep == LIKE_MODEL.name and not models:
+        parser.error(f"--sweep {LIKE_MODEL.name!r}: needs --models inertia, known or both")
+    chosen = (
+        list(SWEEPS) if options.sweep is None else [one for one in (*SWEEPS, LIKE_MODEL) if one.name == options.sweep]
+    )
+    chosen = [] if options.no_picks else chosen
     with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
-        models = tuple(name for name in options.models.split(",") if name)
         noises = tuple(float(percent) / 100 for percent in options.noise.split(",") if percent)
         futures = {pool.submit(measure_robot, one, chosen, models, noises): one.name for one in wanted}
         for future in as_completed(futures):
