@@ -56,16 +56,29 @@ def not_covered() -> dict[str, Value]:
     return {"limits": text.strip()}
 
 
+SWEEP_WORDS = {
+    "m I": r"$\hat{M}$ = m I",
+    "m diag": r"$\hat{M}$ = m diag",
+    "any ωn": "natural frequency too",
+    "checked": "and stable at rest",
+}
+VERDICT_WORDS = {"refuted": "unstable at rest somewhere"}
+
+
 def _picks(picks: Path, designs: Path) -> str:
+    """Return the table of hand picks: one row for each sweep."""
     own = {row["name"]: float(row["error"]) for row in _rows(designs)}
-    sweeps: dict[str, list[str]] = {}
-    verdicts: dict[str, list[str]] = {}
-    for row in _rows(picks):
-        if row["error"] in ("", "nan"):
-            continue
-        sweeps.setdefault(row["sweep"], []).append(f"{float(row['error']) / own[row['name']]:.2g} {row['name']}")
-        verdicts.setdefault(row["sweep"], []).append(f"{row['verdict']} {row['name']}")
-    rows = [(name, ", ".join(ratios), ", ".join(verdicts[name])) for name, ratios in sweeps.items()]
+    found = [row for row in _rows(picks) if row["sweep"] in SWEEP_WORDS and row["error"] not in ("", "nan")]
+    rows = []
+    for sweep, words in SWEEP_WORDS.items():
+        chosen = [row for row in found if row["sweep"] == sweep]
+        ratios = [f"{float(row['error']) / own[row['name']]:.2g} {row['name']}" for row in chosen]
+        verdicts = [
+            f"{VERDICT_WORDS.get(verdict, verdict)}: {', '.join(names)}"
+            for verdict in ("certified", "inconclusive", "refuted")
+            if (names := [row["name"] for row in chosen if row["verdict"] == verdict])
+        ]
+        rows.append((words, ", ".join(ratios), "; ".join(verdicts)))
     return table(["hand-picked", "error, as a multiple of the design's", "over the workspace"], rows)
 
 
