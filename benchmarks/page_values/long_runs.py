@@ -45,6 +45,7 @@ def six_arms() -> dict[str, Value]:
     folder = ROOT / "runs" / "design"
     named = tables(folder / "design.md")
     designs = next(text for title, text in named.items() if "Certified" in title)
+    designs = re.sub(r"\d+, CPU", "CPU", designs).replace("ωn", r"$\omega_{n}$").replace("Λ", r"$\Lambda$")
     return {"designs": designs, "picks": _picks(folder / "picks.csv", folder / "designs.csv")}
 
 
