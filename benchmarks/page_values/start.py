@@ -158,7 +158,7 @@ def real_task_laws() -> dict[str, Value]:
         folder = Path(name)
         _design_real_task(folder)
         laws = "pid,pd-gravity,computed-torque-integral,tdc,tarc"
-        tuned = command(f"tarc tune design.yaml --laws {laws}", folder)
+        tuned = command(f"tarc tune design.yaml --laws {laws} --trials 1000", folder)
         compared = command("tarc compare design.yaml --gains gains.yaml --out compared", folder)
         shutil.copy(folder / "compared" / "plane.png", ROOT / "docs" / "images" / "real-task-laws.png")
     return {"tune": text_block(tuned), "compare": text_block(compared)}
