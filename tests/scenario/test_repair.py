@@ -61,6 +61,20 @@ def test_with_the_settings_the_law_is_certified(law):
     assert tarc.Scenario.parse(content).certify(samples=40)[name].verdict.certified
 
 
+def test_where_no_ball_suffices_a_lyapunov_function_does():
+    fast = {"kind": "Sinusoid", "amplitude": [1.0, 1.0], "frequency": [4.0, 5.0], "offset": [0.0, 1.5]}
+    scenario = arm(TDC, reference=fast)
+    settings = certifying_settings(scenario, scenario.certify(samples=40), "TDC", progress=False)
+    assert settings
+    content = scenario.model_dump()
+    for setting in settings:
+        apply_setting(content, setting)
+    certified = tarc.Scenario.parse(content).certify(samples=40)
+    assert not certified["TDC"].verdict.certified
+    certified.strengthen(progress=False)
+    assert certified["TDC"].verdict.certified
+
+
 def test_no_settings_for_what_no_change_certifies():
     unbounded = {key: value for key, value in TARC.items() if key != "max_gain"}
     scenario = arm(unbounded)
