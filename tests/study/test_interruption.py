@@ -21,12 +21,15 @@ CONTENT = {
     "traces": 0,
 }
 COMMAND = """
+import signal
 import time
 from concurrent.futures import wait
 from contextlib import contextmanager
 
 from tarc.cli.main import main
 from tarc.study import scheduling
+
+signal.signal(signal.SIGINT, signal.default_int_handler)  # processes in a shell's background start without Ctrl-C
 
 
 @contextmanager
