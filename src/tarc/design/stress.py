@@ -22,7 +22,7 @@ MAX_CERTIFICATES = 10
 """Largest number of certificates per question."""
 MAX_RUNS = 3
 """Largest number of simulations per question."""
-TOLERANCE = 0.01
+TOLERANCE = 0.03
 """Relative tolerance of a limit, where `MAX_CERTIFICATES` are enough for it."""
 MAX_BITS = 52
 """Most bits of an encoder."""
