@@ -365,7 +365,7 @@ def report_refreshes(page: Any) -> None:
     page.wait_for_function("() => /track/.test(document.querySelector('.live-numbers').textContent)", timeout=READY)
     print(f"Live tab: {page.evaluate(REFRESHES, REFRESH_TIME):.1f} refreshes per second", flush=True)
     page.get_by_role("button", name="Stop").click()
-    page.get_by_text("stopped by Ctrl-C").wait_for(timeout=READY)
+    page.get_by_text("stopped on request").wait_for(timeout=READY)
     page.get_by_role("tab", name="Design").click()
 
 

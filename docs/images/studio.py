@@ -82,7 +82,7 @@ def take_live(browser: Browser, target: Path) -> None:
     page.wait_for_timeout(1000)
     page.screenshot(path=target, full_page=True)
     page.get_by_role("button", name="Stop").click()
-    page.get_by_text("stopped; ").wait_for()
+    page.get_by_text("stopped on request").wait_for()
 
 
 def main() -> None:

@@ -75,7 +75,7 @@ def test_ctrl_c_lets_the_robot_come_to_rest(folder: Path):
     text = process.stdout.read()
     assert process.wait() == 0
     process.stdout.close()
-    assert "stopped by Ctrl-C" in text
+    assert "stopped on request" in text
     data = tarc.Run.load(folder / "runs" / "arm" / "TDC-live.nc").data
     np.testing.assert_allclose(data["velocity_reference"].values[-1], 0, atol=1e-9)
 

@@ -64,5 +64,5 @@ def test_a_gain_changes_while_the_loop_runs_and_only_within_its_range(page: Any)
     assert float(field.input_value()) == changed
 
     page.get_by_role("button", name="Stop").click()
-    page.get_by_text("stopped; ").wait_for()
+    page.get_by_text("stopped on request; ").wait_for()
     assert not slider.is_enabled()

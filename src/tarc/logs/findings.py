@@ -18,7 +18,7 @@ from tarc.logs.loop_log import LoopLog
 
 MAX_NOISE = 1.3
 """Largest noise over that of the design."""
-WANTED_ENDS = ("completed", "stopped by Ctrl-C")
+WANTED_ENDS = ("completed", "stopped on request")
 """How a loop on a machine ends that nothing stopped."""
 MAX_SHARE = 1e-3
 """Largest share of samples that may be missing or stale."""

@@ -183,7 +183,7 @@ class LiveLoop:
     def interrupt(self, *_: object) -> None:
         """Stop by the reference, and at once where that was said before: the handler of Ctrl-C."""
         self._is_aborted = bool(self.stop_request) or self._is_stopping
-        self.stop_request = "stopped by Ctrl-C"
+        self.stop_request = "stopped on request"
 
     def run(self) -> None:
         """Run from the brakes to the brakes."""
@@ -427,7 +427,7 @@ class LiveLoop:
     def _late_sample(self, missed: int) -> str:
         silence = self._begin - self._last_sample
         if self._is_aborted:
-            return "stopped twice by Ctrl-C"
+            return "stopped twice on request"
         if self._parts.watchdog.has_fired:
             return "the loop stood still for longer than the watchdog's time"
         if missed and self._parts.overrun == "stop":

@@ -47,7 +47,7 @@ class LiveRun:
     Attributes
     ----------
     ended
-        Why it ended: ``completed``, ``stopped by Ctrl-C``, or the reason of a safe stop.
+        Why it ended: ``completed``, ``stopped on request``, or the reason of a safe stop.
     is_safe_stop
         Whether it ended in a safe stop.
     log

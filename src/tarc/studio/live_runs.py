@@ -107,8 +107,7 @@ def _run_live(
             changes=changes,
             on_log=announce,
         )
-    ended = result.ended.removesuffix(" by Ctrl-C")  # the page stops it by a button
-    send(LiveEnd(f"{ended}; {result.n_periods} periods run, {result.overruns} missed", result.is_safe_stop))
+    send(LiveEnd(f"{result.ended}; {result.n_periods} periods run, {result.overruns} missed", result.is_safe_stop))
 
 
 def _changes(send: Sender, scenario: Scenario, setup: Setup, law: Law) -> tuple[GainChanges | None, str]:

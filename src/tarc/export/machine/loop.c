@@ -301,7 +301,7 @@ static const char *fault(int is_new, double silence, const point *target)
     if (fabs((double)out.velocity_estimate[i]) > MAX_SPEED)
       return "the speed is beyond its limit";
   }
-  return interrupted > 1 ? "stopped twice by Ctrl-C" : NULL;
+  return interrupted > 1 ? "stopped twice on request" : NULL;
 }
 
 /* ---- the log ---- */
@@ -555,7 +555,7 @@ int main(int argc, char **argv)
   const char *const reason = follow(argc > 3 ? atof(argv[3]) : 10.0);
   hold(BRAKE_TIME, STOP);
   close(link_.socket);
-  report(reason ? reason : interrupted ? "stopped by Ctrl-C" : "completed");
+  report(reason ? reason : interrupted ? "stopped on request" : "completed");
   if (argc > 5 && !write_log(argv[5]))
     return fprintf(stderr, "cannot write the log %s: %s\n", argv[5], strerror(errno)), reason ? 3 : 1;
   return reason ? 3 : 0;
